@@ -28,14 +28,14 @@ from harness.machine import cores
 from harness.turns import Contender, Turn, take_turns, timed
 from irsim_peer import start_peer
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.rooms.cells import ray_to_cells
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.grid import OCCUPIED, GridMap
 from turtlebot_gym.rooms.rays import FAR, inverse
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
-from turtlebot_gym.rooms.sensing import BLOCK, cast
+from turtlebot_gym.rooms.sensing import BLOCK, ROOM, cast
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
@@ -82,7 +82,7 @@ def rates_of(contenders: dict[str, Callable[[int], Turn]], config: Config) -> di
 
 def _scan(scenes: Scene, poses: NDArray[np.float64], beams: NDArray[np.float64], ranges: NDArray[np.float64]) -> None:
     """Cast the beams of all robots."""
-    rays = np.empty(5 * BLOCK)
+    rays = np.empty(ROOM)
     for robot in range(len(poses)):
         scene = scene_at(scenes, robot)
         x, y = poses[robot, 0], poses[robot, 1]
@@ -93,7 +93,7 @@ def _scan(scenes: Scene, poses: NDArray[np.float64], beams: NDArray[np.float64],
                 rays[ray], rays[BLOCK + ray] = x, y
                 rays[2 * BLOCK + ray] = cosine * beams[0, first + ray] - sine * beams[1, first + ray]
                 rays[3 * BLOCK + ray] = sine * beams[0, first + ray] + cosine * beams[1, first + ray]
-            cast(scene, rays, n, 99.0)
+            cast(scene, rays, n, 99.0, TWO_PI / beams.shape[1], 0.0)
             for ray in range(n):
                 ranges[robot, first + ray] = rays[4 * BLOCK + ray]
 

@@ -92,6 +92,11 @@ def scratch(size: int) -> Any:
     return [0.0] * size
 
 
+def is_plain() -> bool:
+    """Return whether the caller runs as plain Python; compiled code knows the answer in advance."""
+    return True
+
+
 def borrowed(array: Any) -> Any:
     """Return an array without reference counting in a compiled loop; its owner must outlive the loop.
 
@@ -161,6 +166,7 @@ if HAS_NUMBA:
     _inlined(times, lambda a, b: lambda a, b: _multiply(int64(a), int64(b)))
     _inlined(plus, lambda a, b: lambda a, b: _add(int64(a), int64(b)))
     _inlined(split, lambda x: lambda x: _split(x))
+    _inlined(is_plain, lambda: lambda: False)
     _inlined(borrowed, lambda array: lambda array: _without_owner(array))
     _inlined(relax, lambda row, behind, least, straight, diagonal: _relax_each)
     _inlined(lower, lambda row, by, more: _lower_each)  # whole slices would bring numpy's checks of shapes with them

@@ -12,7 +12,7 @@ from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.rooms.drawing import capacity
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
-from turtlebot_gym.rooms.sensing import BLOCK, cast
+from turtlebot_gym.rooms.sensing import BLOCK, ROOM, cast
 
 
 @pytest.fixture(scope="session")
@@ -28,14 +28,14 @@ def empty_scene() -> Callable[..., Scene]:
     return make
 
 
-def _cast_all(scene, x, y, dx, dy, lengths, reach):
-    rays = np.empty(5 * BLOCK)
+def _cast_all(scene, x, y, dx, dy, lengths, reach, sweep=np.inf, drift=0.0):
+    rays = np.empty(ROOM)
     for first in range(0, len(lengths), BLOCK):
         n = min(BLOCK, len(lengths) - first)
         for ray in range(n):
             rays[ray], rays[BLOCK + ray] = x[first + ray], y[first + ray]
             rays[2 * BLOCK + ray], rays[3 * BLOCK + ray] = dx[first + ray], dy[first + ray]
-        cast(scene, rays, n, reach)
+        cast(scene, rays, n, reach, sweep, drift)
         lengths[first : first + n] = rays[4 * BLOCK : 4 * BLOCK + n]
 
 

@@ -143,3 +143,28 @@ def test_what_is_near_enough_is_never_missed(empty_scene, cast_all):
         assert (part[~near] >= whole[~near]).all()
         missed += int((part > whole).sum())
     assert missed > 50  # and what is far away costs nothing
+
+
+@pytest.mark.parametrize("beams", [24, 36, 269, 360])
+def test_leaving_out_obstacles_changes_no_bit(empty_scene, cast_all, beams):
+    random = np.random.default_rng(beams)
+    for number in range(60):
+        name = ("clutter", "dense", "office", "cellular")[number % 4]
+        scene = empty_scene(name)
+        DRAW(scene, as_tuple(ROOMS[name]), number)
+        sweep = (2.0 * math.pi / beams + random.uniform(-0.01, 0.02)) * (-1.0) ** (number // 4)  # it turns meanwhile
+        angles = random.uniform(-4.0, 4.0) + sweep * np.arange(100)
+        x, y = random.uniform(-2.0, 2.0, (2, 1)) + random.uniform(-3e-4, 3e-4, (2, 1)) * np.arange(100)
+        every, needed = np.empty(100), np.empty(100)
+        cast_all(scene, x, y, np.cos(angles), np.sin(angles), every, 99.0, np.inf)
+        cast_all(scene, x, y, np.cos(angles), np.sin(angles), needed, 99.0, sweep, 6e-4)
+        np.testing.assert_array_equal(needed, every)
+
+
+def test_this_law_notices_a_group_that_is_too_narrow(empty_scene, cast_all):
+    scene, angles = empty_scene("dense"), 0.1 * np.arange(100)
+    DRAW(scene, as_tuple(ROOMS["dense"]), 0)
+    found = np.empty((2, 100))
+    for lengths, sweep in zip(found, (np.inf, -0.1), strict=True):  # the other way round
+        cast_all(scene, np.zeros(100), np.zeros(100), np.cos(angles), np.sin(angles), lengths, 99.0, sweep)
+    assert (found[1] > found[0]).any()

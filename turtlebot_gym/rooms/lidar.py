@@ -88,6 +88,8 @@ class Lidar:
         object.__setattr__(self, "dead", sectors + ((0.0, 0.0),) * (DEAD_SECTORS - len(sectors)))
 
 
+_NEAREST, _FARTHEST = np.float32(0.0), np.float32(SIGHT)
+
 UNKNOWN = -1.0
 """Marks a sector of which a scan says nothing, until it is filled."""
 
@@ -241,7 +243,7 @@ def reading(length: float, least: float, beam: int, bias: float, key: int, lidar
         lidar: Its errors.
     """
     noise, _ = normals(key, beam, 0)
-    lost, _ = uniforms(key, beam, 1)
+    lost, _ = uniforms(key, beam, 1) if lidar.dropout > 0.0 else (1.0, 1.0)  # then no beam is lost, whatever is drawn
     return reading_of(length, least, noise, lost, bias, lidar)
 
 
@@ -323,11 +325,11 @@ def pool(ranges, spans, beams: int, sectors) -> None:
     """
     unknown = 0
     for sector in range(SECTORS):
-        shortest = SIGHT
+        shortest = _FARTHEST  # in single precision, as ranges are: each conversion would take as long as the comparison
         for beam in range(spans[sector, 0], spans[sector, 1]):
             length = ranges[beam if beam >= 0 else beam + beams]
-            shortest = length if 0.0 <= length < shortest else shortest
-        sectors[sector] = np.float32(shortest / SIGHT)
+            shortest = length if _NEAREST <= length < shortest else shortest
+        sectors[sector] = np.float32(float(shortest) / SIGHT)
         if spans[sector, 1] <= spans[sector, 0]:
             sectors[sector] = np.float32(UNKNOWN)
             unknown += 1

@@ -15,6 +15,9 @@ RESOLUTION = 0.1
 """Side of a cell of the path grid, m."""
 MAX_CELLS = 4_000 * 4_000
 """Most cells of the path grid: 400 m x 400 m."""
+GROUP = 8
+"""Neighbouring rays that are cast together, as many as the widest vectors hold; loops over whole groups leave no rest, which
+would take as long as the whole."""
 UNREACHED = 0xFFFF
 """Path length from a cell without a path to the goal."""
 
@@ -45,7 +48,8 @@ class Scene(NamedTuple):
     ways: Any
     """Shape (rows, columns), uint16: length of the shortest path to the goal from each cell, in `geodesic.UNIT`."""
     beams: Any
-    """Shape (3, beams): cosine and sine of each beam's direction in the robot's frame, and the least range it returns, m."""
+    """Shape (3, beams + `GROUP`): cosine and sine of each beam's direction in the robot's frame, and the least range it
+    returns, m; zeros at the end, so that whole groups can be read."""
     spans: Any
     """Shape (`SECTORS`, 2), int64: the beams of each sector, see `lidar.divide`."""
     ranges: Any
@@ -67,6 +71,12 @@ class Scene(NamedTuple):
     """Shape (5,): its frame, like `frame`."""
     trail: Any
     """Shape (K, 4): the odometry of the last steps, see `localization.points.remember`; K is 0 without a localizer."""
+
+
+@kernel
+def whole_groups(n: int) -> int:
+    """Return the least multiple of `GROUP` that is not below n."""
+    return (n + GROUP - 1) // GROUP * GROUP
 
 
 @kernel
@@ -122,7 +132,7 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         zeros(max(circles, 1), 5),
         zeros(max(boxes, 1), 6),
         zeros(_cells(width), _cells(length), dtype=np.uint16),
-        zeros(3, beams),
+        zeros(3, beams + GROUP),
         zeros(SECTORS, 2, dtype=np.int64),
         zeros(2, beams, dtype=np.float32),
         zeros(SECTORS, dtype=np.float32),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from turtlebot_gym.kernel import kernel
-from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.kernel import borrowed, compiled_scratch, is_plain, kernel
+from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.cells import distance_to_cells, ray_to_cells, to_cells
 from turtlebot_gym.rooms.lidar import Lidar, bias_of, is_drawn, pool, reading, reading_of, time_of_beam
 from turtlebot_gym.rooms.rays import (
+    FAR,
     distance_to_circle,
     distance_to_turned_box,
     distance_to_walls,
@@ -17,7 +18,7 @@ from turtlebot_gym.rooms.rays import (
     ray_to_circle,
     ray_to_walls,
 )
-from turtlebot_gym.rooms.scene import Scene
+from turtlebot_gym.rooms.scene import GROUP, Scene, whole_groups
 from turtlebot_gym.values import Pose
 
 CLEAR = 1.0
@@ -26,7 +27,17 @@ CLEAR = 1.0
 
 BLOCK = 128
 """Most rays cast at a time."""
+NARROW = 2.5
+"""Greatest angle between the first and the last of some rays at which they are compared as a whole, rad; less than pi."""
+FEW = 40
+"""Most rays that are cast for each obstacle without comparing groups of them first."""
+_SLACK = 1e-6
+"""Distance by which rays must pass an obstacle to be left out, m: much more than rounding."""
 _X, _Y, _DX, _DY, _LENGTH = range(0, 5 * BLOCK, BLOCK)
+_ALL, _RUN = BLOCK // GROUP, BLOCK // GROUP + GROUP  # of the groups, and then of all rays together
+_AT_X, _AT_Y, _RIGHT_X, _RIGHT_Y, _LEFT_X, _LEFT_Y, _BEHIND_X, _BEHIND_Y, _PAST = range(5 * BLOCK, 5 * BLOCK + 9 * _RUN, _RUN)
+ROOM = 5 * BLOCK + 9 * _RUN
+"""Numbers that `cast` works on."""
 
 
 @kernel
@@ -37,41 +48,127 @@ def _is_near(x: float, y: float, radius: float, reach: float) -> bool:
 
 
 @kernel
-def cast(scene: Scene, rays, n: int, reach: float) -> None:
+def _bound(rays, at: int, first: int, last: int, turn: float) -> None:
+    """Write the outward normals of what the rays from one to another can meet, which point between these two, or beside it.
+
+    All of that lies on the inner sides of the two, and ahead of their sum.
+    """
+    rays[_AT_X + at], rays[_AT_Y + at] = rays[_X + first], rays[_Y + first]
+    rays[_RIGHT_X + at], rays[_RIGHT_Y + at] = turn * rays[_DY + first], -turn * rays[_DX + first]
+    rays[_LEFT_X + at], rays[_LEFT_Y + at] = -turn * rays[_DY + last], turn * rays[_DX + last]
+    rays[_BEHIND_X + at] = -0.5 * (rays[_DX + first] + rays[_DX + last])
+    rays[_BEHIND_Y + at] = -0.5 * (rays[_DY + first] + rays[_DY + last])
+
+
+@kernel
+def _group(rays, n: int, sweep: float) -> int:
+    """Prepare the comparison of groups of rays, and of all together, and return the number of groups."""
+    groups, turn = whole_groups(n) // GROUP, 1.0 if sweep >= 0.0 else -1.0
+    for ray in range(n, groups * GROUP):
+        rays[_X + ray], rays[_Y + ray] = rays[_X + n - 1], rays[_Y + n - 1]
+        rays[_DX + ray], rays[_DY + ray] = rays[_DX + n - 1], rays[_DY + n - 1]
+    for group in range(groups):
+        _bound(rays, group, group * GROUP, group * GROUP + GROUP - 1, turn)
+    _bound(rays, _ALL, 0, n - 1, turn)
+    return groups
+
+
+@kernel
+def _past_circle(rays, at: int, x: float, y: float) -> float:
+    """Return the distance of a point from what some rays can meet, at least; negative inside."""
+    to_x, to_y = x - rays[_AT_X + at], y - rays[_AT_Y + at]
+    right = to_x * rays[_RIGHT_X + at] + to_y * rays[_RIGHT_Y + at]
+    left = to_x * rays[_LEFT_X + at] + to_y * rays[_LEFT_Y + at]
+    return max(max(right, left), to_x * rays[_BEHIND_X + at] + to_y * rays[_BEHIND_Y + at])
+
+
+@kernel
+def _beyond(x: float, y: float, out_x: float, out_y: float, box) -> float:
+    """Return how far all of a box centred at (x, y) lies in a direction, at least."""
+    along, aside = out_x * box[4] + out_y * box[5], out_y * box[4] - out_x * box[5]
+    return x * out_x + y * out_y - (box[2] * abs(along) + box[3] * abs(aside))
+
+
+@kernel
+def _past_box(rays, at: int, box) -> float:
+    """Return the distance of a box, a row of `Scene.boxes`, from what some rays can meet, at least; negative if they may."""
+    to_x, to_y = box[0] - rays[_AT_X + at], box[1] - rays[_AT_Y + at]
+    right = _beyond(to_x, to_y, rays[_RIGHT_X + at], rays[_RIGHT_Y + at], box)
+    left = _beyond(to_x, to_y, rays[_LEFT_X + at], rays[_LEFT_Y + at], box)
+    return max(max(right, left), _beyond(to_x, to_y, rays[_BEHIND_X + at], rays[_BEHIND_Y + at], box))
+
+
+@kernel
+def _next_run(rays, first: int, groups: int, apart: float) -> tuple[int, int]:
+    """Return the first of the next groups in a row that may meet an obstacle, and the one after the last.
+
+    Their rays are cast in one loop: the compiler unrolls a loop over one group, whose length it knows, into single numbers.
+    """
+    while first < groups and apart < FAR and rays[_PAST + first] > apart:
+        first += 1
+    end = first if apart < FAR else groups
+    while end < groups and rays[_PAST + end] <= apart:
+        end += 1
+    return first, end
+
+
+@kernel
+def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -> None:
     """Compute the lengths of rays: obstacles in the outer loop, rays in the inner one, which LLVM vectorizes.
 
+    An obstacle that a whole group of rays must miss is left out for it: most are.
     The rays are in one array at offsets that the compiler knows, so that it needs no check for overlapping arrays.
 
     Args:
         scene: The room.
-        rays: Shape (5 * `BLOCK`,): five runs of up to `BLOCK` numbers: x and y of the rays' origins, close to each other, m; x
-            and y of their directions, unit vectors; and their lengths, the output, m.
+        rays: Shape (`ROOM`,): five runs of up to `BLOCK` numbers: x and y of the rays' origins, close to each other, m; x
+            and y of their directions, unit vectors; and their lengths, the output, m. The rest is used by the way.
         n: Number of rays.
         reach: Distance from the first origin beyond which obstacles may be missed, m.
+        sweep: Angle from each ray to the next, rad; infinite if they are in no order.
+        drift: Greatest distance from the origin of a ray to that of the next one, m.
     """
     x, y = rays[_X], rays[_Y]
     at_x, at_y, half_length, half_width = scene.walls[0], scene.walls[1], scene.walls[2], scene.walls[3]
-    for ray in range(n):
+    groups = _group(rays, n, sweep)
+    # How far an obstacle must be past some rays to be left out: farther than their origins are apart. Few rays are cast in less
+    # time than they are compared.
+    apart = (GROUP - 1.0) * drift + _SLACK if abs(sweep) * (GROUP - 1.0) <= NARROW and n > FEW else FAR
+    all_apart = (n - 1.0) * drift + _SLACK if abs(sweep) * (n - 1.0) <= NARROW else FAR
+    for ray in range(groups * GROUP):
         rays[_LENGTH + ray] = ray_to_walls(
             at_x - rays[_X + ray], at_y - rays[_Y + ray], inverse(rays[_DX + ray]), inverse(rays[_DY + ray]),
             half_length, half_width,
         )  # fmt: skip
     for k in range(scene.counts[0]):
         at_x, at_y, radius = scene.circles[k, 0], scene.circles[k, 1], scene.circles[k, 2]
-        if _is_near(at_x - x, at_y - y, radius, reach):
-            for ray in range(n):
-                to_x, to_y, dx, dy = at_x - rays[_X + ray], at_y - rays[_Y + ray], rays[_DX + ray], rays[_DY + ray]
-                rays[_LENGTH + ray] = min(rays[_LENGTH + ray], ray_to_circle(to_x, to_y, dx, dy, radius * radius))
+        if _is_near(at_x - x, at_y - y, radius, reach) and _past_circle(rays, _ALL, at_x, at_y) <= radius + all_apart:
+            for group in range(whole_groups(groups) if apart < FAR else 0):
+                rays[_PAST + group] = _past_circle(rays, group, at_x, at_y) - radius
+            first, end = _next_run(rays, 0, groups, apart)
+            while first < end:
+                some = borrowed(rays)[first * GROUP :]
+                for ray in range((end - first) * GROUP):
+                    to_x, to_y, dx, dy = at_x - some[_X + ray], at_y - some[_Y + ray], some[_DX + ray], some[_DY + ray]
+                    some[_LENGTH + ray] = min(some[_LENGTH + ray], ray_to_circle(to_x, to_y, dx, dy, radius * radius))
+                first, end = _next_run(rays, end, groups, apart)
     for k in range(scene.counts[1]):
         at_x, at_y, half_length, half_width = scene.boxes[k, 0], scene.boxes[k, 1], scene.boxes[k, 2], scene.boxes[k, 3]
         cosine, sine = scene.boxes[k, 4], scene.boxes[k, 5]
-        if _is_near(at_x - x, at_y - y, half_length + half_width, reach):
-            for ray in range(n):
-                to_x, to_y, dx, dy = at_x - rays[_X + ray], at_y - rays[_Y + ray], rays[_DX + ray], rays[_DY + ray]
-                ahead, aside = inverse(dx * cosine + dy * sine), inverse(dy * cosine - dx * sine)
-                to_x, to_y = to_x * cosine + to_y * sine, to_y * cosine - to_x * sine
-                length = ray_to_box(to_x, to_y, ahead, aside, half_length, half_width)
-                rays[_LENGTH + ray] = min(rays[_LENGTH + ray], length)
+        is_near = _is_near(at_x - x, at_y - y, half_length + half_width, reach)
+        if is_near and _past_box(rays, _ALL, scene.boxes[k]) <= all_apart:
+            for group in range(whole_groups(groups) if apart < FAR else 0):
+                rays[_PAST + group] = _past_box(rays, group, scene.boxes[k])
+            first, end = _next_run(rays, 0, groups, apart)
+            while first < end:
+                some = borrowed(rays)[first * GROUP :]
+                for ray in range((end - first) * GROUP):
+                    to_x, to_y, dx, dy = at_x - some[_X + ray], at_y - some[_Y + ray], some[_DX + ray], some[_DY + ray]
+                    ahead, aside = inverse(dx * cosine + dy * sine), inverse(dy * cosine - dx * sine)
+                    to_x, to_y = to_x * cosine + to_y * sine, to_y * cosine - to_x * sine
+                    length = ray_to_box(to_x, to_y, ahead, aside, half_length, half_width)
+                    some[_LENGTH + ray] = min(some[_LENGTH + ray], length)
+                first, end = _next_run(rays, end, groups, apart)
     if scene.squares.shape[1] > 0:
         cosine, sine, resolution = scene.frame[2], scene.frame[3], scene.frame[4]
         for ray in range(n):
@@ -141,25 +238,30 @@ def measure(
     """
     revolution, turn = int(lidar.beams), wrap(now.theta - before.theta)
     bias, sweeping, newest = bias_of(key, lidar), scene.ranges[0], scene.ranges[1]
-    rays = np.empty(5 * BLOCK)
+    rays = np.empty(ROOM) if is_plain() else compiled_scratch(ROOM)  # on the stack, without a call of the allocator
+    share = 1.0 / (lidar.beams * lidar.rate * dt) if lidar.turning else 0.0  # of the interval, from one beam to the next
+    sweep, arm = TWO_PI / lidar.beams + share * turn, abs(lidar.x) + abs(lidar.y)
+    drift = share * (abs(now.x - before.x) + abs(now.y - before.y) + arm * abs(turn))
     while first < last:  # in parts within one revolution
         begin = first % revolution
         n = min(min(last - first, revolution - begin), BLOCK)
-        cosines, sines, least = scene.beams[0, begin:], scene.beams[1, begin:], scene.beams[2, begin:]
-        for ray in range(n):
+        beams = borrowed(scene.beams)
+        cosines, sines, least = beams[0, begin:], beams[1, begin:], beams[2, begin:]
+        padded = whole_groups(n)
+        for ray in range(padded):
             share = (time_of_beam(float(first + ray), lidar) - start) / dt
             sine, cosine = sincos(before.theta + share * turn)
             rays[_X + ray] = before.x + share * (now.x - before.x) + lidar.x * cosine - lidar.y * sine
             rays[_Y + ray] = before.y + share * (now.y - before.y) + lidar.x * sine + lidar.y * cosine
             rays[_DX + ray] = cosine * cosines[ray] - sine * sines[ray]
             rays[_DY + ray] = sine * cosines[ray] + cosine * sines[ray]
-        cast(scene, rays, n, lidar.range_max + 1.0)
-        lengths = rays[_LENGTH:]
+        cast(scene, rays, n, lidar.range_max + 1.0, sweep, drift)
+        lengths = borrowed(rays)[_LENGTH:]
         if is_drawn(lidar):
-            for ray in range(n):
+            for ray in range(padded):
                 lengths[ray] = reading(lengths[ray], least[ray], first + ray, bias, key, lidar)
         else:  # the same numbers in less time
-            for ray in range(n):
+            for ray in range(padded):
                 lengths[ray] = reading_of(lengths[ray], least[ray], 0.0, 1.0, bias, lidar)
         for ray in range(n):
             sweeping[begin + ray] = lengths[ray]
