@@ -66,9 +66,12 @@ def test_parameters_may_be_changed_on_the_way():
 def test_what_is_read_is_a_copy(num_envs):
     batch = started(num_envs, make_parameters(SQUARE))
     before = worlds(batch)
+    batch.tell(range(batch.layout.world.size))
+    assert batch.told().T.tolist() == batch.numbers("").tolist()
+    assert batch.first_world().tolist() == batch.told()[:, 0].tolist()
     for path in ("body.true_state", "senses.odometry.pose", "estimate.belief.covariance", "course.reference", "body.command"):
         batch.numbers(path)[...] = 7.0
-    for array in (*batch.last(), batch.first_world()):
+    for array in (*batch.last(), batch.told(), batch.first_world()):
         array[...] = 7.0
     assert worlds(batch) == before
 

@@ -84,6 +84,7 @@ class Batch:
         self._first = self._tiles[0]
         self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._special: Special | None = None
+        self._told: list[int] = []
         self._begun = False
         """Whether an episode has begun: its world may be none of another case."""
         self.set_parameters(parameters)
@@ -157,6 +158,7 @@ class Batch:
                 numbers_at[:, self.layout.world.names.index(path)] = value
         self._special, self._loops = special, loops_of(self.system, special)
         self._first_places = np.array(self._loops.layout.world.places) * TILE
+        self.tell(self._told)
 
     def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:
         """Use another world; the environments must be reset before the next step.
@@ -270,6 +272,19 @@ class Batch:
         if path in world.names:
             return self._rows([world.places[world.names.index(path)]])[:, 0]
         return self._rows(world.places[world.slices[path]])
+
+    def tell(self, indices: Sequence[int]) -> None:
+        """Choose numbers of a world, by their index in the layout, for `told`."""
+        self._told = list(indices)
+        self._told_places = np.array(self._loops.layout.world.places, np.intp)[self._told]
+
+    def told(self) -> NDArray[np.float64]:
+        """Return a copy of the k chosen numbers of all worlds, shape (k, N).
+
+        Each tile's run is copied as a whole; rows of k numbers would take five times as long.
+        """
+        tiles = self._tiles.reshape(len(self._tiles), -1, TILE)
+        return tiles.transpose(1, 0, 2)[self._told_places].reshape(len(self._told), -1)[:, : self.num_envs]
 
     def first_world(self) -> NDArray[np.float64]:
         """Return a copy of the first environment's world as a flat array, in the order of the layout."""

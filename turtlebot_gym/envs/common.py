@@ -52,7 +52,49 @@ SYMMETRIC[np.triu_indices(5)] = np.arange(15)
 SYMMETRIC |= np.triu(SYMMETRIC, 1).T
 
 
+class Told:
+    """What ``info`` holds of the worlds of a batch: parts of an array in which each row is a number of all environments.
+
+    Args:
+        batch: The batch; it is asked for these numbers from now on.
+        parts: Paths of parts and numbers of a world, by key.
+    """
+
+    def __init__(self, batch: Batch, parts: Mapping[str, str]) -> None:
+        layout, indices = batch.layout.world, []
+        self._slices: list[tuple[str, slice]] = []
+        self._numbers: list[tuple[str, int, bool]] = []
+        self._covariance: tuple[str, slice] | None = None
+        for key, path in parts.items():
+            start = len(indices)
+            if path in layout.names:
+                self._numbers.append((key, start, key in FLAGS))
+                indices.append(layout.names.index(path))
+                continue
+            part = np.arange(len(layout.names))[layout.slices[path]]
+            part = part[SYMMETRIC].ravel() if key == "covariance" else part
+            indices += part.tolist()
+            if key == "covariance":
+                self._covariance = key, slice(start, len(indices))
+            else:
+                self._slices.append((key, slice(start, len(indices))))
+        self._batch, self.is_empty = batch, not indices
+        batch.tell(indices)
+
+    def now(self) -> dict[str, NDArray[Any]]:
+        """Return the parts, with environments first, as views where possible."""
+        numbers = self._batch.told()
+        info: dict[str, NDArray[Any]] = {key: numbers[part].T for key, part in self._slices}
+        if self._covariance:
+            key, part = self._covariance
+            info[key] = numbers[part].reshape(5, 5, -1).transpose(2, 0, 1)
+        for key, at, is_flag in self._numbers:
+            info[key] = numbers[at] != 0.0 if is_flag else numbers[at]
+        return info
+
+
 _FLOAT = np.dtype(np.float32)
+_FEW = 8192  # a BLAS shares the work on longer arrays among threads, which a step must not wake
 
 
 def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces.Space[NDArray[np.float32]]]:
@@ -132,6 +174,14 @@ def read_actions(actions: Any) -> NDArray[np.float32]:
     if values.dtype.kind not in "biuf":
         raise InvalidAction(f"An action must hold real numbers, got {shown(actions)}.")
     return np.asarray(values, np.float32)
+
+
+def is_finite(values: NDArray[np.float32]) -> bool:
+    """Return whether all actions of an array are finite."""
+    few = values.size <= _FEW and values.flags.c_contiguous
+    flat = values.reshape(-1)
+    # The sum of squares is finite only if all are, and takes a fifth of the time.
+    return (few and math.isfinite(flat.dot(flat))) or bool(np.isfinite(values).all())
 
 
 def read_options(options: Any, known: Sequence[str]) -> dict[str, Any]:

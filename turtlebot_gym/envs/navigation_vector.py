@@ -14,11 +14,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from turtlebot_gym.envs.common import (
-    FLAGS,
     NUMBERS,
     PARTS,
     ROOM_PARTS,
-    SYMMETRIC,
+    Told,
+    is_finite,
     make_batch,
     no_way,
     of_rows,
@@ -53,9 +53,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     ``info`` holds ``distance`` and ``is_success``, shape (N,), and with ``info="full"`` also ``true_state`` (N, 5),
     ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3), ``command`` (N, 2), and ``nis``,
     ``measured`` and ``slipping``, shape (N,). Each key has a mask, as Gymnasium requires, which is false for
-    environments that a reset left out. In the mode SAME_STEP, ``final_obs`` (an array of objects, as in
-    `SyncVectorEnv`: an observation, or None where no episode ended) and ``final_info`` hold the last observation and
-    info of the finished episodes.
+    environments that a reset left out; the keys of a step share one, which cannot be written to. In the mode SAME_STEP,
+    ``final_obs`` (an array of objects, as in `SyncVectorEnv`: an observation, or None where no episode ended) and
+    ``final_info`` hold the last observation and info of the finished episodes.
 
     In rooms, ``info`` always holds ``clearance``, ``path_length``, ``way_left`` and ``collision`` too, shape (N,).
 
@@ -93,11 +93,11 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         num_envs, render_rows = whole("num_envs", num_envs, 1, MOST), whole("render_rows", render_rows, 1, MOST)
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self._mode = choose("autoreset_mode", autoreset_mode, modes)
-        self._full = choose("info", info, {"default": False, "full": True})
+        full = choose("info", info, {"default": False, "full": True})
         setup = with_limit(Options.of(options), max_episode_steps)
         self._batch = make_batch(setup, num_envs)
         self._poses = GivenPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
-        self._told = (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if self._full else {})
+        self._told = Told(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
         self.num_envs = num_envs
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         fps = max(1, round(1.0 / setup.parameters.dt))
@@ -107,6 +107,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._done = np.zeros(num_envs, np.bool_)
+        self._everywhere = np.ones(num_envs, np.bool_)  # the mask of each key in each step, so nobody may write to it
+        self._everywhere.flags.writeable = False
         self._begun = False
 
     @property
@@ -193,24 +195,24 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         values = read_actions(actions)
         if values.shape != (self.num_envs, 2):
             raise InvalidAction(f"Actions have shape ({self.num_envs}, 2), got {values.shape}.")
-        if not np.isfinite(values).all():
+        if not is_finite(values):
             bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
             raise InvalidAction(f"Environment {bad}: an action must be finite, got {values[bad]}.")
         if not self._begun:
             raise ResetNeeded("Call reset() before step().")
         ended = self._done
-        if self._mode is AutoresetMode.DISABLED and ended.any():
+        is_any_over = np.count_nonzero(ended) > 0  # in a tenth of the time of `any`
+        if self._mode is AutoresetMode.DISABLED and is_any_over:
             raise Error(
                 f"Environment {int(np.argmax(ended))}: its episode has ended, and autoreset is disabled: "
                 "reset it with options={'reset_mask': mask}."
             )
         observations, outcomes = batch.step(values)
-        if self._mode is AutoresetMode.NEXT_STEP and ended.any():
+        if self._mode is AutoresetMode.NEXT_STEP and is_any_over:
             self._begin_next(ended, observations, outcomes)
-        rewards = outcomes[_REWARD]
-        terminated, truncated = outcomes[_TERMINATED] != 0.0, outcomes[_TRUNCATED] != 0.0
+        rewards, terminated, truncated = outcomes[_REWARD], outcomes[_TERMINATED] != 0.0, outcomes[_TRUNCATED] != 0.0
         self._done = done = terminated | truncated
-        if self._mode is not AutoresetMode.SAME_STEP or not done.any():
+        if self._mode is not AutoresetMode.SAME_STEP or not np.count_nonzero(done):
             return observations, rewards, terminated, truncated, self._info(outcomes)
         final = {"final_obs": of_rows(done, observations), "_final_obs": done.copy()}
         final |= {"final_info": self._info(outcomes, done), "_final_info": done.copy()}
@@ -246,17 +248,15 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
         """Return infos of all environments; those outside a mask are zeros."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": outcomes[_SUCCESS] != 0.0}
-        for key, path in self._told.items():
-            numbers = self._batch.numbers(path)
-            infos[key] = numbers != 0.0 if key in FLAGS else numbers
-        if self._full:
-            infos["covariance"] = infos["covariance"][..., SYMMETRIC]
+        if not self._told.is_empty:
+            infos |= self._told.now()
         if mask is not None:
             infos["distance"] = infos["distance"].copy()
             for value in infos.values():
                 value[~mask] = 0
+        there = self._everywhere if mask is None else mask.copy()
         for key in list(infos):
-            infos[f"_{key}"] = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
+            infos[f"_{key}"] = there
         return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
