@@ -23,7 +23,8 @@ def empty_scene() -> Callable[..., Scene]:
         rules = ROOMS[rules] if isinstance(rules, str) else rules
         circles, boxes = capacity(rules)
         length, width = 2.0 * rules.half_length, 2.0 * rules.half_width
-        return scene_at(make_scenes(1, circles=circles, boxes=boxes, length=length, width=width, beams=beams), 0)
+        sizes = {"circles": circles, "boxes": boxes, "length": length, "width": width, "beams": beams}
+        return scene_at(make_scenes(1, **sizes, people=circles), 0)
 
     return make
 

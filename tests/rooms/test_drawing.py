@@ -15,8 +15,7 @@ from turtlebot_gym.rooms import drawing
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.rooms.sensing import clearance, walk
-from turtlebot_gym.values import Pose
+from turtlebot_gym.rooms.sensing import clearance
 
 DRAW = compiled(lambda scene, rules, radius, key: drawing.draw(scene, rules, radius, key), "rooms for robots in tests")
 
@@ -84,7 +83,7 @@ def test_rules_are_parameters(empty_scene):
     base = RoomRules(kind=1.0, circles=(2.0, 4.0), boxes=(1.0, 2.0), speed=(0.1, 0.2))
     changes = {
         "kind": 2.0, "half_length": 3.0, "half_width": 3.0, "circles": (5.0, 6.0), "boxes": (3.0, 4.0), "radius": (0.2, 0.25),
-        "total": 2.0, "speed": (0.3, 0.4), "through": True, "min_distance": 3.5, "max_distance": 2.0,
+        "total": 2.0, "speed": (0.3, 0.4), "people": True, "through": True, "min_distance": 3.5, "max_distance": 2.0,
         "start": (0.0, 0.0, 0.0), "goal": (0.0, 0.0, 0.0),
     }  # fmt: skip
 
@@ -99,8 +98,10 @@ def test_rules_are_parameters(empty_scene):
         assert drawn(replace(base, **{name: value})) != first, name
     caves = replace(ROOMS["cellular"], half_length=1.5, half_width=1.5)
     assert drawn(caves) != drawn(replace(caves, fill=0.1))
-    # Courtesy shows when they walk, below, and what is wrong with a map in the map: tests/localization.
-    assert set(changes) | {"fill", "courtesy", "unmapped", "map_error"} == set(RoomRules.__dataclass_fields__)
+    people = replace(base, people=True)
+    assert drawn(people) != drawn(replace(people, blind=1.0))
+    # Courtesy shows when they walk: test_walking; and what is wrong with a map in the map: tests/localization.
+    assert set(changes) | {"fill", "blind", "courtesy", "unmapped", "map_error"} == set(RoomRules.__dataclass_fields__)
 
 
 def test_nobody_walks_where_the_robot_starts(empty_scene):
@@ -109,37 +110,6 @@ def test_nobody_walks_where_the_robot_starts(empty_scene):
     for key in range(300):
         start, _ = DRAW(scene, as_tuple(rules), 0.105, key)
         assert clearance(scene, start[0], start[1]) > 0.105
-
-
-FAR = Pose(100.0, 0.0, 0.0)
-
-
-def test_what_walks_turns_back_at_the_walls(empty_scene):
-    rules = ROOMS["crowd"]
-    scene = empty_scene(rules)
-    DRAW(scene, as_tuple(rules), 0.105, 3)
-    n = scene.counts[0]
-    speeds = np.hypot(*scene.circles[:n, 3:].T)
-    assert ((speeds >= 0.05) & (speeds <= 0.2)).all()
-    for _ in range(500):
-        walk(scene, FAR, 0.0, 0.1)
-    assert (np.abs(scene.circles[:n, :2]) <= 2.5 - scene.circles[:n, 2:3] + 0.1).all()
-
-
-def test_what_walks_waits_for_a_robot_that_is_near_and_in_its_way(empty_scene):
-    def steps(robot, courtesy):
-        scene = empty_scene(ROOMS["crowd"])
-        scene.walls[:] = 0.0, 0.0, 10.0, 10.0
-        scene.counts[0] = 1
-        scene.circles[0] = 0.0, 0.0, 0.2, 0.5, 0.0
-        for _ in range(20):
-            walk(scene, robot, courtesy, 0.1)
-        return scene.circles[0, 0]
-
-    ahead, behind, aside = Pose(0.82, 0.0, 0.0), Pose(-0.5, 0.0, 0.0), Pose(0.5, 2.0, 0.0)
-    assert steps(ahead, 0.4) == pytest.approx(0.25)  # the first step that begins nearer than 0.4 m to it is not made
-    assert steps(ahead, 0.0) == pytest.approx(0.65)  # it runs into the robot, and stands where its centre is inside
-    assert steps(behind, 0.4) == steps(aside, 0.4) == pytest.approx(1.0)
 
 
 def test_what_stands_is_spread_evenly_over_a_room(empty_scene):
@@ -173,16 +143,3 @@ def test_capacities_by_hand():
     assert capacity(ROOMS["dense"]) == (14, 4)
     assert capacity(ROOMS["office"]) == (6, 14)
     assert capacity(ROOMS["cellular"]) == (40 * 30, 0)  # cells of 0.15 m in 6 m by 4.5 m
-
-
-def test_walls_that_are_not_in_the_middle_turn_walkers_back_as_well(empty_scene):
-    scene = empty_scene(ROOMS["crowd"])
-    scene.walls[:] = 3.0, -2.0, 1.0, 1.5
-    scene.counts[0] = 1
-    scene.circles[0] = 3.52, -1.02, 0.2, 0.5, 0.5
-    places = []
-    for _ in range(8):
-        walk(scene, FAR, 0.0, 0.1)
-        places.append(tuple(scene.circles[0, :2]))
-    assert [x for x, _ in places] == pytest.approx([3.57, 3.62, 3.67, 3.72, 3.77, 3.72, 3.67, 3.62])
-    assert [y for _, y in places] == pytest.approx([-0.97, -0.92, -0.87, -0.82, -0.77, -0.72, -0.77, -0.82])

@@ -83,6 +83,12 @@ def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before:
         circle[0], circle[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
         circle[2] = _between(rules.radius[0], rules.radius[1], u3)
         circle[3], circle[4] = speed * cosine, speed * sine
+        if rules.people:
+            u1, u2 = uniforms(key, first + _CIRCLES + 2 * k, 2)
+            u3, _ = uniforms(key, first + _CIRCLES + 2 * k, 3)
+            person = scene.people[k]
+            person[0], person[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
+            person[2], person[3], person[4], person[5] = circle[0], circle[1], speed, 1.0 if u3 >= rules.blind else 0.0
     scene.counts[0], scene.counts[1] = n_circles, boxes_before + n_boxes
 
 

@@ -51,6 +51,11 @@ class RoomRules:
     """Least and greatest speed of circles that walk, m/s; 0 for static ones."""
     courtesy: Annotated[float, NON_NEGATIVE] = 0.0
     """Distance from a robot's centre within which walkers wait instead of coming nearer, m."""
+    people: bool = False
+    """Whether circles that walk are people, who walk back and forth between two places by the social force model, see
+    `walking`. A person who touches a robot that stands is not counted as a collision."""
+    blind: Annotated[float, PROBABILITY] = 0.0
+    """Share of people who do not see the robot."""
     fill: Annotated[float, PROBABILITY] = 0.2
     """Share of cells filled before the automaton smooths them, for the kind "cellular"."""
     through: bool = False
@@ -104,5 +109,15 @@ ROOMS = {
     ),
     "cellular": RoomRules(kind=CELLULAR, half_length=3.0, half_width=2.25, through=True),
     "crowd": RoomRules(circles=(4.0, 8.0), boxes=(0.0, 2.0), radius=(0.15, 0.25), speed=(0.05, 0.2), courtesy=0.4),
+    "people": RoomRules(
+        half_length=3.0,
+        circles=(3.0, 6.0),
+        boxes=(0.0, 3.0),
+        radius=(0.2, 0.3),
+        speed=(0.5, 1.4),
+        min_distance=2.5,
+        people=True,
+        blind=0.25,
+    ),
 }
 """Rules by name."""

@@ -69,6 +69,9 @@ class Scene(NamedTuple):
     shared, with a leading axis of 1; rows and columns are 0 without a localizer."""
     field_frame: Any
     """Shape (5,): its frame, like `frame`."""
+    people: Any
+    """Shape (P, 6): where each person walks to and comes from, x and y, m; pace, m/s; and 1 if the person sees the
+    robot, else 0. P is 0 unless circles are people."""
     trail: Any
     """Shape (K, 4): the odometry of the last steps, see `localization.points.remember`; K is 0 without a localizer."""
 
@@ -97,6 +100,7 @@ def scene_at(scenes: Scene, index: int) -> Scene:
         borrowed(scenes.frame),
         borrowed(scenes.field)[min(index, len(scenes.field) - 1)],
         borrowed(scenes.field_frame)[min(index, len(scenes.field_frame) - 1)],
+        borrowed(scenes.people)[index],
         borrowed(scenes.trail)[index],
     )
 
@@ -106,7 +110,7 @@ def _cells(extent: float) -> int:
     return max(1, math.ceil(extent / RESOLUTION - 1e-9))
 
 
-def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: float, beams: int) -> Scene:
+def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: float, beams: int, people: int = 0) -> Scene:
     """Return empty arrays for rooms up to a size.
 
     Args:
@@ -116,6 +120,7 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         length: Largest extent along x, m.
         width: Largest extent along y, m.
         beams: Most beams per revolution of a LiDAR.
+        people: Most circles that are people.
 
     Raises:
         ValueError: If the paths of such a room would take more than `MAX_CELLS`.
@@ -141,5 +146,6 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         np.zeros(5),
         zeros(0, 0, dtype=np.float32),
         zeros(5),
+        zeros(people, 6),
         zeros(0, 4),
     )

@@ -200,26 +200,6 @@ def clearance(scene: Scene, x: float, y: float) -> float:
 
 
 @kernel
-def walk(scene: Scene, robot: Pose, courtesy: float, dt: float) -> None:
-    """Move the walkers by a control interval; they turn back at the walls.
-
-    A walker whose edge is within the courtesy distance of the robot's centre, m, waits instead of coming nearer.
-    """
-    walls = scene.walls
-    for k in range(scene.counts[0]):
-        circle = scene.circles[k]
-        dx, dy, reach = robot.x - circle[0], robot.y - circle[1], circle[2] + courtesy
-        if circle[3] * dx + circle[4] * dy > 0.0 and dx * dx + dy * dy < reach * reach:
-            continue
-        for axis in range(2):
-            room = max(walls[2 + axis] - circle[2], 0.0)
-            offset = circle[axis] + circle[3 + axis] * dt - walls[axis]
-            outside = (offset > room and circle[3 + axis] > 0.0) or (offset < -room and circle[3 + axis] < 0.0)
-            circle[3 + axis] = -circle[3 + axis] if outside else circle[3 + axis]
-            circle[axis] += circle[3 + axis] * dt
-
-
-@kernel
 def measure(
     scene: Scene, before: Pose, now: Pose, first: int, last: int, start: float, key: int, lidar: Lidar, dt: float
 ) -> None:

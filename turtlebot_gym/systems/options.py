@@ -72,8 +72,8 @@ class Options:
     """Gyro, which the filter "gyro" reads: mpu9250, calibrated, or a file of your own (FILE.yaml); in Python also a
     `turtlebot_gym.systems.imu.ImuNoise` or a mapping of its fields. None for none."""
     world: str | World | None = None
-    """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, a Gazebo world (FILE.world, FILE.sdf) or a
-    map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
+    """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, people, a Gazebo world (FILE.world,
+    FILE.sdf) or a map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
     `turtlebot_gym.rooms.plan.FloorPlan`."""
     lidar: str | Mapping[str, Any] | Lidar | None = None
     """Rooms only: lds01 (the default), lds02, a1, urg04lx or ideal; in Python also a `turtlebot_gym.rooms.lidar.Lidar` or a

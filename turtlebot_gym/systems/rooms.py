@@ -22,7 +22,8 @@ from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by, divide, leave_out_blind
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
-from turtlebot_gym.rooms.sensing import clearance, measure, walk
+from turtlebot_gym.rooms.sensing import clearance, measure
+from turtlebot_gym.rooms.walking import STANDS, walk
 from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.imu import IMU
 from turtlebot_gym.systems.localizing import localizing
@@ -79,17 +80,20 @@ def _first_look(world, key, p, scene):
 
 @kernel
 def _look_round(world, key, p, scene):
-    """Move walkers, and measure the beams of the interval."""
-    before, pose, lidar, at = world.room, _pose(world), p.room.lidar, int(world.steps)
-    walk(scene, before.pose, p.room.rules.courtesy, p.dt)
+    """Move walkers, and measure the beams of the interval.
+
+    Contact is a collision, unless a person walks into a robot that stands.
+    """
+    before, pose, lidar, rules, at = world.room, _pose(world), p.room.lidar, p.room.rules, int(world.steps)
+    walk(scene, before.pose, pose, p.robot.radius, rules, p.dt)
     first, last = beams_by(at - 1, lidar, p.dt), beams_by(at, lidar, p.dt)
     measure(scene, before.pose, pose, first, last, (at - 1) * p.dt, sub_key(key, SCAN), lidar, p.dt)
     near = clearance(scene, pose.x, pose.y) - p.robot.radius
     dx, dy = pose.x - before.pose.x, pose.y - before.pose.y
-    way = way_left(scene, pose.x, pose.y)
+    moved, way = sqrt(dx * dx + dy * dy), way_left(scene, pose.x, pose.y)
     return Around(
-        pose, way if way >= 0.0 else before.way, near, min(before.least, near), before.path_length + sqrt(dx * dx + dy * dy),
-        age_of_scan(at, lidar, p.dt), near < 0.0, before.given,
+        pose, way if way >= 0.0 else before.way, near, min(before.least, near), before.path_length + moved,
+        age_of_scan(at, lidar, p.dt), near < 0.0 and not (rules.people and moved <= STANDS), before.given,
     )  # fmt: skip
 
 
@@ -128,6 +132,7 @@ def _make(parameters: Sequence[Parameters]) -> Scene:
         length=max(2.0 * rule.half_length for rule in rules),
         width=max(2.0 * rule.half_width for rule in rules),
         beams=max(row.room.lidar.beams for row in parameters),
+        people=circles if any(rule.people for rule in rules) else 0,
     )
 
 

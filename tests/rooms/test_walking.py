@@ -1,0 +1,157 @@
+"""Circles that walk: straight on, or as people, who see the robot or not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
+from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.rooms import walking
+from turtlebot_gym.rooms.drawing import draw
+from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym.rooms.walking import walk
+from turtlebot_gym.values import Pose
+
+FAR = Pose(100.0, 0.0, 0.0)
+RADIUS, DT = 0.105, 0.1
+
+
+def step(scene, robot=FAR, *, before=None, rules=ROOMS["crowd"]):
+    """Let everybody walk for a control interval, past a robot that stands unless it was elsewhere ``before``."""
+    walk(scene, before or robot, robot, RADIUS, rules, DT)
+
+
+def test_what_walks_turns_back_at_the_walls(empty_scene):
+    rules = ROOMS["crowd"]
+    scene = empty_scene(rules)
+    draw(scene, rules, RADIUS, 3)
+    n = scene.counts[0]
+    speeds = np.hypot(*scene.circles[:n, 3:].T)
+    assert ((speeds >= 0.05) & (speeds <= 0.2)).all()
+    for _ in range(500):
+        step(scene, rules=replace(ROOMS["crowd"], courtesy=0.0))
+    assert (np.abs(scene.circles[:n, :2]) <= 2.5 - scene.circles[:n, 2:3] + 0.1).all()
+
+
+def test_what_walks_waits_for_a_robot_that_is_near_and_in_its_way(empty_scene):
+    def steps(robot, courtesy):
+        scene = empty_scene(ROOMS["crowd"])
+        scene.walls[:] = 0.0, 0.0, 10.0, 10.0
+        scene.counts[0] = 1
+        scene.circles[0] = 0.0, 0.0, 0.2, 0.5, 0.0
+        for _ in range(20):
+            step(scene, robot, rules=replace(ROOMS["crowd"], courtesy=courtesy))
+        return scene.circles[0, 0]
+
+    ahead, behind, aside = Pose(0.82, 0.0, 0.0), Pose(-0.5, 0.0, 0.0), Pose(0.5, 2.0, 0.0)
+    assert steps(ahead, 0.4) == pytest.approx(0.25)  # the first step that begins nearer than 0.4 m to it is not made
+    assert steps(ahead, 0.0) == pytest.approx(0.65)  # it runs into the robot, and stands where its centre is inside
+    assert steps(behind, 0.4) == steps(aside, 0.4) == pytest.approx(1.0)
+
+
+def test_walls_that_are_not_in_the_middle_turn_walkers_back_as_well(empty_scene):
+    scene = empty_scene(ROOMS["crowd"])
+    scene.walls[:] = 3.0, -2.0, 1.0, 1.5
+    scene.counts[0] = 1
+    scene.circles[0] = 3.52, -1.02, 0.2, 0.5, 0.5
+    places = []
+    for _ in range(8):
+        step(scene, rules=replace(ROOMS["crowd"], courtesy=0.0))
+        places.append(tuple(scene.circles[0, :2]))
+    assert [x for x, _ in places] == pytest.approx([3.57, 3.62, 3.67, 3.72, 3.77, 3.72, 3.67, 3.62])
+    assert [y for _, y in places] == pytest.approx([-0.97, -0.92, -0.87, -0.82, -0.77, -0.72, -0.77, -0.82])
+
+
+@pytest.fixture
+def alone(empty_scene):
+    """Return a function that puts one person at the origin of a large room, on the way to (4, 0) at 1 m/s."""
+
+    def make(*, sees):
+        scene = empty_scene("people")
+        scene.walls[:] = 0.0, 0.0, 50.0, 50.0
+        scene.counts[:] = 1, 0
+        scene.circles[0] = 0.0, 0.0, 0.2, 1.0, 0.0
+        scene.people[0] = 4.0, 0.0, 0.0, 0.0, 1.0, float(sees)
+        return scene
+
+    return make
+
+
+def test_the_decay_of_forces_is_an_exponential():
+    for x in np.linspace(0.0, 60.0, 301):
+        assert walking.decay(x) == pytest.approx(math.exp(-x), rel=1e-11, abs=1e-14)
+
+
+def test_people_push_each_other_along_the_gradient_of_the_papers_potential():
+    """Equations 3 and 4 of Helbing and Molnár; by differences."""
+
+    def potential(dx, dy, ahead):
+        both = math.hypot(dx, dy) + math.hypot(dx - ahead[0], dy - ahead[1])
+        return 2.1 * math.exp(-0.5 * math.sqrt(both**2 - ahead[0] ** 2 - ahead[1] ** 2) / 0.3)
+
+    random, h = np.random.default_rng(0), 1e-6
+    for _ in range(50):
+        dx, dy, *ahead = random.uniform(-2.0, 2.0, 4)
+        by_differences = (
+            (potential(dx - h, dy, ahead) - potential(dx + h, dy, ahead)) / (2.0 * h),
+            (potential(dx, dy - h, ahead) - potential(dx, dy + h, ahead)) / (2.0 * h),
+        )
+        assert walking._repulsion(dx, dy, *ahead) == pytest.approx(by_differences, rel=1e-5, abs=1e-7)
+
+
+def test_a_person_takes_up_the_pace_and_turns_round_at_the_place(alone):
+    scene, places = alone(sees=True), []
+    scene.circles[0, 3] = 0.3
+    for _ in range(80):
+        step(scene, rules=ROOMS["people"])
+        places.append(scene.circles[0, 0])
+    assert 3.3 < max(places) < 4.0
+    assert places[-1] < max(places) - 2.0
+    assert np.abs(np.diff(places)).max() == pytest.approx(0.1, abs=0.002)
+
+
+@pytest.mark.parametrize("sees", [True, False])
+def test_who_sees_the_robot_walks_round_it_and_who_does_not_runs_into_it(alone, sees):
+    """Nobody walks through a robot that stands: who does not see it is held up at its edge, and turns back."""
+    scene, robot, near = alone(sees=sees), Pose(2.0, 0.15, 0.0), []
+    for _ in range(40):
+        step(scene, robot, rules=ROOMS["people"])
+        near.append(math.hypot(scene.circles[0, 0] - robot.x, scene.circles[0, 1] - robot.y) - 0.2 - RADIUS)
+    if sees:
+        assert min(near) > 0.03
+    else:
+        assert min(near) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_people_stay_in_the_room_out_of_boxes_and_below_their_greatest_speed(empty_scene):
+    rules, apart = ROOMS["people"], []
+    for key in range(8):
+        scene = empty_scene("people")
+        draw(scene, rules, RADIUS, episode_key(key, 0))
+        n = scene.counts[0]
+        assert ((scene.people[:n, 4] >= 0.5) & (scene.people[:n, 4] <= 1.4)).all()
+        for _ in range(100):
+            step(scene, rules=rules)
+            assert (np.hypot(*scene.circles[:n, 3:].T) <= 1.3 * scene.people[:n, 4] + 1e-9).all()
+            places = scene.circles[:n, 0] + 1j * scene.circles[:n, 1]
+            apart += np.abs(places[:, None] - places)[np.triu_indices(n, 1)].tolist()
+        assert (np.abs(scene.circles[:n, :2]) < (3.0, 2.5)).all()
+    assert np.mean(np.array(apart) < 0.3) < 0.01
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_contact_with_a_person_is_a_collision_only_if_the_robot_moves(moves):
+    rules = replace(ROOMS["people"], blind=1.0, circles=(6.0, 6.0))
+    envs = NavigationVectorEnv(16, task="room", world=rules, lidar="ideal", noise="clean", info="full")
+    envs.reset(seed=0)
+    touched, collided = 0, 0
+    for _ in range(150):
+        *_, info = envs.step(np.full((16, 2), [0.3 if moves else 0.0, 0.0], np.float32))
+        touched += np.sum(info["clearance"] < 1e-9)
+        collided += np.sum(info["collision"])
+    assert touched > 0
+    assert (collided > 0) == moves
