@@ -71,12 +71,17 @@ def check(line, ros):
             assert not field_test_parser().parse_known_args(given)[1]
         case ["python", "-m", "turtlebot_gym_ros", "bringup", *given]:
             assert not bringup_parser().parse_known_args(given)[1]
-        case ["python", "-m", "turtlebot_gym_ros", node, *given]:
+        case ["python", "-m", "turtlebot_gym_ros", node, *given] | ["ros2", "run", "turtlebot_gym_ros", node, *given]:
             assert node in NODES
             assert given[:1] in ([], ["--ros-args"])
             for flag, value in zip(given[1::2], given[2::2], strict=True):
                 name = value.partition(":=")[0]
                 known(f"/{name}" if flag == "-r" else name)
+        case ["ros2", "action", "send_goal", "--feedback", name, kind, _]:
+            known(name.lstrip("/"))
+            assert kind.partition("/action/")[2]
+        case ["ros2", "run", "topic_tools", "delay", topic, _, _]:
+            known(f"/{topic}")
         case ["ros2", "bag", "record", *topics]:
             known(*(topic for topic in topics if topic not in ("/tf", "/tf_static")))
         case ["make", target]:
@@ -108,7 +113,7 @@ def check(line, ros):
 
 def test_commands_of_the_pages_name_what_exists(page, ros):
     for block in blocks_of(page):
-        for line in block.text.splitlines():
+        for line in block.text.replace("\\\n", " ").splitlines():
             if block.kind == "console" or (block.kind == "bash" and line.startswith("turtlebot-gym ")):
                 check(line, ros)
 
@@ -205,4 +210,4 @@ def test_links_between_files_exist(name):
     targets = [str(value) for child in inline for name, value in child.attrs.items() if name in ("href", "src")]
     for target in targets:
         if not urlsplit(target).scheme:
-            assert (path.parent / target).exists(), target
+            assert (path.parent / target.partition("#")[0]).exists(), target
