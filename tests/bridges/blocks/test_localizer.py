@@ -167,3 +167,13 @@ def test_it_takes_a_twentieth_of_a_core(drive, localizer):
     it.node.step = timed
     it.go(20.0)
     assert 10.0 * sum(spent) / 100 < 0.05
+
+
+def test_the_map_of_a_file_is_published_once_also_while_the_robot_is_lost(drive, tmp_path):
+    it = drive(map=str(tmp_path / "map.yaml"), start="unknown")
+    it.go(0.1)
+    assert it.said.keys() == {"map"}
+    assert it.node.outputs["map"].latched
+    np.testing.assert_array_equal(it.said["map"].cells, GRID.cells)
+    it.go(0.1)
+    assert not it.said

@@ -56,3 +56,20 @@ def test_in_mujoco_too_its_steps_are_the_environments_to_the_bit(noise):
         world, out = episode.world, plant.step(0.1, command)
         assert out == {"truth": world.body.true_state, "odometry": world.senses.odometry}
     assert world.senses.odometry.twist != world.body.command  # it is what the wheels tell
+
+
+def test_a_drawn_room_has_the_map_of_the_environments_localizer_anew_in_each_episode():
+    node = TurtlebotSimulator(TurtlebotSimulator.Params(world="dense", noise="wheel", localizer="match", goals=2, seed=3))
+    fields = []
+    for _ in range(2):
+        field = node.step(0.1, None)["map"].field()
+        np.testing.assert_array_equal(field, node._episode.scene.field)
+        assert "map" not in node.step(0.1, None)
+        fields.append(field)
+        node.reset()
+    assert (fields[0] != fields[1]).any()
+
+
+def test_goals_in_turn_need_a_world():
+    with pytest.raises(ValueError, match="goals must be 0 without a world"):
+        TurtlebotSimulator.Params(goals=2)
