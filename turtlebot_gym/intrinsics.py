@@ -149,6 +149,18 @@ def _emit_borrowed(typing_context, array):
     return array(array), emit
 
 
+def _emit_fetch(typing_context, array, index):
+    def emit(context, builder, signature, arguments):
+        data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
+        line = builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(8).as_pointer())
+        flag, kind = ir.IntType(32), ir.FunctionType(ir.VoidType(), [line.type, *[ir.IntType(32)] * 3])
+        prefetch = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        builder.call(prefetch, [line, flag(0), flag(3), flag(1)])  # to read, into the nearest cache, data
+        return context.get_dummy_value()
+
+    return types.void(array, int64), emit
+
+
 def _emit_call(typing_context, address, arguments):
     def emit(context, builder, signature, values):
         kinds = tuple(arguments.types)
@@ -225,4 +237,5 @@ split_bits = _intrinsic(_emit_split)
 stack_array = _intrinsic(_emit_scratch)
 wide_vectors = _intrinsic(_emit_wide)
 without_owner = _intrinsic(_emit_borrowed)
+fetch = _intrinsic(_emit_fetch)
 call = _intrinsic(_emit_call)

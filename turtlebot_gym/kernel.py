@@ -97,6 +97,10 @@ def is_plain() -> bool:
     return True
 
 
+def fetch(array: Any, index: int) -> None:
+    """Ask for the cache line of a number that will be read soon; in plain Python do nothing."""
+
+
 def borrowed(array: Any) -> Any:
     """Return an array without reference counting in a compiled loop; its owner must outlive the loop.
 
@@ -159,13 +163,14 @@ if HAS_NUMBA:
     from numba import int64
 
     _root, _multiply, _add, _split = intrinsics.square_root, intrinsics.multiply, intrinsics.add, intrinsics.split_bits
-    _without_owner = intrinsics.without_owner
+    _without_owner, _fetch = intrinsics.without_owner, intrinsics.fetch
 
     # Compiled math.sqrt is a call that may set errno, which prevents vectorization; this is a single instruction.
     _inlined(sqrt, lambda x: lambda x: _root(x))
     _inlined(times, lambda a, b: lambda a, b: _multiply(int64(a), int64(b)))
     _inlined(plus, lambda a, b: lambda a, b: _add(int64(a), int64(b)))
     _inlined(split, lambda x: lambda x: _split(x))
+    _inlined(fetch, lambda array, index: lambda array, index: _fetch(array, int64(index)))
     _inlined(is_plain, lambda: lambda: False)
     _inlined(borrowed, lambda array: lambda array: _without_owner(array))
     _inlined(relax, lambda row, behind, least, straight, diagonal: _relax_each)

@@ -14,14 +14,17 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from turtlebot_gym.compiled.cache import compiled
-from turtlebot_gym.compiled.packing import TILE, Packing, as_tuple, packing
-from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, kernel, prefer_wide, scratch
+from turtlebot_gym.compiled.packing import LINE, TILE, Packing, as_tuple, packing
+from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, prefer_wide, scratch
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import System, step_of
 from turtlebot_gym.systems.episode import start_outcome
 from turtlebot_gym.systems.special import GENERAL, Special
 from turtlebot_gym.values import STOP, Pose
+
+_LARGE = 250_000
+"""Numbers in the tiles of a thread from which on they are fetched ahead: 2 MB, about a core's own cache."""
 
 
 class _Layout(NamedTuple):
@@ -271,6 +274,7 @@ def _loops_of(system: System, special: Special) -> _Loops:
     step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
     layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
     ahead, width = layout.parameters.ahead, layout.parameters.size * TILE
+    lines, many = layout.world.size * TILE // LINE, _LARGE // (layout.world.size * TILE)
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         for at in range(len(tiles)):
@@ -278,6 +282,10 @@ def _loops_of(system: System, special: Special) -> _Loops:
             origin = ahead + (number * width if len(parameters) > ahead + width else 0)
             count = min(TILE, len(actions) - number * TILE)
             tile, own = tiles[at], keys[at]
+            if len(tiles) > many:  # the processor itself does not foresee where the next tile's runs are
+                following = tiles[min(at + 1, len(tiles) - 1)]
+                for line in range(lines):
+                    fetch(following, line * LINE)
             step_tile(number * TILE, count, actions, tile, own, parameters, origin, waypoints, observations, outcomes, scenes)
 
     def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):

@@ -22,8 +22,8 @@ from turtlebot_gym.kernel import Leaf, access
 
 TILE = 32
 """Environments per tile."""
-_LINE = 64
-"""Bytes of a cache line, and of the widest vector register."""
+LINE = 8
+"""Numbers in a cache line, and in the widest vector register."""
 
 
 def aligned(count: int) -> NDArray[np.float64]:
@@ -31,8 +31,8 @@ def aligned(count: int) -> NDArray[np.float64]:
 
     numpy starts large arrays 16 bytes after one; each load and store of a widest vector would then touch two lines.
     """
-    room = np.zeros(count + _LINE // 8)
-    start = -room.ctypes.data % _LINE // 8
+    room = np.zeros(count + LINE)
+    start = -room.ctypes.data // room.itemsize % LINE
     return room[start : start + count]
 
 
@@ -104,7 +104,7 @@ class Packing(NamedTuple):
     @property
     def ahead(self) -> int:
         """Places before the first tile, whole cache lines."""
-        return -(-len(self.shared) // (_LINE // 8)) * (_LINE // 8)
+        return -(-len(self.shared) // LINE) * LINE
 
 
 def packing(
