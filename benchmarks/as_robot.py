@@ -43,8 +43,8 @@ from turtlebot_gym_ros.robot.collision import Scan
 
 DOMAIN = 216
 """First of the ROS domains, one for each worker."""
-FIRST = 1_000_000
-"""Seed of the first room; no policy was tuned on rooms from this one on."""
+FIRST = 1_100_000
+"""Seed of the first room; neither a policy nor the safety layer was tuned on rooms from this one on."""
 LONGEST = 60.0
 """Time after which a drive ends, s."""
 LOOK = 2.0

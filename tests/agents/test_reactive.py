@@ -231,7 +231,7 @@ def test_the_safety_layer_drives_the_nearest_arc_that_is_free_and_changes_nothin
 
 def test_a_robot_inside_the_margins_of_two_posts_goes_on_between_them_down_to_the_least_margin():
     posts = np.ones(SECTORS)
-    posts[[8, 28]] = 0.17 / SIGHT  # 0.06 m beside it, a little ahead
+    posts[[8, 28]] = 0.175 / SIGHT  # 0.065 m beside it, a little ahead
     inside = sight(shares=posts)
     assert layered(1.0, 0.0, inside, margin=0.08, way_out=0.0)[0] == 1.0
     assert layered(1.0, 0.0, inside, margin=0.08, least_margin=0.08, way_out=0.0)[0] == 0.0

@@ -66,13 +66,13 @@ class SafetyLayer:
     """Clearance to keep around the robot, m ..."""
     margin_behind: Annotated[float, NON_NEGATIVE] = 0.05
     """... and when it drives backwards, m ..."""
-    least_margin: Annotated[float, NON_NEGATIVE] = 0.05
+    least_margin: Annotated[float, NON_NEGATIVE] = 0.06
     """... and that it keeps in any case if the others are larger, m."""
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1
     """Mean age of the beams beyond the stated age of the scan, s."""
-    way_out: Annotated[float, NON_NEGATIVE] = 4.0
+    way_out: Annotated[float, NON_NEGATIVE] = 2.0
     """Time for which geometry steers after the policy's wish has stopped the robot, s."""
 
     def __post_init__(self) -> None:
