@@ -112,6 +112,7 @@ def drive(
     seconds: float,
     seed: int,
     at: Callable[[Batch, int], None] = lambda b, s: None,
+    after: Callable[[Batch, int], None] = lambda b, s: None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Wander, and return the errors of position and heading, and the NEES of the pose, each of shape (steps, N); m, rad.
 
@@ -121,6 +122,7 @@ def drive(
         seconds: How long, s.
         seed: Of the random turns.
         at: Called before each step with the batch and the step's number.
+        after: Called after it.
     """
     steps, policy = round(seconds / DT), Wander(batch.num_envs, seed)
     position, heading, consistent = (np.zeros((steps, batch.num_envs)) for _ in range(3))
@@ -132,6 +134,7 @@ def drive(
         position[step], heading[step] = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
         covariance = batch.numbers("estimate.belief.covariance")[..., SYMMETRIC]
         consistent[step] = nees(mean, truth, covariance, components=3)
+        after(batch, step)
     return position, heading, consistent
 
 
@@ -153,6 +156,58 @@ def blocked(world: str, config: Config) -> dict[str, Any]:
 
     position, heading, _ = drive(batch, seen, 25.0, config.seed, block)
     return {f"after {after:g} s": right(position, heading, 15.0 + after) for after in (0.1, 2.0, 5.0)}
+
+
+class Surely:
+    """Where robots are sure of their place: there is one hypothesis, and the last scan leaves no doubt of it."""
+
+    def __init__(self, seconds: float, runs: int) -> None:
+        self.sure, self.searches = np.zeros((round(seconds / DT), runs), np.bool_), 0
+        self._looked = np.zeros(runs, np.bool_)
+
+    def __call__(self, batch: Batch, step: int) -> None:
+        misfits = batch.numbers("estimate.misfits")
+        self.sure[step] = (misfits <= 0.0) & (batch.numbers("estimate.fits") >= 0.7 * MATCHED.doubt)
+        looks = misfits >= MATCHED.patience
+        self.searches += int((looks & ~self._looked).sum())
+        self._looked = looks
+
+
+def found(position: Any, heading: Any, surely: Surely, since: float, times: tuple[float, ...]) -> dict[str, Any]:
+    """Return the share of robots that are right some seconds after a time, of those that are sure, and sure but wrong."""
+    wrong, first = (position >= 0.3) | (heading >= 0.3), round(since / DT)
+    at_end = surely.sure[first + round(times[-1] / DT) - 1]
+    return {
+        **{f"after {after:g} s": right(position, heading, since + after) for after in times},
+        "sure at the end": metrics.share(at_end),
+        "sure and wrong": float((wrong & surely.sure)[first:].mean()),
+    }
+
+
+def unknown(world: str, config: Config) -> dict[str, Any]:
+    """Return the share of robots that are right some seconds after an unknown start."""
+    number, seconds = 6 * config.runs, 20.0
+    surely = Surely(seconds, number)
+    batch, seen = make_batch(world, number, {"start": "unknown"}, config.seed)
+    position, heading, _ = drive(batch, seen, seconds, config.seed, after=surely)
+    return found(position, heading, surely, 0.0, (1.0, 5.0, 10.0, 20.0))
+
+
+def kidnapped(world: str, config: Config) -> dict[str, Any]:
+    """Return the share of robots that are right some seconds after they were carried to their goal, turned anyhow."""
+    number, seconds, random = 6 * config.runs, 50.0, np.random.default_rng(config.seed)
+    surely = Surely(seconds, number)
+    batch, seen = make_batch(world, number, {}, config.seed)
+
+    def carry(batch: Batch, step: int) -> None:
+        if step == 300:
+            state = batch.numbers("body.true_state")
+            state[:, :2], state[:, 2] = batch.numbers("course.reference")[:, :2], random.uniform(-np.pi, np.pi, number)
+            batch.put("body.true_state", state)
+            batch.put("room.pose", state[:, :3])
+
+    position, heading, _ = drive(batch, seen, seconds, config.seed, carry, surely)
+    return found(position, heading, surely, 30.0, (2.0, 5.0, 20.0))
 
 
 def speed() -> dict[str, Any]:
@@ -182,28 +237,37 @@ def speed() -> dict[str, Any]:
 def main() -> None:
     """Drive, print tables, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    results: dict[str, Any] = {"cases": {}, "blocked": {}}
-    table = Table("world", "case", "position, cm", "heading, mrad", "NEES (3)", "most, cm", title="root mean squares")
+    results: dict[str, Any] = {"cases": {}}
+    table = Table(
+        "world", "case", "position, cm", "heading, mrad", "NEES (3)", "most, cm", "searches", title="root mean squares"
+    )
     for world in WORLDS:
         for name, case in CASES.items():
+            surely = Surely(config.seconds, config.runs)
             position, heading, consistent = drive(
-                *make_batch(world, config.runs, case, config.seed), config.seconds, config.seed
+                *make_batch(world, config.runs, case, config.seed),
+                config.seconds,
+                config.seed,
+                after=surely if case.get("localizer", MATCHED) else lambda b, s: None,
             )
-            found = {
+            figures = {
                 "position": metrics.mean(np.sqrt((position**2).mean(0))),
                 "heading": metrics.mean(np.sqrt((heading**2).mean(0))),
                 "position_rms": float(np.sqrt((position**2).mean())), "heading_rms": float(np.sqrt((heading**2).mean())),
                 "nees": metrics.mean(consistent[20:].mean(0)), "most": float(position.max()),
-                "lost": metrics.mean((position > 0.5).mean(0)),
+                "lost": metrics.mean((position > 0.5).mean(0)), "searches": surely.searches,
             }  # fmt: skip
-            results["cases"].setdefault(world, {})[name] = found
-            row = (100.0 * found["position_rms"], 1e3 * found["heading_rms"], found["nees"].value, 100.0 * found["most"])
-            table.add_row(world, name, *(f"{value:.2f}" for value in row))
-    places = Table("world", "when", "right", title="within 0.3 m and 0.3 rad after wheels turned in vain for 5 s")
-    for world in WORLDS:
-        results["blocked"][world] = blocked(world, config)
-        for name, share in results["blocked"][world].items():
-            places.add_row(world, name, f"{100.0 * share.value:.1f} %")
+            results["cases"].setdefault(world, {})[name] = figures
+            row = (
+                100.0 * figures["position_rms"], 1e3 * figures["heading_rms"], figures["nees"].value, 100.0 * figures["most"],
+            )  # fmt: skip
+            table.add_row(world, name, *(f"{value:.2f}" for value in row), str(figures["searches"]))
+    places = Table("what", "world", "when", "%", title="within 0.3 m and 0.3 rad of the truth")
+    for what, measure in {"blocked": blocked, "unknown": unknown, "kidnapped": kidnapped}.items():
+        for world in WORLDS:
+            results.setdefault(what, {})[world] = shares = measure(world, config)
+            for name, share in shares.items():
+                places.add_row(what, world, name, f"{100.0 * getattr(share, 'value', share):.2f}")
     tables = [table, places]
     if config.speed:
         results["speed"] = speed()

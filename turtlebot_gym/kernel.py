@@ -11,8 +11,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-import numpy as np
-
 F = TypeVar("F", bound=Callable)
 
 try:
@@ -62,29 +60,6 @@ def split(x: float) -> tuple[float, float]:
     """Return the significand, in [0.5, 1), and the exponent of a normal number x > 0: ``x = significand * 2^exponent``."""
     significand, exponent = math.frexp(x)
     return significand, float(exponent)
-
-
-def lower(row: Any, by: Any, more: int) -> None:
-    """Lower each number of a row, shape (n,), to that of another one plus ``more``, where this is less."""
-    np.minimum(row, by + more, out=row)
-
-
-def relax(row: Any, behind: Any, least: Any, straight: Any, diagonal: Any) -> bool:
-    """Shorten the paths of a row, shape (n,), by a step from the row behind it, and return whether any became shorter.
-
-    Args:
-        row: Lengths of paths; the first and the last stay.
-        behind: Those of the row behind it.
-        least: Least lengths, by which cells are blocked.
-        straight: Length of a step to the cell ahead.
-        diagonal: Length of a step to its neighbours.
-    """
-    inner = row[1:-1]
-    length = np.minimum(behind[1:-1] + straight, np.minimum(behind[:-2], behind[2:]) + diagonal)
-    length = np.maximum(np.minimum(inner, length), least[1:-1])
-    shorter = bool((length != inner).any())
-    inner[:] = length
-    return shorter
 
 
 def scratch(size: int) -> Any:
@@ -144,19 +119,22 @@ def access(load: Callable, store: Callable, example: Any, leaves: Sequence[Leaf]
     return load, store
 
 
-def _lower_each(row, by, more):  # without types, as numba wants of what stands for another function
-    for k in range(len(row)):
-        row[k] = min(row[k], by[k] + more)
+def in_loops(loop: Callable[..., Any]) -> Callable[[F], F]:
+    """Decorate a function of whole arrays that compiled loops replace by one of loops, with the same results to the last bit.
 
+    Whole arrays are fast in plain Python; compiled, they bring numpy's checks of shapes with them, which take long to compile.
 
-def _relax_each(row, behind, least, straight, diagonal):
-    shorter = False
-    for k in range(1, len(row) - 1):
-        length = min(behind[k] + straight, min(behind[k - 1], behind[k + 1]) + diagonal)
-        length = max(min(row[k], length), least[k])
-        shorter = shorter | (length != row[k])
-        row[k] = length
-    return shorter
+    Args:
+        loop: The function in loops. It has no types, as numba wants of what stands for another function.
+    """
+
+    def decorate(function: F) -> F:
+        vars(function)["in_loops"] = loop  # a part of the fingerprint of machine code
+        if HAS_NUMBA:
+            intrinsics.extending.overload(function, jit_options=intrinsics.INLINED, strict=False)(lambda *arguments: loop)
+        return function
+
+    return decorate
 
 
 if HAS_NUMBA:
@@ -173,5 +151,3 @@ if HAS_NUMBA:
     _inlined(fetch, lambda array, index: lambda array, index: _fetch(array, int64(index)))
     _inlined(is_plain, lambda: lambda: False)
     _inlined(borrowed, lambda array: lambda array: _without_owner(array))
-    _inlined(relax, lambda row, behind, least, straight, diagonal: _relax_each)
-    _inlined(lower, lambda row, by, more: _lower_each)  # whole slices would bring numpy's checks of shapes with them

@@ -17,6 +17,7 @@ from turtlebot_gym.compiled import loop, store
 from turtlebot_gym.compiled.cache import _fingerprint
 from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
+from turtlebot_gym.kernel import in_loops
 from turtlebot_gym.systems import Options, open_ground, system_of
 
 
@@ -61,6 +62,14 @@ def test_it_reaches_through_closures_and_modules(monkeypatch):
     before = _fingerprint(through)
     monkeypatch.setattr(module, "wrap", lambda angle: angle)
     assert _fingerprint(through) != before
+
+
+def test_the_loop_that_stands_for_a_function_of_arrays_is_a_part_of_its_fingerprint():
+    prints = set()
+    for step in ("+ 1.0", "- 1.0"):
+        of_arrays, loop = (with_source(f"def f(x):\n    return x {each}\n") for each in ("+ 1.0", step))
+        prints.add(_fingerprint(with_source("def f(x):\n    return helper(x)\n", helper=in_loops(loop)(of_arrays))))
+    assert len(prints) == 2
 
 
 def copied(kernel):

@@ -35,11 +35,14 @@ def errors(batch, steps, drives):
 
 
 @pytest.mark.parametrize(
-    ("world", "lidar"),
-    [("office", "lds01"), ("crowd", "a1"), (HALL, "urg04lx"), ({"unmapped": 0.5, "map_error": 0.1}, "ideal")],
-)
-def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, in_step):
-    p, waypoints, plan, _ = Options(world=world, lidar=lidar, noise="wheel", localizer="match").setup()
+    ("world", "lidar", "start"),
+    [
+        ("office", "lds01", "known"), ("crowd", "a1", "unknown"), (HALL, "urg04lx", "known"),
+        ({"unmapped": 0.5, "map_error": 0.1}, "ideal", "unknown"),
+    ],
+)  # fmt: skip
+def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, start, in_step):
+    p, waypoints, plan, _ = Options(world=world, lidar=lidar, noise="wheel", localizer="match", start=start).setup()
     batch = Batch(35, p, waypoints, plan=plan)
     plain = {i: Episode(p, waypoints, seed=i, plan=plan) for i in (0, 33)}
     for _ in in_step(batch, plain, [0.0, -0.5], [1.2, 0.5], 40):
@@ -63,8 +66,8 @@ CHANGED = {
     "beams": 30, "deviation": 0.05, "deviation_share": 0.03, "scale": 0.01, "grain": 0.03, "bias": 0.01, "turn_bias": 0.01,
     "length": 0.2, "angle": 0.3, "gate": 2.0, "iterations": 1, "thin": 2.0, "along_walk": 0.05, "along_step": 0.4,
     "aside_walk": 0.05, "aside_step": 0.2, "aside_turn": 0.2, "turn_walk": 0.1, "turn_step": 0.5, "widening": 2.0,
-    "usual": 0.3, "memory": 0.2, "near": 0.05, "doubt": 0.0, "reach": 0.3, "swing": 0.3, "temper": 1.0, "loosen": 0.2,
-    "patience": 2,
+    "usual": 0.3, "memory": 0.2, "near": 0.05, "doubt": 0.0, "suspicion": 0.5, "reach": 0.3, "swing": 0.3,
+    "temper": 1.0, "loosen": 0.2, "patience": 2,
 }  # fmt: skip
 
 
@@ -110,6 +113,7 @@ def test_all_robots_share_the_field_of_a_map():
         ({"localizer": "match", "world": "office"}, "localizer moves with wheel odometry: choose such a noise"),
         ({"localizer": "match", "world": "office", "noise": "wheel", "fix": "beacons"}, "localizer and fix exclude each other"),
         ({"localizer": "amcl", "world": "office", "noise": "wheel"}, "localizer must be one of 'match', 'robot'"),
+        ({"start": "unknown", "world": "office", "noise": "wheel"}, "start is for robots that localize themselves"),
         ({"localizer": {"grain": 0.0}, "world": "office", "noise": "wheel"}, r"LocalizerTuning\.grain must be"),
     ],
 )

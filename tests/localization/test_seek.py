@@ -1,4 +1,4 @@
-"""A robot that does not know where it is looks for its scan in the whole map."""
+"""A robot that does not know where it is looks for its scan in the whole map, and follows the places that explain it."""
 
 from __future__ import annotations
 
@@ -6,20 +6,23 @@ import math
 
 import numpy as np
 import pytest
-from localization_rooms import corridor, hall, make_room, scan_of
+from localization_rooms import hall, make_room, scan_of
 
-from turtlebot_gym.localization.localizer import LOST, TRACKING, locate, state_of
-from turtlebot_gym.localization.seek import HYPOTHESES, look, nowhere, seek
+from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.localization.hypotheses import CYCLE, LOG_WEIGHT, MOST, NONE, ROWS, exp, look, nowhere
+from turtlebot_gym.localization.localizer import LOST, SURE, TRACKING, locate, move, state_of
+from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.values import Pose
+from turtlebot_gym.values import STOP, Pose
 
 Q = LocalizerTuning()
 POSES = [(1.7, 2.1, 0.4), (4.6, 0.8, -2.9), (1.0, 3.9, 1.6), (4.0, 3.0, 3.1)]
 
 
-def looks(located, room, points, times=3):
+def looks(located, room, points, times=CYCLE, bank=None):
+    bank = np.zeros((ROWS, 4)) if bank is None else bank
     for _ in range(times):
-        located = look(located, room.field, room.frame, points, points.shape[1], Q)
+        located = look(located, bank, room.field, room.frame, points, points.shape[1], Pose(0.0, 0.0, 0.0), Q)
     return located
 
 
@@ -28,32 +31,86 @@ def off(located, pose):
     return math.hypot(mean.x - pose[0], mean.y - pose[1]), abs(math.remainder(mean.theta - pose[2], 2.0 * math.pi))
 
 
+def empty_hall():
+    """Return a hall of which each half looks like the other."""
+    occupied = np.ones((92, 112), np.bool_)
+    occupied[6:86, 6:106] = False
+    return make_room(occupied)
+
+
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("yaw", [0.0, 1.0])
 def test_an_unknown_start_is_found(pose, yaw):
     c, s = math.cos(yaw), math.sin(yaw)
     room, points = make_room(hall(), yaw, (2.0, 1.0)), scan_of(make_room(hall()), pose)
-    located = nowhere(Pose(0.0, 0.0, 0.0), Q)
+    located = nowhere(Q)
     assert state_of(located, Q) == LOST
-    located = looks(located, room, points)
+    located = looks(located, room, points, CYCLE + 1)
     turned = (2.0 + c * pose[0] - s * pose[1], 1.0 + s * pose[0] + c * pose[1], pose[2] + yaw)
     assert max(off(located, turned)) < 0.02
     assert state_of(located, Q) == TRACKING
+    assert located.weight == 1.0
 
 
 def test_a_kidnapped_robot_is_found_after_its_patience():
     room = make_room(hall())
     points, located = scan_of(room, POSES[1]), locate(Pose(*POSES[0]), (1e-4, 1e-4, 1e-4), Q)
-    located = looks(located, room, points, int(Q.patience) + 4)
+    located = looks(located, room, points, int(Q.patience) + CYCLE + 1)
     assert max(off(located, POSES[1])) < 0.03
 
 
-def test_where_several_places_look_alike_it_stays_lost():
-    """The partner of the first test: in a corridor without ends each place explains the scan."""
-    room = make_room(corridor())
-    points = scan_of(room, (10.0, 1.6, 0.3))
-    poses, values = np.empty((HYPOTHESES, 3)), np.zeros(HYPOTHESES)
-    assert seek(room.field, room.frame, points, points.shape[1], poses, values) == HYPOTHESES
-    assert (np.diff(values) <= 0.0).all()
-    located = looks(nowhere(Pose(0.0, 0.0, 0.0), Q), room, points, 9)
+def test_where_two_places_look_alike_both_stay():
+    """The partner of the first test."""
+    room, bank = empty_hall(), np.zeros((ROWS, 4))
+    points = scan_of(room, POSES[0])
+    located = looks(nowhere(Q), room, points, 10 * CYCLE, bank)
     assert state_of(located, Q) == LOST
+    assert 0.3 < located.weight < SURE
+    assert (bank[:, LOG_WEIGHT] > NONE).sum() == 2
+    P = located.belief.covariance
+    assert P.xx > 0.2, "the belief is as wide as the hypotheses are apart"
+
+
+def test_hypotheses_move_with_the_wheels():
+    """Both places that look alike do; the best of them is the true one or the other."""
+    room, bank = empty_hall(), np.zeros((ROWS, 4))
+    x, y, theta = POSES[0]
+    located, wheels = looks(nowhere(Q), room, scan_of(room, POSES[0]), 2, bank), Pose(0.0, 0.0, 0.0)
+    for step in range(1, 8):
+        now = Pose(0.1 * step, 0.0, 0.0)
+        located = move(located, wheels, now, STOP, (0.0, 0.0), Q)
+        wheels = now
+        pose = (x + math.cos(theta) * now.x, y + math.sin(theta) * now.x, theta)
+        points = scan_of(room, pose)
+        located = look(located, bank, room.field, room.frame, points, points.shape[1], wheels, Q)
+        mirrored = (112 * 0.05 - pose[0], 92 * 0.05 - pose[1], pose[2] + math.pi)
+        assert min(max(off(located, pose)), max(off(located, mirrored))) < 0.02
+
+
+def test_a_scan_that_no_place_explains_leaves_it_lost():
+    room, angles, rng = make_room(hall()), np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False), np.random.default_rng(1)
+    located, bank = nowhere(Q), np.zeros((ROWS, 4))
+    for _ in range(4 * CYCLE):
+        lengths = rng.uniform(0.4, 3.0, 40)
+        nonsense = np.array([lengths * np.cos(angles), lengths * np.sin(angles), np.cos(angles), np.sin(angles), lengths])
+        located = looks(located, room, nonsense, 1, bank)
+        assert state_of(located, Q) == LOST
+
+
+def test_weights_are_exponentials():
+    x = np.linspace(-10.0, 0.0, 41)
+    np.testing.assert_allclose([exp(each) for each in x], np.exp(x), rtol=0.05)
+
+
+@pytest.mark.skipif(not HAS_NUMBA, reason="needs numba")
+def test_the_whole_map_is_sought_the_same_in_loops_and_in_arrays(in_hall):
+    from turtlebot_gym.compiled.cache import compiled
+
+    room, _, points = in_hall
+    field = room.field.copy()
+    field[:20, :20] = np.nan
+    found = []
+    for function in (seek, compiled(lambda *arguments: seek(*arguments), "the whole map")):
+        poses, values = np.empty((MOST, 3)), np.empty(MOST)
+        found.append((function(field, room.frame, points, points.shape[1], poses, values), poses.tolist(), values.tolist()))
+    assert found[0] == found[1]

@@ -286,6 +286,13 @@ class Batch:
         tiles = self._tiles.reshape(len(self._tiles), -1, TILE)
         return tiles.transpose(1, 0, 2)[self._told_places].reshape(len(self._told), -1)[:, : self.num_envs]
 
+    def put(self, path: str, values: NDArray[np.float64]) -> None:
+        """Write one part of all worlds, shape (N, k), as `numbers` returns it: to carry robots elsewhere, for example."""
+        world, index = self._loops.layout.world, np.arange(self.num_envs)
+        part = self._tiles.reshape(len(self._tiles), -1, TILE)
+        for column, place in zip(values.T, world.places[world.slices[path]], strict=True):
+            part[index // TILE, place, index % TILE] = column
+
     def first_world(self) -> NDArray[np.float64]:
         """Return a copy of the first environment's world as a flat array, in the order of the layout."""
         return self._first[self._first_places]

@@ -46,6 +46,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
             return
         seen.add(id(value))
         yield from _parts(value.__code__, seen)
+        yield from _parts(getattr(value, "in_loops", ()), seen)
         for cell in value.__closure__ or ():
             yield from _parts(cell.cell_contents, seen)
         names = value.__code__.co_names

@@ -22,16 +22,16 @@ MOST_ALONG, MOST_TURNS = 6, 20
 
 
 @kernel
-def agreement(field: Any, frame: Any, points: Any, number: int, x: float, y: float, theta: float, width: float) -> float:
+def agreement(field: Any, frame: Any, points: Any, number: int, at: Guess, width: float) -> float:
     """Return the mean over a scan's beams of ``1 / (1 + d^2 / width^2)``: a soft share of those that fit, without a prior.
 
     The nearest cell's distance is enough for it; beams that end in the unknown count 0.
     """
     rows, columns = field.shape
-    per_cell, per_square = 1.0 / frame[4], 1.0 / (width * width)
-    sine, cosine = sincos(theta)
-    forward, left = (cosine * frame[2] + sine * frame[3]) * per_cell, (sine * frame[2] - cosine * frame[3]) * per_cell
-    dx, dy = x - frame[0], y - frame[1]
+    per_cell, per_square, dx, dy = 1.0 / frame[4], 1.0 / (width * width), at.x - frame[0], at.y - frame[1]
+    sine, cosine = sincos(at.theta)
+    size = per_cell / (1.0 + at.scale)
+    forward, left = (cosine * frame[2] + sine * frame[3]) * size, (sine * frame[2] - cosine * frame[3]) * size
     column, row = (dx * frame[2] + dy * frame[3]) * per_cell, (dy * frame[2] - dx * frame[3]) * per_cell
     total = 0.0
     for k in range(number):
@@ -44,25 +44,22 @@ def agreement(field: Any, frame: Any, points: Any, number: int, x: float, y: flo
 
 
 @kernel
-def keep(
-    best: Any, values: Any, count: int, guess: tuple[float, float, float], value: float, apart: float, turned: float
-) -> int:
-    """Put a pose into a list of the best, best first, at most one within a distance and a turn; return the list's length.
+def keep(best: Any, values: Any, count: int, guess: tuple[float, ...], value: float, apart: float, turned: float) -> int:
+    """Put a guess into a list of the best, best first, at most one within a distance and a turn; return the list's length.
 
     Args:
-        best: Poses, shape (K, 3).
+        best: Guesses, shape (K, n).
         values: Their values, shape (K,).
-        count: Number of poses in the list.
-        guess: The pose.
+        count: Number of guesses in the list.
+        guess: The guess: x, y and heading, and what else there is to be kept.
         value: Its value.
         apart: The distance, m.
         turned: The turn, rad.
     """
-    x, y, theta = guess
     last = count
     for k in range(count):
-        dx, dy = best[k, 0] - x, best[k, 1] - y
-        if dx * dx + dy * dy < apart * apart and abs(wrap(best[k, 2] - theta)) < turned:
+        dx, dy = best[k, 0] - guess[0], best[k, 1] - guess[1]
+        if dx * dx + dy * dy < apart * apart and abs(wrap(best[k, 2] - guess[2])) < turned:
             if values[k] >= value:
                 return count
             last = k
@@ -74,11 +71,12 @@ def keep(
     at = last
     while at > 0 and values[at - 1] < value:
         values[at] = values[at - 1]
-        for k in range(3):
+        for k in range(len(guess)):
             best[at, k] = best[at - 1, k]
         at -= 1
     values[at] = value
-    best[at, 0], best[at, 1], best[at, 2] = x, y, theta
+    for k in range(len(guess)):
+        best[at, k] = guess[k]
     return max(count, last + 1)
 
 
@@ -123,7 +121,7 @@ def starts_around(field: Any, frame: Any, points: Any, number: int, belief: Beli
                 if count == len(starts) and gain + value <= values[count - 1]:
                     continue
                 x, y, theta = mean.x + dx, mean.y + dy, mean.theta + dtheta
-                value += gain * agreement(field, frame, points, number, x, y, theta, WIDTH)
+                value += gain * agreement(field, frame, points, number, Guess(x, y, theta, 0.0), WIDTH)
                 count = keep(starts, values, count, (x, y, theta), value, APART, TURNED)
     return count
 
@@ -144,5 +142,5 @@ def likelihood(
     u = a / l11
     v = (b - l21 * u) / l22
     w = (c - l31 * u - l32 * v) / l33
-    fit = agreement(field, frame, points, number, at.x, at.y, at.theta, width)
+    fit = agreement(field, frame, points, number, at, width)
     return gain_of(number, q) * fit - 0.5 * (u * u + v * v + w * w)

@@ -25,7 +25,6 @@ from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.around import likelihood, starts_around
 from turtlebot_gym.localization.information import Guess, blurred, condition, information
-from turtlebot_gym.localization.points import Timing, to_points
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
@@ -42,6 +41,12 @@ FITTING = 0.9
 """Share of fitting beams from which a surprise is put down to the wheels."""
 BETTER_FIT, BETTER_VALUE = 0.1, 1.0
 """By how much another start's share of fitting beams and log likelihood must be better than that of the prediction."""
+LEAP = 0.3
+"""Correction by one scan, m or rad, after which the robot is sought in the whole map too."""
+CALM = 40.0
+"""Scans for which the localizer does not look elsewhere again once it has seen that it is right."""
+SURE = 0.95
+"""Weight from which on the best hypothesis is believed."""
 TRACKING, UNSURE, LOST = 0, 1, 2
 """States of a localizer, see `state_of`."""
 
@@ -57,7 +62,7 @@ class Located(NamedTuple):
     fits: float
     """Share of the last scan's beams that end near a surface of the map; 1 before the first."""
     misfits: float
-    """Scans in a row that no place near the belief explains."""
+    """Scans in a row that leave a doubt of the place; negative for the scans for which it is not doubted again."""
     taken: float
     """Share of what the map can say about this place that scans have said already; it falls as the robot moves on."""
     slack: float
@@ -66,6 +71,8 @@ class Located(NamedTuple):
     """Number of scans."""
     moves: float
     """Number of moves."""
+    weight: float
+    """Weight of the best hypothesis: 1 while there is only one, 0 for a lost robot that has none."""
 
 
 class Descent(NamedTuple):
@@ -86,7 +93,7 @@ def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
     covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, 0.0, 0.0, 0.0)
     belief = Belief(State(pose.x, pose.y, pose.theta, 0.0, 0.0), covariance)
     scale = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 
 
 @kernel
@@ -140,11 +147,12 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
     scale = Sixth(located.scale.mean, located.scale.variance, State(c.x - dy * c.theta, c.y + dx * c.theta, c.theta, 0.0, 0.0))
     belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
     taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
-    return Located(belief, located.nis, scale, located.fits, located.misfits, taken, slack, located.scans, located.moves + 1.0)
+    _, nis, _, fits, misfits, _, _, scans, moves, weight = located
+    return Located(belief, nis, scale, fits, misfits, taken, slack, scans, moves + 1.0, weight)
 
 
 @kernel
-def _descend(
+def descend(
     field: Any, frame: Any, points: Any, number: int, prior: Belief, scale: Sixth, at: Guess, bias: tuple[float, float], q: Any
 ) -> Descent:
     """Return the belief conditioned on a scan, linearized anew at each step from a start on; unchanged with too few beams.
@@ -197,7 +205,7 @@ def _best_descent(
     while k < count:  # one place from which the descent is called: machine code for each would take long to compile
         if k >= 0:
             start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
-        end = _descend(field, frame, points, number, near if k < 0 else wide, scale, start, bias, q)
+        end = descend(field, frame, points, number, near if k < 0 else wide, scale, start, bias, q)
         in_doubt = k >= 0 or end.fits < q.doubt or end.nis > q.gate * q.gate * end.freedom
         if k < 0:
             best = end
@@ -239,35 +247,20 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     by_wheels = min(surprise / q.usual, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)
     growth = q.memory + (1.0 - q.memory) * by_wheels  # 1 where scans surprise as much as they should
     slack = min(max(located.slack * growth, 1.0), q.widening)
-    misfits = located.misfits + 1.0 if end.fits < bad else 0.0
-    taken = min(located.taken + take, 1.0)
-    return Located(belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, located.scans + 1.0, located.moves)
-
-
-@kernel
-def correct_by_scan(
-    located: Located, ranges: Any, beams: Any, timing: Timing, trail: Any, field: Any, frame: Any, q: Any
-) -> Located:
-    """Condition the belief on a scan as it was measured: on at most `beams` of its beams, with those of the next between them.
-
-    Args:
-        located: The localizer.
-        ranges: Shape (B,), m; see `points.to_points`.
-        beams: Directions in the robot's frame, shape (2 or more, B): cosine and sine.
-        timing: When and where they were measured.
-        trail: The odometry, see `points.remember`.
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        q: A `LocalizerTuning`.
-    """
-    every = max(-(-len(ranges) // int(q.beams)), 1)
-    points = np.empty((5, int(q.beams)))
-    number = to_points(ranges, beams, int(located.scans) % every, every, timing, trail, points)
-    return scan(located, field, frame, points, number, q)
+    misfits = max(located.misfits, 0.0) + 1.0 if end.fits < q.suspicion else 0.0
+    if located.misfits < 0.0 and end.fits >= bad:
+        misfits = located.misfits + 1.0
+    weight = 0.0 if misfits >= q.patience and end.fits < bad else 1.0
+    was, now = located.belief.mean, belief.mean
+    dx, dy, turn = now.x - was.x, now.y - was.y, wrap(now.theta - was.theta)
+    if dx * dx + dy * dy > LEAP * LEAP or abs(turn) > LEAP:  # it may as well have been carried far away
+        misfits = max(misfits, 1.0 * q.patience)
+    taken, scans = min(located.taken + take, 1.0), located.scans + 1.0
+    return Located(belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, scans, located.moves, weight)
 
 
 @kernel
 def state_of(located: Located, q: Any) -> int:
-    """Return `TRACKING`; `UNSURE` where the last scan fits badly; `LOST` after too many such scans in a row."""
-    lost, unsure = located.misfits >= q.patience, located.fits < 0.7 * q.doubt
-    return LOST if lost else (UNSURE if unsure else TRACKING)
+    """Return `TRACKING`; `UNSURE` where the last scan leaves a doubt; `LOST` after too many of these without a likely place."""
+    looks, unsure = located.misfits >= q.patience, located.misfits > 0.0 or located.fits < 0.7 * q.doubt
+    return LOST if looks and not located.weight > SURE else (UNSURE if unsure else TRACKING)

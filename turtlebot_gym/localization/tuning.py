@@ -68,6 +68,8 @@ class LocalizerTuning:
     """Distance from a surface up to which a beam fits, m, whatever the belief."""
     doubt: Annotated[float, PROBABILITY] = 0.7
     """Share of fitting beams below which starts all around the prediction are tried; 0 for never."""
+    suspicion: Annotated[float, PROBABILITY] = 0.65
+    """Share of fitting beams below which scans in a row make the localizer look in the whole map too."""
     reach: Annotated[float, NON_NEGATIVE] = 0.6
     """Least distance of these starts, m."""
     swing: Annotated[float, NON_NEGATIVE] = 0.6
@@ -86,7 +88,7 @@ class LocalizerTuning:
 ROBOT = LocalizerTuning(
     beams=60, deviation=0.02, deviation_share=0.005, scale=0.0, grain=0.05, bias=0.02, turn_bias=0.005, thin=2.0,
     along_walk=0.06, along_step=0.5, aside_walk=0.05, aside_step=0.1, aside_turn=0.05, turn_walk=0.06, turn_step=0.35,
-    widening=1.0, doubt=0.9, reach=0.3, swing=0.3,
+    widening=1.0, doubt=0.9, suspicion=0.63, reach=0.3, swing=0.3,
 )  # fmt: skip
 """Nothing is known about wheels, LiDAR and map; fitted to public recordings of buildings."""
 

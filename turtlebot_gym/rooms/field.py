@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.kernel import kernel, lower
+from turtlebot_gym.kernel import in_loops, kernel
 
 REACH = 1.0
 """Greatest distance in a field, m: beams that end farther from a surface pull no longer."""
@@ -29,6 +29,17 @@ class Sampled(NamedTuple):
     dx: float
     """Its derivatives by x and y in the world."""
     dy: float
+
+
+def _lower_each(row, by, more):
+    for k in range(len(row)):
+        row[k] = min(row[k], by[k] + more)
+
+
+@in_loops(_lower_each)
+def lower(row: Any, by: Any, more: int) -> None:
+    """Lower each number of a row, shape (n,), to that of another one plus ``more``, where this is less."""
+    np.minimum(row, by + more, out=row)
 
 
 @kernel

@@ -8,10 +8,11 @@ is more than half a diagonal, so a robot that follows a path stays clear all alo
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.kernel import kernel, relax, sqrt
+from turtlebot_gym.kernel import in_loops, kernel, sqrt
 from turtlebot_gym.rooms.cells import distance_to_cells, is_on_map, to_cells
 from turtlebot_gym.rooms.rays import distance_to_circle, distance_to_turned_box, distance_to_walls
 from turtlebot_gym.rooms.scene import RESOLUTION, UNREACHED, Scene
@@ -24,6 +25,35 @@ UNIT = RESOLUTION / float(_STRAIGHT)
 UNKNOWN = -1.0
 """Remaining path length if there is no path."""
 _BLOCKED = UNREACHED - 1
+
+
+def _relax_each(row, behind, least, straight, diagonal):
+    shorter = False
+    for k in range(1, len(row) - 1):
+        length = min(behind[k] + straight, min(behind[k - 1], behind[k + 1]) + diagonal)
+        length = max(min(row[k], length), least[k])
+        shorter = shorter | (length != row[k])
+        row[k] = length
+    return shorter
+
+
+@in_loops(_relax_each)
+def relax(row: Any, behind: Any, least: Any, straight: Any, diagonal: Any) -> bool:
+    """Shorten the paths of a row, shape (n,), by a step from the row behind it, and return whether any became shorter.
+
+    Args:
+        row: Lengths of paths; the first and the last stay.
+        behind: Those of the row behind it.
+        least: Least lengths, by which cells are blocked.
+        straight: Length of a step to the cell ahead.
+        diagonal: Length of a step to its neighbours.
+    """
+    inner = row[1:-1]
+    length = np.minimum(behind[1:-1] + straight, np.minimum(behind[:-2], behind[2:]) + diagonal)
+    length = np.maximum(np.minimum(inner, length), least[1:-1])
+    shorter = bool((length != inner).any())
+    inner[:] = length
+    return shorter
 
 
 @kernel

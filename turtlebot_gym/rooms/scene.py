@@ -74,6 +74,8 @@ class Scene(NamedTuple):
     robot, else 0. P is 0 unless circles are people."""
     trail: Any
     """Shape (K, 4): the odometry of the last steps, see `localization.points.remember`; K is 0 without a localizer."""
+    bank: Any
+    """Shape (H, 4): where a robot may be that is lost, see `localization.hypotheses`; H is 0 without a localizer."""
 
 
 @kernel
@@ -102,6 +104,7 @@ def scene_at(scenes: Scene, index: int) -> Scene:
         borrowed(scenes.field_frame)[min(index, len(scenes.field_frame) - 1)],
         borrowed(scenes.people)[index],
         borrowed(scenes.trail)[index],
+        borrowed(scenes.bank)[index],
     )
 
 
@@ -147,5 +150,6 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         zeros(0, 0, dtype=np.float32),
         zeros(5),
         zeros(people, 6),
+        zeros(0, 4),
         zeros(0, 4),
     )

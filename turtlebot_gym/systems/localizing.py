@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.localization.localizer import correct_by_scan, locate, move
+from turtlebot_gym.localization.hypotheses import ROWS, correct_by_scan, nowhere
+from turtlebot_gym.localization.localizer import locate, move
 from turtlebot_gym.localization.points import Timing, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.random import MAP, sub_key
@@ -39,8 +40,8 @@ def drift_of(twist: Any, tuning: Any, dt: float) -> tuple[float, float]:
 
 @kernel
 def _first_estimate(senses, p):
-    """Begin at the first measurement: the start is known."""
-    return locate(senses.odometry.pose, p.tuning.R, p.localizer)
+    """Begin at the first measurement if the start is known."""
+    return locate(senses.odometry.pose, p.tuning.R, p.localizer) if p.task.start_known else nowhere(p.localizer)
 
 
 @kernel
@@ -57,7 +58,7 @@ def _estimate(estimate, before, senses, p, room, scene):
         interval = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
         timing = Timing(last, interval, lidar.x, lidar.y, lidar.range_max)
         ranges = scene.ranges[1][:beams]
-        moved = correct_by_scan(moved, ranges, scene.beams, timing, scene.trail, scene.field, scene.field_frame, q)
+        moved = correct_by_scan(moved, ranges, scene.beams, timing, scene.trail, scene.bank, scene.field, scene.field_frame, q)
     return moved
 
 
@@ -78,7 +79,9 @@ def localizing(system: System) -> System:
         rules = [row.room.rules for row in parameters]
         rows, columns = extent(max(2.0 * rule.half_length for rule in rules), max(2.0 * rule.half_width for rule in rules))
         return scenes._replace(
-            field=np.zeros((number, rows, columns), np.float32), trail=np.zeros((number, max(map(_trail, parameters)), 4))
+            field=np.zeros((number, rows, columns), np.float32),
+            trail=np.zeros((number, max(map(_trail, parameters)), 4)),
+            bank=np.zeros((number, ROWS, 4)),
         )
 
     @kernel

@@ -82,6 +82,9 @@ class Options:
     """Localizer, which corrects the belief by scans in the room's map; rooms with wheel odometry only: match, robot, or a file
     of your own (FILE.yaml); in Python also a `turtlebot_gym.localization.tuning.LocalizerTuning` or a mapping of its fields.
     None for none."""
+    start: str | None = None
+    """With a localizer only: known, the localizer begins at the first measurement, or unknown, it looks for the robot in the
+    whole map; None for the task's own, which is known."""
     goals: int | None = None
     """Missions only: most goals that are drawn in turn, with a minute for each: one that the robot does not reach by then is
     given up. None for as many as the time allows, or what a Task says."""
@@ -155,6 +158,10 @@ class Options:
             changes["laps"] = whole("goals", self.goals, 1)
         if self.arrival is not None:
             changes["on_belief"] = choose("arrival", self.arrival, {"truth": False, "belief": True})
+        if self.start is not None:
+            if self.localizer is None:
+                raise ValueError("start is for robots that localize themselves: choose a localizer, such as localizer='match'.")
+            changes["start_known"] = choose("start", self.start, {"known": True, "unknown": False})
         if self.switch is not None:
             changes["switch_period"] = choose("switch", self.switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
         if self.laps is not None:

@@ -32,6 +32,8 @@ class Task:
     margin: Annotated[float, NON_NEGATIVE] = 0.05
     """... and this margin by which it must be inside, m, at most a third of the radius: a robot whose belief is only just
     inside is outside half of the time."""
+    start_known: bool = True
+    """Whether a localizer knows where the robot starts."""
     switch_period: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Time after which the next waypoint becomes current, reached or not, s; infinite to switch on arrival."""
     laps: Annotated[int, ONE_OR_MORE] = 1

@@ -13,7 +13,8 @@ from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drives.drive import Drive, heading_error, known, position_error
 from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, correct_by_scan, locate, move, state_of
+from turtlebot_gym.localization.hypotheses import ROWS, correct_by_scan
+from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap
@@ -73,7 +74,7 @@ def _follow(
     located: Any, first: int, course: Any, states: Any,
 ) -> Any:  # fmt: skip
     """Write the belief at each row from ``first`` on, shape (T, 11): pose, covariance, share of fitting beams."""
-    trail = np.empty((TRAIL, 4))
+    trail, bank = np.empty((TRAIL, 4)), np.zeros((ROWS, 4))
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
     rest(trail, time[first], now)
     at, way, turn = int(np.searchsorted(rows, first)), 1.0, 0.0
@@ -87,7 +88,7 @@ def _follow(
         while at < len(rows) and rows[at] <= row:
             if way > STILL or turn > UNTURNED:
                 when = Timing(last[at], timing.interval, timing.x, timing.y, timing.range_max)
-                located = correct_by_scan(located, ranges[at], beams, when, trail, field, frame, q)
+                located = correct_by_scan(located, ranges[at], beams, when, trail, bank, field, frame, q)
                 way = turn = 0.0
             at += 1
         mean, P = located.belief

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.localization.hypotheses import ROWS, look, nowhere
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, Located, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
-from turtlebot_gym.localization.seek import look, nowhere
 from turtlebot_gym.localization.tuning import make_localizer
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.parameters import REFERENCE_PERIOD
@@ -135,7 +135,7 @@ class Localizer:
     def reset(self) -> None:
         """Start anew with the next odometry."""
         self._located: Located | None = None
-        self._trail = np.empty((TRAIL, 4))
+        self._trail, self._bank = np.empty((TRAIL, 4)), np.zeros((ROWS, 4))
         self._since = self._time = self._dt = 0.0
         self._ticks = 0
         self.notice = None
@@ -143,8 +143,7 @@ class Localizer:
     def seek(self) -> None:
         """Look for the robot in the whole map, whatever is believed."""
         if self._located is not None:
-            mean, scans, moves = self._located.belief.mean, self._located.scans, self._located.moves
-            self._located = nowhere(Pose(mean.x, mean.y, mean.theta), self._q)._replace(scans=scans, moves=moves)
+            self._located = nowhere(self._q)._replace(scans=self._located.scans, moves=self._located.moves)
 
     def step(
         self, dt: float, odometry: Odometry, scan: Aged, map: GridMap | None = None, seat: Fix | None = None
@@ -178,7 +177,7 @@ class Localizer:
         if self._params.start == "odometry":
             x, y, heading = self._tuning.R
             return locate(odometry.pose, (x, y, heading), self._q)
-        return nowhere(odometry.pose, self._q)
+        return nowhere(self._q)
 
     def _tick(self, dt: float) -> None:
         """Advance the time; by equal steps it is a multiple of them, as in the environment, and not their sum."""
@@ -207,7 +206,8 @@ class Localizer:
         self._measured, ranges, q = stamp, scan.value.ranges, self._q
         every = max(-(-len(ranges) // q.beams), 1)
         number = to_points(ranges, beams, int(located.scans) % every, every, timing, self._trail, self._points)
-        after = look(located, self._field, self._grid.frame, self._points, number, q)
+        _, *wheels = self._trail[0].tolist()
+        after = look(located, self._bank, self._field, self._grid.frame, self._points, number, Pose(*wheels), q)
         if after.scans > located.scans:
             self._used = self._time
         return after

@@ -1,0 +1,223 @@
+"""Several hypotheses: where a robot may be that is lost, in doubt, or does not know where it starts.
+
+The places of the whole map that fit a scan best are followed for some scans: the wheels move them, each descends at each scan,
+and gains weight as well as the scan agrees with it. Then the best is believed, if its weight says so and it fits. Weights fade,
+so that in a symmetric room, where only noise tells its places apart, several hypotheses stay.
+
+A belief that is in doubt is a hypothesis too, and the first: only a place that fits well refutes it, since in a wrong map the
+true place fits badly too. Otherwise it is confirmed, and not doubted again for some time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from turtlebot_gym.estimation.scale import Sixth
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.localization.around import WIDTH, agreement, gain_of, keep
+from turtlebot_gym.localization.information import Guess
+from turtlebot_gym.localization.localizer import CALM, LEAST_BEAMS, SURE, Located, descend, locate, scan
+from turtlebot_gym.localization.points import Timing, to_points
+from turtlebot_gym.localization.seek import seek
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.models.odometry import increment
+from turtlebot_gym.values import Belief, Covariance, Pose, State
+
+MOST = 16
+"""Most hypotheses."""
+ROWS = MOST + 1
+"""Rows of a bank of hypotheses, see `LOG_WEIGHT`."""
+CYCLE = 4
+"""Scans from one search of the whole map, or decision, to the next."""
+FADING = 0.95
+"""Share of the logarithm of a weight that stays after a scan."""
+UNLIKELY = -10.0
+"""Logarithm of a weight, relative to the best, below which a hypothesis is dropped."""
+NONE = -1e300
+"""Logarithm of the weight where there is no hypothesis."""
+FINE = 0.1
+"""Residual at which a beam's agreement has fallen to a half, m, for hypotheses that have descended."""
+POSITION, TURN = 0.15, 0.1
+"""Standard deviations of a hypothesis, m and rad: the next scan descends from there."""
+APART, TURNED = 0.2, 0.12
+"""Distance and turn up to which two hypotheses are the same; m, rad."""
+BONUS = 1.0
+"""Added to the logarithm of the weight of a belief that is in doubt."""
+CLEAR = 0.9
+"""Share of fitting beams that another place needs to take over from it."""
+PATIENCE = 4 * CYCLE
+"""Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
+FAR = 1e4
+"""Variance of a pose of which nothing is known, m^2 and rad^2."""
+LOG_WEIGHT = 3
+"""Column of a bank of hypotheses, shape (`ROWS`, 4): x, y and heading of the odometry's origin in the map; the logarithm of the
+weight, of which the best is 0. In the last row the weight of a belief in doubt, and the
+share of fitting beams that another place needs."""
+
+
+@kernel
+def exp(x: float) -> float:
+    """Return the exponential of a number from `UNLIKELY` to 0, to 5 %: by products, the same compiled and plain."""
+    y = 1.0 + x / 1024.0
+    for _ in range(10):
+        y = y * y
+    return y
+
+
+@kernel
+def _put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float) -> None:
+    """Write a hypothesis at which the odometry is ``wheels`` into a bank."""
+    seat = increment(pose, wheels, Pose(0.0, 0.0, 0.0), sincos(pose.theta - wheels.theta))
+    bank[k, 0], bank[k, 1], bank[k, 2], bank[k, LOG_WEIGHT] = seat.x, seat.y, seat.theta, log_weight
+
+
+@kernel
+def _search(
+    located: Located, is_hypothesis: bool, bank: Any, field: Any, frame: Any, points: Any, number: int, wheels: Pose, q: Any
+) -> None:
+    """Fill a bank with the places of the whole map that fit a scan best, and the belief if it still fits somehow."""
+    poses, values, mean = np.empty((MOST, 3)), np.zeros(MOST), located.belief.mean
+    count = seek(field, frame, points, number, poses, values)
+    for k in range(ROWS):
+        bank[k, LOG_WEIGHT] = NONE
+    for k in range(count):
+        weight = max(gain_of(number, q) * (float(values[k]) - float(values[0])), UNLIKELY)
+        _put(bank, k, Pose(float(poses[k, 0]), float(poses[k, 1]), float(poses[k, 2])), wheels, weight)
+    if is_hypothesis:
+        bank[MOST, 0] = CLEAR
+        worth = agreement(field, frame, points, number, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH) - float(values[0])
+        bank[MOST, LOG_WEIGHT] = BONUS + gain_of(number, q) * worth
+
+
+@kernel
+def _follow(
+    located: Located, bank: Any, field: Any, frame: Any, points: Any, number: int, wheels: Pose, misfits: float, q: Any
+) -> Located:
+    """Follow the hypotheses of a bank at a scan, and return the localizer.
+
+    Args:
+        located: The localizer; conditioned on the scan if its belief is a hypothesis.
+        bank: The bank.
+        field: Distances, see `rooms.field`.
+        frame: Their frame.
+        points: The scan, see `points.to_points`.
+        number: Number of points.
+        wheels: The odometry at the present pose.
+        misfits: Scans in a row that left a doubt before this one.
+        q: A `LocalizerTuning`.
+    """
+    guesses, values, count, gain = np.empty((MOST, 4)), np.empty(MOST), 0, gain_of(number, q)
+    mean, own = located.belief.mean, float(bank[MOST, LOG_WEIGHT])
+    for k in range(MOST):
+        if bank[k, LOG_WEIGHT] > NONE:
+            seat = Pose(float(bank[k, 0]), float(bank[k, 1]), float(bank[k, 2]))
+            there = increment(seat, Pose(0.0, 0.0, 0.0), wheels, sincos(seat.theta))
+            near = locate(there, (POSITION * POSITION, POSITION * POSITION, TURN * TURN), q)
+            start = Guess(there.x, there.y, there.theta, 0.0)
+            end = descend(field, frame, points, number, near.belief, near.scale, start, (0.0, 0.0), q)
+            at = end.at
+            value = FADING * float(bank[k, LOG_WEIGHT]) + gain * agreement(field, frame, points, number, at, FINE)
+            dx, dy, theta = at.x - mean.x, at.y - mean.y, wrap(at.theta)
+            is_own = dx * dx + dy * dy < APART * APART and abs(wrap(theta - mean.theta)) < TURNED
+            if not (is_own and own > NONE):
+                count = keep(guesses, values, count, (at.x, at.y, theta, end.fits), value, APART, TURNED)
+    if own > NONE:
+        at = Guess(mean.x, mean.y, mean.theta, located.scale.mean)
+        own = FADING * own + gain * agreement(field, frame, points, number, at, FINE)
+    other = float(values[0]) if count > 0 else NONE
+    top, total, xx, yy, tt = max(other, own), 0.0, 0.0, 0.0, 0.0
+    best = Pose(float(guesses[0, 0]), float(guesses[0, 1]), float(guesses[0, 2]))
+    for k in range(MOST):
+        log_weight = float(values[k]) - top if k < count else NONE
+        bank[k, LOG_WEIGHT] = NONE
+        if log_weight > UNLIKELY:
+            pose = Pose(float(guesses[k, 0]), float(guesses[k, 1]), float(guesses[k, 2]))
+            weight, dx, dy, turn = exp(log_weight), pose.x - best.x, pose.y - best.y, wrap(pose.theta - best.theta)
+            total, xx, yy, tt = total + weight, xx + weight * dx * dx, yy + weight * dy * dy, tt + weight * turn * turn
+            _put(bank, k, pose, wheels, log_weight)
+    own_weight = exp(max(own - top, UNLIKELY)) if own > NONE else 0.0
+    total = total + own_weight
+    bank[MOST, LOG_WEIGHT] = max(own - top, UNLIKELY) if own > NONE else NONE
+    weight = exp(max(other - top, UNLIKELY)) / total if count > 0 else 0.0
+    fits = float(guesses[0, 3]) if count > 0 else 0.0
+    since = int(misfits - q.patience)
+    decides, least = since >= (2 * CYCLE if own > NONE else CYCLE) - 1, float(bank[MOST, 0])
+    belief, nis, scale, own_fits, _, taken, slack, scans, moves, _ = located
+    if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and fits >= least):
+        is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
+        misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, own_weight / total)
+        return Located(belief, nis, scale, own_fits, misfits, taken, slack, scans, moves, weight)
+    bank[MOST, LOG_WEIGHT] = NONE
+    is_sure = decides and weight > SURE and fits >= least
+    share = 1.0 / total if total > 0.0 and not is_sure else 0.0
+    covariance = Covariance(
+        POSITION * POSITION + xx * share, 0.0, 0.0, 0.0, 0.0, POSITION * POSITION + yy * share, 0.0, 0.0, 0.0,
+        TURN * TURN + tt * share, 0.0, 0.0, 0.0, 0.0, 0.0,
+    )  # fmt: skip
+    if count > 0:
+        belief = Belief(State(best.x, best.y, best.theta, mean.v, mean.omega), covariance)
+    fresh = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
+    misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, weight)
+    return Located(belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight)
+
+
+@kernel
+def look(located: Located, bank: Any, field: Any, frame: Any, points: Any, number: int, wheels: Pose, q: Any) -> Located:
+    """Condition the belief on a scan; where the place is in doubt, look for it in the whole map too, and follow what is found.
+
+    Args:
+        located: The localizer.
+        bank: Hypotheses, shape (`ROWS`, 4), written and read while the place is in doubt.
+        field: Distances, see `rooms.field`.
+        frame: Their frame.
+        points: The scan, see `points.to_points`, as seen from the present pose.
+        number: Number of points.
+        wheels: The odometry at the present pose.
+        q: A `LocalizerTuning`.
+    """
+    in_doubt, since = located.misfits >= q.patience, int(located.misfits - q.patience)
+    is_hypothesis = located.belief.covariance.xx < FAR if since == 0 else bank[MOST, LOG_WEIGHT] > NONE
+    after = located
+    if is_hypothesis or not in_doubt:
+        after = scan(located, field, frame, points, number, q)
+    if not in_doubt or number < LEAST_BEAMS:
+        return after
+    if since == 0:
+        bank[MOST, 0] = 1.0 * q.doubt
+    fits_badly = since % CYCLE == 0 and located.fits < 0.7 * q.doubt
+    if since % PATIENCE == 0 if is_hypothesis else fits_badly:
+        _search(located, is_hypothesis, bank, field, frame, points, number, wheels, q)
+    return _follow(after, bank, field, frame, points, number, wheels, located.misfits, q)
+
+
+@kernel
+def correct_by_scan(
+    located: Located, ranges: Any, beams: Any, timing: Timing, trail: Any, bank: Any, field: Any, frame: Any, q: Any
+) -> Located:
+    """Condition the belief on a scan as it was measured: on at most `beams` of its beams, with those of the next between them.
+
+    Args:
+        located: The localizer.
+        ranges: Shape (B,), m; see `points.to_points`.
+        beams: Directions in the robot's frame, shape (2 or more, B): cosine and sine.
+        timing: When and where they were measured.
+        trail: The odometry, see `points.remember`.
+        bank: Hypotheses, see `look`.
+        field: Distances, see `rooms.field`.
+        frame: Their frame.
+        q: A `LocalizerTuning`.
+    """
+    every = max(-(-len(ranges) // int(q.beams)), 1)
+    points = np.empty((5, int(q.beams)))
+    number = to_points(ranges, beams, int(located.scans) % every, every, timing, trail, points)
+    wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))
+    return look(located, bank, field, frame, points, number, wheels, q)
+
+
+@kernel
+def nowhere(q: Any) -> Located:
+    """Return a localizer that does not know where it starts: the first scan is sought in the whole map."""
+    belief, nis, scale, _, _, taken, slack, scans, moves, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
+    return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0)
