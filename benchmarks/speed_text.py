@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from harness.peer import SCANNED
-from harness.report import beside
+from harness.report import beside, processor
 
 LIBRARIES = {"turtlebot_gym": "ours", "gymnasium": "Gymnasium"}
 
@@ -24,7 +24,7 @@ def section(found: Mapping[str, Any]) -> str:
         "![Steps per second of ours and of other libraries, by size](benchmarks/speed.png)\n",
         f"`make bench-peers`: contenders take turns in {config['rounds']} rounds, and medians count. Ratios are to Gymnasium's",
         "CartPole, which has neither noise nor filter, in the same rounds. CPU seconds are those of all threads. Measured on",
-        f"{machine['cores']} cores{meanwhile} ({machine['cpu']}, {machine['llvm_cpu']}, {machine['system']},",
+        f"{processor(machine)}{meanwhile} ({machine['system']},",
         f"{machine['python']}, numba {machine['numba']}, NumPy {machine['numpy']}, Gymnasium {machine['gymnasium']}).",
         "[All numbers](benchmarks/speed.json). gymnax returns to Python after each step, or with `lax.scan` after",
         f"{SCANNED} steps, whose observations and rewards it returns together.",

@@ -13,12 +13,22 @@ import gymnasium as gym
 import numba
 
 from harness.turns import Contender, timed
+from turtlebot_gym_agents.training.randomization import randomized
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 CARTPOLE = "CartPole-v1"
 SIZES = (4096, 65_536)
 OURS, GYMNASIUM = "turtlebot_gym", "gymnasium"
+
+
+_MORE: dict[str, dict[str, Any]] = {
+    "info full": {"info": "full"},
+    "randomized": {"drawn": True},
+    "filter slip": {"filter": "slip"},
+    "fix late": {"fix": "late"},
+}
+"""What is measured for the first size only, by name."""
 
 
 @contextmanager
@@ -57,9 +67,14 @@ def _scalar(env_id: str, *, by: str, key: bool = False, **options: Any) -> Conte
     return Contender(run=timed(step), size=1, base=base_of(1), by=by, key=key)
 
 
-def _vector(env_id: str, size: int, *, by: str, threads: int | None = None, key: bool = False, **options: Any) -> Contender:
-    """Return a native vector environment; threads are None or 1."""
+def _vector(
+    env_id: str, size: int, *, by: str, threads: int | None = None, key: bool = False, drawn: bool = False, **options: Any
+) -> Contender:
+    """Return a native vector environment; threads are None or 1, and parameters may be drawn for each as in trainings."""
     envs = gym.make_vec(env_id, num_envs=size, vectorization_mode="vector_entry_point", **options)
+    if drawn:
+        bare: Any = envs.unwrapped
+        bare.set_parameters(randomized(bare.parameters, size, seed=0))
     envs.reset(seed=0)
     envs.action_space.seed(0)
     actions = [envs.action_space.sample() for _ in range(16)]
@@ -86,6 +101,8 @@ def contenders(sizes: Sequence[int] = SIZES) -> dict[str, Contender]:
             rows[name_of(size, "TurtleBotNav-v0", "noise rough", *words)] = rough
             rows[name_of(size, "TurtleBotSquare-v0", *words)] = _vector(SQUARE, size, by=OURS, threads=threads)
             if size == sizes[0]:
-                full = _vector(NAV, size, by=OURS, threads=threads, info="full")
-                rows[name_of(size, "TurtleBotNav-v0", "info full", *words)] = full
+                for name, chosen in _MORE.items():
+                    rows[name_of(size, "TurtleBotNav-v0", name, *words)] = _vector(
+                        NAV, size, by=OURS, threads=threads, **chosen
+                    )
     return rows

@@ -39,7 +39,13 @@ def conditions(result: Mapping[str, Any]) -> str:
     busy = f"load {machine['load_before']:.1f} before"
     if others is not None:
         busy += f", other programs used {others:.1f} cores meanwhile"
-    return f"{machine['cores']} cores, {machine['cpu']} ({machine['llvm_cpu']}); {busy}"
+    return f"{processor(machine)}; {busy}"
+
+
+def processor(machine: Mapping[str, Any]) -> str:
+    """Describe the cores of a machine, and their caches if they are known."""
+    caches = "".join(f", {name} {size}" for name, size in (machine.get("caches") or {}).items())
+    return f"{machine['cores']} cores, {machine['cpu']} ({machine['llvm_cpu']}{caches})"
 
 
 def beside(processes: int) -> str:
