@@ -61,7 +61,7 @@ LEFT_OUT = {"cluster", "workers", "peers", "watch", "storage", "all"}
 """Options that reach for other machines, install something, serve until Ctrl-C, or compile all there is."""
 WORDS = st.one_of(
     st.sampled_from([
-        "", "-1", "0", "1", "2", "0.5", "1.5", "nan", "inf", "-inf", "1e-9", "1e9", "1e308", "True", "None", "x" * 300,
+        "", "-1", "0", "1", "2", "0.5", "1.5", "nan", "inf", "-inf", "1e-9", "1e17", "1e308", "True", "None", "x" * 300,
         "é", "a b", "\n", "here", "here/", "/", ".", "/proc/none/a.json", "nope.yaml", "broken.yaml", "list.yaml",
         "mine.yaml", "empty.json", "broken.onnx", "binary.csv", "drive.csv", "nope.onnx", "os:getcwd", "nope:drive", ":",
         "bearing+safety", "+safety", "a.png", "a.txt", "a.json", "here/a.json", "drive.csv/a.json", "burger", "wheel",
@@ -86,7 +86,17 @@ def options_of(command):
 
 
 OPTIONS = {name: options_of(command) for name, command in COMMANDS.items() if name in BASES}
-FLAGS = {"--randomize", "--resume", "--allow-pickle", "--allow-mismatch", "--force", "--training", "--bias", "--slip"}
+FLAGS = {
+    "--details",
+    "--randomize",
+    "--resume",
+    "--allow-pickle",
+    "--allow-mismatch",
+    "--force",
+    "--training",
+    "--bias",
+    "--slip",
+}
 
 
 def code_of(run, argv):
