@@ -57,7 +57,17 @@ SHIPPED = "ppo-rooms"
 class Config:
     """Train and drive all policies."""
 
-    policy: tuple[str, ...] = ("bearing", "bearing+safety", "gap", "dwa", "vfh", "vfh+safety", "oracle")
+    policy: tuple[str, ...] = (
+        "bearing",
+        "bearing+safety",
+        "gap",
+        "dwa",
+        "vfh",
+        "vfh+safety",
+        "planner",
+        "planner+safety",
+        "oracle",
+    )
     """As for `turtlebot-gym evaluate`."""
     seeds: int = 3
     """Number of trainings, with seeds from 0; 0 for none."""

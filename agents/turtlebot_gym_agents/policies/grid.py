@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
+from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
@@ -35,10 +36,10 @@ _TOWARDS = 0.4
 """Share of a sector by which an obstacle lies off its middle, on the side of a shorter range, if the ranges rise."""
 _PAD = 8
 """Cells around what is known over which ways may lead."""
-FREE, _VAIN = 4.0, 200.0
+FREE, _VAIN = 4, 200
 """Weight of a cell far from everything, and what each vain attempt to enter it adds."""
-_STRAIGHT, _DIAGONAL, _NONE = np.float32(5.0), np.float32(7.0), np.float32(1e6)
-"""Lengths of the steps, as in `turtlebot_gym.rooms.geodesic`; float32 holds their sums exactly."""
+_STRAIGHT, _DIAGONAL = 5, 7
+"""Lengths of the steps, as in `turtlebot_gym.rooms.geodesic`."""
 
 
 @kernel
@@ -84,52 +85,48 @@ def see(grid, x: float, y: float, theta: float, shares, reach: float) -> None:
 
 
 @kernel
-def _sweep(lengths, weights, first: int, last: int, step: int) -> None:
-    """Extend the ways of each row by a step to the next, row by row."""
-    for row in range(first, last, step):
-        behind, weight = lengths[row - step], weights[row]
-        beside = np.minimum(behind[:-2], behind[2:]) + _DIAGONAL * weight
-        lengths[row, 1:-1] = np.minimum(lengths[row, 1:-1], np.minimum(behind[1:-1] + _STRAIGHT * weight, beside))
+def _steps(here: int, there: int, width: int) -> int:
+    """Return the length of the shortest way between two cells if all others are free as a multiple of a step's fifth."""
+    down, along = abs(here // width - there // width), abs(here % width - there % width)
+    return _STRAIGHT * max(down, along) + (_DIAGONAL - _STRAIGHT) * min(down, along)
 
 
 @kernel
-def spread(weights, row: int, column: int):
-    """Return the cost of the cheapest way from each cell to one, float32, with a border of one cell.
+def cheapest_way(weights, width: int, start: int, goal: int):
+    """Return the cost from each cell that was looked at to the goal, and the cell that follows it; A*, from the goal.
 
     Args:
-        weights: Cost of each cell, whole numbers, shape (rows + 2, columns), float32; the first and the last row are not used.
-        row: The cell's.
-        column: The cell's.
-
-    References:
-        Zhao, "A fast sweeping method for eikonal equations", *Mathematics of Computation* 74 (2005).
+        weights: Cost of each cell, at least `FREE`, row by row, shape (cells,), int32; 0 for the cells of a closed border.
+        width: Number of cells in a row.
+        start: A cell inside the border.
+        goal: Another, or the same one.
     """
-    rows, columns = weights.shape[0] - 2, weights.shape[1]
-    turned = np.zeros((columns + 2, rows), np.float32)
-    turned[1:-1] = weights[1:-1].T
-    lengths = np.full((rows + 2, columns + 2), _NONE)
-    lengths[row + 1, column + 1] = np.float32(0.0)
+    costs, following = np.full(len(weights), 2**30, np.int64), np.full(len(weights), goal, np.int64)
+    costs[goal] = 0
+    queue = [(FREE * _steps(goal, start, width), goal)]
     while True:
-        before = lengths.copy()
-        _sweep(lengths, weights, 1, rows + 1, 1)
-        _sweep(lengths, weights, rows, 0, -1)
-        across = np.ascontiguousarray(lengths.T)
-        _sweep(across, turned, 1, columns + 1, 1)
-        _sweep(across, turned, columns, 0, -1)
-        lengths = np.ascontiguousarray(across.T)
-        if np.array_equal(lengths, before):
-            return lengths
+        least, here = heappop(queue)
+        if here == start:
+            return costs, following
+        cost = costs[here]
+        if least == cost + FREE * _steps(here, start, width):  # else it was reached by a cheaper way since
+            for k in range(9):
+                there = here + (k // 3 - 1) * width + k % 3 - 1
+                new = cost + (_DIAGONAL if k % 2 == 0 else _STRAIGHT) * weights[there]
+                if weights[there] > 0 and new < costs[there]:
+                    costs[there], following[there] = new, here
+                    heappush(queue, (new + FREE * _steps(there, start, width), there))
 
 
 @kernel
 def _line_costs(weights, row: float, column: float, to_row: float, to_column: float) -> float:
     """Return the cost of the straight line between two places, in cells."""
-    down, along, total = to_row - row, to_column - column, 0.0
+    down, along, total = to_row - row, to_column - column, 0
     points = int(max(abs(down), abs(along))) + 1
     for point in range(points):
         share = (point + 0.5) / points
-        total += weights[math.floor(row + down * share) + 1, math.floor(column + along * share)]
-    return 5.0 * total / points * sqrt(down * down + along * along)
+        total += weights[math.floor(row + down * share), math.floor(column + along * share)]
+    return _STRAIGHT * total / points * sqrt(down * down + along * along)
 
 
 @kernel
@@ -146,7 +143,7 @@ def plan(
         y: m.
         goal_x: The goal's, m; outside of the grid, the nearest place inside counts.
         goal_y: m.
-        stamp: Weights around an occupied cell, a square with it in the middle, of at most `_PAD` cells to each side.
+        stamp: Weights around an occupied cell, a square with it in the middle, of at most `_PAD` cells to each side, int32.
         preview: Length of the way that is looked at, m.
         detour: The straight line may cost so many times what the way costs, and a cell's more.
         target: Output, x and y, m.
@@ -159,43 +156,34 @@ def plan(
         top, bottom = min(top, down.min()), max(bottom, down.max())
         left, right = min(left, along.min()), max(right, along.max())
     top, left = top - _PAD, left - _PAD
-    rows, columns = bottom - top + _PAD + 1, right - left + _PAD + 1
-    weights = np.full((rows + 2, columns), np.float32(FREE))
+    weights = np.full((bottom - top + _PAD + 1, right - left + _PAD + 1), np.int32(FREE))
     side = len(stamp)
     for n in range(len(down)):
-        a, b = down[n] - top + 1 - side // 2, along[n] - left - side // 2
+        a, b = down[n] - top - side // 2, along[n] - left - side // 2
         weights[a : a + side, b : b + side] = np.maximum(weights[a : a + side, b : b + side], stamp)
-    i, j, goal_i, goal_j = i - top, j - left, goal_i - top, goal_j - left
     for a, b in np.argwhere(vain > 0):
-        if top <= a < top + rows and left <= b < left + columns:
-            weights[a - top + 1, b - left] += np.float32(_VAIN * vain[a, b])
-    lengths = spread(weights, goal_i, goal_j)
-    here, cells = lengths[i + 1, j + 1], int(preview / CELL) + 1
-    row, column = y / CELL + SIDE // 2 - top, x / CELL + SIDE // 2 - left
-    way = np.empty((cells, 2), np.int64)
-    n = 0
-    while n < cells and not (i == goal_i and j == goal_j):
-        least, weight, next_i, next_j = _NONE + _NONE, weights[i + 1, j], i, j
-        for a in range(max(i - 1, 0), min(i + 2, rows)):
-            for b in range(max(j - 1, 0), min(j + 2, columns)):
-                cost = lengths[a + 1, b + 1] + (_DIAGONAL if a != i and b != j else _STRAIGHT) * weight
-                if (a != i or b != j) and cost < least:
-                    least, next_i, next_j = cost, a, b
-        i, j = next_i, next_j
-        way[n, 0], way[n, 1] = i, j
+        if top <= a <= bottom and left <= b <= right:
+            weights[a - top, b - left] += _VAIN * int(vain[a, b])
+    weights[0], weights[-1], weights[:, 0], weights[:, -1] = 0, 0, 0, 0
+    width, cells = weights.shape[1], int(preview / CELL) + 1
+    start, goal = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
+    costs, following = cheapest_way(weights.ravel(), width, start, goal)
+    way, here, n = np.empty(cells, np.int64), start, 0
+    while n < cells and here != goal:
+        here = following[here]
+        way[n] = here
         n += 1
     if stuck and n > 3:
-        a, b = way[2, 0] + top, way[2, 1] + left
-        for down_to in range(max(a - 1, 0), min(a + 2, SIDE)):
-            for along_to in range(max(b - 1, 0), min(b + 2, SIDE)):
-                vain[down_to, along_to] = min(vain[down_to, along_to] + 1, 100)
-    arrives = i == goal_i and j == goal_j
+        a, b = way[2] // width + top, way[2] % width + left
+        area = vain[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2]
+        area[:] = np.minimum(area, 99) + 1
+    row, column = y / CELL + SIDE // 2 - top, x / CELL + SIDE // 2 - left
     target[0], target[1] = math.nan, math.nan
     for k in range(n - 1, -1, -1):
-        a, b = way[k, 0], way[k, 1]
-        allowed = detour * float(here - lengths[a + 1, b + 1]) + 5.0 * FREE
+        a, b = way[k] // width, way[k] % width
+        allowed = detour * (costs[start] - costs[way[k]]) + _STRAIGHT * FREE
         if k <= 2 or _line_costs(weights, row, column, a + 0.5, b + 0.5) <= allowed:
-            if not (arrives and k == n - 1):
+            if way[k] != goal:
                 target[0], target[1] = (b + left - SIDE // 2 + 0.5) * CELL, (a + top - SIDE // 2 + 0.5) * CELL
             break
 

@@ -15,7 +15,7 @@ from turtlebot_gym_agents.policies.grid import CELL, FREE, SIDE, advance, shifte
 from turtlebot_gym_agents.policies.reactive import VectorFieldHistogramPolicy
 from turtlebot_gym_agents.policies.sight import Sight, arc
 
-_BLOCKED = 400.0
+_BLOCKED = 400
 """Weight of a cell in which the robot would touch something; finite, since it may stand there by its evidence."""
 _LEAP = 0.5
 """Distance that no robot drives in a step, m: it has been given another goal."""
@@ -82,7 +82,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         at = CELL * np.arange(-wide, wide + 1)
         away = np.hypot(at[:, None], at)
         near = np.round(FREE * self.fear * np.clip(1.0 - (away - self.blocked) / self.berth, 0.0, 1.0))
-        self._stamp = np.where(away < self.blocked, _BLOCKED, FREE + near).astype(np.float32)
+        self._stamp = np.where(away < self.blocked, _BLOCKED, FREE + near).astype(np.int32)
         self._memory = self._forgotten(0)
 
     @staticmethod

@@ -14,8 +14,8 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, typed
+from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy
-from turtlebot_gym_agents.policies.reactive import VectorFieldHistogramPolicy
 from turtlebot_gym_agents.policies.sight import DIRECTIONS, EDGE, HALF_SECTOR, UNSEEN, arc, look, require_sight, time_to_contact
 
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.0])
@@ -38,7 +38,7 @@ class SafetyLayer:
     """Drive the arc nearest to the policy's on which no contact is near, at its speed or less; the others are inadmissible.
 
     A round robot can turn on the spot without contact, so there always is one. Where nothing else is left, the policy's wish
-    leads nowhere: then `VectorFieldHistogramPolicy` steers for ``way_out``, within the same arcs.
+    leads nowhere: then a `PlannerPolicy`, which has seen all that the policy saw, steers for ``way_out``, within the same arcs.
 
     In a passage that is a little too narrow the robot is inside the margins of both sides. There it may go on: inside the
     margin of an obstacle, down to ``least_margin``, an arc is free that does not lead nearer to it by `NEARER`.
@@ -72,7 +72,7 @@ class SafetyLayer:
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1
     """Mean age of the beams beyond the stated age of the scan, s."""
-    way_out: Annotated[float, NON_NEGATIVE] = 2.0
+    way_out: Annotated[float, NON_NEGATIVE] = 12.0
     """Time for which geometry steers after the policy's wish has stopped the robot, s."""
 
     def __post_init__(self) -> None:
@@ -80,7 +80,7 @@ class SafetyLayer:
         self.card = getattr(self.policy, "card", None)
         """Card of the policy, if it has one."""
         self._robot = make_robot(self.robot)
-        self._guide = VectorFieldHistogramPolicy(self._robot, self.dt)
+        self._guide = self.policy if isinstance(self.policy, PlannerPolicy) else PlannerPolicy(self._robot, self.dt)
         self._left, self._places = np.zeros(()), np.full(2 * SECTORS, UNSEEN, np.complex128)
         # No robot comes farther within the reserve.
         self._reach = self._robot.radius + max(self.margin, self.margin_behind) + self._robot.max_linear * self.reserve
@@ -88,13 +88,13 @@ class SafetyLayer:
             self.keep = self._keep
 
     def _keep(self, mask: NDArray[np.bool_]) -> None:
-        if isinstance(self.policy, ShrinkingPolicy):
-            self.policy.keep(mask)
-        self._guide.keep(mask)
+        for policy in {self.policy, self._guide}:
+            if isinstance(policy, ShrinkingPolicy):
+                policy.keep(mask)
         self._left, self._places = self._left[mask], self._places[mask]
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
-        for policy in (self.policy, self._guide):
+        for policy in {self.policy, self._guide}:
             if isinstance(policy, PolicyWithMemory):
                 policy.reset(mask)
         self._left = np.where(mask, 0.0, self._left)
@@ -105,14 +105,12 @@ class SafetyLayer:
         rows = self._remembered(require_sight(observations).astype(np.float32))
         points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x).points
         wish = np.clip(np.asarray(self.policy(rows), np.float32), -1.0, 1.0)
+        guided = wish if self._guide is self.policy else self._guide(rows)
         action = self._admissible(wish, points)
         stopped = (action[..., 0] == 0.0) & (wish[..., 0] != 0.0)
         self._left = np.where(stopped, round(self.way_out / self.dt), np.maximum(self._left - 1.0, 0.0))
         out = self._left > 0.0
-        self._guide.reset(~out)
-        if out.any():
-            guided = self._guide(rows)
-            action[out] = self._admissible(guided[out], points[out])
+        action[out] = self._admissible(guided[out], points[out])
         return action
 
     def _remembered(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
