@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from harness.peer import SCANNED
@@ -11,11 +11,12 @@ from harness.report import beside, processor
 LIBRARIES = {"turtlebot_gym": "ours", "gymnasium": "Gymnasium"}
 
 
-def section(found: Mapping[str, Any]) -> str:
+def section(found: Mapping[str, Any], *elsewhere: Mapping[str, Any]) -> str:
     """Return the section, in Markdown.
 
     Args:
         found: Result of `turtlebot-gym benchmark --json`.
+        elsewhere: Results of other processors.
     """
     config, machine, others = found["config"], found["machine"], found["used_by_others"]
     meanwhile = "" if others is None else f", of which other programs used {others:.1f} meanwhile"
@@ -37,7 +38,27 @@ def section(found: Mapping[str, Any]) -> str:
         lines += [f"\nThe same {beside(busy['processes'])}:\n", *_table(busy["environments"])]
     if "training" in found:
         lines += ["", *_training(found)]
+    if elsewhere:
+        lines += ["", *_by_processor([found, *elsewhere])]
     return "\n".join(lines)
+
+
+def _by_processor(results: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a table of ratios on one thread each, by CPU seconds, with the least of the processors."""
+    rows = [result["environments"] for result in results]
+    names = [name for name, row in rows[-1].items() if row["by"] == "turtlebot_gym" and 1 in (row["threads"], row["size"])]
+    titles = [
+        f"{processor(result['machine'])}, load {result['machine']['load_before']:.0f}, commit {result['commit'][:7]}"
+        for result in results
+    ]
+    lines = ["One thread beside CartPole's one, as ratios of CPU seconds, by processor:\n"]
+    lines += [f"| environment | {' | '.join(titles)} | least |", "|---" * (len(results) + 2) + "|"]
+    for name in names:
+        ratios = [row[name]["cpu_ratio"] if name in row else None for row in rows]
+        cells = ["" if ratio is None else f"{ratio:.2f}" for ratio in ratios]
+        least = min(ratio for ratio in ratios if ratio is not None)
+        lines.append(f"| {name} | {' | '.join(cells)} | {least:.2f} |")
+    return lines
 
 
 def _peers(peers: Mapping[str, Mapping[str, str]]) -> list[str]:

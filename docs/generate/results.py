@@ -98,7 +98,8 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         for figure in result["figures"]:
             limit = "" if figure["limit"] is None else f"{figure['limit']:g}"
             print(f"| {part}: {figure['name']} | {figure['value']:.3g} {figure['unit']} | {limit} |", file=page)
-    print(speed_text.section(json.loads(Path("benchmarks/speed.json").read_text(encoding="utf-8"))), file=page)
+    speeds = [json.loads(Path(f"benchmarks/{name}.json").read_text(encoding="utf-8")) for name in ("speed", "speed_zen5")]
+    print(speed_text.section(*speeds), file=page)
     print("\n## The policies that come with the package\n", file=page)
     for card in sorted(Path("agents/pretrained").glob("ppo-*.md")):
         print(card.read_text(encoding="utf-8").replace("# ", "### ", 1), file=page)

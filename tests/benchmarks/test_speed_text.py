@@ -28,6 +28,14 @@ def test_the_committed_file_has_what_the_guard_and_the_page_need(committed):
     assert f"{committed['training']['ratio']:.1f} times as many as" in section
 
 
+def test_the_page_states_the_least_of_the_processors(committed):
+    other = check.read(BENCHMARKS / "speed_zen5.json")
+    name = "vector of 4096, TurtleBotNav-v0, one thread"
+    ratios = [result["environments"][name]["cpu_ratio"] for result in (committed, other)]
+    cells = " | ".join(f"{ratio:.2f}" for ratio in (*ratios, min(ratios)))
+    assert f"| {name} | {cells} |" in speed_text.section(committed, other)
+
+
 def test_the_page_names_a_peer_that_took_no_part(committed):
     section = speed_text.section(committed | {"peers": {"envpool": {"missing": "no wheel for Python 3.10."}}})
     assert "envpool took no part: no wheel for Python 3.10.\n" in section
