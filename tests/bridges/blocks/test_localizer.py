@@ -67,6 +67,7 @@ def test_it_stays_where_the_robot_is_and_ties_the_odometry_to_the_map(drive):
     assert it.error < 0.05
     assert it.node.notice is None
     assert it.node.figures["localization"] == "tracking"
+    assert it.node.figures["weight of the best hypothesis"] == "1.00"
     (x, y, theta), child = it.said["tied"].value
     assert child == "odom"
     wheels, mean = it.odometry.pose, it.said["estimate"].belief.mean

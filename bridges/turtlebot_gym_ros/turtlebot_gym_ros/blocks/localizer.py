@@ -238,7 +238,8 @@ class Localizer:
             self.notice = f"{STATES[state]}: {fits}"
         self.figures = {
             "localization": STATES[state], "fitting beams": f"{located.fits:.2f}",
-            "scans without a fit": int(located.misfits), "scans used": int(located.scans),
+            "weight of the best hypothesis": f"{located.weight:.2f}",
+            "scans without a fit": max(int(located.misfits), 0), "scans used": int(located.scans),
         }  # fmt: skip
         if state == LOST and self._params.when_lost == "stop":
             return {}
