@@ -99,9 +99,12 @@ def measure(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
     half = each // 2 * len(kinds)
     with suppress(KeyboardInterrupt), Progress(console=Console(stderr=True)) as progress:  # the rest is reported
         bar = progress.add_task("faults", total=len(order))
-        for part, crowd in ((order[:half], 0), (order[half:], config.busy)):
-            with busy(crowd):
-                _inject(part, config, counts, stuck, lambda: progress.advance(bar))
+        try:
+            for part, crowd in ((order[:half], 0), (order[half:], config.busy)):
+                with busy(crowd):
+                    _inject(part, config, counts, stuck, lambda: progress.advance(bar))
+        except RuntimeError as error:
+            print(f"ended early: {error}", file=sys.stderr, flush=True)
     return counts, stuck
 
 
@@ -127,7 +130,7 @@ def _inject(
     try:
         done = 0
         while done < len(order):
-            name, unsafe, longest = results.get(timeout=300.0)
+            name, unsafe, longest = results.get(timeout=900.0)
             if name is None:
                 raise RuntimeError(unsafe)
             if isinstance(unsafe, str):
@@ -166,7 +169,7 @@ def main() -> int:
         write_json(
             config.json, {"faults": counts, "total": total, "started again": stuck, "load": load}, config=settings_of(config)
         )
-    return int(total["unsafe"] > 0)
+    return int(total["unsafe"] > 0 or total["injected"] < config.faults)
 
 
 if __name__ == "__main__":

@@ -285,7 +285,7 @@ class Robot:
             RuntimeError: If it does not drive then either.
         """
         trouble = ""
-        while not self._goes_on(120.0):
+        while not self._goes_on(300.0):  # on a busy machine five chains take minutes to start
             if trouble:
                 raise RuntimeError(f"the robot does not drive: {trouble}")
             trouble = "; ".join(f"{name}: {text}" for name, text in self._reports.items())

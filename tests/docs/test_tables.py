@@ -5,6 +5,7 @@ import re
 from pages import ROOT, measured, rows_after
 
 from turtlebot_gym.drives.reading import FORMATS
+from turtlebot_gym.presets import make_robot
 
 MEASURED = {
     "`tutorial`": "tutorial",
@@ -123,14 +124,47 @@ def test_the_tables_of_rooms_are_what_was_measured():
     assert tables == 8 + 7 + 4 + 6 + len(barn)
 
 
+def hazards():
+    """Return the rows of the hazard tables."""
+    headings = ("## If the guard dies", "## Sensors that lie")
+    return [row for heading in headings for row in rows_after("docs/concepts/safety.md", heading)]
+
+
 def test_each_row_of_the_hazard_tables_names_a_test_that_exists():
     exist = {
         name for path in (ROOT / "tests").rglob("test_*.py") for name in re.findall(r"def (test_\w+)", path.read_text("utf-8"))
     }
-    tables = [rows_after("docs/concepts/safety.md", heading) for heading in ("## If the guard dies", "## Sensors that lie")]
-    named = [re.findall(r"test_\w+", row[-1]) for rows in tables for row in rows]
-    assert len(named) == 17
+    named = [re.findall(r"test_\w+", row[-1]) for row in hazards()]
+    assert len(named) == 20
     assert all(names and exist.issuperset(names) for names in named)
+
+
+HAZARDS = {
+    "the guard is killed or": ["guard killed"],
+    "the guard is suspended or": ["guard hangs"],
+    "the standby dies": ["standby killed or hung"],
+    "a flood on a topic of the guard": [
+        f"flood on {each}" for each in ("cmd_vel_in", "cmd_vel_teleop", "scan", "emergency_stop")
+    ],
+    "a flood on another": [f"flood on {each}" for each in ("odom", "estimate", "reference", "pose_fix", "another topic")],
+    "a button's message": ["press lost by a radio", "one of two buttons silent", "button restarted"],
+    "odometry ends": ["odometry dead", "odometry late", "odometry repeated"],
+    "scans are late": ["scans late"],
+    "the LiDAR repeats": ["LiDAR frozen"],
+    "fewer than 2 %": ["LiDAR covered", "LiDAR all zero", "LiDAR all infinite"],
+    "the LiDAR is mounted": ["LiDAR turned by 180 degrees"],
+    "a twist beyond": ["odometry impossible"],
+    "two nodes publish `/odom`": ["two odometries"],
+}
+"""Causes in the hazard tables, and the injected faults that show them."""
+
+
+def test_times_and_distances_of_hazards_are_those_of_the_injected_faults():
+    faults, speed = measured("hazards")["faults"], make_robot("burger").max_wheel
+    for cause, kinds in HAZARDS.items():
+        (row,) = (row for row in hazards() if row[0].startswith(cause))
+        longest = max(faults[kind]["longest_stop"] for kind in kinds)
+        assert row[3:5] == [f"{longest:.2f} s", f"{speed * longest:.2f} m"], cause
 
 
 def test_the_table_of_recordings_is_what_the_reader_knows():
