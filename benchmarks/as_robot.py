@@ -67,7 +67,7 @@ class Config:
     """Number of rooms."""
     guarded: int = 200
     """Number of rooms that are driven behind the guard, too."""
-    live: int = 200
+    live: int = 20
     """Number of rooms that are driven in the live graph, too."""
     world: str = "dense"
     """The kind of rooms."""

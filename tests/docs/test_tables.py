@@ -196,5 +196,7 @@ def test_the_table_of_policies_on_calibrated_files_is_what_was_measured():
         times = [", ".join(f"{each['time']:.2f}" for each in row["times"][side]) for side in ("calibrated", "truth")]
         assert cells == [f"{row['turn_scale']:.3f}", f"{row['found']:.3f}", *times, f"{row['ratio']:.3f}"], name
         assert abs(row["error"]) < 0.02
+        best = [min(each["time"] for each in row["times"][side]) for side in ("calibrated", "truth")]
+        assert abs(best[0] / best[1] - 1.0) < 0.006, name
     assert len(rows) == len(results["robots"])
     assert (results["config"]["seeds"], results["config"]["episodes"]) == (3, 500)
