@@ -29,6 +29,9 @@ with mkdocs_gen_files.open("reference/commands.md", "w") as page:
     print("# Command line\n\nWhat the commands print with `--help`.\n", file=page)
     for name in COMMANDS:
         print(f"## turtlebot-gym {name}\n\n```text\n{help_of(turtlebot_gym, name)}\n```\n", file=page)
+
+with mkdocs_gen_files.open("reference/commands_ros.md", "w") as page:
+    print("# Command line, ROS\n\nWhat the nodes and the graph print with `--help`.\n", file=page)
     print(f"## python -m turtlebot_gym_ros\n\n```text\n{help_of(turtlebot_gym_ros)}\n```\n", file=page)
     for name in ("bringup", "field_test", "watch", "status"):
         text = help_of(turtlebot_gym_ros, name)

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import mkdocs_gen_files
@@ -17,6 +18,14 @@ def seconds(interval, sign=""):
     """Return a time with its 95 % interval, s."""
     value, low, high = (f"{interval[part]:{sign}.2f}" for part in ("value", "low", "high"))
     return f"{value} ({low}, {high})"
+
+
+@contextmanager
+def folded(page, summary):
+    """Put what is written in a box that is closed at first."""
+    print(f'<details markdown="1">\n<summary>{summary}</summary>\n', file=page)
+    yield
+    print("\n</details>\n", file=page)
 
 
 def percent(interval):
@@ -57,12 +66,15 @@ with mkdocs_gen_files.open("results.md", "a") as page:
         sep="\n",
         file=page,
     )
-    print("| setting | policy | success, % | minus `vfh`, points | collisions, % | time-outs, % | SPL | time, s |", file=page)
-    print("|---|---|---|---|---|---|---|---|", file=page)
-    for row in rooms["rows"]:
-        shares = " | ".join(percent(row[name]) for name in ("success", "success_difference", "collision", "timeout"))
-        spl, time = row["spl"]["value"], row["time"]["value"]
-        print(f"| {row['setting']} | {row['policy']} | {shares} | {spl:.3f} | {time:.1f} |", file=page)
+    with folded(page, "All settings and policies"):
+        print(
+            "| setting | policy | success, % | minus `vfh`, points | collisions, % | time-outs, % | SPL | time, s |", file=page
+        )
+        print("|---|---|---|---|---|---|---|---|", file=page)
+        for row in rooms["rows"]:
+            shares = " | ".join(percent(row[name]) for name in ("success", "success_difference", "collision", "timeout"))
+            spl, time = row["spl"]["value"], row["time"]["value"]
+            print(f"| {row['setting']} | {row['policy']} | {shares} | {spl:.3f} | {time:.1f} |", file=page)
     print("\n### What the safety layer costs\n", file=page)
     print(
         "Each policy without and with the layer, in the same rooms. The last column is the delay in rooms that it crosses",
