@@ -45,7 +45,7 @@ APART, TURNED = 0.2, 0.12
 """Distance and turn up to which two hypotheses are the same; m, rad."""
 BONUS = 1.0
 """Added to the logarithm of the weight of a belief that is in doubt."""
-CLEAR = 0.9
+CLEAR = 0.95
 """Share of fitting beams that another place needs to take over from it."""
 PATIENCE = 4 * CYCLE
 """Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
@@ -143,7 +143,7 @@ def _follow(
     weight = exp(max(other - top, UNLIKELY)) / total if count > 0 else 0.0
     fits = float(guesses[0, 3]) if count > 0 else 0.0
     since = int(misfits - q.patience)
-    decides, least = since >= (2 * CYCLE if own > NONE else CYCLE) - 1, float(bank[MOST, 0])
+    decides, least = since >= (3 * CYCLE if own > NONE else CYCLE) - 1, float(bank[MOST, 0])
     belief, nis, scale, own_fits, _, taken, slack, scans, moves, _ = located
     if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and fits >= least):
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
