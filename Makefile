@@ -164,6 +164,9 @@ bench-localization: $(READY)  ## the localizer in rooms: errors, honesty, wrong 
 bench-missions: $(READY)  ## goals in turn for ten minutes: on wheels, localized, and on the truth (10 minutes)
 	$(RUN)python benchmarks/missions.py
 
+bench-people: $(READY)  ## among people who walk: geometry, a stop by rule, a stop that was learned, and one that knows (15 minutes)
+	$(RUN)python benchmarks/people.py
+
 bench-fix: $(READY)  ## wheel odometry with fixes from outside, in time, late, and late but taken for new (5 minutes)
 	$(RUN)python benchmarks/fix.py
 

@@ -21,7 +21,7 @@ from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_baseline
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.policies.named import SAFETY
+from turtlebot_gym_agents.policies.named import bare
 from turtlebot_gym_agents.provenance import provenance, replacing
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
@@ -71,11 +71,11 @@ def slug(**options: Any) -> str:
 
 def name_of(policy: str) -> str:
     """Return a policy's name for files; a bundle is identified by its training's folder and its bytes."""
-    bundle = Path(policy.removesuffix(SAFETY))
+    own = bare(policy)
+    bundle, around = Path(own), policy[len(own) :]
     if not bundle.is_file():
         return policy
-    protected = SAFETY if policy.endswith(SAFETY) else ""
-    return f"{bundle.parent.name}-{sha256(bundle.read_bytes()).hexdigest()[:12]}{protected}"
+    return f"{bundle.parent.name}-{sha256(bundle.read_bytes()).hexdigest()[:12]}{around}"
 
 
 def kept(path: Path, make: Callable[..., Any], *arguments: Any) -> Any:

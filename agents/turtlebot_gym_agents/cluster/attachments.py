@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from turtlebot_gym.files import load
-from turtlebot_gym_agents.policies.named import SAFETY
+from turtlebot_gym_agents.policies.named import bare
 
 Attachments = Mapping[str, Mapping[str, bytes]]
 """For each named file, its content and that of the files it refers to, by relative name."""
@@ -29,11 +29,11 @@ def attach(*names: object) -> dict[str, dict[str, bytes]]:
     for name in names:
         if not isinstance(name, (str, Path)):
             continue
-        bare = str(name).removesuffix(SAFETY)
-        path, (module, colon, _) = Path(bare), bare.partition(":")
+        own = bare(str(name))
+        path, (module, colon, _) = Path(own), own.partition(":")
         if path.suffix in SUFFIXES:
             if path.is_file():
-                attachments[bare] = {beside.name: beside.read_bytes() for beside in (path, *_images(path))}
+                attachments[own] = {beside.name: beside.read_bytes() for beside in (path, *_images(path))}
         elif colon and module.isidentifier():
             source = _source(module)
             if source is not None:
@@ -70,9 +70,9 @@ def placed(value: T, places: Mapping[str, str]) -> T:
     """Return an option's value here: the path of a file that was sent along, or itself."""
     if not isinstance(value, (str, Path)):
         return value
-    bare = str(value).removesuffix(SAFETY)
-    there: Any = places.get(bare)
-    return value if there is None else type(value)(there + str(value)[len(bare) :])
+    own = bare(str(value))
+    there: Any = places.get(own)
+    return value if there is None else type(value)(there + str(value)[len(own) :])
 
 
 def hashes(attachments: Attachments) -> dict[str, dict[str, str]]:

@@ -69,7 +69,8 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
     policy: tuple[str, ...] = ("proportional", "bearing")
     """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), tuned ones
     (FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or
-    module:callable for one of your own. In rooms also oracle, which knows the map, and NAME+safety, within a safety layer."""
+    module:callable for one of your own. In rooms also oracle, which knows the map, NAME+safety, within a safety layer, and
+    NAME+yield, which stands for people."""
     episodes: int = 1000
     """Episodes of each combination; episode i has the seed SEED + i."""
     details: bool = False

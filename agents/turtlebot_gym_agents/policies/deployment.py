@@ -24,7 +24,7 @@ from turtlebot_gym.tasks import OBSERVATION_LAYOUT, observe, stated_deviations
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, Numbers, Range, refusal
 from turtlebot_gym.values import Command, Covariance, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
-from turtlebot_gym_agents.policies.named import SAFETY, bundle_of, make_policy
+from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, layout_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 
@@ -73,7 +73,7 @@ class Deployment:
         lidar_beams: int = 0,
         safety_margin: float = 0.0,
     ) -> None:
-        bundle = bundle_of(str(policy).removesuffix(SAFETY))
+        bundle = bundle_of(bare(str(policy)))
         if bundle and (robot is None or period is None):
             from turtlebot_gym_agents.policies.bundle import BundlePolicy
 

@@ -17,9 +17,17 @@ from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
 from turtlebot_gym_agents.policies.policy import Policy
 from turtlebot_gym_agents.policies.protection import SafetyLayer
+from turtlebot_gym_agents.policies.yielding import Network, Yielding
 
 SAFETY = "+safety"
 """Suffix of a policy's name that wraps it in a `SafetyLayer`."""
+YIELD = "+yield"
+"""Suffix that lets it stand for people, see `Yielding`; it comes before `SAFETY`."""
+
+
+def bare(name: str) -> str:
+    """Return a policy's name without the suffixes of what is around it."""
+    return name.removesuffix(SAFETY).removesuffix(YIELD)
 
 
 def pretrained_folder() -> Path:
@@ -46,7 +54,7 @@ def make_policy(
             "dwa" or "planner"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", which are
             shipped with the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the
             policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords. In rooms, the suffix "+safety" wraps
-            any of them in a `SafetyLayer`.
+            any of them in a `SafetyLayer`, and "+yield" lets it stand for people.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         allow_mismatch: Whether a bundle or a tuned baseline that was made for another robot or rate may drive. Its actions are
@@ -59,6 +67,9 @@ def make_policy(
     if name.endswith(SAFETY):
         driver = make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt, allow_mismatch=allow_mismatch)
         return SafetyLayer(driver, robot, dt)
+    if name.endswith(YIELD):
+        driver = make_policy(name.removesuffix(YIELD), robot=robot, dt=dt, allow_mismatch=allow_mismatch)
+        return Yielding(driver, Network.load(pretrained_folder() / "yield.npz"), robot, dt)
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)
     fit: dict[str, Any] = {} if allow_mismatch else {"robot": robot, "dt": dt}
