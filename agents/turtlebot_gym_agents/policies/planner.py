@@ -84,6 +84,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         near = np.round(FREE * self.fear * np.clip(1.0 - (away - self.blocked) / self.berth, 0.0, 1.0))
         self._stamp = np.where(away < self.blocked, _BLOCKED, FREE + near).astype(np.int32)
         self._memory = self._forgotten(0)
+        self.stuck: NDArray[np.bool_] = np.zeros((), np.bool_)
+        """Whether each robot has not got on of late, which is asked when it plans."""
 
     @staticmethod
     def _forgotten(count: int) -> _Memory:
@@ -106,6 +108,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         """Return a policy's view, with the point to steer to in the place of the goal."""
         to = super()._look(observations)
         point = self._point(np.asarray(observations, np.float64).reshape(to.goal.size, -1)).reshape(to.goal.shape)
+        self.stuck = self.stuck.reshape(to.goal.shape)
         away = np.abs(point)
         farther = point * (np.maximum(away, _NEAREST) / np.maximum(away, 1e-9))
         return to._replace(goal=np.where(np.isnan(away), to.goal, farther))
@@ -128,7 +131,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         shares = rows[:, len(Observation._fields) : -1]
         due = memory.steps % max(round(self.period / self.dt), 1) == 0
         memory.pace[:] += (o.v * heading - memory.pace) * self.dt / _PATIENCE
-        stuck = due & (np.abs(memory.pace) < _STUCK)
+        self.stuck = stuck = due & (np.abs(memory.pace) < _STUCK)
         goals, targets = _pairs(memory.frame[:, 0]), _pairs(memory.target)
         reaches = CELL / np.maximum(0.1 * np.abs(omega), 0.01)  # farther places are blurred by the turn
         new = (shares != memory.shares).any(axis=-1)

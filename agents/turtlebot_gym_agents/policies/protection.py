@@ -37,8 +37,9 @@ SAME = 0.01
 class SafetyLayer:
     """Drive the arc nearest to the policy's on which no contact is near, at its speed or less; the others are inadmissible.
 
-    A round robot can turn on the spot without contact, so there always is one. Where nothing else is left, the policy's wish
-    leads nowhere: then a `PlannerPolicy`, which has seen all that the policy saw, steers for ``way_out``, within the same arcs.
+    A round robot can turn on the spot without contact, so there always is one. Where nothing else is left, or the robot does
+    not get on, the policy's wish leads nowhere: then a `PlannerPolicy`, which has seen all that the policy saw, steers for
+    ``way_out``, within the same arcs.
 
     In a passage that is a little too narrow the robot is inside the margins of both sides. There it may go on: inside the
     margin of an obstacle, down to ``least_margin``, an arc is free that does not lead nearer to it by `NEARER`.
@@ -107,7 +108,7 @@ class SafetyLayer:
         wish = np.clip(np.asarray(self.policy(rows), np.float32), -1.0, 1.0)
         guided = wish if self._guide is self.policy else self._guide(rows)
         action = self._admissible(wish, points)
-        stopped = (action[..., 0] == 0.0) & (wish[..., 0] != 0.0)
+        stopped = ((action[..., 0] == 0.0) | self._guide.stuck) & (wish[..., 0] != 0.0)
         self._left = np.where(stopped, round(self.way_out / self.dt), np.maximum(self._left - 1.0, 0.0))
         out = self._left > 0.0
         action[out] = self._admissible(guided[out], points[out])
