@@ -30,14 +30,14 @@ def straight(observations):
     return np.full((*np.shape(observations)[:-1], 2), [0.6, 0.2], np.float32)
 
 
-def farther(policy, world, steps=30):
+def farther(judge, world, steps=30):
     """Return by how much the surroundings were farther in the scans before the newest, shape (steps, BEFORE, SECTORS)."""
-    env = gym.make(ROOMS, world=world, lidar="ideal", noise="clean")
+    env, policy = gym.make(ROOMS, world=world, lidar="ideal", noise="clean"), Yielding(straight, judge)
     observation, _ = env.reset(seed=0)
     policy.reset(np.array([True]))
     for _ in range(steps):
         observation, *_ = env.step(policy(observation[None])[0])
-    return np.array([x[0, -BEFORE * SECTORS :].reshape(BEFORE, SECTORS) for x in policy.network.asked])
+    return np.array([x[0, -BEFORE * SECTORS :].reshape(BEFORE, SECTORS) for x in judge.asked])
 
 
 @pytest.mark.parametrize("stands", [True, False])
@@ -47,7 +47,7 @@ def test_only_what_walks_was_farther_away_before(stands):
     shares = []
     for speed in (0.0, -0.8):
         plan = FloorPlan(**hall, circles=((1.3, 0.0, 0.3, 0.0, speed),))
-        came = farther(Yielding(straight, Judge(1.0 if stands else 0.0)), plan)
+        came = farther(Judge(1.0 if stands else 0.0), plan)
         shares.append((came.max(axis=(1, 2)) > 0.45).mean())
     assert shares[0] <= (0.0 if stands else 0.05)
     assert shares[1] >= 0.25
@@ -61,7 +61,8 @@ def test_it_stands_where_the_network_says_so_and_drives_elsewhere():
 
 def test_one_robot_sees_what_it_sees_among_many_and_forgets_at_a_reset():
     envs = gym.make_vec(ROOMS, num_envs=6, world="people")
-    together, alone = Yielding(straight, Judge(0.0)), Yielding(straight, Judge(0.0))
+    judges = Judge(0.0), Judge(0.0)
+    together, alone = (Yielding(straight, judge) for judge in judges)
     observations, _ = envs.reset(seed=3)
     for step in range(40):
         together(observations)
@@ -69,12 +70,12 @@ def test_one_robot_sees_what_it_sees_among_many_and_forgets_at_a_reset():
         if step == 20:
             together.reset(np.arange(6) == 4)
             alone.reset(np.array(True))
-        np.testing.assert_array_equal(together.network.asked[-1][4], alone.network.asked[-1][0])
+        np.testing.assert_array_equal(judges[0].asked[-1][4], judges[1].asked[-1][0])
         observations, *_ = envs.step(straight(observations))
-    assert together.network.asked[-1].shape == (6, FEATURES)
+    assert judges[0].asked[-1].shape == (6, FEATURES)
     together.reset(np.ones(6, np.bool_))
     together(observations)
-    assert np.abs(together.network.asked[-1][:, -BEFORE * SECTORS :]).max() < 0.5
+    assert np.abs(judges[0].asked[-1][:, -BEFORE * SECTORS :]).max() < 0.5
 
 
 def test_the_shipped_network_lets_more_robots_reach_their_goals_among_people():

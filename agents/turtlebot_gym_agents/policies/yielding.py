@@ -5,6 +5,7 @@ This module needs only numpy.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -144,8 +145,8 @@ class Yielding:
 
     policy: Policy
     """The policy that drives."""
-    network: Network
-    """Judges the features of `Scans`."""
+    network: Callable[[NDArray[np.float32]], NDArray[np.float32]]
+    """Returns probabilities (n,) for the features of `Scans`; a `Network`."""
     robot: str | Robot = "burger"
     """A name in `turtlebot_gym.ROBOTS`, or a robot."""
     dt: Annotated[float, POSITIVE] = REFERENCE_PERIOD
