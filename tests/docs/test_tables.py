@@ -108,6 +108,11 @@ def test_the_tables_of_rooms_are_what_was_measured():
         wanted = [shown(vfh["success"]), shown(ppo["success"]), shown(ppo["collision"]), shown(ppo["success_difference"], "+")]
         assert cells == wanted, name
         tables += 1
+    planned = {(row["setting"], row["policy"]): row for row in measured("rooms_planner")["rows"]}
+    for world, *cells in rows_after(page, "**A memory finds the way without learning.**"):
+        vfh, planner = (planned[world.strip("`"), policy] for policy in ("vfh", "planner+safety"))
+        wanted = [shown(vfh["success"]), shown(planner["success"]), shown(planner["collision"])]
+        assert cells == [*wanted, shown(planner["success_difference"], "+")], world
     for world, policy, *cells in rows_after(page, "**The safety layer is not free.**"):
         bare, safe = (by_setting[world.strip("`"), policy.strip("`") + end] for end in ("", "+safety"))
         shares = [f"{100.0 * figures[part]['value']:.1f}" for part in ("collision", "success") for figures in (bare, safe)]
