@@ -165,7 +165,7 @@ HAZARDS = {
 
 
 def test_times_and_distances_of_hazards_are_those_of_the_injected_faults():
-    faults, speed = measured("hazards")["faults"], make_robot("burger").max_wheel
+    faults, speed = measured("faults")["faults"], make_robot("burger").max_wheel
     for cause, kinds in HAZARDS.items():
         (row,) = (row for row in hazards() if row[0].startswith(cause))
         longest = max(faults[kind]["longest_stop"] for kind in kinds)
