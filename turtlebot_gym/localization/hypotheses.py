@@ -46,15 +46,18 @@ APART, TURNED = 0.2, 0.12
 BONUS = 1.0
 """Added to the logarithm of the weight of a belief that is in doubt."""
 CLEAR = 0.95
-"""Share of fitting beams that another place needs to take over from it."""
+"""Share of fitting beams that another place needs to take over from it ..."""
+UNEXPLAINED = 1.0 / 3.0
+"""... and how much of what it leaves unexplained of all scans since the search that place may leave unexplained: people on half
+of the beams hide the true place, and some other fits all beams of a scan by chance."""
 PATIENCE = 4 * CYCLE
 """Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
 FAR = 1e4
 """Variance of a pose of which nothing is known, m^2 and rad^2."""
 LOG_WEIGHT = 3
 """Column of a bank of hypotheses, shape (`ROWS`, 4): x, y and heading of the odometry's origin in the map; the logarithm of the
-weight, of which the best is 0. In the last row the weight of a belief in doubt, and the
-share of fitting beams that another place needs."""
+weight, of which the best is 0. In the last row the weight of a belief in doubt; the share of fitting beams that another place
+needs; and the sums since the search of what the belief and the best other place leave unexplained."""
 
 
 @kernel
@@ -86,7 +89,7 @@ def _search(
         weight = max(gain_of(number, q) * (float(values[k]) - float(values[0])), UNLIKELY)
         _put(bank, k, Pose(float(poses[k, 0]), float(poses[k, 1]), float(poses[k, 2])), wheels, weight)
     if is_hypothesis:
-        bank[MOST, 0] = CLEAR
+        bank[MOST, 0], bank[MOST, 1], bank[MOST, 2] = CLEAR, 0.0, 0.0
         worth = agreement(field, frame, points, number, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH) - float(values[0])
         bank[MOST, LOG_WEIGHT] = BONUS + gain_of(number, q) * worth
 
@@ -108,7 +111,7 @@ def _follow(
         misfits: Scans in a row that left a doubt before this one.
         q: A `LocalizerTuning`.
     """
-    guesses, values, count, gain = np.empty((MOST, 4)), np.empty(MOST), 0, gain_of(number, q)
+    guesses, values, count, gain = np.empty((MOST, 5)), np.empty(MOST), 0, gain_of(number, q)
     mean, own = located.belief.mean, float(bank[MOST, LOG_WEIGHT])
     for k in range(MOST):
         if bank[k, LOG_WEIGHT] > NONE:
@@ -118,14 +121,18 @@ def _follow(
             start = Guess(there.x, there.y, there.theta, 0.0)
             end = descend(field, frame, points, number, near.belief, near.scale, start, (0.0, 0.0), q)
             at = end.at
-            value = FADING * float(bank[k, LOG_WEIGHT]) + gain * agreement(field, frame, points, number, at, FINE)
+            explained = agreement(field, frame, points, number, at, FINE)
+            value = FADING * float(bank[k, LOG_WEIGHT]) + gain * explained
             dx, dy, theta = at.x - mean.x, at.y - mean.y, wrap(at.theta)
             is_own = dx * dx + dy * dy < APART * APART and abs(wrap(theta - mean.theta)) < TURNED
             if not (is_own and own > NONE):
-                count = keep(guesses, values, count, (at.x, at.y, theta, end.fits), value, APART, TURNED)
+                count = keep(guesses, values, count, (at.x, at.y, theta, end.fits, explained), value, APART, TURNED)
     if own > NONE:
         at = Guess(mean.x, mean.y, mean.theta, located.scale.mean)
-        own = FADING * own + gain * agreement(field, frame, points, number, at, FINE)
+        explained = agreement(field, frame, points, number, at, FINE)
+        own = FADING * own + gain * explained
+        bank[MOST, 1] += 1.0 - explained
+        bank[MOST, 2] += 1.0 - (float(guesses[0, 4]) if count > 0 else 0.0)
     other = float(values[0]) if count > 0 else NONE
     top, total, xx, yy, tt = max(other, own), 0.0, 0.0, 0.0, 0.0
     best = Pose(float(guesses[0, 0]), float(guesses[0, 1]), float(guesses[0, 2]))
@@ -142,10 +149,11 @@ def _follow(
     bank[MOST, LOG_WEIGHT] = max(own - top, UNLIKELY) if own > NONE else NONE
     weight = exp(max(other - top, UNLIKELY)) / total if count > 0 else 0.0
     fits = float(guesses[0, 3]) if count > 0 else 0.0
-    since = int(misfits - q.patience)
-    decides, least = since >= (3 * CYCLE if own > NONE else CYCLE) - 1, float(bank[MOST, 0])
+    since, least = int(misfits - q.patience), float(bank[MOST, 0])
+    decides = since % PATIENCE >= 3 * CYCLE - 1 if own > NONE else since >= CYCLE - 1
+    is_clear = fits >= least and bank[MOST, 2] < UNEXPLAINED * bank[MOST, 1]
     belief, nis, scale, own_fits, _, taken, slack, scans, moves, _ = located
-    if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and fits >= least):
+    if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and is_clear):
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
         misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, own_weight / total)
         return Located(belief, nis, scale, own_fits, misfits, taken, slack, scans, moves, weight)
