@@ -150,7 +150,9 @@ def _follow(
     weight = exp(max(other - top, UNLIKELY)) / total if count > 0 else 0.0
     fits = float(guesses[0, 3]) if count > 0 else 0.0
     since, least = int(misfits - q.patience), float(bank[MOST, 0])
-    decides = since % PATIENCE >= 3 * CYCLE - 1 if own > NONE else since >= CYCLE - 1
+    decides = since >= CYCLE - 1
+    if own > NONE:
+        decides = since >= 3 * CYCLE - 1 and since % PATIENCE >= 2 * CYCLE - 1
     is_clear = fits >= least and bank[MOST, 2] < UNEXPLAINED * bank[MOST, 1]
     belief, nis, scale, own_fits, _, taken, slack, scans, moves, _ = located
     if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and is_clear):
