@@ -53,7 +53,7 @@ def test_the_table_of_arrivals_is_what_was_measured():
 
 def test_the_table_of_the_localizer_is_what_was_measured():
     results, page = measured("localization"), "docs/concepts/belief.md"
-    rows = rows_after(page, "in rooms that no number was chosen on")
+    rows = rows_after(page, "five minutes in each of three worlds")
     for name, *cells in rows:
         figures = [results["cases"][world][name] for world in ("dense", "office", "corridor")]
         assert cells == [
