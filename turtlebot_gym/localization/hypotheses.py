@@ -49,7 +49,9 @@ CLEAR = 0.95
 """Share of fitting beams that another place needs to take over from it ..."""
 UNEXPLAINED = 1.0 / 3.0
 """... and how much of what it leaves unexplained of all scans since the search that place may leave unexplained: people on half
-of the beams hide the true place, and some other fits all beams of a scan by chance."""
+of the beams hide the true place, and some other fits all beams of a scan by chance ..."""
+LITTLE = 0.15
+"""... or that share of the scans: more than that remains unexplained where a place fits by chance."""
 PATIENCE = 4 * CYCLE
 """Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
 FAR = 1e4
@@ -153,7 +155,7 @@ def _follow(
     decides = since >= CYCLE - 1
     if own > NONE:
         decides = since >= 3 * CYCLE - 1 and since % PATIENCE >= 2 * CYCLE - 1
-    is_clear = fits >= least and bank[MOST, 2] < UNEXPLAINED * bank[MOST, 1]
+    is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
     belief, nis, scale, own_fits, _, taken, slack, scans, moves, _ = located
     if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and is_clear):
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
