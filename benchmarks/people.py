@@ -214,8 +214,6 @@ def main() -> None:
     begin = time.process_time()
     networks = [train(seed, config) for seed in range(config.trainings)]
     spent = (time.process_time() - begin) / config.trainings
-    if config.ship:
-        np.savez_compressed(pretrained_folder() / "yield.npz", **networks[0].arrays)  # pyright: ignore[reportArgumentType]
     numbers = tuned()
     usual = ("vfh", "vfh+safety", "planner+safety", "ppo-rooms+safety")
     named = {name: [lambda envs, name=name: make_policy(name)] for name in usual}
@@ -236,6 +234,8 @@ def main() -> None:
     print_tables(table)
     if config.json is not None:
         write_json(config.json, {"rule": numbers, "training_cpu_s": spent, "rows": rows}, config=settings_of(config))
+    if config.ship:  # last, so that the results name a clean tree
+        np.savez_compressed(pretrained_folder() / "yield.npz", **networks[0].arrays)  # pyright: ignore[reportArgumentType]
 
 
 if __name__ == "__main__":
