@@ -92,7 +92,8 @@ def rows_of(lines, name):
 def test_evaluate(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("COLUMNS", str(WIDTH))
     path = tmp_path / "result.json"
-    assert main(["evaluate", "--policy", "proportional", "bearing", "--episodes", "20", "--json", str(path)]) == 0
+    asked = ["--policy", "proportional", "bearing", "--episodes", "20", "--details"]
+    assert main(["evaluate", *asked, "--json", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert max(cell_len(line) for line in lines if re.match("[┏┡├└│┃]", line)) <= WIDTH
     assert "…" not in "".join(lines)

@@ -113,7 +113,7 @@ def test_options_reach_the_bundle(tmp_path):
     config = replace(small, robot=ROBOTS["waffle"], noise="rough", observation="odometry", delay=1, steps=1024)
     train(config, tmp_path / "run", progress=False)
     card = BundlePolicy(tmp_path / "run" / "policy.onnx", robot="waffle").card
-    assert (card.robot["name"], card.noise, card.observation) == ("custom", "rough", "odometry")
+    assert (card.robot["name"], card.noise, card.observation) == ("waffle", "rough", "odometry")
     assert card.training["config"]["delay"] == 1
 
 

@@ -157,7 +157,7 @@ def test_an_interrupt_ends_all_and_the_work_goes_on_later(group, tmp_path, envir
     (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert not err.strip()
+    assert err.strip() == f"turtlebot-gym: interrupted. The same command continues: finished episodes are in {store}."
     assert processes.wait_until(lambda: not processes.marked(environment), 20.0), processes.marked(environment)
     assert not out.exists()
     before = {path: path.stat().st_mtime_ns for path in store.glob("[0-9a-f]*.npz")}
