@@ -75,6 +75,19 @@ def test_the_table_of_missions_is_what_was_measured():
     assert f"On {results['config']['missions']} missions" in (ROOT / "docs/concepts/belief.md").read_text(encoding="utf-8")
 
 
+def test_the_table_of_people_is_what_was_measured():
+    results = measured("people")["rows"]
+    for row, x in zip(rows_after("docs/concepts/rooms.md", "## People"), results, strict=True):
+        policy = x["policy"] if "," in x["policy"] else f"`{x['policy']}`"
+        assert row == [
+            f"`{x['lidar']}`",
+            policy,
+            shown(x["success"]),
+            shown(x["collision"]),
+            f"{x['time_to_goal']['value']:.1f}",
+        ]
+
+
 def test_the_plan_for_a_cluster_is_what_was_measured():
     plan = measured("cluster")
     page = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
