@@ -137,13 +137,9 @@ def _likelier(motions: Motions) -> str:
 
 
 def _fitted(problem: Problem, middle: float) -> tuple[Problem, Fit, Regression]:
-    """Return a problem, the maximum of its restricted likelihood, and the regression there.
-
-    It is linear at the parameters for the first variances: made linear again after the fit, it would have another likelihood,
-    whose values do not compare with that of the maximum.
-    """
-    problem = relinearized(problem, problem.solve(problem.roots).linear, middle)
+    """Return a problem, the maximum of its restricted likelihood, and the regression there."""
     fit = maximize(lambda roots: problem.solve(roots).likelihood, problem.roots, 0.3 * problem.roots)
+    problem = relinearized(problem, problem.solve(fit.x).linear, middle)
     return problem, fit, problem.solve(fit.x)
 
 
