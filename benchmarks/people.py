@@ -28,6 +28,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.episodes import Episodes
@@ -35,7 +36,7 @@ from turtlebot_gym_agents.evaluation.evaluate import drive
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import pretrained_folder
-from turtlebot_gym_agents.policies.yielding import BEFORE, FEATURES, Network, Yielding
+from turtlebot_gym_agents.policies.yielding import BEFORE, FEATURES, NEAR, Network, Yielding
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -106,11 +107,10 @@ class Rule:
     """Stops where something within sight has come nearer: the learned stop's opponent, with the same features."""
 
     def __init__(self, sight: float, nearer: float) -> None:
-        self._log, self._nearer = np.log(sight / 3.5 + 0.03), np.log(1.0 + nearer)
+        self._log, self._nearer = np.log(sight / SIGHT + NEAR), np.log(1.0 + nearer)
 
     def __call__(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
-        sectors = (FEATURES - 3) // (1 + BEFORE)
-        logs, farther = features[:, 2 : 2 + sectors], features[:, 3 + sectors :].reshape(-1, BEFORE, sectors)
+        logs, farther = features[:, 2 : 2 + SECTORS], features[:, 3 + SECTORS :].reshape(-1, BEFORE, SECTORS)
         came = (farther > self._nearer).any(axis=1) & (logs < self._log)
         return came.any(axis=1).astype(np.float32)
 

@@ -28,7 +28,7 @@ BEFORE = 2
 SPACING = 0.15
 """Least time between remembered scans, s: somebody who walks moves by a sector's width in it."""
 NEAR = 0.03
-"""Share of `rooms.lidar.SIGHT` added to a range before its logarithm."""
+"""Share of `rooms.lidar.SIGHT` added to a range before its logarithm: a robot's radius."""
 FEATURES = 2 + SECTORS + 1 + BEFORE * SECTORS
 """Number of features of the network, see `Scans`."""
 

@@ -23,8 +23,9 @@ from torch import nn
 from turtlebot_gym.rooms.lidar import SECTORS
 from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
 from turtlebot_gym_agents.policies.bundle import Card
+from turtlebot_gym_agents.policies.yielding import NEAR
 from turtlebot_gym_agents.training.network import program_of, write_checked
-from turtlebot_gym_agents.training.normalization import CLIP, NEAR, NormalizedObservation
+from turtlebot_gym_agents.training.normalization import CLIP, NormalizedObservation
 
 if TYPE_CHECKING:
     from onnx import ModelProto

@@ -20,13 +20,12 @@ from turtlebot_gym.rooms.lidar import SECTORS
 from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
 from turtlebot_gym.tasks import Observation
 from turtlebot_gym_agents.policies import Policy
+from turtlebot_gym_agents.policies.yielding import NEAR
 
 CLIP = 10.0
 """Normalized observations are clipped to plus and minus this."""
 CONSTANT = 1e-3
 """Observations whose standard deviation is below this count as constant."""
-NEAR = 0.03
-"""Share of `rooms.lidar.SIGHT` added to a range before its logarithm: a robot's radius."""
 
 
 def _spread_ranges(observations: torch.Tensor) -> torch.Tensor:
