@@ -72,7 +72,11 @@ def table(config: Config) -> list[Module]:
         module = Module(**{"quota": text["quota_compiled" if row.get("compiled") else "quota"], **row})
         without = () if module.compiled else tuple(text["without"])
         rows.append(module._replace(quota=config.quota or module.quota, without=without))
-    chosen = [row for row in rows if not config.only or any(row.path.removesuffix(".py").endswith(end) for end in config.only)]
+    chosen = [
+        row
+        for row in rows
+        if not config.only or any(row.path.removesuffix(".py").endswith(end.removesuffix(".py")) for end in config.only)
+    ]
     if not chosen:
         raise SystemExit(f"--only must name modules of benchmarks/mutants.toml, got {' '.join(config.only)}.")
     return chosen
