@@ -195,6 +195,14 @@ def test_wilsons_interval(successes, n):
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12)
 
 
+def test_the_interval_of_a_share_of_sums_ends_at_what_is_possible():
+    given, reached = np.array([10.0, 11.0]), np.array([10.0, 9.0])
+    assert metrics.ratio(reached, given).high > 1.0
+    share = metrics.ratio(reached, given, 1.0)
+    assert (share.value, share.high) == (pytest.approx(19 / 21), 1.0)
+    assert metrics.ratio(np.array([0.0, 1.0]), given).low == 0.0
+
+
 def test_quantile_intervals_cover_as_often_as_they_say():
     random = np.random.default_rng(2)
     values = [metrics.quantile(random.exponential(size=200), 0.05) for _ in range(1000)]

@@ -82,10 +82,10 @@ class Evaluation:
         """Return the summary of missions: shares of the goals given, and of the time."""
         e = self.episodes
         return {
-            "goals": metrics.ratio(e.arrivals, e.given),
-            "false_goals": metrics.ratio(e.false_arrivals, e.given),
+            "goals": metrics.ratio(e.arrivals, e.given, 1.0),
+            "false_goals": metrics.ratio(e.false_arrivals, e.given, 1.0),
             "goals_an_hour": metrics.ratio(e.arrivals, e.time / 3600.0),
-            "lost": metrics.ratio(e.astray * e.time, e.time),
+            "lost": metrics.ratio(e.astray * e.time, e.time, 1.0),
         }
 
     def _in_rooms(self) -> dict[str, Interval]:

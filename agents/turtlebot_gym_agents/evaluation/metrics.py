@@ -72,18 +72,19 @@ def share(happened: ArrayLike) -> Interval:
     return wilson(float(flags.mean()), flags.size, float(stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)))
 
 
-def ratio(parts: ArrayLike, wholes: ArrayLike) -> Interval:
-    """Return the ratio of two sums over independent cases, with the interval of its linearization.
+def ratio(parts: ArrayLike, wholes: ArrayLike, most: float = np.inf) -> Interval:
+    """Return the ratio of two sums over independent cases, with the interval of its linearization, cut to what is possible.
 
     Args:
-        parts: Shape (n,), n > 0.
+        parts: Shape (n,), n > 0; not negative.
         wholes: Shape (n,), positive in sum.
+        most: Greatest possible ratio, such as 1 for a share.
     """
     parts, wholes = np.asarray(parts, np.float64), np.asarray(wholes, np.float64)
     size = wholes.mean()
     value = float(parts.mean() / size)
     _, low, high = mean((parts - value * wholes) / size)
-    return Interval(value, value + low, value + high)
+    return Interval(value, max(value + low, 0.0), min(value + high, most))
 
 
 def wilson(p: float, n: float, z: float) -> Interval:
