@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from turtlebot_gym import FixNoise
 from turtlebot_gym.compiled import batch as batch_module
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.loop import layout_of
@@ -14,7 +15,7 @@ from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import make_parameters, system_of
-from turtlebot_gym.systems.special import GENERAL, QUIET, SPECIALS, special_of
+from turtlebot_gym.systems.special import GENERAL, QUIET, SPECIALS, special_of, with_late_fixes
 from turtlebot_gym.tasks import NAV, POSE, SQUARE
 from turtlebot_gym.values import Pose
 
@@ -78,6 +79,24 @@ def in_general(parameters, waypoints=GOAL):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(batch_module, "special_of", lambda *arguments: GENERAL)
         return begun(parameters, waypoints=waypoints)
+
+
+LATE = FixNoise(R=(0.02, 0.01, 0.03), period=0.4, delay=0.2, dropout_probability=0.3)
+
+
+@pytest.mark.parametrize(
+    ("case", "changed"), [(0, {}), (2, {"noise": "rough", "delay": 1}), (0, {"fix": "motion-capture"}), (0, {"fix": "late"})]
+)
+def test_fixes_that_are_late_are_inserted_in_a_pass_of_their_own(case, changed):
+    p = make_parameters(**({"noise": "documented", "fix": LATE} | changed))
+    special, general, late = begun(p), in_general(p), round(p.fix.delay / p.dt)
+    assert special._special == (with_late_fixes(SPECIALS[case], late) if late else GENERAL)
+    step_both(special, general, acting(120))
+    assert np.unique(special.numbers("senses.fix.pose")).size > N  # some arrived
+    for batch in (special, general):
+        batch.set_parameters(p._replace(dt=1.1 * p.dt))
+    assert special._special == GENERAL  # fixes no longer belong to the oldest estimate
+    step_both(special, general, acting(20))
 
 
 @pytest.mark.parametrize(("case", "name"), [*zip((0, 0, 0, 1, 2, 3, 4, 5), CASES, strict=True)])

@@ -84,6 +84,7 @@ class Batch:
         self._first = self._tiles[0]
         self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._special: Special | None = None
+        self._intervals: NDArray[np.float64] = np.empty(0)
         self._told: list[int] = []
         self._begun = False
         """Whether an episode has begun: its world may be none of another case."""
@@ -142,12 +143,11 @@ class Batch:
         if self._by_parameters and not (self._begun and before == GENERAL):
             of_each = dict(zip(self.layout.parameters.names, numbers.T, strict=True))
             special = special_of(self.system, of_each, self.waypoints.shape[1])
-            if (
-                before is not None
-                and self._begun
-                and not ({*special.world} <= {*before.world} and {*special.same} <= {*before.same})
-            ):
-                special = GENERAL
+            intervals, self._intervals = self._intervals, of_each["dt"]
+            if before is not None and self._begun:
+                # fixes are as many steps late as ever only if those were as long
+                alike = not special.late or np.array_equal(intervals[:1], self._intervals[:1])
+                special = special if special.allows(before) and alike else GENERAL
         if special == before:
             return
         numbers_at = self._tiles.reshape(len(self._tiles), -1, TILE)

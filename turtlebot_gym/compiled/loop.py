@@ -20,6 +20,7 @@ from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import System, step_of
 from turtlebot_gym.systems.episode import start_outcome
+from turtlebot_gym.systems.late import late_fixes
 from turtlebot_gym.systems.special import GENERAL, Special
 from turtlebot_gym.values import STOP, Pose
 
@@ -146,10 +147,41 @@ def _look_tile_of(system: System, special: Special) -> Callable[..., None]:
     return look_tile
 
 
+def _catch_up_tile_of(system: System, special: Special) -> Callable[..., None]:
+    """Return the kernel that goes on where a fix has arrived, see `systems.late`."""
+    if not special.late:
+
+        @kernel
+        def catch_nothing(count, tile, scratch, keys, parameters, origin):
+            """Do nothing: no fix arrives."""
+
+        return catch_nothing
+    show, catch_up = _show_of(system, special), late_fixes(special.late).catch_up
+    of_parameters, world, *_ = layout_of(system, special)
+    load_parameters, load_world, store_world = of_parameters.load, world.load, world.store
+    at_arrived = world.places[world.names.index("senses.fix.arrived")] * TILE
+
+    @kernel
+    def catch_up_tile(count, tile, scratch, keys, parameters, origin):
+        for start in range(0, count, LINE):
+            end, some = min(start + LINE, count), 0.0
+            for lane in range(start, end):
+                some += tile[at_arrived + lane]
+            if some != 0.0:
+                for lane in range(start, end):
+                    p = load_parameters(parameters, origin + lane)
+                    world = catch_up(load_world(tile, lane), int(keys[lane]), p)
+                    store_world(tile, lane, world)
+                    show(scratch, lane, world, p)
+
+    return catch_up_tile
+
+
 def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel of a tile's steps: in vectors up to looking, and one by one what is rare or has branches."""
-    _, _, _, advance, retarget, _ = step_of(system)
-    show, look_tile = _show_later if system.surroundings else _show_of(system, special), _look_tile_of(system, special)
+    _, _, _, advance, retarget, _ = step_of(late_fixes(special.late).hurried if special.late else system)
+    catch_up_tile, look_tile = _catch_up_tile_of(system, special), _look_tile_of(system, special)
+    show = _show_later if system.surroundings else _show_of(system, special)
     of_parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
     load_parameters, load_world, load_outcome = of_parameters.load, world.load, outcome.load
     store_world, store_outcome = world.store, outcome.store
@@ -164,6 +196,7 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
             store_world(tile, lane, world)
             store_outcome(scratch, at_outcome + lane, outcome)
             show(scratch, lane, world, p)
+        catch_up_tile(count, tile, scratch, keys, parameters, origin)
         for lane in range(count):
             if scratch[at_reached + lane] != 0.0:
                 p = load_parameters(parameters, origin + lane)

@@ -32,7 +32,7 @@ class _Told(NamedTuple):
     """Length of the step, s."""
 
 
-class _Remembered(NamedTuple):
+class Remembered(NamedTuple):
     """State that the filter keeps between steps."""
 
     belief: Belief
@@ -40,12 +40,24 @@ class _Remembered(NamedTuple):
     """Normalized innovation squared of the odometry's last measurement."""
     newest: Any
     """The filter's own estimate."""
-    oldest: Any
-    """Estimate from before the stored steps, before that step's own fix."""
     told: tuple[_Told, ...]
     """Inputs of the last steps, newest first."""
+    oldest: Any
+    """Estimate from before the stored steps, with the fixes that were measured then."""
     steps: float
     """Number of steps from the oldest estimate to the newest."""
+
+
+class TakesFixes(NamedTuple):
+    """The parts of a step with fixes, for loops in which fixes are rare."""
+
+    filter: Filter
+    """The filter with both parts."""
+    remember: Callable[..., Remembered]
+    """``remember(estimate, before, senses, tuning, dt, middle)`` returns the estimate after a step without a fix."""
+    insert_last: Callable[..., tuple[Any, Any]]
+    """``insert_last(estimate, fix, tuning, middle)`` returns the oldest and the newest estimate after a fix that is as old as
+    the oldest one, when as many steps are stored as possible."""
 
 
 def depth_of(dt: float, age: float = MAX_FIX_AGE) -> int:
@@ -100,9 +112,22 @@ def _step_at(told: Any, count: float, age: float) -> int:
     return nearest if off <= 0.5 * told[0].dt + 1e-9 else -1
 
 
+def _replay(advance: Callable[..., Any], count: int) -> Callable[..., Any]:
+    """Return the kernel that repeats the last ``count`` steps, without a loop."""
+    if count == 0:
+        return kernel(lambda estimate, told, tuning, middle: estimate)
+    rest, before = _replay(advance, count - 1), count - 1
+
+    @kernel
+    def replay(estimate, told, tuning, middle):
+        return rest(advance(estimate, told[count], told[before], tuning, middle), told, tuning, middle)
+
+    return replay
+
+
 @cache
-def with_fixes(filter: Filter, depth: int) -> Filter:
-    """Return a filter that also takes fixes, from the sensor "fix"; the filter goes on reading what it has read.
+def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
+    """Return a filter that also takes fixes, from the sensor "fix", as its parts; it goes on reading what it has read.
 
     Args:
         filter: Any filter.
@@ -113,35 +138,56 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
     fill, put, last = filled(depth + 1), _put(depth + 1), depth
 
     @kernel
-    def fixed(estimate, told, tuning):
-        return fix_in(estimate, told.fix.pose, told.fix.R, tuning) if told.fix.arrived else estimate
-
-    @kernel
     def advance(estimate, before, now, tuning, middle):
-        return step(fixed(estimate, before, tuning), before.senses, now.senses, tuning, now.dt, middle)
+        moved = step(estimate, before.senses, now.senses, tuning, now.dt, middle)
+        return fix_in(moved, now.fix.pose, now.fix.R, tuning) if now.fix.arrived else moved
+
+    replay = _replay(advance, last)
 
     @kernel
     def start(senses, tuning):
         first = begin(senses, tuning)
         told = _Told(Read(*values_of(senses)), no_fix(), 0.0)
-        return _Remembered(first.belief, first.nis, first, first, fill(told), 0.0)
+        return Remembered(first.belief, first.nis, first, fill(told), first, 0.0)
+
+    @kernel
+    def remember(estimate, before, senses, tuning, dt, middle):
+        old, oldest = estimate.told, estimate.oldest
+        if estimate.steps >= last:
+            oldest = advance(oldest, old[last], old[last - 1], tuning, middle)
+        told = (_Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
+        newest = step(estimate.newest, before, senses, tuning, dt, middle)
+        return Remembered(newest.belief, newest.nis, newest, told, oldest, min(estimate.steps + 1.0, 1.0 * last))
+
+    @kernel
+    def insert(estimate, fix, tuning, middle):
+        told, oldest, count = estimate.told, estimate.oldest, estimate.steps
+        at = _step_at(told, count, fix.age)
+        if at == count:
+            oldest = fix_in(oldest, fix.pose, fix.R, tuning)
+        else:
+            told = put(told, at, fix)
+        newest = oldest
+        for ago in range(int(count), 0, -1):
+            newest = advance(newest, told[ago], told[ago - 1], tuning, middle)
+        return Remembered(newest.belief, newest.nis, newest, told, oldest, count)
+
+    @kernel
+    def insert_last(estimate, fix, tuning, middle):
+        oldest = fix_in(estimate.oldest, fix.pose, fix.R, tuning)
+        return oldest, replay(oldest, estimate.told, tuning, middle)
 
     @kernel
     def step_on(estimate, before, senses, tuning, dt, middle):
-        oldest, old = estimate.oldest, estimate.told
-        if estimate.steps >= last:
-            oldest = advance(oldest, old[last], old[last - 1], tuning, middle)
-        count = min(estimate.steps + 1.0, 1.0 * last)
-        told = (_Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
-        newest = step(estimate.newest, before, senses, tuning, dt, middle)
-        now = senses.fix
+        now, remembered = senses.fix, remember(estimate, before, senses, tuning, dt, middle)
         if now.arrived:
             fix = Fix(now.pose, now.R, now.age, now.arrived)  # without what a simulated sensor keeps beside it
-            told = put(told, _step_at(told, count, fix.age), fix)
-            newest = oldest
-            for ago in range(int(count), 0, -1):
-                newest = advance(newest, told[ago], told[ago - 1], tuning, middle)
-            newest = fixed(newest, told[0], tuning)
-        return _Remembered(newest.belief, newest.nis, newest, oldest, told, count)
+            remembered = insert(remembered, fix, tuning, middle)
+        return remembered
 
-    return filter._replace(start=start, step=step_on, reads=(*reads, "fix"))
+    return TakesFixes(filter._replace(start=start, step=step_on, reads=(*reads, "fix")), remember, insert_last)
+
+
+def with_fixes(filter: Filter, depth: int) -> Filter:
+    """Return a filter that also takes fixes, see `taking_fixes`."""
+    return taking_fixes(filter, depth).filter

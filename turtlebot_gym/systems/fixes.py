@@ -5,6 +5,8 @@ A fix that arrives now was measured some steps ago, so the sensor remembers the 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -18,7 +20,7 @@ from turtlebot_gym.values import Pose
 
 
 class TrackedFix(NamedTuple):
-    """A `values.Fix`, and what the sensor remembers for later ones, which no filter may read."""
+    """A `values.Fix`, the last one that arrived, and what the sensor remembers for later ones, which no filter may read."""
 
     pose: Pose
     R: tuple[float, float, float]
@@ -29,27 +31,29 @@ class TrackedFix(NamedTuple):
 
 
 @kernel
-def _measure(passed: Any, noise: FixNoise, key: int, at: int, dt: float) -> TrackedFix:
-    """Return the fix that arrives in a step, if any.
+def _arrives(noise: FixNoise, key: int, stamp: int, dt: float) -> bool:
+    """Return whether the fix that was measured in a step arrives, without a branch.
 
     Args:
-        passed: The robot's poses, from this step backwards.
         noise: Noise, period and delay of the sensor.
-        key: The episode's key, from `models.random.episode_key`.
-        at: The step's number.
+        key: The sensor's own key of the episode.
+        stamp: The step's number.
         dt: Control interval, s.
     """
-    late, every = int(noise.delay / dt + 0.5), max(int(noise.period / dt + 0.5), 1)
-    stamp, own_key = at - late, sub_key(key, FIX)
-    one, other = normals(own_key, stamp, POSITION)
-    turn, _ = normals(own_key, stamp, HEADING)
-    event, _ = uniforms(own_key, stamp, EVENTS)
-    was, R = passed[late], noise.R
+    every = max(math.floor(noise.period / dt + 0.5), 1)
+    event, _ = uniforms(key, stamp, EVENTS)
+    return (stamp > 0) & (stamp == every * math.floor(stamp / every)) & (event >= noise.dropout_probability)
+
+
+@kernel
+def _measure(was: Pose, noise: FixNoise, key: int, stamp: int) -> Pose:
+    """Return a pose as it is measured; without a heading, it is 0."""
+    R = noise.R
+    one, other = normals(key, stamp, POSITION)
+    turn, _ = normals(key, stamp, HEADING)
     sees_heading = R[2] < 1e300
     theta = wrap(was.theta + sqrt(R[2] if sees_heading else 0.0) * turn) if sees_heading else 0.0
-    arrived = (stamp > 0) & (stamp % every == 0) & (event >= noise.dropout_probability)
-    pose = Pose(was.x + sqrt(R[0]) * one, was.y + sqrt(R[1]) * other, theta)
-    return TrackedFix(pose, (R[0], R[1], R[2]), late * dt, arrived, passed)
+    return Pose(was.x + sqrt(R[0]) * one, was.y + sqrt(R[1]) * other, theta)
 
 
 @kernel
@@ -58,19 +62,46 @@ def _pose(body):
     return Pose(truth.x, truth.y, truth.theta)
 
 
+class FixSensor(NamedTuple):
+    """The sensor of fixes, and its parts, for loops in which fixes are rare."""
+
+    sensor: Sensor
+    watch: Callable[..., TrackedFix]
+    """`Sensor.sense`, but it leaves out what an arriving fix says."""
+    measure: Callable[..., TrackedFix]
+    """``measure(fix, key, at, p)`` returns it with what it says."""
+
+
 @cache
-def fix_sensor(depth: int) -> Sensor:
-    """Return the sensor of fixes up to ``depth`` steps late."""
-    fill = filled(depth + 1)
+def fix_parts(late: int) -> FixSensor:
+    """Return the sensor of fixes that come ``late`` steps late."""
+    fill = filled(late + 1)
 
     @kernel
     def first(body, key, p):
-        fix = no_fix()
-        return TrackedFix(fix.pose, fix.R, fix.age, fix.arrived, fill(_pose(body)))
+        none = no_fix()
+        return TrackedFix(none.pose, none.R, none.age, none.arrived, fill(_pose(body)))
+
+    @kernel
+    def watch(body, before, key, at, p):
+        passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
+        arrived = _arrives(p.fix, sub_key(key, FIX), at - late, p.dt)
+        return TrackedFix(before.pose, before.R, before.age, arrived, passed)
+
+    @kernel
+    def measure(fix, key, at, p):
+        R = p.fix.R
+        pose = _measure(fix.passed[late], p.fix, sub_key(key, FIX), at - late)
+        return TrackedFix(pose, (R[0], R[1], R[2]), late * p.dt, True, fix.passed)
 
     @kernel
     def sense(body, before, key, at, p):
-        passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
-        return _measure(passed, p.fix, key, at, p.dt)
+        fix = watch(body, before, key, at, p)
+        return measure(fix, key, at, p) if fix.arrived else fix
 
-    return Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01)))
+    return FixSensor(Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01))), watch, measure)
+
+
+def late_of(p: Any) -> int:
+    """Return how many steps late the fixes of some parameters come."""
+    return round(p.fix.delay / p.dt)

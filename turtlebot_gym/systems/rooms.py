@@ -24,7 +24,7 @@ from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
-from turtlebot_gym.systems.fixes import fix_sensor
+from turtlebot_gym.systems.fixes import fix_parts, late_of
 from turtlebot_gym.systems.imu import IMU
 from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.missions import on_missions
@@ -152,7 +152,7 @@ def rooms(filter: Filter) -> System:
 
 
 _SENSORS: dict[str, Callable[[Parameters], Sensor]] = {
-    "fix": lambda p: fix_sensor(depth_of(p.dt, p.fix.delay)),
+    "fix": lambda p: fix_parts(late_of(p)).sensor,
     "imu": lambda p: IMU,
 }
 

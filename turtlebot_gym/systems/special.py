@@ -9,15 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
+from turtlebot_gym.estimation.fixes import no_fix
+from turtlebot_gym.systems.late import late_fixes
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import BELIEVED
 from turtlebot_gym.systems.system import System
+from turtlebot_gym.values import Covariance, State
 
 
 class Special(NamedTuple):
@@ -35,6 +39,8 @@ class Special(NamedTuple):
     """Parameters that may differ between environments; None for all."""
     name: str = ""
     """What the case is, for people."""
+    late: int = 0
+    """Number of steps by which fixes are late, see `systems.late`; 0 without fixes."""
 
     def holds(self, parameters: Mapping[str, NDArray[np.float64]], waypoints: int) -> bool:
         """Return whether a batch is a case of this kind.
@@ -50,7 +56,7 @@ class Special(NamedTuple):
 
     def allows(self, before: Special) -> bool:
         """Return whether an episode that began in another case may go on in this one."""
-        return {*self.world} <= {*before.world} and {*self.same} <= {*before.same}
+        return {*self.world} <= {*before.world} and {*self.same} <= {*before.same} and self.late == before.late
 
 
 GENERAL = Special()
@@ -138,6 +144,37 @@ SPECIALS = (
 and delays; and these different in each environment. What differs is loaded for each environment, all else once for all."""
 
 
+_POSE, _TWIST = ("pose.x", "pose.y", "pose.theta"), ("twist.v", "twist.omega")
+_BELIEF = tuple(f"mean.{name}" for name in State._fields) + tuple(f"covariance.{name}" for name in Covariance._fields)
+
+
+@cache
+def with_late_fixes(special: Special, late: int) -> Special:
+    """Return a case with fixes that are so many steps late: they count for the oldest estimate, never for a stored step."""
+    told = [f"estimate.told[{ago}]" for ago in range(late + 1)]
+    none = {**dict.fromkeys((*_POSE, "age", "arrived"), 0.0), **{f"R[{at}]": value for at, value in enumerate(no_fix().R)}}
+    world = [(f"{step}.fix.{name}", value) for step in told for name, value in none.items()]
+    for path, value in special.world:
+        if path == "senses.odometry.measured":
+            world += [(path, value), *((f"{step}.{path}", value) for step in told)]
+        elif path.startswith("estimate."):
+            rest = path.removeprefix("estimate.")
+            world += [(f"estimate.{of}.{rest}", value) for of in ("newest", "oldest")]
+            world += [] if rest == "rejections" else [(path, value)]
+        else:
+            world.append((path, value))
+    now, passed = "senses.odometry", "senses.fix.passed[0]"
+    same = (
+        *_pairs(f"{told[0]}.{now}", now, *_POSE, *_TWIST, "measured"),
+        *_pairs(passed, "body.true_state", "x", "y", "theta"),
+        *_pairs("estimate.newest.belief", "estimate.belief", *_BELIEF),
+        ("estimate.newest.nis", "estimate.nis"),
+        *_pairs("estimate.oldest.belief.mean", f"{told[-1]}.{now}.twist", "v", "omega"),
+    )
+    name = f"{special.name} with fixes {late} steps late"
+    return special._replace(world=tuple(world), same=special.same + same, late=late, name=name)
+
+
 def special_of(system: System, parameters: Mapping[str, NDArray[np.float64]], waypoints: int) -> Special:
     """Return the first case that holds.
 
@@ -146,6 +183,8 @@ def special_of(system: System, parameters: Mapping[str, NDArray[np.float64]], wa
         parameters: By dotted path, of all environments or of one that stands for all.
         waypoints: Number of waypoints.
     """
-    if system != open_ground(EXTENDED_KALMAN):
+    late = round(float((parameters["fix.delay"] / parameters["dt"])[0])) if "fix.delay" in parameters else 0
+    if system != (late_fixes(late).whole if late else open_ground(EXTENDED_KALMAN)):
         return GENERAL
-    return next((special for special in SPECIALS if special.holds(parameters, waypoints)), GENERAL)
+    special = next((special for special in SPECIALS if special.holds(parameters, waypoints)), GENERAL)
+    return with_late_fixes(special, late) if late and special != GENERAL else special
