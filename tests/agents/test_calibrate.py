@@ -50,7 +50,7 @@ def test_a_noise_file_a_figure_and_numbers_are_written(table, tmp_path, capsys):
 
 def test_a_drive_that_the_model_does_not_describe_gives_no_file_unless_forced(tmp_path, capsys):
     log, random = simulated_log(MINE, seed=2, steps=300), np.random.default_rng(0)
-    far = 0.3 * random.standard_t(2.1, size=(len(log), 3)) * np.abs(log.twist[:, :1])  # of the place, in each step
+    far = 0.5 * random.standard_t(2.1, size=(len(log), 3)) * np.abs(log.twist[:, :1])  # of the place, in each step
     columns = np.column_stack([log.time, log.twist, log.truth + np.cumsum(0.1 * far, axis=0)])
     table, out = tmp_path / "far.csv", tmp_path / "far.yaml"
     np.savetxt(table, columns, delimiter=",", header="t,v,omega,true_x,true_y,true_theta", comments="")

@@ -12,6 +12,7 @@ from turtlebot_gym.calibration import Estimate, calibrate, detect_kind
 from turtlebot_gym.calibration.calibrate import _capped
 from turtlebot_gym.calibration.coordinates import value_of
 from turtlebot_gym.calibration.diagnosis import Verdict
+from turtlebot_gym.calibration.execution import _alphas, _fitted
 from turtlebot_gym.calibration.motions import motions_of
 from turtlebot_gym.calibration.regression import problem_of
 
@@ -58,7 +59,7 @@ def test_the_restricted_likelihood_is_that_of_the_dense_matrices():
     model, n = problem.model, 3 * len(problem.motions.row)
     roots = np.array([0.06, 0.05, 0.08, 0.07, 1e-3, 2e-3])
     bands = np.tensordot(roots**2, model.parts, axes=1)
-    V = 1e-12 * np.eye(n)
+    V = model.resolution**2 * np.eye(n)
     for below in range(6):
         for at in range(n - below):
             V[at + below, at] += bands[at, below]
@@ -74,6 +75,23 @@ def test_the_restricted_likelihood_is_that_of_the_dense_matrices():
     assert np.abs(np.linalg.solve(information, pull)).max() < 1e-3
     expected = -0.5 * (np.linalg.slogdet(V)[1] + np.linalg.slogdet(information)[1] + off @ weight @ off)
     assert problem.solve(roots).likelihood == pytest.approx(expected, abs=0.05)
+
+
+def test_deviances_count_from_the_maximum_of_the_same_likelihood():
+    problem, fit, _ = _fitted(problem_of(motions_of(simulated(0, "euler", "pose", "noisy")[0]), 0.0), 0.0)
+    # The fit is of the problem linear elsewhere, with other values: by as much as an interval's end is away.
+    assert abs(problem.solve(fit.x).likelihood - fit.value) > 0.5
+    alphas, others = _alphas(problem, fit), _alphas(problem, fit._replace(value=fit.value + 1.5))
+    for name in ALPHAS:
+        assert (alphas[name].low, alphas[name].high) == pytest.approx((others[name].low, others[name].high), rel=0.02)
+
+
+def test_a_marker_in_an_exact_truth_is_certain_with_euler_steps():
+    for seed in range(3):
+        drive, values = simulated(seed, "euler", "wheel", "exact", rate=100)
+        estimate = calibrate(drive, kind="wheel", integrator="euler", delay=0.0).estimates["marker_y"]
+        assert abs(estimate.value - values["marker_y"]) < CERTAIN
+        assert estimate.high - estimate.low < 1e-4
 
 
 def drawn(truth="noisy", seed=2, **given):

@@ -144,13 +144,21 @@ def _fitted(problem: Problem, middle: float) -> tuple[Problem, Fit, Regression]:
 
 
 def _alphas(problem: Problem, fit: Fit) -> dict[str, Estimate]:
-    """Return the alphas at the maximum of the restricted likelihood, with their intervals."""
+    """Return the alphas at the maximum of the restricted likelihood, with their intervals.
+
+    Made linear again after the fit, the problem has other values and another maximum, from which its deviances count.
+    """
+
+    def likelihood(roots: Array) -> float:
+        return problem.solve(roots).likelihood
+
+    fit = maximize(likelihood, fit.x, fit.deviations)
     signs = np.where(fit.x < 0.0, -1.0, 1.0)  # roots of variances have no sign: take the positive ones
     both = np.outer(signs, signs)
     fit = fit._replace(x=np.abs(fit.x), information=fit.information * both, covariance=fit.covariance * both)
     table = {}
     for at, name in enumerate(ALPHAS):
-        ends = interval(lambda roots: problem.solve(roots).likelihood, fit, at, least=0.0)
+        ends = interval(likelihood, fit, at, least=0.0)
         low, high = natural_interval(name, ends.low, ends.high)
         remedy = remedy_of(name, fit.x[at], fit.deviations[at], low, high, has_truth=True)
         table[name] = Estimate(

@@ -39,9 +39,11 @@ VARIANCES = ("alpha1", "alpha2", "alpha3", "alpha4", "truth_position", "truth_he
 """Parameters of the covariance; of the truth as standard deviations, m and rad."""
 
 RESOLUTION = 1e-6
-"""Standard deviation of a truth that is exact, m and rad: the last digit that files have ..."""
+"""Standard deviation of each number of a truth with noise, m and rad: the last digit that files have."""
 EXACT = 1e-5
-"""... and deviation to the side below which a truth is exact, m; motion capture is worse."""
+"""Deviation to the side below which a truth is exact, m; motion capture is worse. It then is each number's deviation ..."""
+FINEST = 1e-8
+"""... down to this one, for which the regression can be solved, m."""
 JUMP = 8.0
 """Standard deviations beyond which an error is none of the noise, but a jump."""
 HUBER = 1.345
@@ -67,6 +69,8 @@ class _Model(NamedTuple):
     """Shape (3 n, 7), for the coefficients of `_coefficients`."""
     parts: Array
     """Covariance for a variance of 1 of each of `VARIANCES`, as lower bands, shape (6, 3 n, 6)."""
+    resolution: float
+    """Standard deviation that each number has in any case, m and rad."""
 
     def rest(self, guess: Array) -> Array:
         """Return what parameters leave unexplained, shape (n, 3)."""
@@ -129,7 +133,9 @@ def _model(motions: Motions, guess: Array, middle: float) -> _Model:
                 if i >= j:
                     parts[at, :, j, i - j] = own[:, i, j]
                 parts[at, following - 1, j, 3 + i - j] = shared[:, i, j]
-    return _Model(y.reshape(-1), X.reshape(-1, 7), parts.reshape(6, 3 * n, 6))
+    model = _Model(y.reshape(-1), X.reshape(-1, 7), parts.reshape(6, 3 * n, 6), RESOLUTION)
+    side = float(_sizes(model.rest(guess))[1])
+    return model._replace(resolution=max(side, FINEST)) if side < EXACT else model
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +156,7 @@ class Regression:
 
 def _solve(model: _Model, variances: Array, guess: Array, prior: Array) -> Regression:
     bands = np.tensordot(variances, model.parts[: len(variances)], axes=1)
-    bands[:, 0] += RESOLUTION**2
+    bands[:, 0] += model.resolution**2
     white = np.column_stack([model.rest(guess).reshape(-1), model.X])
     determinant = whitener()(bands, white)
     if not math.isfinite(determinant):
