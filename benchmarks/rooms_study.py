@@ -23,6 +23,7 @@ from rich.table import Table
 
 from rooms import hall
 from scenarios import best_of_trainings, described, kept, name_of, results_folder, run_all, slug, trainings
+from turtlebot_gym.rooms.lidar import DRIVERS
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS
@@ -40,7 +41,8 @@ MAP = "map"
 SETTINGS: dict[str, dict[str, Any]] = {
     **{world: {"world": world} for world in WORLDS},
     MAP: {},
-    **{f"dense, {lidar}": {"world": "dense", "lidar": lidar} for lidar in ("lds02", "a1", "ideal")},
+    **{f"dense, {lidar}": {"world": "dense", "lidar": lidar} for lidar in ("lds02", "a1", "urg04lx", "ideal")},
+    **{f"dense, {lidar} as recorded": {"world": "dense", "lidar": DRIVERS[lidar].lidar} for lidar in ("lds02", "a1")},
     **{
         f"dense, {observation}, noise {noise}": {"world": "dense", "observation": observation, "noise": noise}
         for noise in ("documented", "rough")
