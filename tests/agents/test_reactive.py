@@ -236,7 +236,10 @@ def test_a_robot_inside_the_margins_of_two_posts_goes_on_between_them_down_to_th
     assert layered(1.0, 0.0, inside, margin=0.08, way_out=0.0)[0] == 1.0
     assert layered(1.0, 0.0, inside, margin=0.08, least_margin=0.08, way_out=0.0)[0] == 0.0
     posts[[8, 28]] = 0.15 / SIGHT
-    assert layered(1.0, 0.0, sight(shares=posts), margin=0.08, way_out=0.0)[0] == 0.0
+    assert layered(1.0, 0.0, sight(shares=posts), margin=0.08, least_margin=0.06, way_out=0.0)[0] == 0.0
+    posts[[8, 28]] = 0.125 / SIGHT  # inside the 2 cm that the layer keeps by itself
+    assert layered(1.0, 0.0, sight(shares=posts), way_out=0.0)[0] == 1.0
+    assert layered(1.0, 0.0, sight(shares=posts), least_margin=0.02, way_out=0.0)[0] == 0.0
 
 
 def least_clearance(drive, *, delay, blind=0.0, robots=300, steps=60, seed=0):

@@ -67,7 +67,7 @@ class SafetyLayer:
     """Clearance to keep around the robot, m ..."""
     margin_behind: Annotated[float, NON_NEGATIVE] = 0.05
     """... and when it drives backwards, m ..."""
-    least_margin: Annotated[float, NON_NEGATIVE] = 0.06
+    least_margin: Annotated[float, NON_NEGATIVE] = 0.01
     """... and that it keeps in any case if the others are larger, m."""
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""

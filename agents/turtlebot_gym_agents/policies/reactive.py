@@ -20,12 +20,14 @@ from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, arc, look, t
 _TURNS = 72
 _ANGLES = wrap(2.0 * np.pi * np.arange(_TURNS) / _TURNS)
 """Candidate directions, the first one ahead, rad; shape (72,)."""
-_Margin = Annotated[float, NON_NEGATIVE, Range(0.0, 0.15)]
-_Lag = Annotated[float, NON_NEGATIVE, Range(0.0, 0.3)]
-_Sight = Annotated[float, POSITIVE, Range(0.25, 3.0, log=True)]
-_Gain = Annotated[float, POSITIVE, Range(1.0, 10.0, log=True)]
-_Focus = Annotated[float, NON_NEGATIVE, Range(0.5, 6.0)]
-_Caution = Annotated[float, POSITIVE, Range(0.1, 3.0, log=True)]
+Ahead = Annotated[float, FINITE, Range(0.0, 1.0)]
+Last = Annotated[float, FINITE, Range(0.0, 2.0)]
+Margin = Annotated[float, NON_NEGATIVE, Range(0.0, 0.15)]
+Lag = Annotated[float, NON_NEGATIVE, Range(0.0, 0.3)]
+SightRange = Annotated[float, POSITIVE, Range(0.25, 3.0, log=True)]
+Gain = Annotated[float, POSITIVE, Range(1.0, 10.0, log=True)]
+Focus = Annotated[float, NON_NEGATIVE, Range(0.5, 6.0)]
+Caution = Annotated[float, POSITIVE, Range(0.1, 3.0, log=True)]
 _BENDS = np.geomspace(0.3, 25.0, 10)
 _CURVATURES = np.concatenate([-_BENDS[::-1], [0.0], _BENDS])
 """Curvatures of the arcs, 1/m, from straight ahead to nearly on the spot; shape (21,)."""
@@ -43,27 +45,27 @@ class _Reactive(Baseline):
 
     layout: ClassVar[int] = ROOM_LAYOUT
     """Layout of its observations."""
-    margin: _Margin
+    margin: Margin
     """Clearance to keep around the robot, m."""
-    lag: _Lag
+    lag: Lag
     """Mean age of the beams beyond the stated age of the scan, s."""
-    sight: _Sight
+    sight: SightRange
     """Distance beyond which obstacles are ignored, m."""
-    gain: _Gain
+    gain: Gain
     """Turning rate per angle to turn, 1/s."""
-    focus: _Focus
+    focus: Focus
     """How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle to
     turn."""
-    caution: _Caution
+    caution: Caution
     """Time to contact below which the speed is proportional to it, s."""
 
     def _look(self, observations: ArrayLike) -> Sight:
         return look(observations, self._robot, self.dt, self.lag)
 
-    def _blocked(self, to: Sight) -> NDArray[np.bool_]:
-        """Return which candidates lead into an obstacle, shape (..., 72)."""
+    def _blocked(self, to: Sight, margin: float) -> NDArray[np.bool_]:
+        """Return which candidates lead nearer to an obstacle than a margin, shape (..., 72)."""
         away = np.abs(to.points)
-        wide = np.arcsin(np.minimum((self._robot.radius + self.margin) / np.maximum(away, 1e-9), 1.0)) + HALF_SECTOR
+        wide = np.arcsin(np.minimum((self._robot.radius + margin) / np.maximum(away, 1e-9), 1.0)) + HALF_SECTOR
         counts = away < np.minimum(self.sight, np.abs(to.goal) + self._robot.radius)[..., None]
         cosine = np.where(counts, np.cos(np.minimum(wide, np.pi)), 2.0)
         unit = to.points / np.maximum(away, 1e-9)
@@ -90,16 +92,16 @@ class VectorFieldHistogramPolicy(_Reactive):
         Ulrich, Borenstein, "VFH+: reliable obstacle avoidance for fast mobile robots", ICRA 1998.
     """
 
-    ahead: Annotated[float, FINITE, Range(0.0, 1.0)] = 0.1
+    ahead: Ahead = 0.1
     """Weight of the angle to the current direction; the angle to the goal has the weight 1."""
-    last: Annotated[float, FINITE, Range(0.0, 2.0)] = 0.64
+    last: Last = 0.64
     """Weight of the angle to the last direction chosen."""
-    margin: _Margin = 0.07
-    lag: _Lag = 0.01
-    sight: _Sight = 0.4
-    gain: _Gain = 1.6
-    focus: _Focus = 1.7
-    caution: _Caution = 0.6
+    margin: Margin = 0.07
+    lag: Lag = 0.01
+    sight: SightRange = 0.4
+    gain: Gain = 1.6
+    focus: Focus = 1.7
+    caution: Caution = 0.6
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -119,7 +121,7 @@ class VectorFieldHistogramPolicy(_Reactive):
         last = np.where(np.isfinite(last), last, goal)
         cost = np.abs(wrap(_ANGLES - goal[..., None])) + self.ahead * np.abs(_ANGLES)
         cost = cost + self.last * np.abs(wrap(_ANGLES - last[..., None]))
-        blocked = self._blocked(to)
+        blocked = self._blocked(to, self.margin)
         angle = _ANGLES[np.argmin(np.where(blocked, np.inf, cost), axis=-1)]
         angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # exactly to the goal
         stuck = blocked.all(axis=-1)
@@ -140,18 +142,18 @@ class FollowTheGapPolicy(_Reactive):
     """Distance of an obstacle at which gap and goal have equal weight, m."""
     field: Annotated[float, FINITE, Range(0.8, 3.1)] = 1.66
     """Angle on both sides of the goal in which gaps are considered, rad."""
-    margin: _Margin = 0.0
-    lag: _Lag = 0.09
-    sight: _Sight = 0.4
-    gain: _Gain = 2.5
-    focus: _Focus = 1.0
-    caution: _Caution = 0.7
+    margin: Margin = 0.0
+    lag: Lag = 0.09
+    sight: SightRange = 0.4
+    gain: Gain = 2.5
+    focus: Focus = 1.0
+    caution: Caution = 0.7
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         to = self._look(observations)
         goal = np.angle(to.goal)
         outside = np.abs(wrap(_ANGLES - goal[..., None])) > self.field
-        blocked = self._blocked(to)
+        blocked = self._blocked(to, self.margin)
         gap = _middle_of_widest(~(blocked | outside))
         nearest = np.maximum(np.abs(to.points).min(axis=-1) - self._robot.radius, 1e-3)
         share = self.alpha / (self.alpha + nearest)
@@ -187,9 +189,9 @@ class DynamicWindowPolicy(Baseline):
     """Time after which the heading is judged, s."""
     brake: Annotated[float, POSITIVE, Range(0.15, 1.5)] = 0.58
     """Least time to contact of an admissible arc, s."""
-    margin: _Margin = 0.075
+    margin: Margin = 0.075
     """Clearance to keep around the robot, m."""
-    lag: _Lag = 0.06
+    lag: Lag = 0.06
     """Mean age of the beams beyond the stated age of the scan, s."""
 
     def __post_init__(self) -> None:
