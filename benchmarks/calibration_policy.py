@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,9 @@ from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, write_parameters
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.files import read_parameters
 from turtlebot_gym.presets import make_filter
+from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -38,7 +41,9 @@ class Config:
     """Train on the calibrated file and on the truth, and drive the true robot."""
 
     seeds: int = 3
-    """Number of trainings on each side."""
+    """Number of trainings on each side, in pairs with the same seed."""
+    first: int = 0
+    """Seed of the first pair."""
     episodes: int = 500
     """Episodes of each policy, with the same seeds."""
     steps: int = 3_000_000
@@ -83,7 +88,7 @@ def judged(track: float, folder: Path, config: Config) -> dict[str, Any]:
     times = {}
     for side, file in files.items():
         times[side], own = [], make_filter("calibrated", read_parameters(Noise, file))
-        for seed in range(config.seeds):
+        for seed in range(config.first, config.first + config.seeds):
             run = folder / f"{side}-{seed}"
             if not (run / "policy.onnx").is_file():
                 training = ("--noise", file, "--filter", "calibrated", "--steps", config.steps, "--seed", seed)
@@ -104,6 +109,13 @@ def judged(track: float, folder: Path, config: Config) -> dict[str, Any]:
     }
 
 
+def lost(robots: Mapping[str, Any]) -> Interval:
+    """Return the share of its time that a policy trained on a file loses, over the pairs of all robots."""
+    sides = ([each["time"] for row in robots.values() for each in row["times"][side]] for side in ("calibrated", "truth"))
+    on_file, on_truth = map(np.array, sides)
+    return metrics.mean(on_file / on_truth - 1.0)
+
+
 def main() -> None:
     """Judge both robots, print, and write the results."""
     config = tyro.cli(Config, description=__doc__)
@@ -111,8 +123,9 @@ def main() -> None:
     for name, track in ROBOTS.items():
         row = robots[name] = judged(track, config.kept / name.replace(" ", "_").replace("%", "percent"), config)
         print(f"{name}: found {row['found']:.4f} for {row['turn_scale']:.4f}; times {row['mean']}, ratio {row['ratio']:.4f}")
+    print("All pairs: {:+.2%} [{:+.2%}, {:+.2%}]".format(*lost(robots)))
     if config.json is not None:
-        write_json(config.json, {"robots": robots}, config=settings_of(config))
+        write_json(config.json, {"robots": robots, "lost": lost(robots)}, config=settings_of(config))
 
 
 if __name__ == "__main__":
