@@ -23,6 +23,11 @@ from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.rooms.field import sample
 from turtlebot_gym.values import Belief, State
 
+FLAT = 0.5
+"""Square of the gradient below which an end within a surface is about as far from its other side ..."""
+BACK = 2.0
+"""... and how far before it along the beam, in cells, the side is in sight that the beam has met: in a wall of two cells the
+field is flat. Without, ranges that are too long would say less than those that are too short."""
 LEAST_PIVOT = 1e-10
 """Share of a diagonal entry below which a pivot is rounding: there is no information in its direction."""
 
@@ -94,9 +99,17 @@ def information(
         if not known:
             continue
         used += 1
-        along = gx * (cosine * dx - sine * dy) + gy * (sine * dx + cosine * dy)
-        if along > q.thin and d > 0.0:  # the end lies behind a wall of one cell: the distance grows along the beam
-            d, gx, gy, along = -d - float(frame[4]), -gx, -gy, -along
+        ux, uy = cosine * dx - sine * dy, sine * dx + cosine * dy
+        along, side = gx * ux + gy * uy, float(frame[4])
+        is_inside = d < 0.0 and gx * gx + gy * gy < FLAT and q.thin <= 1.0
+        if along > q.thin or is_inside:  # the end lies in a wall or behind it, nearer to its other side
+            back = BACK * side
+            ahead, before, bx, by = sample(field, frame, at.x + to_x - back * ux, at.y + to_y - back * uy)
+            towards = bx * ux + by * uy
+            if ahead and towards < -q.thin:
+                d, gx, gy, along = before + back * towards, bx, by, towards
+            elif d > 0.0:
+                d, gx, gy, along = -d - side, -gx, -gy, -along
         deviation = max(q.deviation, q.deviation_share * length)
         R = along * along * deviation * deviation + q.grain * q.grain
         gt, gs = gy * to_x - gx * to_y, -along * length

@@ -42,7 +42,8 @@ class LocalizerTuning:
     iterations: Annotated[int, ONE_OR_MORE] = 4
     """Most Gauss-Newton steps per scan."""
     thin: Annotated[float, Range(0.0, 2.0)] = 0.3
-    """Cosine between beam and distance's gradient from which an end counts as behind a wall as thin as a cell; 2 for never."""
+    """Cosine between beam and distance's gradient from which an end counts as behind a wall, or in its farther half; 2 for
+    never."""
     along_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the way, m per root of m: it grows with the root of the distance, whatever the time stamps."""
     along_step: Annotated[float, NON_NEGATIVE] = 0.2
