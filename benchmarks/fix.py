@@ -82,7 +82,7 @@ def naive(system: System) -> System:
     @kernel
     def sense_now(body, before, key, at, p):
         late = sense(body, before, key, at, p)
-        return TrackedFix(late.pose, late.R, 0.0, late.arrived, late.passed)
+        return TrackedFix(late.pose, late.R, 0.0, late.arrived, late.cross, late.passed)
 
     return system.with_sensor(Sensor(name, first, sense_now, noise))
 

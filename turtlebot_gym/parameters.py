@@ -6,6 +6,7 @@ They are frozen dataclasses that check themselves, so every instance is valid. S
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, is_dataclass
 from typing import Annotated, Any
 
@@ -99,6 +100,15 @@ class OdometryNoise:
         typed(self)
 
 
+def is_covariance(R: Sequence[float], cross: Sequence[float]) -> bool:
+    """Return whether variances of x, y and heading and covariances, as in `values.Fix`, are those of any errors."""
+    (xx, yy, tt), (xy, xt, yt) = R, cross
+    if math.inf in (xx, yy) or (tt == math.inf and (xt, yt) != (0.0, 0.0)):
+        return False
+    a, b, c = xy / math.sqrt(xx * yy), xt / math.sqrt(xx * tt), yt / math.sqrt(yy * tt)
+    return max(abs(a), abs(b), abs(c)) <= 1.0 + 1e-9 and 1.0 + 2.0 * a * b * c - a * a - b * b - c * c >= -1e-9
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixNoise:
     """An external sensor that measures the pose now and then: localization in a map, markers on the walls, motion capture."""
@@ -106,6 +116,9 @@ class FixNoise:
     R: Annotated[tuple[float, ...], Numbers(POSITIVE_OR_INFINITE)]
     """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. Two values, or an infinite third one, mean that the
     heading is not measured."""
+    cross: Annotated[tuple[float, ...], Numbers(FINITE, 3)] = (0.0, 0.0, 0.0)
+    """Covariances of x and y, of x and heading, and of y and heading; m^2, m rad, m rad: in a corridor that is not along an
+    axis the errors of x and y are correlated."""
     period: Annotated[float, POSITIVE] = 0.5
     """Time from one measurement to the next, s."""
     delay: Annotated[float, Range(0.0, MAX_FIX_AGE, unit="s")] = 0.0
@@ -118,6 +131,8 @@ class FixNoise:
         if len(self.R) not in (2, 3) or math.inf in self.R[:2]:
             raise refusal("FixNoise.R", "two or three variances, those of x and y finite", self.R)
         object.__setattr__(self, "R", (*self.R, math.inf)[:3])
+        if not is_covariance(self.R, self.cross):
+            raise refusal("FixNoise.cross", f"covariances of errors with the variances {self.R}", self.cross)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -78,10 +78,12 @@ def test_odometry_says_whether_it_was_measured_and_with_which_twist(measured):
 
 
 @pytest.mark.parametrize("heading", [0.04, math.inf])
-def test_a_fix_states_its_variances_and_minus_one_for_a_heading_that_was_not_measured(heading):
-    fix = Fix(Pose(1.0, -2.0, 0.5 if heading < math.inf else 0.0), (0.01, 0.02, heading), 0.0, True)
+def test_a_fix_states_its_covariance_and_minus_one_for_a_heading_that_was_not_measured(heading):
+    cross = (-0.01, 0.004, 0.005) if heading < math.inf else (-0.01, 0.0, 0.0)
+    fix = Fix(Pose(1.0, -2.0, 0.5 if heading < math.inf else 0.0), (0.01, 0.02, heading), 0.0, True, cross)
     message = conversion(Fix).write(fix, HEADER)
     assert [message.pose.covariance[at] for at in (0, 7, 35)] == [0.01, 0.02, 0.04 if heading < math.inf else -1.0]
+    assert [message.pose.covariance[at] for at in (1, 5, 11)] == [message.pose.covariance[at] for at in (6, 30, 31)] == [*cross]
     assert travel(fix) == fix
     if heading == math.inf:
         message.pose.pose.orientation.w = 0.0  # as who measures a position leaves it

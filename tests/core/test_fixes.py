@@ -12,16 +12,22 @@ from textbook import Textbook, difference
 
 from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.consistency import nees
+from turtlebot_gym.estimation.correlated import correct_correlated
+from turtlebot_gym.estimation.ekf import correct_pose
 from turtlebot_gym.estimation.filters import filter_of, matrix
 from turtlebot_gym.estimation.fixes import no_fix, with_fixes
+from turtlebot_gym.estimation.scale import Sixth, correct_both, correct_both_correlated
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
-from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, Senses, senses_of
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Fix, Odometry, Pose, Senses, State, senses_of
 
 DT, DEPTH = 0.1, 5
 KINDS = ("matched", "gated", "mixture", "slip", "scale")
 CASES = [*((kind, "rough") for kind in KINDS), ("matched", "wheel"), ("tutorial", "tutorial")]
-POSITION, POSE = (0.02, 0.03, math.inf), (0.02, 0.03, 0.05)
+POSITION, POSE = (0.02, 0.03, math.inf, 0.0, 0.0, 0.0), (0.02, 0.03, 0.05, 0.0, 0.0, 0.0)
+CORRELATED = (0.02, 0.03, 0.05, 0.015, -0.01, 0.002)
+TURNED = (0.02, 0.03, math.inf, -0.015, 0.0, 0.0)
 SENSES = senses_of(("odometry", "fix"))
 
 
@@ -39,7 +45,7 @@ def senses(k):
 
 def fix_at(k, R=POSE, age=0.0):
     """Return a fix of the pose at a step."""
-    return Fix(Pose(0.02 * k, 0.1, 0.1), R, age, True)
+    return Fix(Pose(0.02 * k, 0.1, 0.1), R[:3], age, True, R[3:])
 
 
 def with_late(filter, tuning, fixes, *, depth=DEPTH, steps=20):
@@ -58,11 +64,11 @@ def by_hand(filter, tuning, fixes, steps=20):
     log = []
     for k in range(steps + 1):
         now = filter.step(log[-1], senses(k - 1), senses(k), tuning, DT, 0.5) if k else filter.start(senses(0), tuning)
-        log.append(filter.fix(now, fixes[k].pose, fixes[k].R, tuning) if k in fixes else now)
+        log.append(filter.fix(now, fixes[k].pose, fixes[k].R + fixes[k].cross, tuning) if k in fixes else now)
     return log
 
 
-@pytest.mark.parametrize("R", [POSITION, POSE])
+@pytest.mark.parametrize("R", [POSITION, CORRELATED])
 @pytest.mark.parametrize(("kind", "noise"), CASES)
 @pytest.mark.parametrize("late", range(DEPTH + 1))
 def test_a_late_fix_leads_to_the_same_bits_as_one_that_is_taken_in_after_its_step(kind, noise, late, R):
@@ -104,7 +110,7 @@ def parts_of(kind, estimate):
     return [(estimate.belief, 1.0)]
 
 
-@pytest.mark.parametrize("R", [POSITION, POSE])
+@pytest.mark.parametrize("R", [POSITION, POSE, CORRELATED, TURNED])
 @pytest.mark.parametrize(("kind", "noise"), CASES[:-1])
 def test_a_fix_is_the_joint_update_of_the_textbook_and_weighs_hypotheses_by_how_likely_each_makes_it(kind, noise, R):
     tuning, filter = tuned(kind, noise)
@@ -125,8 +131,20 @@ def test_a_fix_is_the_joint_update_of_the_textbook_and_weighs_hypotheses_by_how_
 def test_a_heading_is_fixed_across_pi():
     tuning, filter = tuned("matched", "wheel")
     start = filter.start(Senses(Odometry(Pose(0.0, 0.0, 3.1), STOP, True)), tuning)
-    fixed = filter.fix(start, Pose(0.0, 0.0, -3.1), (1.0, 1.0, 1e-12), tuning)
+    fixed = filter.fix(start, Pose(0.0, 0.0, -3.1), (1.0, 1.0, 1e-12, 0.0, 0.0, 0.0), tuning)
     assert fixed.belief.mean.theta == pytest.approx(-3.1, abs=1e-3)
+
+
+@pytest.mark.parametrize("variance", [0.05, math.inf])
+def test_without_correlations_a_fix_is_to_the_last_bit_the_update_by_x_y_and_heading(variance):
+    rng, R = np.random.default_rng(4), (0.02, 0.03, variance)
+    for _ in range(50):
+        root = rng.standard_normal((5, 5))
+        belief = Belief(State(*rng.standard_normal(5).tolist()), Covariance(*(root @ root.T)[np.triu_indices(5)].tolist()))
+        sixth, z = Sixth(1.0, 0.3, State(*(0.1 * root[0]).tolist())), Pose(*rng.uniform(-3.0, 3.0, 3).tolist())
+        turn = wrap(z.theta - belief.mean.theta)
+        assert correct_correlated(belief, z, (*R, 0.0, 0.0, 0.0)) == correct_pose(belief, z, R, turn)
+        assert correct_both_correlated(belief, sixth, z, (*R, 0.0, 0.0, 0.0)) == correct_both(belief, sixth, z, R, turn)[:2]
 
 
 ENDLESS, ORIGIN = replace(SQUARE, switch_period=1e9, max_steps=1e9), (Pose(0.0, 0.0, 0.0),)
@@ -145,7 +163,9 @@ def fixes_of(p, action, steps, seed):
 
 
 def test_fixes_come_each_period_as_late_as_they_say_with_white_noise_on_the_pose_of_their_stamp():
-    fix = FixNoise(R=(0.04, 0.01, 0.0025), period=0.4, delay=0.3, dropout_probability=0.3)
+    covariance = np.array([[0.04, 0.012, 0.004], [0.012, 0.01, 0.002], [0.004, 0.002, 0.0025]])
+    cross = covariance[[0, 0, 1], [1, 2, 2]]
+    fix = FixNoise(R=np.diag(covariance), cross=cross, period=0.4, delay=0.3, dropout_probability=0.3)
     came, poses = fixes_of(make_parameters(ENDLESS, noise="wheel", fix=fix), (0.8, 0.3), 4000, 0)
     assert {(step - 3) % 4 for step, _ in came} == {0}
     assert came[0][0] > 3
@@ -154,8 +174,10 @@ def test_fixes_come_each_period_as_late_as_they_say_with_white_noise_on_the_pose
     assert abs(lost - 0.3) < stats.norm.isf(0.5e-4) * math.sqrt(0.21 / 999)
     errors = np.array([np.array(fix.pose) - poses[step - 3][:3] for step, fix in came])
     errors[:, 2] = [difference(error) for error in errors[:, 2]]
-    for error, variance in zip(errors.T, fix.R, strict=True):  # each fails for one seed in 10^4
-        assert stats.kstest(error / math.sqrt(variance), "norm").pvalue > 1e-4
+    independent = np.linalg.solve(np.linalg.cholesky(covariance), errors.T)
+    for error in (*errors.T / np.sqrt(fix.R)[:, None], *independent):  # each fails for one seed in 10^4
+        assert stats.kstest(error, "norm").pvalue > 1e-4
+    assert np.abs(np.corrcoef(independent) - np.eye(3)).max() < 0.15  # of 700; one in 10^4 exceeds it
     late = np.array([np.array(fix.pose[:2]) - poses[step][:2] for step, fix in came])
     assert np.abs(late.mean(axis=0)).max() < 0.1  # not the pose of now, which is farther along
     assert np.mean(late**2) > np.mean(errors[:, :2] ** 2)
@@ -190,6 +212,62 @@ def test_late_fixes_leave_the_filter_consistent_and_naive_fusion_does_not():
         means.append(float(np.mean(values)))
     low, high = stats.chi2.ppf((0.5e-4, 1.0 - 0.5e-4), 180) / 60.0
     assert low < means[0] < high < means[1]
+
+
+def diagonal(system):
+    """Return a system whose filter is not told that the errors of its fixes are correlated."""
+    sensor = system.sensors[-1]
+    return system.with_sensor(sensor._replace(sense=lambda *given: sensor.sense(*given)._replace(cross=(0.0, 0.0, 0.0))))
+
+
+ALONG, ACROSS = np.array([math.cos(math.pi / 6.0), 0.5]), np.array([-0.5, math.cos(math.pi / 6.0)])
+CORRIDOR = 0.5**2 * np.outer(ALONG, ALONG) + 0.02**2 * np.outer(ACROSS, ACROSS)
+"""Covariance of a fix in a corridor that is turned by 30 degrees: 25 times as well known across it as along it."""
+
+
+def test_by_its_variances_alone_a_fix_in_a_corridor_that_is_not_along_an_axis_states_a_wrong_error():
+    # 400 places: each sum is chi-square with 400 degrees of freedom. Fails for one seed in 10^4.
+    tuning, filter = tuned("matched", "wheel")
+    tuning, rng, squares = replace(tuning, R=(4.0, 4.0, 0.01)), np.random.default_rng(5), {}
+    start = filter.start(Senses(Odometry(Pose(0.0, 0.0, 0.0), STOP, True)), tuning)
+    for told, xy in {"full": CORRIDOR[0, 1], "diagonal": 0.0}.items():
+        errors = []
+        for _ in range(400):
+            truth, estimate = 2.0 * rng.standard_normal(2), start
+            for x, y in rng.multivariate_normal(truth, CORRIDOR, 3).tolist():
+                R = (CORRIDOR[0, 0], CORRIDOR[1, 1], math.inf, xy, 0.0, 0.0)
+                estimate = filter.fix(estimate, Pose(x, y, 0.0), R, tuning)
+            mean, P = estimate.belief
+            off, P = mean[:2] - truth, matrix(P)[:2, :2]
+            errors.append([(off @ u) ** 2 / (u @ P @ u) for u in (ALONG, ACROSS)])
+        squares[told] = np.mean(errors, axis=0)
+    low, high = stats.chi2.ppf((0.5e-4, 1.0 - 0.5e-4), 400) / 400.0
+    assert ((low < squares["full"]) & (squares["full"] < high)).all(), squares
+    assert squares["diagonal"][0] > high, squares
+    assert squares["diagonal"][1] < 0.1 * low, squares
+
+
+def test_along_a_drive_the_full_covariance_is_consistent_and_four_times_as_exact_across_the_corridor():
+    # 60 independent drives: each sum is chi-square with 60 degrees of freedom. Fails for one seed in 10^4.
+    wheels = make_noise("wheel")
+    noise = replace(wheels, process=replace(wheels.process, alpha1=4.0, alpha3=0.1))
+    fix = FixNoise(R=(CORRIDOR[0, 0], CORRIDOR[1, 1]), cross=(CORRIDOR[0, 1], 0.0, 0.0), period=0.5)
+    p, squares, sizes = make_parameters(ENDLESS, noise=noise, fix=fix), [], []
+    for system in (system_of(p), diagonal(system_of(p))):
+        errors = []
+        for seed in range(60):
+            episode = Episode(p, ORIGIN, seed=seed, system=system)
+            for step in range(60):
+                episode.act((0.9, 0.4 * math.sin(0.1 * step)))
+            mean, P = episode.world.estimate.belief
+            off, P = np.array(mean[:2]) - episode.world.body.true_state[:2], matrix(P)[:2, :2]
+            errors.append([((off @ u) ** 2, u @ P @ u) for u in (ALONG, ACROSS)])
+        off, stated = np.moveaxis(errors, 2, 0)
+        squares.append((off / stated).mean(axis=0))
+        sizes.append(math.sqrt(off[:, 1].mean()))
+    low, high = stats.chi2.ppf((0.5e-4, 1.0 - 0.5e-4), 60) / 60.0
+    assert ((low < squares[0]) & (squares[0] < high)).all(), squares
+    assert 3.0 * sizes[0] < sizes[1], sizes
 
 
 def test_two_variances_mean_that_the_heading_is_not_measured():

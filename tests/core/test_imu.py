@@ -35,7 +35,7 @@ def test_a_fix_corrects_pose_and_bias():
     for _ in range(20):
         estimate = filter.step(estimate, senses, senses, TUNING, 0.1, 0.0)
     mean = estimate.belief.mean
-    fixed = filter.fix(estimate, Pose(mean.x, mean.y, mean.theta - 0.1), (1.0, 1.0, 1e-6), TUNING)
+    fixed = filter.fix(estimate, Pose(mean.x, mean.y, mean.theta - 0.1), (1.0, 1.0, 1e-6, 0.0, 0.0, 0.0), TUNING)
     assert fixed.belief.mean.theta == pytest.approx(mean.theta - 0.1, abs=1e-3)
     assert fixed.bias.mean > estimate.bias.mean  # it turned less than measured
     assert fixed.nis == estimate.nis

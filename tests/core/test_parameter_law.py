@@ -122,7 +122,7 @@ LAW = {
     FixNoise: (
         FIX,
         lambda value: BASE._replace(fix=value),
-        {"R": (0.02, 0.03, 0.5), "period": 0.4, "delay": 0.3, "dropout_probability": 0.5},
+        {"R": (0.02, 0.03, 0.5), "cross": (0.01, 0.0, 0.0), "period": 0.4, "delay": 0.3, "dropout_probability": 0.5},
     ),
     Reward: (
         Reward(),

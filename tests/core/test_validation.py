@@ -243,6 +243,9 @@ def test_every_number_of_a_parameter_class_has_a_rule_and_is_refused_by_it(cls):
             (FixNoise, {"R": R}, f"R must be two or three variances, those of x and y finite, got {R}")
             for R in ((0.1,), (0.1, 0.1, 0.1, 0.1), (0.1, math.inf))
         ),
+        (FixNoise, {"R": (0.1, 0.1), "cross": (0.0, 0.0, 0.01)}, "cross must be covariances of errors with the variances"),
+        (FixNoise, {"R": (0.1, 0.1, 0.1), "cross": (0.2, 0.0, 0.0)}, "cross must be covariances of errors"),
+        (FixNoise, {"R": (0.1, 0.1, 0.1), "cross": (0.09, 0.09, -0.09)}, "cross must be covariances of errors"),
         (Task, {"arena": 1.0, "min_distance": 1.5}, "min_distance must be at most arena, got 1.5 > 1.0."),
         (Lidar, {"range_min": 2.0, "range_max": 1.0}, "range_min must be below range_max, got 2.0 >= 1.0."),
         (Lidar, {"dead": ((0.0,),)}, "dead[0] must be 2 numbers, got (0.0,)."),

@@ -55,9 +55,16 @@ class Textbook:
         self.P = F @ self.P @ F.T + np.diag(Q)
 
     def update(self, z, R=None, H=None):
-        """Correct by a pose, or a position if the heading's variance is infinite; or by what `H` projects on."""
-        R = np.array(self.tuning.R if R is None else R)[: len(z)]
-        z, R = np.array(z)[np.isfinite(R)], np.diag(R[np.isfinite(R)])
+        """Correct by a pose, or a position if the heading's variance is infinite; or by what `H` projects on.
+
+        R has the variances, and perhaps the covariances of x and y, x and heading, y and heading.
+        """
+        R = np.array(self.tuning.R if R is None else R)
+        variances, known = R[: len(z)], np.isfinite(R[: len(z)])
+        matrix = np.diag(variances)
+        if len(R) == 6:
+            matrix[[0, 0, 1], [1, 2, 2]] = matrix[[1, 2, 2], [0, 0, 1]] = R[3:]
+        z, R = np.array(z)[known], matrix[np.ix_(known, known)]
         H = np.eye(len(z), len(self.x)) if H is None else H
         nu = z - H @ self.x
         if len(nu) == 3 and getattr(self.tuning.kind, "wrap_innovation", True):

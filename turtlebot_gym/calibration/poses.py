@@ -26,8 +26,8 @@ from turtlebot_gym.calibration.regression import JUMP, MOST, ROUNDS
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drives import Drive, known
-from turtlebot_gym.estimation.ekf import predict, wrapped
-from turtlebot_gym.estimation.update import innovation_variance, of_row, update
+from turtlebot_gym.estimation.ekf import predict
+from turtlebot_gym.estimation.update import innovation_variance, of_row, update, wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS

@@ -13,8 +13,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from turtlebot_gym.estimation.correlated import correct_correlated
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.update import Variances, innovation_variance, inverse_of, of_heading, of_x, of_y, update
+from turtlebot_gym.estimation.update import Variances, innovation_variance, inverse_of, of_heading, of_x, of_y, update, wrapped
 from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
@@ -135,13 +136,6 @@ def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tupl
 
 
 @kernel
-def wrapped(belief: Belief) -> Belief:
-    """Return a belief with its heading wrapped."""
-    x, y, theta, v, omega = belief.mean
-    return Belief(State(x, y, wrap(theta), v, omega), belief.covariance)
-
-
-@kernel
 def correct(belief: Belief, z: Pose, R: Variances, wraps: bool = True) -> tuple[Belief, float]:
     """Condition the belief on a measured pose.
 
@@ -198,7 +192,7 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
 @kernel
 def fix(estimate: Estimate, z: Pose, R: Variances, tuning: FilterTuning) -> Estimate:
     """Condition the belief on an external pose measurement; see `interface.Filter`."""
-    belief, _, _ = correct_pose(estimate.belief, z, R, wrap(z.theta - estimate.belief.mean.theta))
+    belief, _, _ = correct_correlated(estimate.belief, z, R)
     return Estimate(belief, estimate.nis, estimate.rejections)
 
 

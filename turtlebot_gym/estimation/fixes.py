@@ -68,7 +68,7 @@ def depth_of(dt: float, age: float = MAX_FIX_AGE) -> int:
 @kernel
 def no_fix() -> Fix:
     """Return the placeholder for no fix."""
-    return Fix(Pose(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, False)
+    return Fix(Pose(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, False, (0.0, 0.0, 0.0))
 
 
 @kernel
@@ -140,7 +140,7 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
     @kernel
     def advance(estimate, before, now, tuning, middle):
         moved = step(estimate, before.senses, now.senses, tuning, now.dt, middle)
-        return fix_in(moved, now.fix.pose, now.fix.R, tuning) if now.fix.arrived else moved
+        return fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning) if now.fix.arrived else moved
 
     replay = _replay(advance, last)
 
@@ -164,7 +164,7 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
         told, oldest, count = estimate.told, estimate.oldest, estimate.steps
         at = _step_at(told, count, fix.age)
         if at == count:
-            oldest = fix_in(oldest, fix.pose, fix.R, tuning)
+            oldest = fix_in(oldest, fix.pose, fix.R + fix.cross, tuning)
         else:
             told = put(told, at, fix)
         newest = oldest
@@ -174,14 +174,14 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
 
     @kernel
     def insert_last(estimate, fix, tuning, middle):
-        oldest = fix_in(estimate.oldest, fix.pose, fix.R, tuning)
+        oldest = fix_in(estimate.oldest, fix.pose, fix.R + fix.cross, tuning)
         return oldest, replay(oldest, estimate.told, tuning, middle)
 
     @kernel
     def step_on(estimate, before, senses, tuning, dt, middle):
         now, remembered = senses.fix, remember(estimate, before, senses, tuning, dt, middle)
         if now.arrived:
-            fix = Fix(now.pose, now.R, now.age, now.arrived)  # without what a simulated sensor keeps beside it
+            fix = Fix(now.pose, now.R, now.age, now.arrived, now.cross)  # without what a simulated sensor keeps beside it
             remembered = insert(remembered, fix, tuning, middle)
         return remembered
 

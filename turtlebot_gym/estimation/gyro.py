@@ -12,10 +12,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import innovation, predict
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.scale import Sixth, correct_both, moved_column, update_both
-from turtlebot_gym.estimation.update import Projection, Variances
+from turtlebot_gym.estimation.scale import Sixth, correct_both, correct_both_correlated, moved_column, update_both
+from turtlebot_gym.estimation.update import Projection, Variances, wrapped
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.validation import NON_NEGATIVE, typed
 from turtlebot_gym.values import Belief, Pose, State
@@ -77,7 +76,7 @@ def _step(estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTunin
     surprise = senses.imu.omega - belief.mean.omega - bias.mean
     h = _turn_rate(belief, bias)
     belief, bias, _ = update_both(belief, bias, h, bias.column.omega + bias.variance, surprise, own.variance)
-    turned = _GyroEstimate(ekf.wrapped(belief), estimate.nis, bias)
+    turned = _GyroEstimate(wrapped(belief), estimate.nis, bias)
 
     z, prior = odometry.pose, turned.belief
     belief, bias, nis = correct_both(prior, bias, z, tuning.R, innovation(prior.mean, z).theta)
@@ -86,7 +85,7 @@ def _step(estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTunin
 
 @kernel
 def _fix(estimate: _GyroEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _GyroEstimate:
-    belief, bias, _ = correct_both(estimate.belief, estimate.bias, z, R, wrap(z.theta - estimate.belief.mean.theta))
+    belief, bias = correct_both_correlated(estimate.belief, estimate.bias, z, R)
     return _GyroEstimate(belief, estimate.nis, bias)
 
 

@@ -24,7 +24,8 @@ class Filter(NamedTuple):
     fix: Callable[[Any, Pose, tuple[float, ...], FilterTuning], Any]
     """``fix(estimate, z, R, tuning)`` returns the estimate after an external pose measurement of the same time.
 
-    R holds the variances of x, y and heading; m^2, m^2, rad^2; infinite for a heading that was not measured.
+    R holds six numbers: the variances of x, y and heading, infinite for a heading that was not measured, and the covariances
+    of x and y, of x and heading, and of y and heading; m^2, m rad and rad^2.
     """
     reads: tuple[str, ...] = ("odometry",)
     """Names of the sensors that ``step`` reads."""

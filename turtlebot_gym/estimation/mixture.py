@@ -19,9 +19,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import correct_pose, correct_position, innovation, predict, wrapped
+from turtlebot_gym.estimation.correlated import correct_correlated
+from turtlebot_gym.estimation.ekf import correct_position, innovation, predict
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.update import Variances, absorb, innovation_variance, inverse_of, of_heading
+from turtlebot_gym.estimation.update import Variances, absorb, innovation_variance, inverse_of, of_heading, wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Mixture, Slip
@@ -194,7 +195,7 @@ def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, 
 
 @kernel
 def _fix_one(belief: Belief, z: Pose, R: Variances) -> _Tracked:
-    posterior, nis, precision = correct_pose(belief, z, R, wrap(z.theta - belief.mean.theta))
+    posterior, nis, precision = correct_correlated(belief, z, R)
     return _Tracked(posterior, nis, 0.5 * nis, max(sqrt(precision), _LEAST))
 
 

@@ -8,6 +8,8 @@
         def predict(self, twist, dt): ...   # (v, omega) that is executed from now on, and the interval, s
         def update(self, z, R): ...         # a measured (x, y, theta), and its variances; infinite for an unknown heading
 
+With a fix whose errors are correlated, R is their 3 x 3 matrix instead.
+
 ``x`` and ``P`` are its whole memory: set before each call, and read after it. An environment with such a filter runs as
 plain Python, some thousand times slower than a compiled one. A filter made of kernels is fast, see `interface.Filter`.
 """
@@ -127,7 +129,9 @@ def _filter_of(make: Callable[[Any], Any]) -> Filter:
 
     def fix(estimate: Any, z: Pose, R: tuple[float, ...], tuning: FilterTuning) -> _PlainEstimate:
         def work(worker: Any) -> float:
-            worker.update(np.array(z), np.array(R))
+            xx, yy, tt, xy, xt, yt = R
+            correlated = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]])
+            worker.update(np.array(z), correlated if xy or xt or yt else np.array(R[:3]))
             return estimate.nis
 
         return run(estimate, tuning, work)

@@ -10,7 +10,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import innovation, predict, wrapped
+from turtlebot_gym.estimation.correlated import independent
+from turtlebot_gym.estimation.ekf import innovation, predict
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import (
     Projection,
@@ -18,9 +19,11 @@ from turtlebot_gym.estimation.update import (
     innovation_variance,
     inverse_of,
     of_heading,
+    of_row,
     of_x,
     of_y,
     update,
+    wrapped,
 )
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import wrap
@@ -68,6 +71,21 @@ def correct_both(belief: Belief, sixth: Sixth, z: Pose, R: Variances, turn: floa
     turn = turn - (belief.mean.theta - prior)
     belief, sixth, nis = update_both(belief, sixth, of_heading(belief.covariance), sixth.column.theta, turn, R[2])
     return wrapped(belief), sixth, nis_x + nis_y + nis
+
+
+@kernel
+def correct_both_correlated(belief: Belief, sixth: Sixth, z: Pose, R: Variances) -> tuple[Belief, Sixth]:
+    """Condition on a pose whose errors may be correlated, with R as in `correlated.independent`."""
+    prior, turn = belief.mean, wrap(z.theta - belief.mean.theta)
+    a, b, c, (r_x, r_y, r_theta) = independent(R)
+    belief, sixth, _ = update_both(belief, sixth, of_x(belief.covariance), sixth.column.x, z.x - prior.x, r_x)
+    h, across, now = of_row(belief.covariance, (a, 1.0, 0.0)), a * sixth.column.x + sixth.column.y, belief.mean
+    belief, sixth, _ = update_both(belief, sixth, h, across, a * (z.x - now.x) + (z.y - now.y), r_y)
+    h, now = of_row(belief.covariance, (b, c, 1.0)), belief.mean
+    across = b * sixth.column.x + c * sixth.column.y + sixth.column.theta
+    off = b * (z.x - now.x) + c * (z.y - now.y) + (turn - (now.theta - prior.theta))
+    belief, sixth, _ = update_both(belief, sixth, h, across, off, r_theta)
+    return wrapped(belief), sixth
 
 
 class _ScaleEstimate(NamedTuple):
@@ -120,8 +138,7 @@ def _step(
 
 @kernel
 def _fix(estimate: _ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _ScaleEstimate:
-    turn = wrap(z.theta - estimate.belief.mean.theta)
-    belief, scale, _ = correct_both(estimate.belief, estimate.scale, z, R, turn)
+    belief, scale = correct_both_correlated(estimate.belief, estimate.scale, z, R)
     return _ScaleEstimate(belief, estimate.nis, scale)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.kernel import algebra, kernel
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Belief, Covariance, State
 
 Variances = tuple[float, ...]
@@ -127,3 +128,10 @@ def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[
     inverse = inverse_of(innovation_variance(h, r))
     gain = innovation * inverse
     return absorb(belief, h.column, gain, inverse), gain * innovation
+
+
+@kernel
+def wrapped(belief: Belief) -> Belief:
+    """Return a belief with its heading wrapped."""
+    x, y, theta, v, omega = belief.mean
+    return Belief(State(x, y, wrap(theta), v, omega), belief.covariance)

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.estimation.ekf import wrapped
 from turtlebot_gym.estimation.scale import Sixth
+from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.around import likelihood, starts_around
 from turtlebot_gym.localization.information import Guess, blurred, condition, information

@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation.fixes import filled, no_fix
+from turtlebot_gym.estimation.update import inverse_of
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.random import EVENTS, FIX, HEADING, POSITION, normals, sub_key, uniforms
@@ -26,6 +27,7 @@ class TrackedFix(NamedTuple):
     R: tuple[float, float, float]
     age: float
     arrived: bool
+    cross: tuple[float, float, float]
     passed: tuple[Pose, ...]
     """The robot's poses in the last steps, newest first."""
 
@@ -48,12 +50,18 @@ def _arrives(noise: FixNoise, key: int, stamp: int, dt: float) -> bool:
 @kernel
 def _measure(was: Pose, noise: FixNoise, key: int, stamp: int) -> Pose:
     """Return a pose as it is measured; without a heading, it is 0."""
-    R = noise.R
+    R, (xy, xt, yt) = noise.R, noise.cross
     one, other = normals(key, stamp, POSITION)
     turn, _ = normals(key, stamp, HEADING)
     sees_heading = R[2] < 1e300
-    theta = wrap(was.theta + sqrt(R[2] if sees_heading else 0.0) * turn) if sees_heading else 0.0
-    return Pose(was.x + sqrt(R[0]) * one, was.y + sqrt(R[1]) * other, theta)
+    # Correlated draws, by the lower triangular root of the covariance.
+    of_x = sqrt(R[0])
+    y_by_x, t_by_x = xy / of_x, xt / of_x
+    of_y = sqrt(max(R[1] - y_by_x * y_by_x, 0.0))
+    t_by_y = (yt - t_by_x * y_by_x) * inverse_of(of_y)
+    own = sqrt(max((R[2] if sees_heading else 0.0) - t_by_x * t_by_x - t_by_y * t_by_y, 0.0))
+    theta = wrap(was.theta + t_by_x * one + t_by_y * other + own * turn) if sees_heading else 0.0
+    return Pose(was.x + of_x * one, was.y + y_by_x * one + of_y * other, theta)
 
 
 @kernel
@@ -80,19 +88,19 @@ def fix_parts(late: int) -> FixSensor:
     @kernel
     def first(body, key, p):
         none = no_fix()
-        return TrackedFix(none.pose, none.R, none.age, none.arrived, fill(_pose(body)))
+        return TrackedFix(none.pose, none.R, none.age, none.arrived, none.cross, fill(_pose(body)))
 
     @kernel
     def watch(body, before, key, at, p):
         passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
         arrived = _arrives(p.fix, sub_key(key, FIX), at - late, p.dt)
-        return TrackedFix(before.pose, before.R, before.age, arrived, passed)
+        return TrackedFix(before.pose, before.R, before.age, arrived, before.cross, passed)
 
     @kernel
     def measure(fix, key, at, p):
-        R = p.fix.R
+        R, (xy, xt, yt) = p.fix.R, p.fix.cross
         pose = _measure(fix.passed[late], p.fix, sub_key(key, FIX), at - late)
-        return TrackedFix(pose, (R[0], R[1], R[2]), late * p.dt, True, fix.passed)
+        return TrackedFix(pose, (R[0], R[1], R[2]), late * p.dt, True, (xy, xt, yt), fix.passed)
 
     @kernel
     def sense(body, before, key, at, p):

@@ -42,10 +42,10 @@ def late_fixes(late: int) -> LateFixes:
     @kernel
     def catch_up(world, key, p):
         fix, before = world.senses.fix, world.estimate
-        pose, R, age, arrived, passed = measure(fix, key, int(world.steps), p)
-        oldest, newest = insert_last(before, Fix(pose, R, age, arrived), p.tuning, p.middle)
+        pose, R, age, arrived, cross, passed = measure(fix, key, int(world.steps), p)
+        oldest, newest = insert_last(before, Fix(pose, R, age, arrived, cross), p.tuning, p.middle)
         after = Remembered(newest.belief, newest.nis, newest, before.told, oldest, before.steps)
-        senses = _Senses(world.senses.odometry, TrackedFix(pose, R, age, arrived, passed) if fix.arrived else fix)
+        senses = _Senses(world.senses.odometry, TrackedFix(pose, R, age, arrived, cross, passed) if fix.arrived else fix)
         return Snapshot(world.body, senses, after if fix.arrived else before, world.course, world.steps, world.room)
 
     hurried = open_ground(taking.filter._replace(step=taking.remember)).with_sensor(sensor._replace(sense=watch))

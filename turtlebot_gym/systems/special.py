@@ -152,7 +152,10 @@ _BELIEF = tuple(f"mean.{name}" for name in State._fields) + tuple(f"covariance.{
 def with_late_fixes(special: Special, late: int) -> Special:
     """Return a case with fixes that are so many steps late: they count for the oldest estimate, never for a stored step."""
     told = [f"estimate.told[{ago}]" for ago in range(late + 1)]
-    none = {**dict.fromkeys((*_POSE, "age", "arrived"), 0.0), **{f"R[{at}]": value for at, value in enumerate(no_fix().R)}}
+    none = {
+        **dict.fromkeys((*_POSE, "age", "arrived", "cross[0]", "cross[1]", "cross[2]"), 0.0),
+        **{f"R[{at}]": value for at, value in enumerate(no_fix().R)},
+    }
     world = [(f"{step}.fix.{name}", value) for step in told for name, value in none.items()]
     for path, value in special.world:
         if path == "senses.odometry.measured":

@@ -64,7 +64,7 @@ class KalmanFilter:
         109 of 402 steps, and its error rose from 0.038 m to as much as 0.113 m."""
         takes_fixes: bool = False
         """Whether to use external pose measurements on ``pose_fix`` too, such as localization in a map or motion capture: in
-        the filter's frame, with their variances; a heading with a negative variance is ignored."""
+        the filter's frame, with their covariance; a heading with a negative variance is ignored."""
         period: Annotated[float, Range(0.0, 60.0, open_low=True, unit="s")] = 0.1
         """Longest interval predicted in one step, s."""
         max_gap: Annotated[float, Range(0.0, 60.0, open_low=True, open_high=True, unit="s")] = 1.0

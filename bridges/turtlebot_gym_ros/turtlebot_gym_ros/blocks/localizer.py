@@ -188,11 +188,12 @@ class Localizer:
 
     def _take_seat(self, located: Located, seat: Fix) -> Located:
         """Return the belief where a person says that the robot is."""
-        x, y, heading = seat.R
+        (x, y, heading), (xy, xt, yt) = seat.R, seat.cross
         if heading == math.inf:
             return located
         there = locate(seat.pose, (x, y, heading), self._q)
-        return there._replace(scans=located.scans, moves=located.moves)
+        belief = there.belief._replace(covariance=there.belief.covariance._replace(xy=xy, xt=xt, yt=yt))
+        return there._replace(belief=belief, scans=located.scans, moves=located.moves)
 
     def _correct(self, located: Located, scan: Aged) -> Located:
         """Condition the belief on a scan, if it is new and the odometry has reached its last beam."""

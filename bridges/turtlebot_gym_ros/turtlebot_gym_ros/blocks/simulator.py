@@ -249,7 +249,7 @@ class TurtlebotSimulator:
         said: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
         if self._sees_fixes and world.senses.fix.arrived:
             now = world.senses.fix
-            said["fix"] = Aged(Fix(now.pose, now.R, now.age, now.arrived), now.age)
+            said["fix"] = Aged(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
         self._uncertainty.hear(odometry)
         if self._map:
             said["map"], self._map = self._map, None

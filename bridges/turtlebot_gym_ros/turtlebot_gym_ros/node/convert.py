@@ -7,7 +7,8 @@ directions, with a ``ValueError`` that gives the reason.
 it by ``pose.covariance[0] = -1``, the convention of ``sensor_msgs/Imu`` for unknown values. The twist is valid in either case.
 A robot's own odometry, with zeros or variances in the covariance, counts as measured.
 
-A `Fix` states its variances; -1 for the heading means that it was not measured. Off-diagonal terms are ignored.
+A `Fix` states its covariance, of which the entries above the diagonal count; the variance -1 of the heading means that it was
+not measured, and its covariances then do not count.
 
 Headings survive the conversion to a quaternion bit-exactly, see `geometry.half_turn`.
 
@@ -22,7 +23,7 @@ read back to the same number.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import SimpleNamespace
 from typing import Any
 
@@ -34,6 +35,7 @@ from std_msgs.msg import Header
 from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
+from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.block import Correction, Nis
 from turtlebot_gym_ros.node.cdr import blank
@@ -42,6 +44,7 @@ from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
 _PLANAR_POSE, _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (0, 7, 35), (14, 21, 28), (7, 14, 21, 28)
+_BESIDE = (1, 6), (5, 30), (11, 31)  # of x and y, x and yaw, y and yaw
 _NOT_KNOWN = -1.0
 _NIS = "nis"
 SURPRISING = 16.27
@@ -140,6 +143,14 @@ def _estimate_of(message: Odometry) -> Estimate:
     return Estimate(Belief(_state_of(message), P), 0.0, 0.0)
 
 
+def _write_pose_covariance(covariance: Any, variances: Iterable[float], cross: Iterable[float]) -> None:
+    """Write the variances of x, y and heading, and the covariances of x and y, x and heading, y and heading."""
+    for at, value in zip(_PLANAR_POSE, variances, strict=True):
+        covariance[at] = value
+    for (above, below), value in zip(_BESIDE, cross, strict=True):
+        covariance[above] = covariance[below] = value
+
+
 def state_covariance(message: Odometry, P: Covariance) -> None:
     """Write a covariance into the message's parts for pose and twist.
 
@@ -151,10 +162,7 @@ def state_covariance(message: Odometry, P: Covariance) -> None:
     finite("the covariance", P)
     pose, twist = message.pose.covariance, message.twist.covariance
     measured = pose[0] >= 0.0
-    pose[0], pose[7], pose[35] = P.xx, P.yy, P.tt
-    pose[1] = pose[6] = P.xy
-    pose[5] = pose[30] = P.xt
-    pose[11] = pose[31] = P.yt
+    _write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
     twist[0], twist[35] = P.vv, P.ww
     twist[5] = twist[30] = P.vw
     if not measured:
@@ -180,16 +188,20 @@ def _fix_of(message: PoseWithCovarianceStamped) -> Fix:
     if heading == 0.0 or math.isnan(heading):
         raise ValueError(f"a fix must state the heading's variance, or -1 where it was not measured, got {heading:g}")
     measured, position = heading > 0.0, message.pose.pose.position
+    xy, xt, yt = (float(covariance[at]) for at, _ in _BESIDE)
+    R, cross = (x, y, heading if measured else math.inf), (xy, xt, yt) if measured else (xy, 0.0, 0.0)
+    if not is_covariance(R, cross):
+        raise ValueError(f"a fix must state a covariance, but no errors have {xy:g}, {xt:g} and {yt:g} off its diagonal")
     pose = read_pose(message.pose.pose) if measured else Pose(position.x, position.y, 0.0)
     finite("the pose", pose)
-    return Fix(pose, (x, y, heading if measured else math.inf), 0.0, True)
+    return Fix(pose, R, 0.0, True, cross)
 
 
 def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
     message = PoseWithCovarianceStamped(header=header)
     write_pose(message.pose.pose, fix.pose)
-    covariance, (x, y, heading) = message.pose.covariance, fix.R
-    covariance[0], covariance[7], covariance[35] = x, y, heading if heading < math.inf else _NOT_KNOWN
+    x, y, heading = fix.R
+    _write_pose_covariance(message.pose.covariance, (x, y, heading if heading < math.inf else _NOT_KNOWN), fix.cross)
     return message
 
 
@@ -198,11 +210,7 @@ def _located_to_message(located: Located, header: Header) -> PoseWithCovarianceS
     finite("the covariance", P)
     message = PoseWithCovarianceStamped(header=header)
     write_pose(message.pose.pose, mean[:3])
-    covariance = message.pose.covariance
-    covariance[0], covariance[7], covariance[35] = P.xx, P.yy, P.tt
-    covariance[1] = covariance[6] = P.xy
-    covariance[5] = covariance[30] = P.xt
-    covariance[11] = covariance[31] = P.yt
+    _write_pose_covariance(message.pose.covariance, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
     return message
 
 
