@@ -125,6 +125,10 @@ bench-train: $(READY)  ## from command to policy: what train takes beside the le
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/command_to_policy.py --busy 4 --json $(OUT)/command_to_policy.json
 
+bench-from: $(READY)  ## trainings that begin with a known policy, beside plain ones, 5 seeds (20 minutes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/from_policy.py --json $(OUT)/from_policy.json
+
 ##@ Document
 notebooks: $(READY)  ## execute the notebooks and store their outputs
 	$(RUN)python notebooks/execute.py notebooks/*.ipynb

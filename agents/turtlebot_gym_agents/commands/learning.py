@@ -34,6 +34,8 @@ SHOWN = 5
 class _Learned(Writing, Setting):
     algo: str = "ppo"
     """ppo, sac or td3; others of Stable-Baselines3 with a FILE of hyper-parameters."""
+    from_policy: Annotated[str | None, tyro.conf.arg(name="from", metavar="POLICY")] = None
+    """Begin with a network that was fitted to this policy, such as bearing, or vfh in rooms; for ppo."""
     randomize: bool = False
     """Randomize noise, speed scale and delay (in rooms also world and LiDAR) per environment; those given then apply to the
     evaluation."""

@@ -21,6 +21,8 @@ from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
 
 STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
+ON_POLICY = ("ppo", "a2c")
+"""Algorithms with a critic of the present policy, which can begin with the network of a known one."""
 _FREE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
 """Fields that may differ when a run is resumed; the contents of the file ``config`` may not."""
 
@@ -39,6 +41,8 @@ class TrainingConfig(Options):
     """Algorithm of Stable-Baselines3, in lower case."""
     seed: Annotated[int, Range(0, 2**20 - 1, whole=True)] = 0
     """Seed of the network, from which the environments' seeds follow."""
+    from_policy: str | None = None
+    """Policy whose actions the network learns first, a name by `turtlebot_gym_agents.make_policy`; for on-policy algorithms."""
     randomize: bool = False
     """Whether noise, speed scale and delay (in rooms also world and LiDAR) are randomized per environment, see
     `randomization`."""
@@ -73,6 +77,8 @@ class TrainingConfig(Options):
             error = refusal("env", f"one of {', '.join(map(repr, known))}, or another id with their arguments", self.env)
             raise ValueError(f"{error}{did_you_mean(self.env, known)}")
         object.__setattr__(self, "hyper", hyperparameters.load(self.algo, self.env, self.config))
+        if self.from_policy is not None and self.algo not in ON_POLICY:
+            raise ValueError(f"from_policy needs an algorithm among {', '.join(ON_POLICY)}, got {self.algo!r}.")
 
     @property
     def options(self) -> dict[str, Any]:

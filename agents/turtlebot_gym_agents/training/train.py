@@ -24,6 +24,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from turtlebot_gym.compiled.threads import limited
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, RecordCallback
+from turtlebot_gym_agents.training.cloning import begin_with
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 from turtlebot_gym_agents.training.model import make_model
 
@@ -119,5 +120,8 @@ def learn(
     model = make_model(config, envs, tensorboard=tensorboard, checkpoint=checkpoint)
     steps = max(0, config.total - model.num_timesteps)
     with limited(config.threads):
-        model.learn(steps, callback=list(callbacks), reset_num_timesteps=False, tb_log_name="run")
+        learned = list(callbacks)
+        if config.from_policy is not None:
+            learned.append(begin_with(model, envs, config, is_new=checkpoint is None))
+        model.learn(steps, callback=learned, reset_num_timesteps=False, tb_log_name="run")
     return model

@@ -1,0 +1,140 @@
+"""Begin a training with the network of a known policy: clone its actions, then fit the critic to what the clone reaches.
+
+The clone sees the states to which it leads itself: in each round it drives, the known policy says what it would have done
+there, and the network is fitted to all rounds so far. A critic that knows nothing of the clone would undo it in the first
+updates, so at first PPO updates the critic alone.
+
+References:
+    Ross, Gordon, Bagnell, "A reduction of imitation learning and structured prediction to no-regret online learning",
+    *AISTATS* (2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from gymnasium.vector import VectorEnv
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import nn
+
+from turtlebot_gym_agents.policies import Policy, make_policy
+from turtlebot_gym_agents.policies.fit import require_layout
+from turtlebot_gym_agents.policies.policy import PolicyWithMemory
+from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.model import parameters_of
+from turtlebot_gym_agents.training.optimizer import Adam
+
+CLONING_SEED = 2**43
+"""Seed of the environments in which a policy is cloned, apart from others."""
+STEPS, ROUNDS, PASSES, BATCH, RATE = 100, 4, 3, 2048, 2e-3
+"""Steps of all environments in a round; rounds; passes over the data after each; rows of an update, and its learning rate."""
+DEVIATION = 0.3
+"""Standard deviation of the clone's actions, with which it explores in rounds and at first in the training."""
+WARM_UP = 0.1
+"""Share of the training's steps in which the critic alone learns."""
+
+
+def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *, is_new: bool) -> BaseCallback:
+    """Let a training begin with the policy of its configuration, and return the callback that it needs.
+
+    Args:
+        model: The model.
+        envs: The training's environments.
+        config: Configuration of the training, which names a policy.
+        is_new: Whether the model does not continue from a checkpoint, which holds the clone already.
+
+    Raises:
+        ValueError: If the policy was made for another robot, rate or observation.
+    """
+    assert config.from_policy is not None
+    assert isinstance(model, OnPolicyAlgorithm)
+    parameters = parameters_of(envs)
+    policy = make_policy(config.from_policy, robot=parameters.robot, dt=parameters.dt)
+    require_layout(policy, config.from_policy, config.env)
+    if is_new:
+        clone(model, envs, policy, seed=CLONING_SEED + config.seed)
+    return WarmUpCallback(round(WARM_UP * config.total))
+
+
+def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: int) -> None:
+    """Fit the mean actions of a model's network to a policy.
+
+    Args:
+        model: Model with a Gaussian policy, whose critic has layers of its own.
+        envs: The training's environments, in the mode SAME_STEP.
+        policy: The policy, for their robot and rate.
+        seed: Seed of the environments.
+    """
+    network = model.policy
+    assert isinstance(network, ActorCriticPolicy)
+    with torch.no_grad():
+        network.log_std.fill_(float(np.log(DEVIATION)))
+    optimizer = Adam([*_actor(network)], lr=RATE)
+    random = np.random.default_rng(seed)
+    observations, _ = envs.reset(seed=seed)
+    over = np.ones(envs.num_envs, np.bool_)
+    seen, done = [], []
+    for number in range(ROUNDS):
+        for _ in range(STEPS):
+            if isinstance(policy, PolicyWithMemory) and over.any():
+                policy.reset(over)
+            right = np.clip(policy(observations), -1.0, 1.0).astype(np.float32)
+            seen.append(observations)
+            done.append(right)
+            drives = right if number == 0 else _mean(network, torch.from_numpy(observations)).detach().numpy()
+            stray = drives + random.normal(0.0, DEVIATION, drives.shape).astype(np.float32)
+            observations, _, terminated, truncated, _ = envs.step(stray)
+            over = terminated | truncated
+        _fit(network, optimizer, torch.from_numpy(np.concatenate(seen)), torch.from_numpy(np.concatenate(done)))
+
+
+def _actor(network: ActorCriticPolicy) -> Iterator[nn.Parameter]:
+    """Yield the parameters on which the actions depend."""
+    yield network.log_std
+    yield from network.mlp_extractor.policy_net.parameters()
+    yield from network.action_net.parameters()
+
+
+def _mean(network: ActorCriticPolicy, observations: torch.Tensor) -> torch.Tensor:
+    features = network.pi_features_extractor(observations)
+    return network.action_net(network.mlp_extractor.forward_actor(features))
+
+
+def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, seen: torch.Tensor, done: torch.Tensor) -> None:
+    """Reduce the mean squared difference of the actions."""
+    for _ in range(PASSES):
+        for rows in torch.randperm(len(seen)).split(BATCH):
+            optimizer.zero_grad()
+            nn.functional.mse_loss(_mean(network, seen[rows]), done[rows]).backward()
+            optimizer.step()
+
+
+class WarmUpCallback(BaseCallback):
+    """Let the critic alone learn at first.
+
+    Args:
+        steps: Number of steps until the actions learn too.
+    """
+
+    def __init__(self, steps: int) -> None:
+        super().__init__()
+        self._steps = steps
+
+    def _on_training_start(self) -> None:
+        self._learn(self.num_timesteps >= self._steps)
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        self._learn(self.num_timesteps >= self._steps)
+
+    def _learn(self, actions: bool) -> None:
+        assert isinstance(self.model.policy, ActorCriticPolicy)
+        for parameter in _actor(self.model.policy):
+            parameter.requires_grad_(actions)

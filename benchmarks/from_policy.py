@@ -1,0 +1,117 @@
+"""Measure trainings that begin with a known policy beside plain ones: success over CPU seconds, for several tasks and seeds.
+
+Each training counts the CPU seconds of its process from before its model is made, without imports, compilation and its
+evaluations of 500 episodes on other seeds. `make bench-from` runs it.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import time
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+ENVS = {"Nav": ("bearing", 0.99), "Pose": ("polar", 0.99), "Square": ("corner", 0.95), "Rooms": ("vfh", 0.95)}
+"""The policy that each task begins with, and the success whose time is reported."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Compare trainings from a policy with plain ones."""
+
+    tasks: tuple[str, ...] = tuple(ENVS)
+    """Tasks, of `ENVS`."""
+    steps: int = 1_000_000
+    """Steps of each training."""
+    evaluations: int = 16
+    """Evaluations of each training."""
+    seeds: int = 5
+    """Number of seeds."""
+    json: Path | None = None
+    """Write the results here; those of other tasks are kept."""
+    child: tuple[str, str, int] | None = None
+    """Task, policy ("none" for a plain training) and seed of a training in this process."""
+
+
+def training(config: Config, task: str, policy: str, seed: int) -> list[dict[str, float]]:
+    """Return the figures of a training's evaluations with its CPU seconds so far."""
+    from turtlebot_gym_agents.training.callbacks import EvaluationCallback
+    from turtlebot_gym_agents.training.config import TrainingConfig
+    from turtlebot_gym_agents.training.train import learn
+
+    begin = policy if policy != "none" else None
+    chosen = TrainingConfig(env=f"turtlebot_gym/TurtleBot{task}-v0", seed=seed, steps=config.steps, from_policy=begin)
+
+    class Judge(EvaluationCallback):
+        spent = 0.0
+
+        def run(self) -> dict[str, float]:
+            started = time.process_time()
+            reached = super().run()
+            reached["cpu"] = started - start - self.spent
+            self.spent += time.process_time() - started
+            return reached
+
+        def _on_training_start(self) -> None:
+            super()._on_training_start()
+            self.run()
+
+    with closing(chosen.make_training()) as envs, closing(chosen.make(500)) as judges:
+        for each in (envs, judges):  # compiled before the clock starts
+            each.reset(seed=0)
+            each.step(each.action_space.sample())
+        start = time.process_time()
+        judge = Judge(judges, every=max(1, config.steps // config.evaluations))
+        learn(chosen, envs, [judge])
+    return judge.history
+
+
+def seconds_to(history: list[dict[str, float]], success: float) -> float | None:
+    """Return the CPU seconds after which an evaluation reached a success rate, s; None if none did."""
+    return next((figures["cpu"] for figures in history if figures["success"] >= success), None)
+
+
+def summary(runs: list[list[dict[str, float]]], success: float) -> dict[str, Any]:
+    """Return medians over the seeds: CPU seconds to the success, how many reached it, and the last figures."""
+    times = [reached for history in runs if (reached := seconds_to(history, success)) is not None]
+    last = {name: statistics.median(history[-1][name] for history in runs) for name in ("success", "return", "cpu")}
+    return {"to": success, "seconds": statistics.median(times) if times else None, "reached": len(times), "last": last}
+
+
+def main() -> None:
+    """Measure, print and write JSON."""
+    config = tyro.cli(Config, description=__doc__)
+    if config.child:
+        print(json.dumps(training(config, *config.child)))
+        return
+    from turtlebot_gym_agents.provenance import write_json
+
+    known = json.loads(config.json.read_text())["tasks"] if config.json and config.json.exists() else {}
+    for task in config.tasks:
+        policy, success = ENVS[task]
+        known[task] = {}
+        for begin in (policy, "none"):
+            runs = []
+            for seed in range(config.seeds):
+                options = ["--steps", str(config.steps), "--evaluations", str(config.evaluations)]
+                command = [sys.executable, __file__, *options, "--child", task, begin, str(seed)]
+                done = subprocess.run(command, capture_output=True, text=True)
+                if done.returncode:
+                    raise RuntimeError(f"{' '.join(command)} failed: {done.stderr}")
+                runs.append(json.loads(done.stdout.splitlines()[-1]))
+            known[task][begin] = {**summary(runs, success), "runs": runs}
+            print(task, begin, {name: value for name, value in known[task][begin].items() if name != "runs"}, flush=True)
+    if config.json is not None:
+        settings = {name: value for name, value in asdict(config).items() if name not in ("json", "child")}
+        write_json(config.json, {"tasks": known}, config=settings)
+
+
+if __name__ == "__main__":
+    main()
