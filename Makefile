@@ -187,7 +187,7 @@ bench-calibration: $(READY)  ## whether intervals from innovations alone hold th
 bench-calibration-policy: $(READY)  ## what a policy trained on a calibrated file loses against one trained on the truth (25 minutes; resumes)
 	$(RUN)python benchmarks/calibration_policy.py --kept $(OUT)/calibration_policy
 
-bench-as-robot: $(READY)  ## rooms in the live graph by a simulator that speaks like a TurtleBot3, with and without the monitor (an hour; resumes)
+bench-as-robot: $(READY)  ## rooms in the live graph by a simulator that speaks like a TurtleBot3, with and without the monitor (half an hour; resumes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/as_robot.py --kept $(OUT)/as_robot --json $(OUT)/as_robot.json
 
