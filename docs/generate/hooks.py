@@ -1,20 +1,24 @@
 """What MkDocs calls while it builds the site.
 
-Formulas become MathML, which browsers draw without a script; links to ``reference/PACKAGE.md#NAME`` find the page that
-describes the name; links to notebooks find their pages; the API's pages enter the navigation; and each picture gets its size,
-a link to itself and a box as wide as the page at most.
+Formulas become MathML, which browsers draw without a script; a link to a section of a notebook that is a paragraph by itself
+becomes that section's equations, so that each equation stands in one place; links to ``reference/PACKAGE.md#NAME`` find the
+page that describes the name; links to notebooks find their pages; the API's pages enter the navigation; and each picture gets
+its size, a link to itself and a box as wide as the page at most. The page that builds commands gets its choices.
 """
 
 from __future__ import annotations
 
 import html
+import json
 import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from builder import choices
 from layout import Page, pages
 from math_core import LatexToMathML
+from mkdocs.exceptions import PluginError
 from PIL import Image
 
 CONVERTER = LatexToMathML()
@@ -23,12 +27,16 @@ DISPLAY = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DO
 """What `pymdownx.arithmatex` leaves of a formula."""
 API = re.compile(r"\]\((?:[\w./-]*/)?turtlebot_gym\w*\.md#(turtlebot_gym[\w.]*)\)")
 NOTEBOOK = re.compile(r"\]\(((?:\.\./)*(?:notebooks/)?\d\d_\w+)\.ipynb\)")
+SECTION = re.compile(r'^(\[[^\]]+\]\((?:\.\./)*notebooks/(\d\d_\w+)\.ipynb) "([^"]+)"\)$', re.MULTILINE)
+"""A link to a notebook whose title names a section, alone in its line."""
+EQUATION = re.compile(r"\$\$.*?\$\$", re.DOTALL)
 PICTURE = re.compile(r"<p>((?:\s*<img [^>]*>)+)\s*</p>")
 CELL = re.compile(
     r"<td([^>]*)>(\s*[+<~\u2212-]?\d[\d.,\s()%+\u00b1\u00d7\u2212-]*(?:e[+-]?\d+)?(?: ?[a-zA-Z/\u00b2%]{1,6})?\s*)</td>"
 )
 """A cell of a table that holds a number, with its interval and its unit."""
 TITLE = re.compile(r' title="([^"]*)"')
+BUILDER = "<form data-builder"
 IMG = re.compile(r'<img [^>]*?src="([^"#]+)[^>]*>')
 
 
@@ -62,14 +70,28 @@ def _entry(page: Page) -> dict[str, Any]:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Send links to the API and to notebooks to the pages that there are."""
+    """Fetch equations from notebooks, and send links to the API and to notebooks to the pages that there are."""
+    markdown = SECTION.sub(lambda found: f"{equations(found[2], found[3])}\n\n{found[1]})", markdown)
     return NOTEBOOK.sub(r"](\1.md)", API.sub(r"][\1]", markdown))
+
+
+def equations(notebook: str, section: str) -> str:
+    """Return the equations of a notebook's section, as they stand there."""
+    cells = json.loads(Path("notebooks", f"{notebook}.ipynb").read_text(encoding="utf-8"))["cells"]
+    text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+    parts = dict(part.split("\n", 1) for part in re.split(r"^#+ ", text, flags=re.MULTILINE)[1:] if "\n" in part)
+    found = EQUATION.findall(parts.get(section, ""))
+    if not found:
+        raise PluginError(f"notebooks/{notebook}.ipynb has no section {section!r} with equations.")
+    return "\n\n".join(found)
 
 
 def on_page_content(content: str, *, page: Any, config: Any, files: Any) -> str:
     """Turn formulas into MathML, mark the numbers of tables, and give pictures their boxes."""
     content = INLINE.sub(lambda found: mathml(html.unescape(found[1]), display=False), content)
     content = DISPLAY.sub(lambda found: f'<div class="formula">{mathml(html.unescape(found[1]), display=True)}</div>', content)
+    if BUILDER in content:
+        content = content.replace(BUILDER, f'{BUILDER} data-choices="{html.escape(json.dumps(choices()), quote=True)}"')
     content = CELL.sub(r'<td class="number"\1>\2</td>', content)
     folder = Path(page.file.abs_dest_path).parent
     sources = {file.abs_dest_path: file.abs_src_path for file in files if file.abs_src_path}

@@ -1,17 +1,20 @@
 """The results' findings and tables, from the files that the study, the trainings and the live graph have left."""
 
-import json
+import io
+import re
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import mkdocs_gen_files
 
 sys.path.insert(0, "benchmarks")
 import buildings_text
+import findings_text
 import speed_text
 from robustness_text import conditions, summary
 from turtlebot_gym_agents.policies.named import SAFETY
+
+TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
 
 
 def seconds(interval, sign=""):
@@ -20,12 +23,15 @@ def seconds(interval, sign=""):
     return f"{value} ({low}, {high})"
 
 
-@contextmanager
-def folded(page, summary):
-    """Put what is written in a box that is closed at first."""
-    print(f'<details markdown="1">\n<summary>{summary}</summary>\n', file=page)
-    yield
-    print("\n</details>\n", file=page)
+def folded(text):
+    """Return Markdown with each table in a box that is closed at first."""
+
+    def box(found):
+        titles, _, *rows = found[0].strip().splitlines()
+        named = ", ".join(filter(None, map(str.strip, titles.split("|"))))
+        return f'<details markdown="1">\n<summary>{len(rows)} rows: {named}</summary>\n\n{found[0]}\n</details>\n'
+
+    return TABLE.sub(box, text)
 
 
 def percent(interval):
@@ -34,84 +40,102 @@ def percent(interval):
     return f"{value} ({low}, {high})"
 
 
-study = json.loads(Path("benchmarks/robustness.json").read_text(encoding="utf-8"))
-with mkdocs_gen_files.open("results.md", "a") as page:
-    print("\n## What the study finds\n", file=page)
-    print("\n".join(summary(study)), file=page)
-    print(f"\n{conditions(study)}\n", file=page)
-    print("## All comparisons\n", file=page)
-    print(
-        "Times are means over episodes; a failed episode counts as the time limit. The first baseline of each scenario was the",
-        file=page,
-    )
-    print("fastest one after tuning, and PPO is compared with it.\n", file=page)
-    print("| scenario | policy | time, s | untuned, s | PPO minus it, s | p (Holm) | success, % |", file=page)
-    print("|---|---|---|---|---|---|---|", file=page)
+def table(page, titles, rows):
+    """Write a table."""
+    print(f"| {' | '.join(titles)} |\n{'|---' * len(titles)}|", file=page)
+    for row in rows:
+        print(f"| {' | '.join(row)} |", file=page)
+
+
+def compared(study):
+    """Return the rows of the study on open ground."""
     for row in study["comparisons"]:
-        ppo, name = row["ppo"], row["scenario"]
-        seeds = f"{ppo['trainings']} trainings"
-        print(f"| {name} | PPO, {seeds} | {seconds(ppo['time'])} | | | | {percent(ppo['success'])} |", file=page)
+        ppo = row["ppo"]
+        yield row["scenario"], f"PPO, {ppo['trainings']} trainings", seconds(ppo["time"]), "", "", "", percent(ppo["success"])
         for baseline in row["baselines"]:
-            compared = baseline["policy"] == row["compared_with"]
-            cells = f"{seconds(ppo['difference'], '+')} | {row['p_holm']:.2g}" if compared else "|"
-            times = f"{seconds(baseline['time'])} | {baseline['time_untuned']['value']:.2f}"
-            print(f"| | {baseline['policy']} | {times} | {cells} | {percent(baseline['success'])} |", file=page)
-    rooms = json.loads(Path("benchmarks/rooms_study.json").read_text(encoding="utf-8"))
-    print("\n## Rooms\n", file=page)
-    episodes, first = rooms["config"]["episodes"], rooms["config"]["first_seed"]
-    print(
-        f"`make study-rooms`: {episodes} held-out rooms of each setting, on seeds from {first:,}. LiDAR `lds01`, noise",
-        "`tutorial` and the filter's estimate where the setting does not say otherwise. `ppo-rooms` is the best of the",
-        "trainings, by its evaluation seeds.\n",
-        sep="\n",
-        file=page,
-    )
-    with folded(page, "All settings and policies"):
-        print(
-            "| setting | policy | success, % | minus `vfh`, points | collisions, % | time-outs, % | SPL | time, s |", file=page
-        )
-        print("|---|---|---|---|---|---|---|---|", file=page)
-        for row in rooms["rows"]:
-            shares = " | ".join(percent(row[name]) for name in ("success", "success_difference", "collision", "timeout"))
-            spl, time = row["spl"]["value"], row["time"]["value"]
-            print(f"| {row['setting']} | {row['policy']} | {shares} | {spl:.3f} | {time:.1f} |", file=page)
-    print("\n### What the safety layer costs\n", file=page)
-    print(
-        "Each policy without and with the layer, in the same rooms. The last column is the delay in rooms that it crosses",
-        "either way, with its 95 % interval. This is the layer before it had a way out, which only reduced the speed.\n",
-        sep="\n",
-        file=page,
-    )
-    print("| setting | policy | collisions, % | with the layer | success, % | with the layer | later, s |", file=page)
-    print("|---|---|---|---|---|---|---|", file=page)
-    cells = {(row["setting"], row["policy"]): row for row in rooms["rows"]}
+            beside = baseline["policy"] == row["compared_with"]
+            cells = (seconds(ppo["difference"], "+"), f"{row['p_holm']:.2g}") if beside else ("", "")
+            times = seconds(baseline["time"]), f"{baseline['time_untuned']['value']:.2f}"
+            yield "", baseline["policy"], *times, *cells, percent(baseline["success"])
+
+
+def layered(rows):
+    """Return the rows of policies without and within the safety layer."""
+    cells = {(row["setting"], row["policy"]): row for row in rows}
     for (setting, policy), row in cells.items():
         if "later" in row:
-            name = policy.removesuffix(SAFETY)
-            pair = cells[setting, name], row
-            shares = " | ".join(
-                f"{100.0 * baseline[part]['value']:.1f}" for part in ("collision", "success") for baseline in pair
-            )
-            print(f"| {setting} | {name} | {shares} | {seconds(row['later'], '+')} |", file=page)
-    barn = json.loads(Path("benchmarks/barn.json").read_text(encoding="utf-8"))
-    print("\n## The 200 worlds of the BARN challenge\n", file=page)
-    print(f"`make bench-barn`: {barn['config']['episodes']} drives through each world; intervals are over worlds.\n", file=page)
-    print("| policy | success, % | collisions, % | time-outs, % | score, at most 0.5 |", file=page)
-    print("|---|---|---|---|---|", file=page)
-    for policy, cells in barn["mean"].items():
-        shares = " | ".join(percent(cells[name]) for name in ("success", "collision", "timeout"))
-        print(f"| {policy} | {shares} | {cells['barn']['value']:.3f} |", file=page)
-    print(buildings_text.section(json.loads(Path("benchmarks/buildings.json").read_text(encoding="utf-8"))), file=page)
-    print("\n## The live graph\n", file=page)
-    live = json.loads(Path("benchmarks/ros.json").read_text(encoding="utf-8"))
-    print(f"`make bench-ros`, on {live['cores']} cores; one process per node, over real DDS.\n", file=page)
-    print("| | measured | limit |\n|---|---|---|", file=page)
-    for part, result in live["parts"].items():
+            pair = cells[setting, policy.removesuffix(SAFETY)], row
+            shares = (f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in pair)
+            yield setting, policy.removesuffix(SAFETY), *shares, seconds(row["later"], "+")
+
+
+def in_rooms(rows):
+    """Return the rows of the study in rooms."""
+    for row in rows:
+        shares = (percent(row[name]) for name in ("success", "success_difference", "collision", "timeout"))
+        yield row["setting"], row["policy"], *shares, f"{row['spl']['value']:.3f}", f"{row['time']['value']:.1f}"
+
+
+def in_barn(mean):
+    """Return the rows of the worlds of BARN."""
+    for policy, cells in mean.items():
+        shares = (percent(cells[name]) for name in ("success", "collision", "timeout"))
+        yield policy, *shares, f"{cells['barn']['value']:.3f}"
+
+
+def lived(parts):
+    """Return the rows of the live graph."""
+    for part, result in parts.items():
         for figure in result["figures"]:
             limit = "" if figure["limit"] is None else f"{figure['limit']:g}"
-            print(f"| {part}: {figure['name']} | {figure['value']:.3g} {figure['unit']} | {limit} |", file=page)
-    speeds = [json.loads(Path(f"benchmarks/{name}.json").read_text(encoding="utf-8")) for name in ("speed", "speed_zen5")]
-    print(speed_text.section(*speeds), file=page)
-    print("\n## The policies that come with the package\n", file=page)
-    for card in sorted(Path("agents/pretrained").glob("ppo-*.md")):
-        print(card.read_text(encoding="utf-8").replace("# ", "### ", 1), file=page)
+            yield f"{part}: {figure['name']}", f"{figure['value']:.3g} {figure['unit']}", limit
+
+
+STUDY, ROOMS, BARN, LIVE = (findings_text.read(name) for name in ("robustness", "rooms_study", "barn", "ros"))
+page = io.StringIO()
+print("\n## Findings\n", file=page)
+print(findings_text.findings(), file=page)
+print("\nIntervals are 95 %; tables are folded, and open by a click.\n", file=page)
+print("## All comparisons\n", file=page)
+print("![PPO minus the tuned baseline by scenario, and what tuning it is worth](benchmarks/robustness.png)\n", file=page)
+print(f"{conditions(STUDY)}\n", file=page)
+print('<details markdown="1">\n<summary>The findings with their numbers</summary>\n', file=page)
+print("\n".join(summary(STUDY)), file=page)
+print("\n</details>\n", file=page)
+print("Times are means over episodes; a failed episode counts as the time limit. The first baseline of each", file=page)
+print("scenario was the fastest one after tuning, and PPO is compared with it.\n", file=page)
+titles = "scenario", "policy", "time, s", "untuned, s", "PPO minus it, s", "p (Holm)", "success, %"
+table(page, titles, compared(STUDY))
+episodes, first = ROOMS["config"]["episodes"], ROOMS["config"]["first_seed"]
+print("## Rooms\n", file=page)
+print(
+    f"`make study-rooms`: {episodes} held-out rooms of each setting, on seeds from {first:,}. LiDAR `lds01`, noise",
+    "`tutorial` and the filter's estimate where the setting does not say otherwise. `ppo-rooms` is the best of the",
+    "trainings, by its evaluation seeds.\n",
+    sep="\n",
+    file=page,
+)
+titles = "setting", "policy", "success, %", "minus `vfh`, points", "collisions, %", "time-outs, %", "SPL", "time, s"
+table(page, titles, in_rooms(ROOMS["rows"]))
+print("### What the safety layer costs\n", file=page)
+print(
+    "Each policy without and with the layer, in the same rooms. The last column is the delay in rooms that it crosses",
+    "either way, with its 95 % interval. This is the layer before it had a way out, which only reduced the speed.\n",
+    sep="\n",
+    file=page,
+)
+titles = "setting", "policy", "collisions, %", "within", "success, %", "within", "later, s"
+table(page, titles, layered(ROOMS["rows"]))
+print("## The 200 worlds of the BARN challenge\n", file=page)
+print(f"`make bench-barn`: {BARN['config']['episodes']} drives through each world; intervals are over worlds.\n", file=page)
+table(page, ("policy", "success, %", "collisions, %", "time-outs, %", "score, at most 0.5"), in_barn(BARN["mean"]))
+print(buildings_text.section(findings_text.read("buildings")), file=page)
+print("\n## The live graph\n", file=page)
+print(f"`make bench-ros`, on {LIVE['cores']} cores; one process per node, over real DDS.\n", file=page)
+table(page, ("figure", "measured", "limit"), lived(LIVE["parts"]))
+print(speed_text.section(findings_text.read("speed"), findings_text.read("speed_zen5")), file=page)
+print("\n## The policies that come with the package\n", file=page)
+for card in sorted(Path("agents/pretrained").glob("ppo-*.md")):
+    print(card.read_text(encoding="utf-8").replace("# ", "### ", 1), file=page)
+with mkdocs_gen_files.open("results.md", "a") as results:
+    results.write(folded(page.getvalue()))

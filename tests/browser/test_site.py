@@ -9,6 +9,7 @@ import http.server
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import threading
@@ -17,6 +18,7 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import pytest
+import tyro
 
 ROOT = Path(__file__).parents[2]
 
@@ -299,3 +301,101 @@ def test_the_drive_on_the_first_page_plays(browser, site):
     view.locator("#play").click()
     view.locator("#clock").get_by_text(re.compile(r"^[1-9]\.\d / ")).wait_for(timeout=20_000)
     page.close()
+
+
+def touched(page):
+    """Play the drive of a page, zoom into it by ten notches, and drag it; return the clock and the map's picture before."""
+    view = page.locator("iframe.view").first.content_frame
+    view.locator("html[data-ready]").wait_for(state="attached", timeout=60_000)
+    canvas = view.locator(".map canvas").first
+    before = canvas.screenshot()
+    box = canvas.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    for _ in range(10):
+        page.mouse.wheel(0, -100)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] / 2 + 40, box["y"] + box["height"] / 2 + 20, steps=4)
+    page.mouse.up()
+    page.wait_for_timeout(300)
+    return before, canvas.screenshot()
+
+
+@pytest.mark.parametrize("width", WIDTHS.values())
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_drive_on_the_first_page_is_touched(visitor, width, scheme):
+    visitor.open("index.html")
+    visitor.page.set_viewport_size({"width": width, "height": HEIGHT})
+    visitor.page.emulate_media(color_scheme=scheme)
+    before, after = touched(visitor.page)
+    assert before != after
+    assert not visitor.errors
+    assert not [url for url in visitor.asked if visitor._outside(url)]
+
+
+@pytest.mark.parametrize("width", WIDTHS.values())
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_builder_makes_the_commands_that_are_copied(visitor, width, scheme):
+    from turtlebot_gym_agents.commands.cli import COMMANDS
+    from turtlebot_gym_agents.commands.counts import REGISTRY
+
+    page = visitor.page
+    visitor.open("builder.html")
+    page.set_viewport_size({"width": width, "height": HEIGHT})
+    page.emulate_media(color_scheme=scheme)
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    chosen = {
+        "task": "turtlebot_gym/TurtleBotRooms-v0",
+        "world": "office",
+        "policy": "vfh",
+        "noise": "wheel",
+        "filter": "scale",
+    }
+    for name, value in chosen.items():
+        page.select_option(f"form[data-builder] select[name={name}]", value)
+    for name in ("evaluate", "train", "watch"):
+        block = page.locator(".highlight", has=page.locator(".filename", has_text=name)).first
+        block.hover()
+        block.locator("button[data-clipboard-target], .md-clipboard").first.click()
+        words = shlex.split(page.evaluate("navigator.clipboard.readText()").replace("\\\n", ""))
+        command = tyro.extras.subcommand_cli_from_dict(dict(COMMANDS), args=words[1:], registry=REGISTRY)
+        assert words[:2] == ["turtlebot-gym", name]
+        assert (command.env, command.world) == (chosen["task"], "office")
+    graph = page.locator(".highlight", has_text="turtlebot_gym_ros").first.inner_text()
+    assert {"--noise wheel --filter scale", "--world office", "--policy vfh"} <= {
+        part.strip(" \\") for part in graph.splitlines()
+    }
+    page.select_option("form[data-builder] select[name=task]", "turtlebot_gym/TurtleBotPose-v0")
+    assert page.locator("select[name=world]").is_disabled()
+    assert "choose the square" in page.locator(".highlight", has=page.locator(".filename", has_text="bringup")).inner_text()
+    assert not visitor.errors
+
+
+def test_tables_of_results_are_folded_and_open(visitor):
+    visitor.open("results.html")
+    boxes = visitor.page.locator(".md-content details:has(table)")
+    assert boxes.count() > 8
+    assert visitor.page.locator(".md-content table:visible").count() == 0
+    boxes.first.locator("summary").click()
+    assert boxes.first.locator("table").is_visible()
+
+
+def test_menus_have_a_place_for_limits_questions_and_words(visitor):
+    visitor.open("index.html")
+    for section, name in (("What it can do", "Limits"), ("Help", "FAQ"), ("Help", "Glossary")):
+        inside = visitor.page.locator(".md-sidebar--primary .md-nav__item--section", has_text=section).last
+        assert inside.get_by_role("link", name=name, exact=True).count() == 1, name
+        visitor.open("index.html")
+        visitor.page.locator(".md-sidebar--primary").get_by_role("link", name=name, exact=True).click()
+        assert visitor.page.locator("h1").inner_text().startswith(name if name != "FAQ" else "")
+
+
+CONCEPTS = ("belief", "graph", "loop", "rooms", "safety", "tasks", "transfer")
+
+
+def test_each_concept_has_an_equation_and_a_figure(seen, site):
+    assert {path.stem for path in (site / "concepts").glob("*.html")} == {*CONCEPTS}
+    for name in CONCEPTS:
+        assert seen[f"concepts/{name}.html"].formulas > 0, name
+        text = (site / "concepts" / f"{name}.html").read_text()
+        assert '<figure class="picture">' in text, name
+        assert 'display="block"' in text, name
