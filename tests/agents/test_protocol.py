@@ -8,7 +8,10 @@ from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation import protocol
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.protocol import SEED, SETTINGS, settings_for
+from turtlebot_gym_agents.evaluation.tune_baseline import TUNING_SEED
 from turtlebot_gym_agents.policies.fit import ROOMS
+from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED
+from turtlebot_gym_agents.training.model import NORMALIZATION_SEED, TRAINING_SEED
 
 
 @pytest.fixture
@@ -24,6 +27,27 @@ def test_each_policy_enters_where_it_can_drive():
     assert kinds == {"bearing": {"nav", *rooms}, "vfh": rooms, "ppo-nav": {"nav"}, "ppo-rooms": rooms}
     with pytest.raises(ValueError, match="no setting of its task, turtlebot_gym/TurtleBotPose-v0"):
         settings_for("ppo-pose")
+
+
+def test_a_localizer_enters_where_there_is_wheel_odometry():
+    assert list(settings_for("vfh", "match")) == ["missions, office"]
+    with pytest.raises(ValueError, match="with localizer 'match' those on wheel odometry only"):
+        settings_for("ppo-nav", "match")
+
+
+@pytest.mark.parametrize("localizer", [None, "match"])
+def test_a_mission_is_driven(monkeypatch, localizer):
+    monkeypatch.setattr(protocol, "SETTINGS", {"missions, office": SETTINGS["missions, office"]._replace(episodes=1)})
+    row = protocol.run("vfh", localizer=localizer)["rows"]["missions, office"]
+    assert {"goals", "lost", "estimate_position_mean"} <= {*row}
+    assert row["lost"]["value"] == 0.0
+    assert row["estimate_position_mean"]["value"] < (0.02 if localizer else 1.0)
+
+
+def test_its_seeds_are_apart_from_those_of_trainings_their_evaluations_and_tunings():
+    last = SEED + max(setting.episodes for setting in SETTINGS.values())
+    assert last < min(TUNING_SEED, EVALUATION_SEED, NORMALIZATION_SEED, TRAINING_SEED)
+    assert SEED > 10_000_000  # published results drive on seeds from 0 to a few millions
 
 
 @pytest.mark.usefixtures("short")

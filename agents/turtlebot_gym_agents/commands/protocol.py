@@ -27,7 +27,7 @@ class Entry(Writing):
     filter: str = "matched"
     """For run: a filter, or one of your own (MODULE:NAME)."""
     localizer: str | None = None
-    """For run: a localizer in rooms and missions."""
+    """For run: a localizer; it enters missions only, the setting on wheel odometry."""
     json: JsonFile = None
     """For run: write the entry here."""
 
@@ -42,7 +42,7 @@ class Entry(Writing):
             return
         if self.entries:
             raise ValueError(f"run takes no entries, got {self.entries[0]}; did you mean table?")
-        total = sum(setting.episodes for setting in protocol.settings_for(self.policy).values())
+        total = sum(setting.episodes for setting in protocol.settings_for(self.policy, self.localizer).values())
         with progress(total) as advance_to:
             entry = protocol.run(self.policy, filter=self.filter, localizer=self.localizer, progress=advance_to)
         _print([entry])

@@ -45,8 +45,11 @@ METRICS = ("success", "time", "collision", "goals", "false_goals", "lost", "esti
 """What an entry states of each setting, where there is such a thing, with 95 % intervals; see `Evaluation.summary`."""
 
 
-def settings_for(policy: str) -> dict[str, Setting]:
-    """Return the settings that a policy can enter: a bundle those of its task, a baseline all that it can read."""
+def settings_for(policy: str, localizer: str | None = None) -> dict[str, Setting]:
+    """Return the settings that a policy can enter: a bundle those of its task, a baseline all that it can read.
+
+    A localizer moves with wheel odometry, so it enters the settings of that noise only.
+    """
     made = make_policy(policy)
     envs = {NAV, ROOMS, MISSIONS}
     if layout_of(made) == ROOM_LAYOUT:
@@ -54,9 +57,11 @@ def settings_for(policy: str) -> dict[str, Setting]:
     elif hasattr(made, "card"):
         card: Any = getattr(made, "card")  # noqa: B009  # a policy need not have one
         envs = {card.env}
-    found = {name: setting for name, setting in SETTINGS.items() if setting.env in envs}
+    entered = {name: setting for name, setting in SETTINGS.items() if setting.env in envs}
+    found = {name: setting for name, setting in entered.items() if localizer is None or setting.options["noise"] == "wheel"}
     if not found:
-        raise ValueError(f"{policy}: the protocol has no setting of its task, {', '.join(envs)}.")
+        why = f", and with localizer {localizer!r} those on wheel odometry only" if localizer and entered else ""
+        raise ValueError(f"{policy}: the protocol has no setting of its task, {', '.join(envs)}{why}.")
     return found
 
 
@@ -72,12 +77,12 @@ def run(
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`.
         filter: A filter's name, or one of one's own.
-        localizer: A localizer for rooms and missions; None for wheels and filter alone.
+        localizer: A localizer for missions; None for wheels and filter alone.
         progress: Called with the number of episodes that have ended.
     """
     rows, ended = {}, 0
-    for name, setting in settings_for(policy).items():
-        placed = {"localizer": localizer} if localizer and setting.env != NAV else {}
+    for name, setting in settings_for(policy, localizer).items():
+        placed = {"localizer": localizer} if localizer else {}
         options = {**setting.options, "filter": filter, **placed}
         before = ended
         evaluation = evaluate(
