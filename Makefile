@@ -63,7 +63,7 @@ test-all: $(READY)  ## the same, and pages that train, further live graphs, and 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow
 
-fuzz: $(READY)  ## more than 20,000 inputs of all kinds: each ends in success or in one line (part of test-slow; 10 minutes)
+fuzz: $(READY)  ## more than 30,000 inputs of all kinds: each ends in success or in one line, with bounded time and memory (part of test-slow; 12 minutes)
 	$(RUN)python -m pytest -m slow tests/fuzz
 
 test-cluster: $(READY)  ## Ray, which it installs: the same results on a cluster, kills, errors (5 minutes)

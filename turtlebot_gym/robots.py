@@ -6,16 +6,19 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from turtlebot_gym.validation import POSITIVE, POSITIVE_OR_INFINITE, typed
+from turtlebot_gym.validation import LEAST, POSITIVE, POSITIVE_OR_INFINITE, Range, typed
+
+SPEED = Range(LEAST, 100.0, kind="positive number")
+"""Speeds, m/s, and turning rates, rad/s: more is a mistake of units, and the covariances of a filter would overflow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Robot:
     """Kinematic limits of a differential-drive robot."""
 
-    max_linear: Annotated[float, POSITIVE]
+    max_linear: Annotated[float, SPEED]
     """Speed limit along the body x axis, forwards and backwards, m/s."""
-    max_angular: Annotated[float, POSITIVE]
+    max_angular: Annotated[float, SPEED]
     """Speed limit about the body z axis, rad/s."""
     wheel_separation: Annotated[float, POSITIVE] = 0.16
     """Distance between the wheels' tracks, m."""

@@ -1,4 +1,4 @@
-"""The fuzz tests' helpers, which are no tests, and the count of the inputs."""
+"""The fuzz tests' helpers, which are no tests, and the count of the inputs with the longest time and the most memory."""
 
 import sys
 from pathlib import Path
@@ -7,9 +7,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Print how many inputs were taken and refused."""
-    counted = sys.modules["fuzzing"].COUNTED if "fuzzing" in sys.modules else {}
+    """Print how many inputs were taken and refused, which took longest, and the peak of the memory."""
+    fuzzing = sys.modules.get("fuzzing")
+    counted = fuzzing.COUNTED if fuzzing else {}
     for kind, number in sorted(counted.items()):
         terminalreporter.write_line(f"fuzz: {kind}: {number}")
-    if counted:
-        terminalreporter.write_line(f"fuzz: {sum(counted.values())} inputs")
+    if fuzzing and counted:
+        kind, longest = max(fuzzing.LONGEST.items(), key=lambda item: item[1])
+        terminalreporter.write_line(
+            f"fuzz: {sum(counted.values())} inputs, at most {longest:.1f} CPU s ({kind}), peak {fuzzing.peak() / 1e6:.0f} MB"
+        )

@@ -1,9 +1,11 @@
-"""What the fuzz tests share: how many inputs, a time limit for each, and what counts as an answer."""
+"""What the fuzz tests share: how many inputs, limits of time and memory for each, and what counts as an answer."""
 
 from __future__ import annotations
 
 import math
+import resource
 import signal
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,8 +17,19 @@ from hypothesis import strategies as st
 
 LIMIT = 60.0
 """Longest time that an input may take, s: a hang takes longer, and a busy machine less."""
+WORK = 10.0
+"""Longest CPU time that an input may take, s, once what it runs is compiled: one that takes more is tried again."""
+GROWTH = 2**29
+"""Most memory by which an input may raise the peak of the process, bytes."""
 COUNTED: Counter[str] = Counter()
 """Inputs by kind and answer; `conftest` prints them."""
+LONGEST: dict[str, float] = {}
+"""Longest CPU time of an input by kind, s."""
+
+
+def peak() -> int:
+    """Return the most memory that this process has held, bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 class Hang(BaseException):
@@ -44,12 +57,20 @@ def answered(kind: str, call: Callable[[], Any]) -> Any:
 
     Anything else that it raises fails the test.
     """
-    told, found = None, None
-    with limited():
-        try:
-            found = call()
-        except (ValueError, OSError) as error:
-            told = str(error)
+    for _ in range(2):
+        told, found = None, None
+        held, since = peak(), time.process_time()
+        with limited():
+            try:
+                found = call()
+            except (ValueError, OSError) as error:
+                told = str(error)
+        took, grown = time.process_time() - since, peak() - held
+        if took < WORK:
+            break
+    assert took < WORK, f"{kind}: {took:.1f} CPU s"
+    assert grown < GROWTH, f"{kind}: {grown / 1e6:.0f} MB"
+    LONGEST[kind] = max(took, LONGEST.get(kind, 0.0))
     COUNTED[f"{kind}: {'taken' if told is None else 'refused'}"] += 1
     if told is not None:
         assert told.strip(), kind

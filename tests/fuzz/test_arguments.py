@@ -141,12 +141,12 @@ def with_one_wrong(draw, arguments):
     return {**arguments, name: draw(WRONG)}
 
 
-@fuzzed(200, 2500, arguments=GROUND)
+@fuzzed(200, 3000, arguments=GROUND)
 def test_accepted_arguments_on_open_ground_give_finite_numbers(arguments):
     driven("arguments", SQUARE, arguments)
 
 
-@fuzzed(250, 3000, arguments=GROUND, data=st.data())
+@fuzzed(250, 3600, arguments=GROUND, data=st.data())
 def test_one_wrong_value_on_open_ground_is_one_line(arguments, data):
     driven("wrong arguments", SQUARE, with_one_wrong(data.draw, arguments))
 
@@ -176,7 +176,7 @@ MASKS = st.dictionaries(st.sampled_from(["reset_mask", "start", ""]), WRONG, max
 OPTIONS = st.one_of(st.none(), st.just({}), MASKS, WRONG)
 
 
-@fuzzed(150, 1000, arguments=st.fixed_dictionaries({}, optional=VECTOR), seed=SEEDS, options=OPTIONS)
+@fuzzed(150, 1300, arguments=st.fixed_dictionaries({}, optional=VECTOR), seed=SEEDS, options=OPTIONS)
 def test_vector_environments_their_seeds_and_options(arguments, seed, options):
     def drive():
         envs = gym.make_vec(SQUARE, vectorization_mode="vector_entry_point", **arguments)

@@ -58,12 +58,12 @@ def test_the_bundle_itself_drives():
     assert _verified_hash("a", hashed(CONTENT))
 
 
-@fuzzed(120, 1300, content=st.one_of(st.binary(max_size=300), mutated(CONTENT)), sealed=st.booleans())
+@fuzzed(120, 1800, content=st.one_of(st.binary(max_size=300), mutated(CONTENT)), sealed=st.booleans())
 def test_damaged_bundles_also_with_the_right_hash(content, sealed):
     answered("damaged bundles", lambda: drives(hashed(content) if sealed else content))
 
 
-@fuzzed(80, 800, data=st.data())
+@fuzzed(80, 1200, data=st.data())
 def test_other_cards(data):
     answered("cards", lambda: drives(with_card(replaced(data.draw, CARD, VALUES))))
 

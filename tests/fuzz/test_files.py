@@ -59,12 +59,12 @@ TEXTS = st.one_of(
 )  # fmt: skip
 
 
-@fuzzed(150, 1500, text=TEXTS)
+@fuzzed(150, 2500, text=TEXTS)
 def test_any_text_is_yaml_or_one_line_says_why_not(text):
     answered("YAML", lambda: (load(written("a.yaml", text)), True))
 
 
-@fuzzed(250, 2500, kind=st.sampled_from(list(EXAMPLES)), damaged=st.booleans(), data=st.data())
+@fuzzed(250, 3200, kind=st.sampled_from(list(EXAMPLES)), damaged=st.booleans(), data=st.data())
 def test_files_of_parameters(kind, damaged, data):
     example = plain(EXAMPLES[kind])
     assert read_parameters(kind, written("b.yaml", dumped(example)))
@@ -78,7 +78,7 @@ NAMES = sorted(
 )
 
 
-@fuzzed(200, 2000, algo=st.sampled_from(sorted(SHIPPED)), name=st.sampled_from(NAMES), data=st.data())
+@fuzzed(200, 2600, algo=st.sampled_from(sorted(SHIPPED)), name=st.sampled_from(NAMES), data=st.data())
 def test_hyperparameters(algo, name, data):
     said = dict(SHIPPED[algo])
     if data.draw(st.booleans()):
@@ -219,7 +219,7 @@ def test_the_tables_are_read(name):
     assert read_as(name, written("i.csv", TABLES[name]))
 
 
-@fuzzed(310, 2900, name=st.sampled_from(sorted(TABLES)), damaged=st.booleans(), data=st.data())
+@fuzzed(310, 3700, name=st.sampled_from(sorted(TABLES)), damaged=st.booleans(), data=st.data())
 def test_tables(name, damaged, data):
     content = data.draw(mutated(TABLES[name].encode())) if damaged else other_cells(data.draw, TABLES[name])
     answered("tables", lambda: read_as(name, written("j.csv", content)))

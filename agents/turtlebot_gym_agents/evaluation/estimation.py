@@ -225,5 +225,5 @@ def _over(squared: Interval, bound: float) -> Interval:
 def _correlation(series: NDArray[np.float64]) -> float:
     """Return the correlation of successive numbers over drives (n, T)."""
     products = series[:, 1:] * series[:, :-1]
-    scale = np.nanmean(series**2)
-    return float(np.nanmean(products) / scale) if scale > 0.0 else 0.0
+    products, squares = (part[np.isfinite(part)] for part in (products, series**2))
+    return float(products.mean() / squares.mean()) if products.size and squares.any() else 0.0
