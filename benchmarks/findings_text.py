@@ -36,7 +36,7 @@ def findings() -> str:
         missions(read("missions")["missions"]),
         stops(read("faults")["faults"]),
     ]
-    return "\n".join(["### What loses, or does not hold\n", *losses, "\n### What pays\n", *gains])
+    return "\n".join(["### What loses, or does not hold\n", *losses, "\n### What helps\n", *gains])
 
 
 def open_ground(rows: Sequence[Results]) -> list[str]:
