@@ -38,10 +38,13 @@ from turtlebot_gym_agents.provenance import settings_of, write_json
 
 MAP = "map"
 """Setting whose world is the map of a hall, see `rooms.hall`."""
+ELSEWHERE = ("office", "cellular", "corridor", "crowd")
+"""Worlds besides "dense" that are driven with other LiDARs too."""
 SETTINGS: dict[str, dict[str, Any]] = {
     **{world: {"world": world} for world in WORLDS},
     MAP: {},
     **{f"dense, {lidar}": {"world": "dense", "lidar": lidar} for lidar in ("lds02", "a1", "urg04lx", "ideal")},
+    **{f"{world}, {lidar}": {"world": world, "lidar": lidar} for world in ELSEWHERE for lidar in ("lds02", "a1", "ideal")},
     **{f"dense, {lidar} as recorded": {"world": "dense", "lidar": DRIVERS[lidar].lidar} for lidar in ("lds02", "a1")},
     **{
         f"dense, {observation}, noise {noise}": {"world": "dense", "observation": observation, "noise": noise}

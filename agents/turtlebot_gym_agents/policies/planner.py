@@ -68,7 +68,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     """Remember what was seen, and steer by VFH+ to a point of the cheapest way to the goal.
 
     Where every direction leads into its margin, only the robot's own radius counts. The defaults are the best of 40 tries in
-    the world "office"; but the best try has no ``margin``, and this is the safety layer's.
+    the world "office", but for two: ``margin``, which is the safety layer's, and ``lag``, which an LDS-02 needs shorter.
 
     The grid of 16 m moves with the robot, in the frame of the poses; unknown cells are free. A way costs more near obstacles.
     The point is the farthest one in ``preview`` to which a straight line costs hardly more than the way. Nothing is known of
@@ -90,7 +90,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     ahead: Ahead = 0.0
     last: Last = 0.3
     margin: Margin = 0.02
-    lag: Lag = 0.14
+    lag: Lag = 0.08
     sight: SightRange = 0.54
     gain: Gain = 4.4
     focus: Focus = 2.3
