@@ -179,7 +179,7 @@ def _catch_up_tile_of(system: System, special: Special) -> Callable[..., None]:
 
 def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel of a tile's steps: in vectors up to looking, and one by one what is rare or has branches."""
-    _, _, _, advance, retarget, _ = step_of(late_fixes(special.late).hurried if special.late else system)
+    _, _, _, advance, retarget, *_ = step_of(late_fixes(special.late).hurried if special.late else system)
     catch_up_tile, look_tile = _catch_up_tile_of(system, special), _look_tile_of(system, special)
     show = _show_later if system.surroundings else _show_of(system, special)
     of_parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
@@ -211,24 +211,32 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
 
 
 def _drive_tile_of(system: System, special: Special) -> Callable[..., None]:
-    """Return the kernel of a tile's steps, each as a whole: a filter that reads the scan needs the looking in the middle."""
-    transition, around = step_of(system).transition, system.surroundings
+    """Return the kernel of a tile's steps for a filter that reads the scan: in vectors up to looking, and then one by one."""
+    step, around = step_of(system), system.surroundings
     assert around is not None
-    scene_at, show, show_ranges = around.at, _show_of(system, special), _show_ranges_of(system)
+    act, conclude, scene_at, show_ranges = step.act, step.conclude_by_scan, around.at, _show_ranges_of(system)
+    show = _show_of(system, special)
     of_parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
     load_parameters, load_world, store_world, store_outcome = of_parameters.load, world.load, world.store, outcome.store
+    scratch_of = compiled_scratch if HAS_NUMBA and system.compiled else scratch
+    size = world.size * TILE
 
     @kernel
     def drive_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
+        moved_tile = scratch_of(size)
+        for lane in range(count):
+            p = load_parameters(parameters, origin + lane)
+            command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
+            store_world(moved_tile, lane, act(load_world(tile, lane), command, int(keys[lane]), p))
         for lane in range(count):
             p, scene = load_parameters(parameters, origin + lane), scene_at(scenes, first + lane)
-            command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
-            key, course = int(keys[lane]), waypoints[first + lane]
-            world, outcome = transition(load_world(tile, lane), command, key, course, p, scene)
+            world, moved = load_world(tile, lane), load_world(moved_tile, lane)
+            world, outcome = conclude(world, moved, int(keys[lane]), waypoints[first + lane], p, scene)
             store_world(tile, lane, world)
             store_outcome(scratch, at_outcome + lane, outcome)
-            show(scratch, lane, world, p)
             show_ranges(first + lane, scene, observations)
+        for lane in range(count):
+            show(scratch, lane, load_world(tile, lane), load_parameters(parameters, origin + lane))
 
     return drive_tile
 

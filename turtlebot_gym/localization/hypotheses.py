@@ -17,7 +17,7 @@ import numpy as np
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.around import WIDTH, agreement, gain_of, keep
-from turtlebot_gym.localization.information import Guess
+from turtlebot_gym.localization.information import Guess, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, LEAST_BEAMS, SURE, Located, descend, locate, scan
 from turtlebot_gym.localization.points import Timing, to_points
 from turtlebot_gym.localization.seek import seek
@@ -224,6 +224,8 @@ def correct_by_scan(
     every = max(-(-len(ranges) // int(q.beams)), 1)
     points = np.empty((5, int(q.beams)))
     number = to_points(ranges, beams, int(located.scans) % every, every, timing, trail, points)
+    mean = located.belief.mean
+    fetch_ends(field, frame, points, number, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
     wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))
     return look(located, bank, field, frame, points, number, wheels, q)
 

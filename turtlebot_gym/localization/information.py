@@ -15,13 +15,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from turtlebot_gym.estimation.scale import Sixth, update_both
 from turtlebot_gym.estimation.update import Projection, of_row
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import compiled_scratch, is_plain, kernel
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos
-from turtlebot_gym.rooms.field import sample
-from turtlebot_gym.values import Belief, State
+from turtlebot_gym.rooms.field import Corners, between, corners_of, fetch_around, place_of, sample
+from turtlebot_gym.values import Belief, Covariance, State
 
 FLAT = 0.5
 """Square of the gradient below which an end within a surface is about as far from its other side ..."""
@@ -30,6 +32,13 @@ BACK = 2.0
 field is flat. Without, ranges that are too long would say less than those that are too short."""
 LEAST_PIVOT = 1e-10
 """Share of a diagonal entry below which a pivot is rounding: there is no information in its direction."""
+
+
+BLOCK = 32
+"""Beams that are worked on at a time, in loops that LLVM vectorizes, on numbers in one array at offsets that it knows."""
+_TO_X, _TO_Y, _LENGTH, _UX, _UY, _KNOWN, _ROW, _COLUMN, _UP, _RIGHT = range(0, 10 * BLOCK, BLOCK)
+_NEAR, _FAR, _ABOVE, _ACROSS, _GX, _GY, _GT, _GS, _ALONG, _BEYOND, _WEIGHT, _D, _FITS = range(10 * BLOCK, 23 * BLOCK, BLOCK)
+ROOM = 23 * BLOCK
 
 
 class Guess(NamedTuple):
@@ -69,6 +78,57 @@ class Information(NamedTuple):
 
 
 @kernel
+def _read(room: Any, k: int, frame: Any, q: Any) -> None:
+    """Write a beam's residual, its derivatives, and whether the end lies in a wall or behind it; all 0 in the unknown."""
+    corners = Corners(float(room[_NEAR + k]), float(room[_FAR + k]), float(room[_ABOVE + k]), float(room[_ACROSS + k]))
+    known, d, gx, gy = between(corners, room[_KNOWN + k] != 0.0, float(room[_UP + k]), float(room[_RIGHT + k]), frame)
+    d, gx, gy = d if known else 0.0, gx if known else 0.0, gy if known else 0.0
+    along = gx * float(room[_UX + k]) + gy * float(room[_UY + k])
+    is_inside = (d < 0.0) & (gx * gx + gy * gy < FLAT) & (q.thin <= 1.0)
+    room[_KNOWN + k], room[_D + k], room[_GX + k], room[_GY + k] = 1.0 if known else 0.0, d, gx, gy
+    room[_ALONG + k], room[_BEYOND + k] = along, 1.0 if (along > q.thin) | is_inside else 0.0
+
+
+@kernel
+def _look_back(room: Any, k: int, field: Any, frame: Any, at: Guess, q: Any) -> None:
+    """Measure the residual from the side that the beam has met, where the end is nearer to the other side of a wall."""
+    ux, uy, d, side = float(room[_UX + k]), float(room[_UY + k]), float(room[_D + k]), float(frame[4])
+    to_x, to_y, back = float(room[_TO_X + k]), float(room[_TO_Y + k]), BACK * side
+    ahead, before, bx, by = sample(field, frame, at.x + to_x - back * ux, at.y + to_y - back * uy)
+    towards = bx * ux + by * uy
+    if ahead and towards < -q.thin:
+        room[_D + k], room[_GX + k], room[_GY + k], room[_ALONG + k] = before + back * towards, bx, by, towards
+    elif d > 0.0:
+        room[_D + k], room[_ALONG + k] = -d - side, -float(room[_ALONG + k])
+        room[_GX + k], room[_GY + k] = -float(room[_GX + k]), -float(room[_GY + k])
+
+
+@kernel
+def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: Any) -> None:
+    """Write the derivatives of a beam's residual by heading and scale, its weight, and whether it fits; 0 in the unknown."""
+    known, d, gx, gy = room[_KNOWN + k] != 0.0, float(room[_D + k]), float(room[_GX + k]), float(room[_GY + k])
+    along, length, c, wide = float(room[_ALONG + k]), float(room[_LENGTH + k]), sixth.column, q.gate * q.gate
+    deviation = max(q.deviation, q.deviation_share * length)
+    R = along * along * deviation * deviation + q.grain * q.grain
+    gt, gs = gy * float(room[_TO_X + k]) - gx * float(room[_TO_Y + k]), -along * length
+    S = R + gx * gx * P.xx + gy * gy * P.yy + gt * gt * P.tt + gs * gs * sixth.variance + 2.0 * (
+        gx * gy * P.xy + gx * gt * P.xt + gy * gt * P.yt + gs * (gx * c.x + gy * c.y + gt * c.theta)
+    )  # fmt: skip
+    weight = 1.0 / (1.0 + d * d / (max(S, R) * wide))
+    room[_GT + k], room[_GS + k], room[_WEIGHT + k] = gt, gs, weight * weight / R if known else 0.0
+    room[_FITS + k] = 1.0 if known & (d * d < max(q.near * q.near, wide * R)) else 0.0
+
+
+@kernel
+def fetch_ends(field: Any, frame: Any, points: Any, number: int, at: Guess) -> None:
+    """Ask for the part of a field that `information` will read at a guess; compiled code alone waits for memory."""
+    sine, cosine = sincos(at.theta)
+    for k in range(0 if is_plain() else number):
+        x, y = float(points[X, k]), float(points[Y, k])
+        fetch_around(field, frame, at.x + cosine * x - sine * y, at.y + sine * x + cosine * y)
+
+
+@kernel
 def information(
     field: Any, frame: Any, points: Any, number: int, at: Guess, belief: Belief, sixth: Sixth, q: Any
 ) -> Information:
@@ -86,46 +146,42 @@ def information(
         sixth: Prior of the ranges' scale.
         q: A `LocalizerTuning`.
     """
-    P, c = belief.covariance, sixth.column
     sine, cosine = sincos(at.theta)
-    stretch, wide, near = 1.0 / (1.0 + at.scale) - 1.0, q.gate * q.gate, q.near * q.near
-    xx = xy = xt = xs = yy = yt = ys = tt = ts = ss = x = y = theta = scale = 0.0
-    fits, used = 0, 0
-    for k in range(number):
-        length, dx, dy = float(points[LENGTH, k]), float(points[DX, k]), float(points[DY, k])
-        end_x, end_y = float(points[X, k]) + length * stretch * dx, float(points[Y, k]) + length * stretch * dy
-        to_x, to_y = cosine * end_x - sine * end_y, sine * end_x + cosine * end_y
-        known, d, gx, gy = sample(field, frame, at.x + to_x, at.y + to_y)
-        if not known:
-            continue
-        used += 1
-        ux, uy = cosine * dx - sine * dy, sine * dx + cosine * dy
-        along, side = gx * ux + gy * uy, float(frame[4])
-        is_inside = d < 0.0 and gx * gx + gy * gy < FLAT and q.thin <= 1.0
-        if along > q.thin or is_inside:  # the end lies in a wall or behind it, nearer to its other side
-            back = BACK * side
-            ahead, before, bx, by = sample(field, frame, at.x + to_x - back * ux, at.y + to_y - back * uy)
-            towards = bx * ux + by * uy
-            if ahead and towards < -q.thin:
-                d, gx, gy, along = before + back * towards, bx, by, towards
-            elif d > 0.0:
-                d, gx, gy, along = -d - side, -gx, -gy, -along
-        deviation = max(q.deviation, q.deviation_share * length)
-        R = along * along * deviation * deviation + q.grain * q.grain
-        gt, gs = gy * to_x - gx * to_y, -along * length
-        S = R + gx * gx * P.xx + gy * gy * P.yy + gt * gt * P.tt + gs * gs * sixth.variance + 2.0 * (
-            gx * gy * P.xy + gx * gt * P.xt + gy * gt * P.yt + gs * (gx * c.x + gy * c.y + gt * c.theta)
-        )  # fmt: skip
-        fits += 1 if d * d < max(near, wide * R) else 0
-        weight = 1.0 / (1.0 + d * d / (max(S, R) * wide))
-        weight = weight * weight / R
-        wx, wy, wt, ws = weight * gx, weight * gy, weight * gt, weight * gs
-        xx, xy, xt, xs = xx + wx * gx, xy + wx * gy, xt + wx * gt, xs + wx * gs
-        yy, yt, ys = yy + wy * gy, yt + wy * gt, ys + wy * gs
-        tt, ts, ss = tt + wt * gt, ts + wt * gs, ss + ws * gs
-        x, y, theta, scale = x + wx * d, y + wy * d, theta + wt * d, scale + ws * d
-    share = fits / max(number, 1)
-    return Information(xx, xy, xt, xs, yy, yt, ys, tt, ts, ss, x, y, theta, scale, share, 1.0 * used)
+    stretch = 1.0 / (1.0 + at.scale) - 1.0
+    room = np.empty(ROOM) if is_plain() else compiled_scratch(ROOM)
+    xx = xy = xt = xs = yy = yt = ys = tt = ts = ss = x = y = theta = scale = fits = used = 0.0
+    for first in range(0, number, BLOCK):
+        some = min(number - first, BLOCK)
+        for k in range(some):
+            length, dx, dy = float(points[LENGTH, first + k]), float(points[DX, first + k]), float(points[DY, first + k])
+            end_x = float(points[X, first + k]) + length * stretch * dx
+            end_y = float(points[Y, first + k]) + length * stretch * dy
+            to_x, to_y = cosine * end_x - sine * end_y, sine * end_x + cosine * end_y
+            known, row, column, up, right = place_of(field, frame, at.x + to_x, at.y + to_y)
+            room[_TO_X + k], room[_TO_Y + k], room[_LENGTH + k] = to_x, to_y, length
+            room[_UX + k], room[_UY + k] = cosine * dx - sine * dy, sine * dx + cosine * dy
+            room[_KNOWN + k], room[_ROW + k], room[_COLUMN + k] = 1.0 if known else 0.0, 1.0 * row, 1.0 * column
+            room[_UP + k], room[_RIGHT + k] = up, right
+        for k in range(some):
+            near, far, above, across = corners_of(field, int(room[_ROW + k]), int(room[_COLUMN + k]))
+            room[_NEAR + k], room[_FAR + k], room[_ABOVE + k], room[_ACROSS + k] = near, far, above, across
+        for k in range(some):
+            _read(room, k, frame, q)
+        for k in range(some):
+            if room[_BEYOND + k] != 0.0:
+                _look_back(room, k, field, frame, at, q)
+        for k in range(some):
+            _rate(room, k, belief.covariance, sixth, q)
+        for k in range(some):
+            gx, gy, gt, gs = float(room[_GX + k]), float(room[_GY + k]), float(room[_GT + k]), float(room[_GS + k])
+            weight, d = float(room[_WEIGHT + k]), float(room[_D + k])
+            fits, used = fits + float(room[_FITS + k]), used + float(room[_KNOWN + k])
+            wx, wy, wt, ws = weight * gx, weight * gy, weight * gt, weight * gs
+            xx, xy, xt, xs = xx + wx * gx, xy + wx * gy, xt + wx * gt, xs + wx * gs
+            yy, yt, ys = yy + wy * gy, yt + wy * gt, ys + wy * gs
+            tt, ts, ss = tt + wt * gt, ts + wt * gs, ss + ws * gs
+            x, y, theta, scale = x + wx * d, y + wy * d, theta + wt * d, scale + ws * d
+    return Information(xx, xy, xt, xs, yy, yt, ys, tt, ts, ss, x, y, theta, scale, fits / max(number, 1), used)
 
 
 @kernel

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.kernel import in_loops, kernel
+from turtlebot_gym.kernel import fetch, in_loops, kernel
 
 REACH = 1.0
 """Greatest distance in a field, m: beams that end farther from a surface pull no longer."""
@@ -101,22 +101,75 @@ def at_cell(field: Any, row: int, column: int) -> float:
     return 1.0 * float(field[row, column])
 
 
+class Place(NamedTuple):
+    """Where a point lies between the centres of four cells."""
+
+    known: bool
+    """Whether all four are in the field."""
+    row: int
+    """Of the cell to the lower left."""
+    column: int
+    up: float
+    """How far from there to the next row, as a share ..."""
+    right: float
+    """... and to the next column."""
+
+
+class Corners(NamedTuple):
+    """A field at the centres of four cells: lower left and right, upper left and right; m."""
+
+    near: float
+    far: float
+    above: float
+    across: float
+
+
 @kernel
-def sample(field: Any, frame: Any, x: float, y: float) -> Sampled:
-    """Return a field at a point, bilinear between the cells' centres; unknown beside an unknown cell and outside of the map."""
+def place_of(field: Any, frame: Any, x: float, y: float) -> Place:
+    """Return where a point lies in a field."""
     dx, dy, cosine, sine = x - float(frame[0]), y - float(frame[1]), float(frame[2]), float(frame[3])
     per_cell = 1.0 / float(frame[4])
     column, row = (dx * cosine + dy * sine) * per_cell - 0.5, (dy * cosine - dx * sine) * per_cell - 0.5
     rows, columns = field.shape
     inside = (column >= 0.0) & (row >= 0.0) & (column < columns - 1.0) & (row < rows - 1.0)
     j, i = int(column) if inside else 0, int(row) if inside else 0
-    a, b = column - j, row - i
-    near, far = at_cell(field, i, j), at_cell(field, i, j + 1)
-    above, across = at_cell(field, i + 1, j), at_cell(field, i + 1, j + 1)
+    return Place(inside, i, j, row - i, column - j)
+
+
+@kernel
+def corners_of(field: Any, i: int, j: int) -> Corners:
+    """Return a field at a cell and at those above and to the right of it."""
+    return Corners(at_cell(field, i, j), at_cell(field, i, j + 1), at_cell(field, i + 1, j), at_cell(field, i + 1, j + 1))
+
+
+@kernel
+def between(corners: Corners, known: bool, b: float, a: float, frame: Any) -> Sampled:
+    """Return a field between four cells: bilinear; unknown beside an unknown cell."""
+    near, far, above, across = corners
+    cosine, sine, per_cell = float(frame[2]), float(frame[3]), 1.0 / float(frame[4])
     low, high = near + a * (far - near), above + a * (across - above)
     distance = low + b * (high - low)
     along_row, along_column = ((1.0 - b) * (far - near) + b * (across - above)) * per_cell, (high - low) * per_cell
     return Sampled(
-        inside & (distance == distance), distance,
+        known & (distance == distance), distance,
         along_row * cosine - along_column * sine, along_row * sine + along_column * cosine,
     )  # fmt: skip
+
+
+@kernel
+def sample(field: Any, frame: Any, x: float, y: float) -> Sampled:
+    """Return a field at a point, bilinear between the cells' centres; unknown beside an unknown cell and outside of the map."""
+    known, row, column, up, right = place_of(field, frame, x, y)
+    return between(corners_of(field, row, column), known, up, right, frame)
+
+
+@kernel
+def fetch_around(field: Any, frame: Any, x: float, y: float) -> None:
+    """Ask for the numbers that `sample` will read at a point: what was not read lately takes long to come."""
+    rows, columns = field.shape
+    dx, dy, per_cell = x - float(frame[0]), y - float(frame[1]), 1.0 / float(frame[4])
+    column = (dx * float(frame[2]) + dy * float(frame[3])) * per_cell - 0.5
+    row = (dy * float(frame[2]) - dx * float(frame[3])) * per_cell - 0.5
+    at = int(min(max(row, 0.0), rows - 1.0)) * columns + int(min(max(column, 0.0), columns - 1.0))
+    fetch(field, at)
+    fetch(field, at + columns)

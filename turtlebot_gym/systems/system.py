@@ -113,6 +113,11 @@ class Step(NamedTuple):
     """``retarget(world, outcome, waypoints, p)`` sets the next waypoint, for the few environments that reached one."""
     look_round: Callable[..., tuple[Snapshot, Outcome]]
     """``look_round(world, outcome, key, p, scene)`` looks, and completes world and outcome."""
+    act: Callable[..., Snapshot]
+    """``act(world, command, key, p)`` moves and senses: the first part of a transition with a filter that reads the scan,
+    without branches. The belief is that before the step."""
+    conclude_by_scan: Callable[..., tuple[Snapshot, Outcome]]
+    """``conclude_by_scan(world, moved, key, waypoints, p, scene)`` is its rest, from ``moved`` on: look, estimate, judge."""
 
 
 @kernel
@@ -207,14 +212,21 @@ def step_of(system: System) -> Step:
         return look_round(world, outcome, key, p, scene)
 
     @kernel
-    def transition_by_scan(world, command, key, waypoints, p, scene):
+    def act_alone(world, command, key, p):
         body, senses = act(world, command, key, p)
-        moved = Snapshot(body, senses, world.estimate, world.course, world.steps + 1.0, world.room)
-        room = look(moved, key, p, scene)
+        return Snapshot(body, senses, world.estimate, world.course, world.steps + 1.0, world.room)
+
+    @kernel
+    def conclude_by_scan(world, moved, key, waypoints, p, scene):
+        body, senses, room = moved.body, moved.senses, look(moved, key, p, scene)
         estimate = estimate_of(world.estimate, world.senses, senses, p, room, scene)
         world, outcome = conclude(world, body, senses, estimate, len(waypoints), p)
         world, outcome = retarget(world, outcome, waypoints, p) if outcome.reached else (world, outcome)
         return completed(world, room, outcome, key, p, scene)
 
+    @kernel
+    def transition_by_scan(world, command, key, waypoints, p, scene):
+        return conclude_by_scan(world, act_alone(world, command, key, p), key, waypoints, p, scene)
+
     chosen = transition_by_scan if system.reads_scan else transition
-    return Step(begin, chosen, system.observe, advance, retarget, look_round)
+    return Step(begin, chosen, system.observe, advance, retarget, look_round, act_alone, conclude_by_scan)
