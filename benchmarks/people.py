@@ -45,6 +45,7 @@ HORIZON, GAP = 1.0, 0.1
 """The stop that knows: somebody who walks on straight would come nearer than this, m, within this time, s."""
 LIDARS = ("lds01", "lds02", "a1", "lds01")
 """LiDARs of the rounds of a training, in turn."""
+RULE, LEARNED = "vfh, stop by rule", "vfh, stop learned"
 RULES = [(sight, nearer) for sight in (0.3, 0.45, 0.6, 0.8) for nearer in (0.1, 0.2, 0.4)]
 """Tries of the rule: range within which something counts, m, and by how much of its range it must have come nearer."""
 
@@ -61,6 +62,8 @@ class Config:
     """Number of trainings of the stop."""
     rounds: int = 12
     """Rounds of collecting and learning in each."""
+    policy: tuple[str, ...] = ("vfh", "vfh+safety", "planner+safety", "ppo-rooms+safety")
+    """Further policies, as for `turtlebot-gym evaluate`."""
     lidar: tuple[str, ...] = ("lds01", "lds02", "a1")
     """LiDARs of the held-out rooms."""
     ship: bool = False
@@ -208,6 +211,15 @@ def figures(parts: list[Episodes]) -> dict[str, Any]:
     return {**{name: share(flags) for name, flags in together.items()}, "time_to_goal": metrics.mean(np.concatenate(arrived))}
 
 
+def gain(by_policy: dict[str, list[Episodes]]) -> dict[str, Any]:
+    """Return the learned stop's shares minus the rule's in the same rooms, with the variance between trainings."""
+    learned, (rule,) = by_policy[LEARNED], by_policy[RULE]
+    return {
+        f"{name}_minus_rule": comparison.spread([1.0 * getattr(e, name) - getattr(rule, name) for e in learned]).interval()
+        for name in ("success", "collision")
+    }
+
+
 def main() -> None:
     """Train, drive, print a table, and write the results."""
     config = tyro.cli(Config, description=__doc__)
@@ -215,22 +227,25 @@ def main() -> None:
     networks = [train(seed, config) for seed in range(config.trainings)]
     spent = (time.process_time() - begin) / config.trainings
     numbers = tuned()
-    usual = ("vfh", "vfh+safety", "planner+safety", "ppo-rooms+safety")
-    named = {name: [lambda envs, name=name: make_policy(name)] for name in usual}
+    named = {name: [lambda envs, name=name: make_policy(name)] for name in config.policy}
     makers: dict[str, list[Callable[[VectorEnv], Policy]]] = {
         **named,
-        "vfh, stop by rule": [yielding(Rule(*numbers))],
-        "vfh, stop learned": [yielding(network) for network in networks],
+        RULE: [yielding(Rule(*numbers))],
+        LEARNED: [yielding(network) for network in networks],
         "vfh, stop that knows": [lambda envs: Knowing(envs, make_policy("vfh"))],
     }
-    table, rows = Table("LiDAR", "policy", "goals, %", "collisions, %", "to goal, s"), []
+    table, rows = Table("LiDAR", "policy", "goals, %", "collisions, %", "to goal, s", "minus rule, points"), []
     for lidar in config.lidar:
+        by_policy: dict[str, list[Episodes]] = {}
         for name, some in track(makers.items(), description=lidar, console=Console(stderr=True)):
-            row = figures([driven(make, lidar, config.episodes, config.seed) for make in some])
-            rows.append({"lidar": lidar, "policy": name, **row})
+            by_policy[name] = [driven(make, lidar, config.episodes, config.seed) for make in some]
+            row = figures(by_policy[name])
+            rows.append({"lidar": lidar, "policy": name, **row, **(gain(by_policy) if name == LEARNED else {})})
             goals, contacts = (tuple(100.0 * bound for bound in row[key]) for key in ("success", "collision"))
             shown = ("{:.1f} ({:.1f}, {:.1f})".format(*share) for share in (goals, contacts))
-            table.add_row(lidar, name, *shown, f"{row['time_to_goal'].value:.1f}")
+            more = [100.0 * bound for bound in rows[-1].get("success_minus_rule", ())]
+            minus = "{:+.1f} ({:+.1f}, {:+.1f})".format(*more) if more else ""
+            table.add_row(lidar, name, *shown, f"{row['time_to_goal'].value:.1f}", minus)
     print_tables(table)
     if config.json is not None:
         write_json(config.json, {"rule": numbers, "training_cpu_s": spent, "rows": rows}, config=settings_of(config))
