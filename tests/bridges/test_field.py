@@ -4,6 +4,8 @@ import json
 import math
 import re
 import signal
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
@@ -12,7 +14,9 @@ from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Bool
 
 from turtlebot_gym import read_parameters
+from turtlebot_gym.calibration.diagnosis import Verdict
 from turtlebot_gym.parameters import Noise
+from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.rooms.lidar import DRIVERS
 from turtlebot_gym.rooms.scan import Scan, as_sent
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
@@ -229,6 +233,24 @@ class TestMeasures:
         assert findings.judge_latency([0.003] * 99 + [0.01]).verdict == FINE
         assert findings.judge_latency([0.3] * 100).verdict == WARNING
         assert findings.judge_latency([]).verdict == SKIPPED
+
+
+@pytest.mark.parametrize(("is_good", "verdict", "scale"), [(True, FINE, 0.9), (False, WARNING, 0.8)])
+def test_a_model_that_does_not_describe_the_drive_is_a_warning_and_gives_no_file(
+    monkeypatch, tmp_path, is_good, verdict, scale
+):
+    def noise(scale):
+        return replace(WHEEL, process=replace(WHEEL.process, scale=scale))
+
+    fitted = SimpleNamespace(estimates={}, remarks=(), verdict=Verdict(is_good, False, "So it is.", 1.0, 3.0), noise=noise(0.9))
+    monkeypatch.setattr("turtlebot_gym.calibration.calibrate", lambda drive, kind: fitted)
+    monkeypatch.setattr("turtlebot_gym.drives.read", lambda path: None)
+    monkeypatch.setattr(steps, "_by_tape", lambda at: (noise(0.8), [Finding("by tape", FINE, "")]))
+    at = Field(listener=cast(Listener, None), person=Agrees(), robot="burger", folder=tmp_path)
+    tape, found = steps.calibrate(at)
+    assert found.verdict == verdict
+    assert ["noise.yaml" in each.text for each in (tape, found)] == [not is_good, is_good]
+    assert read_parameters(Noise, tmp_path / "noise.yaml").process.scale == scale
 
 
 class TestTheMeasuredDrive:

@@ -18,6 +18,7 @@ FOUND = (
     Finding("/odom", FINE, "nav_msgs/msg/Odometry, reliable, from turtlebot3_node.", (Figure("rate", 20.0, "Hz"),)),
     Finding("clock of /odom", WARNING, "Its clock is 0.775 s ahead.", (Figure("lead", 0.775, "s"),), "Synchronize (chrony)."),
     Finding("wheels", REFUSED, f"They hear {'a_very_long_name_of_a_type/' * 6}Twist.", (), "Set enable_stamped_cmd_vel."),
+    Finding("calibration", WARNING, "Fitted.", (Figure("marker_theta", -5.4646e-06, "rad²/m²", -5.2363e-06, -5.6933e-06),)),
     Finding("a turn", SKIPPED, "Nobody measured it.", (Figure("measured over odometry", 0.62031, "", 0.61234, 0.62876),)),
 )
 TURN = np.linspace(0.0, 2.0 * math.pi, 50)
@@ -59,6 +60,8 @@ def test_the_report_is_readable(browser, report, width, scheme, tmp_path):
     visit.screenshot(path=folder / f"field_test-{width}-{scheme}.png", full_page=True)
     assert asked == [report.as_uri()]
     assert visit.evaluate("document.documentElement.scrollWidth") <= width
+    cards = visit.evaluate("[...document.querySelectorAll('section')].map((each) => each.scrollWidth - each.clientWidth)")
+    assert max(cards) == 0
     assert [each.inner_text() for each in visit.query_selector_all("h2")][: len(FOUND)] == [each.name for each in FOUND]
     assert min(visit.evaluate(CONTRASTS)) >= 4.5
     is_dark = visit.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"

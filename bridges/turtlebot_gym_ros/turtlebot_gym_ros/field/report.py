@@ -72,7 +72,7 @@ def _section(finding: Finding) -> str:
 
 def _row(figure: Figure) -> str:
     value, interval = map(escape, shown(figure))
-    interval = f"<span class='interval'>{interval}</span>" if interval else ""
+    interval = f" <span class='interval'>{interval}</span>" if interval else ""
     return f"<tr><td>{escape(figure.name)}</td><td><span>{value}</span>{interval}</td></tr>"
 
 

@@ -188,8 +188,8 @@ def calibrate(at: Field) -> list[Finding]:
         seen.append(Finding("calibration", SKIPPED, f"{' '.join(str(error).split())}".rstrip(".") + "."))
     else:
         figures = tuple(Figure(name, each.value, each.unit, each.low, each.high) for name, each in fitted.estimates.items())
-        remarks = "; ".join((*fitted.remarks, fitted.verdict.text))
-        seen.append(Finding("calibration", FINE, "Fitted to the recorded truth.", figures, remarks))
+        verdict, text = FINE if fitted.verdict.is_good else WARNING, f"Fitted to the recorded truth. {fitted.verdict.text}"
+        seen.append(Finding("calibration", verdict, text, figures, "; ".join(fitted.remarks)))
         noise = fitted.noise if fitted.verdict.is_good else noise
     if noise:
         write_parameters(noise, at.folder / NOISE, comment="By a field test: --noise takes it.")
