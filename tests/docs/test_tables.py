@@ -126,6 +126,12 @@ def test_the_tables_of_rooms_are_what_was_measured():
         vfh, planner = (planned[world.strip("`"), policy] for policy in ("vfh", "planner+safety"))
         wanted = [shown(vfh["success"]), shown(planner["success"]), shown(planner["collision"])]
         assert cells == [*wanted, shown(planner["success_difference"], "+")], world
+    seen = {(row["setting"], row["policy"]): row for row in measured("rooms_lidars")["rows"]}
+    for lidar, *cells in rows_after(page, "**Within the safety layer every LiDAR will do.**"):
+        setting = f"dense, {lidar.replace('`', '')}".removesuffix(", lds01")
+        arms = [seen[setting, policy] for policy in ("ppo-rooms", "ppo-rooms+safety")]
+        assert cells == [shown(arm[part]) for arm in arms for part in ("success", "collision")], lidar
+        tables += 1
     for world, policy, *cells in rows_after(page, "**The safety layer is not free.**"):
         bare, safe = (by_setting[world.strip("`"), policy.strip("`") + end] for end in ("", "+safety"))
         shares = [f"{100.0 * figures[part]['value']:.1f}" for part in ("collision", "success") for figures in (bare, safe)]
@@ -139,7 +145,7 @@ def test_the_tables_of_rooms_are_what_was_measured():
             margin = f"{0.5 * unit * (figures['high'] - figures['low']):.{digits}f}"
             assert cell == f"{unit * figures['value']:.{digits}f}" + (f" ± {margin}" if float(margin) else ""), name
         tables += 1
-    assert tables == 8 + 7 + 4 + 6 + len(barn)
+    assert tables == 8 + 7 + 4 + 7 + 6 + len(barn)
 
 
 def hazards():
