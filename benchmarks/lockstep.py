@@ -59,20 +59,26 @@ class Config:
     real_time: int = 10
     """Seeds of the drives in real time."""
     rooms: int = 20
-    """Number of rooms of the preset "dense", with a process for each node."""
+    """Number of rooms."""
+    room_world: str = "dense"
+    """Their preset."""
     room_policy: str = "ppo-rooms"
     """Policy in the rooms."""
+    room_processes: bool = True
+    """Whether each node has a process of its own there."""
+    only: tuple[str, ...] = ()
+    """Parts to measure; by default all."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Also write the results here."""
 
 
 def rooms(config: Config) -> dict[str, Any]:
-    """Drive through rooms in a process for each node, and compare outcome and drive with the environment's."""
+    """Drive through rooms, and compare outcome and drive with the environment's."""
     rows = []
     for seed in range(config.rooms):
-        drive = RoomDrive(config.room_policy, seed=seed)
+        drive = RoomDrive(config.room_policy, config.room_world, seed=seed)
         expected = room_episode(drive)
-        live = room_live(drive, len(expected.clearance) - 1, processes=True)
+        live = room_live(drive, len(expected.clearance) - 1, processes=config.room_processes)
         outcomes = [room_metrics(row) for row in (expected, live)]
         largest, same = max(room_differences(expected, live).values()), outcomes[0] == outcomes[1]
         rows.append({"seed": seed, "largest": largest, "same": same, **outcomes[1]})
@@ -172,8 +178,8 @@ def measure(config: Config) -> dict[str, Any]:
     parts: dict[str, Callable[[Config], dict[str, Any]]] = {
         "equality": equality, "rooms": rooms, "speed": speeds, "repeats": repeats, "real time": real_time,
     }  # fmt: skip
-    results = {}
-    for name, result in measured({name: partial(part, config) for name, part in parts.items()}):
+    results, names = {}, config.only or tuple(parts)
+    for name, result in measured({name: partial(parts[name], config) for name in names}):
         results[name] = result
         Console().print(name, {key: value for key, value in result.items() if key not in ("of", "digests")})
     return {"cores": cores(), "parts": results}
