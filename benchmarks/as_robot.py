@@ -221,7 +221,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         for row in live
     ]
     result: dict[str, Any] = {"live": {"drives": len(live), "same end": sum(same)}}
-    for guarded in (False, True):
+    for guarded in sorted({guarded for speaks, guarded in by_arm if by_arm[speaks, guarded]}):
         events = {}
         for speaks in (False, True):
             arm = by_arm[speaks, guarded]

@@ -39,3 +39,4 @@ def test_differences_are_those_of_the_same_rooms():
     assert found["difference, monitor"]["value"] == 0.0
     assert (found["robot, bare"]["contacts"], found["robot, monitor"]["contacts"]) == (2, 0)
     assert [row["seed"] for row in found["robot, bare"]["lost"]] == [1, 2]
+    assert "plain, monitor" not in as_robot.summary([row for row in rows if not row["guarded"]])
