@@ -37,6 +37,8 @@ def page_of(path):
     parts, pictures = [], 0
     for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
         source = joined(cell["source"])
+        if "colab" in cell["metadata"].get("tags", ()):
+            continue
         if cell["cell_type"] == "markdown":
             parts.append(source)
             continue

@@ -17,6 +17,7 @@ import pytest
 import torch
 from stable_baselines3 import PPO, SAC
 
+from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.model import _replay_path, make_model
@@ -150,3 +151,12 @@ def test_resumes_after_kills(kills, tmp_path):
     result = train(replace(config, steps=reached + 1, evaluations=2), folder, resume=True, progress=False)
     assert reached < result.steps <= reached + 1024
     BundlePolicy(folder / "policy.onnx", robot="burger", dt=0.1)
+
+
+def test_a_command_that_resumes_says_that_it_does_not_go_on_as_if_uninterrupted(tmp_path, capsys):
+    line = ["train", "--out", str(tmp_path / "run"), "--steps", "2048", "--evaluations", "1", "--resume"]
+    assert main(line) == 0
+    assert "uninterrupted" not in capsys.readouterr().err
+    (tmp_path / "run" / "policy.onnx").unlink()  # as an interruption leaves it
+    assert main(line) == 0
+    assert "run continues in new episodes: its policy will not be that of an uninterrupted" in capsys.readouterr().err

@@ -1,8 +1,11 @@
 """The notebooks: they run from top to bottom in a clean kernel, and what is stored is the output of such a run."""
 
 import re
+import subprocess
+import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -77,3 +80,35 @@ def test_it_has_no_absolute_paths_and_no_dead_links(name):
     sources = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
     assert not [link for source in sources for link in LINK.findall(source) if not (FOLDER / link).exists()]
     assert (FOLDER / name).stat().st_size < MAX_BYTES
+
+
+def colab_cell(name):
+    (cell,) = [cell for cell in code_cells(read(name)) if "colab" in cell.metadata.get("tags", ())]
+    return cell.source
+
+
+def test_the_cell_for_colab_is_the_first_and_the_same_in_all():
+    extras = dict(re.findall(r"\[(\d\d_\w+\.ipynb)\].*\| (`agents`(?:, `ros`)?) \|", (FOLDER / "README.md").read_text()))
+    cells = {name: colab_cell(name) for name in NAMES}
+    assert all(code_cells(read(name))[0].source == cell for name, cell in cells.items())
+    told = {name: re.search(r"\[([a-z,]+)\]\"\]", cell)[1] for name, cell in cells.items()}
+    assert told == {name: text.replace("`", "").replace(" ", "") for name, text in extras.items()}
+    assert len({cell.replace(told[name], "") for name, cell in cells.items()}) == 1
+
+
+@pytest.mark.parametrize("place", ["turtlebot_gym-0.0.0-py3-none-any.whl", "project/hatch_build.py"])
+def test_it_installs_a_wheel_or_a_checkout_in_colab_only(place, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ran = []
+    monkeypatch.setattr(subprocess, "run", lambda command, **_: ran.append(command))
+    cell = compile(colab_cell("01_closed_loop.ipynb"), "cell", "exec")
+    exec(cell, {})
+    assert not ran
+    monkeypatch.setitem(sys.modules, "google.colab", ModuleType("google.colab"))
+    with pytest.raises(SystemExit, match=r"Upload turtlebot_gym-VERSION\.whl"):
+        exec(cell, {})
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    (tmp_path / place).touch()
+    exec(cell, {})
+    wanted = tmp_path / place if place.endswith(".whl") else (tmp_path / place).parent
+    assert ran == [[sys.executable, "-m", "pip", "install", "--quiet", f"{wanted}[agents]"]]

@@ -73,7 +73,10 @@ def test_a_map_that_cannot_be_is_one_clear_line(tmp_path, write_map, given, mess
         gym.make("turtlebot_gym/TurtleBotRooms-v0", world=str(path))
 
 
-def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path, write_map):
+@pytest.mark.parametrize("warned_from", [None, 10_000_000])
+def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path, write_map, monkeypatch, warned_from):
+    """In one line, also where Pillow would warn."""
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", warned_from)
     path = write_map(tmp_path, image="large.png")
     Image.new("1", (4_001, 4_000)).save(tmp_path / "large.png")
     with pytest.raises(ValueError, match="cannot be read: it has 4001 x 4000 pixels, more than 16,000,000"):

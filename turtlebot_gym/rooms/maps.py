@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,10 @@ def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDAr
     except ImportError as error:
         raise ImportError("Maps need Pillow: pip install pillow") from error
     try:
-        with Image.open(path) as image:
+        with warnings.catch_warnings():  # of large images, which are refused here
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            image = Image.open(path)
+        with image:
             if image.width * image.height > MAX_PIXELS:  # before it is unpacked
                 raise ValueError(f"it has {image.width} x {image.height} pixels, more than {MAX_PIXELS:,}")
             if image.mode.startswith("I"):  # 16 bits

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -73,7 +74,7 @@ class Train(Placement, _Learned):
     seeds: int = 1
     """Number of seeds to train."""
     resume: bool = False
-    """Resume from the checkpoints in the folder, in new episodes."""
+    """Resume from the checkpoints in the folder, in new episodes, so not as if uninterrupted."""
     evaluations: int = 8
     """Number of evaluations during training."""
     watch: bool = False
@@ -92,6 +93,10 @@ class Train(Placement, _Learned):
         folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
         for folder in folders if not self.resume else ():
             require_no_run(folder)
+        for folder in folders if self.resume else ():
+            if (folder / "checkpoint.zip").exists() and not (folder / "policy.onnx").exists():
+                told = "continues in new episodes: its policy will not be that of an uninterrupted training"
+                print(f"turtlebot-gym: {folder} {told}.", file=sys.stderr)
         configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
         with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train

@@ -69,7 +69,7 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
             raise ValueError(f"{name} has no numbers {', '.join(unknown)}")
         policy = kind(robot_of(made_for), made_dt, **numbers)
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # also if the file is not JSON or not text
-        raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {error}.") from error
+        raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {str(error).rstrip('.')}.") from error
     ours = {"format": FORMAT, "layout": layout_of_baseline(name)}
     if made_as != ours:
         raise ValueError(f"{path}: made as {made_as}, but this version reads {ours}.")
