@@ -230,5 +230,8 @@ def test_with_a_margin_a_policy_that_sees_drives_within_its_layer():
     assert (
         Deployment("bearing", safety_margin=0.02).act((0.0, 0.0, 0.0), np.zeros(3), (0.0, 0.0), None, (1.0, 0.0, 0.0)).v > 0.2
     )
+    layer = Deployment("vfh", safety_margin=0.08)._policy
+    assert isinstance(layer, SafetyLayer)
+    assert layer.least_margin > SafetyLayer.least_margin  # the guard's monitor stops a robot that goes farther in
     with pytest.raises(ValueError, match="safety_margin must be"):
         Deployment("vfh", safety_margin=-0.1)

@@ -31,6 +31,8 @@ from turtlebot_gym_agents.policies.protection import SafetyLayer
 _POSE, _TWIST, _VARIANCES = Numbers(FINITE, 3), Numbers(FINITE, 2), Numbers(NON_NEGATIVE, 3)
 _COVARIANCE = "3 variances, or a 3 x 3 matrix"
 _AGE = Range(0.0, MAX_AGE, unit="s")
+_LEAST_MARGIN = 0.06
+"""Clearance down to which a robot goes on where it is inside its safety margins, m: the guard stops it farther in."""
 _INTERVAL = Range(0.0, 1.0, open_low=True, unit="s")
 
 
@@ -88,8 +90,8 @@ class Deployment:
         self.layout = layout_of(self._policy) or OBSERVATION_LAYOUT
         """Layout of the policy's observation; with 2 it needs scans."""
         if NON_NEGATIVE.check("safety_margin", safety_margin) and self.layout == ROOM_LAYOUT:
-            behind = max(safety_margin, SafetyLayer.margin_behind)
-            self._policy = SafetyLayer(self._policy, self.robot, self.period, margin=safety_margin, margin_behind=behind)
+            margins = {"margin_behind": max(safety_margin, SafetyLayer.margin_behind), "least_margin": _LEAST_MARGIN}
+            self._policy = SafetyLayer(self._policy, self.robot, self.period, margin=safety_margin, **margins)
         self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
         """Pools a scan that was read into the sectors of the observation."""
         self.filter = None if filter is None else _inside(make_filter(filter, make_noise(noise)), self.period, integrator)
