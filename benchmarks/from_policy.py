@@ -6,6 +6,7 @@ evaluations of 500 episodes on other seeds. `make bench-from` runs it.
 
 from __future__ import annotations
 
+import itertools
 import json
 import statistics
 import subprocess
@@ -18,6 +19,8 @@ from typing import Any
 
 import tyro
 
+from turtlebot_gym_agents.provenance import write_json
+
 ENVS = {"Nav": ("bearing", 0.99), "Pose": ("polar", 0.99), "Square": ("corner", 0.95), "Rooms": ("vfh", 0.95)}
 """The policy that each task begins with, and the success whose time is reported."""
 
@@ -28,14 +31,14 @@ class Config:
 
     tasks: tuple[str, ...] = tuple(ENVS)
     """Tasks, of `ENVS`."""
-    steps: int = 1_000_000
+    steps: int = 500_000
     """Steps of each training."""
-    evaluations: int = 16
+    evaluations: int = 8
     """Evaluations of each training."""
     seeds: int = 5
     """Number of seeds."""
     json: Path | None = None
-    """Write the results here; those of other tasks are kept."""
+    """Write the results here, after each training; those that it holds are not run again."""
     child: tuple[str, str, int] | None = None
     """Task, policy ("none" for a plain training) and seed of a training in this process."""
 
@@ -91,26 +94,29 @@ def main() -> None:
     if config.child:
         print(json.dumps(training(config, *config.child)))
         return
-    from turtlebot_gym_agents.provenance import write_json
-
-    known = json.loads(config.json.read_text())["tasks"] if config.json and config.json.exists() else {}
-    for task in config.tasks:
+    known: dict[str, Any] = json.loads(config.json.read_text())["tasks"] if config.json and config.json.exists() else {}
+    for task, seed in itertools.product(config.tasks, range(config.seeds)):
         policy, success = ENVS[task]
-        known[task] = {}
         for begin in (policy, "none"):
-            runs = []
-            for seed in range(config.seeds):
-                options = ["--steps", str(config.steps), "--evaluations", str(config.evaluations)]
-                command = [sys.executable, __file__, *options, "--child", task, begin, str(seed)]
-                done = subprocess.run(command, capture_output=True, text=True)
-                if done.returncode:
-                    raise RuntimeError(f"{' '.join(command)} failed: {done.stderr}")
-                runs.append(json.loads(done.stdout.splitlines()[-1]))
-            known[task][begin] = {**summary(runs, success), "runs": runs}
-            print(task, begin, {name: value for name, value in known[task][begin].items() if name != "runs"}, flush=True)
-    if config.json is not None:
-        settings = {name: value for name, value in asdict(config).items() if name not in ("json", "child")}
-        write_json(config.json, {"tasks": known}, config=settings)
+            told = known.setdefault(task, {}).setdefault(begin, {"runs": []})
+            if len(told["runs"]) > seed:
+                continue
+            told["runs"].append(_run(config, task, begin, seed))
+            told |= summary(told["runs"], success)
+            print(task, begin, seed, {name: value for name, value in told.items() if name != "runs"}, flush=True)
+            if config.json is not None:
+                settings = {name: value for name, value in asdict(config).items() if name not in ("json", "child", "tasks")}
+                write_json(config.json, {"tasks": known}, config=settings)
+
+
+def _run(config: Config, task: str, policy: str, seed: int) -> list[dict[str, float]]:
+    """Return the history of a training in a process of its own."""
+    options = ["--steps", str(config.steps), "--evaluations", str(config.evaluations)]
+    command = [sys.executable, __file__, *options, "--child", task, policy, str(seed)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"{' '.join(command)} failed: {done.stderr}")
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 if __name__ == "__main__":
