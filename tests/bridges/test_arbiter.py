@@ -3,6 +3,7 @@
 import math
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from turtlebot_gym.values import STOP, Command
@@ -351,6 +352,14 @@ def test_a_pose_is_as_old_as_what_was_sent():
     assert arbiter.outside(T + 0.1875)
     arbiter.locate(0.0, 0.0, T + 1.0, sent=T + 5.0)  # not in the future
     assert arbiter.outside(T + 1.5625)
+
+
+def test_a_motion_in_force_is_repeated_each_twentieth_of_a_second_however_high_the_rate():
+    arbiter = new(rate=200.0)
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    arbiter.hear("program", AHEAD, T + 1.0)
+    times = [at for k in range(1, 80) if arbiter.step(at := T + 1.0 + 0.005 * k) == AHEAD]
+    assert np.diff(times) == pytest.approx(0.0525, abs=0.003)
 
 
 @pytest.mark.parametrize("speed", [0.1, -0.1])

@@ -390,6 +390,14 @@ STILL = LIMITS._replace(escape_speed=0.0)
 """Inside of a stop zone the robot stands."""
 
 
+@pytest.mark.parametrize("yaw", [0.5, -2.0])
+def test_the_border_of_a_gap_does_not_depend_on_how_the_lidar_is_turned(yaw):
+    angles = np.linspace(-3.0, 3.0, 50)
+    level, turned = (Body(0.1, -0.05, Mount("base_scan", 0.03, -0.04, each)) for each in (0.0, yaw))
+    expected = collision._edge(angles, level, LIMITS, 0.04)
+    np.testing.assert_allclose(collision._edge(angles - yaw, turned, LIMITS, 0.04), expected)
+
+
 @settings(max_examples=400)
 @given(st.integers(0, 2**32), COMMANDS, st.floats(0.0, 0.1), st.sampled_from([0.0, -0.05, 0.1]), st.sampled_from([0.0, -0.04]))
 def test_missing_beams_never_let_more_pass_than_any_ranges_behind_the_gaps_border(seed, command, room, center_x, y):

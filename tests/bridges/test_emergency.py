@@ -103,8 +103,10 @@ def test_a_loss_lasts_half_a_second_and_needs_a_button():
     assert [stop.trouble(at) for at in (50.2, 50.69)] == [LOST, LOST]
     stop.hear(False, now=50.6, number=10)
     assert stop.trouble(50.71) == ""
-    stop.count(1, 50.8)
-    stop.count(0, 50.9)
+    for publishers in (1, 1, 2):
+        stop.count(publishers, 50.8)
+        assert stop.trouble(50.8) == ""
+    stop.count(1, 50.9)
     assert stop.trouble(51.0) == ENDED
     for why in (lambda stop: stop.wake(9.0, 50.0), lambda stop: stop.count(1, 50.0) or stop.count(0, 50.0)):
         stop = EmergencyStop()

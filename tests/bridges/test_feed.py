@@ -7,7 +7,10 @@ import pytest
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import ReliabilityPolicy
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Header
 
+from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Command, State
 from turtlebot_gym_ros.base.sent import Age, SystemClock
 from turtlebot_gym_ros.base.swift import Swift, Unawaited
@@ -25,12 +28,12 @@ class FakeNode:
         return SimpleNamespace(topic_name=f"/robot/{topic}")
 
 
-def unconnected(kind=State, *, lock_step=False, headers=True, group=Swift, **options):
+def unconnected(kind=State, *, lock_step=False, headers=True, group=Swift, mount=lambda frame: None, **options):
     """Return an input on a machine whose system and steady clocks agree."""
     clock = SystemClock()
     clock.look(system=0.0, steady=0.0)
     declared = Input(topic="odom", type=kind, **options)
-    return Feed(declared, conversion(kind), lock_step=lock_step, clock=clock, headers=headers, group=group)
+    return Feed(declared, conversion(kind), lock_step=lock_step, clock=clock, headers=headers, group=group, mount=mount)
 
 
 def make(*, lock_step=False, **options):
@@ -92,6 +95,24 @@ def test_a_message_in_another_frame_is_refused():
         with pytest.raises(ValueError, match=f"its frame is '{other}' instead of 'odom'"):
             feed.read(odometry(other), "odom")
     assert unconnected(Command).read(TwistStamped(), "odom") == (0.0, 0.0)  # a velocity is stated in the robot's own frame
+
+
+def test_a_flood_is_refused_and_in_lock_step_no_rate_is_one():
+    for lock_step in (True, False):
+        feed, _ = make(lock_step=lock_step)
+        for number in range(1, 51):
+            feed.count({"publication_sequence_number": number}, 100.0 + 1e-4 * number)
+    with pytest.raises(ValueError, match="a flood: more than"):
+        feed.count({"publication_sequence_number": 51}, 100.0051)
+
+
+def test_what_ages_in_a_frame_of_the_robot_has_the_mount_of_its_sensor():
+    for kind, asked in ((Scan, ["base_scan"]), (State, [])):
+        frames = []
+        feed = unconnected(kind, aged=True, mount=frames.append)
+        scan = LaserScan(header=Header(frame_id="base_scan"), ranges=[1.0] * 4, angle_increment=1.5, range_max=2.0)
+        feed.read(scan if kind is Scan else odometry(), "odom")
+        assert frames == asked
 
 
 def test_an_input_is_awaited_and_then_old_half_a_second_after_it_came():

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import time
+from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -12,9 +13,11 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from probe import AHEAD, Probe, laser
 from std_msgs.msg import Bool, Empty
+from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.qos import LATCHED
+from turtlebot_gym_ros.robot.guard import CmdVelGuard
 
 
 @pytest.fixture
@@ -90,6 +93,18 @@ def driving(start, launch, probe):
         return guard, standby
 
     return begin
+
+
+@pytest.mark.parametrize(("on", "why"), [(True, ""), (True, "no emergency stop is heard"), (False, "")])
+def test_only_enabling_begins_to_estimate_clocks_anew(on, why):
+    begun, number = [], SimpleNamespace(get_publisher_count=lambda: 1)
+    guard = SimpleNamespace(
+        _take_buttons=list, _now=float, _step=list, _buttons=number,
+        _ages={"program": SimpleNamespace(begin=lambda: begun.append(1))},
+        _arbiter=SimpleNamespace(enable=lambda on, now, buttons: why),
+    )  # fmt: skip
+    CmdVelGuard._enable(guard, SetBool.Request(data=on), SetBool.Response())
+    assert bool(begun) is (on and not why)
 
 
 SUSPENDS = """

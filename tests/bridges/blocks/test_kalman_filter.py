@@ -1,5 +1,6 @@
 """The estimator is the environment's filter, run by the odometry, drop-outs included."""
 
+import cmath
 import math
 from dataclasses import replace
 
@@ -8,11 +9,14 @@ import pytest
 
 from turtlebot_gym import write_parameters
 from turtlebot_gym.models.unicycle import advance
+from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES
+from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
+from turtlebot_gym_ros.blocks.credible import Credible, Seat, bounded
 from turtlebot_gym_ros.node.block import Aged
 
 COMMAND = Command(0.15, 0.4)
@@ -195,6 +199,26 @@ def test_odometry_that_the_robot_cannot_have_driven_is_counted_and_not_used(mess
     after = seen(1.025, 0.0, 0.0, Command(0.1, 0.0))
     assert node.step(0.1, after) == other.step(0.25, after)  # as if these had been lost
     assert node.notice is None
+
+
+def test_a_jump_is_refused_beyond_what_noise_of_both_poses_can_make_of_it():
+    tuning = FilterTuning(Q=(0.0,) * 5, R=(0.01, 0.04, 0.0025))
+    for x, theta in ((0.1 + 6.0 * math.sqrt(0.08), 0.0), (0.0, 0.2 + 6.0 * math.sqrt(0.005))):
+        for share, refused in ((0.999, False), (1.001, True)):
+            credible = Credible(ROBOTS["burger"], tuning, longest=1.0)
+            credible.begin(Pose(0.0, 0.0, 0.0))
+            assert bool(credible.refusal(Odometry(Pose(share * x, 0.0, share * theta), STOP, True), 0.0)) is refused
+
+
+def test_no_fix_knows_more_than_a_millimetre():
+    assert (1e-6, 4e-6, math.inf) == bounded(Fix(Pose(0.0, 0.0, 0.0), (0.0, 4e-6, math.inf), 0.0, True)).R
+
+
+def test_odometry_after_a_person_moved_the_robot_is_turned_and_shifted_as_a_whole():
+    seat = Seat(Pose(1.0, 2.0, 0.3), Pose(-4.0, 5.0, 1.7))
+    moved = seat(Odometry(Pose(1.5, 1.2, -0.4), STOP, True)).pose
+    place = complex(-4.0, 5.0) + (complex(1.5, 1.2) - complex(1.0, 2.0)) * cmath.exp(1.4j)
+    assert moved == pytest.approx((place.real, place.imag, 1.0))
 
 
 def test_a_second_source_of_odometry_never_counts_and_time_alone_ends_no_refusal():
