@@ -86,6 +86,15 @@ def test_deviances_count_from_the_maximum_of_the_same_likelihood():
         assert (alphas[name].low, alphas[name].high) == pytest.approx((others[name].low, others[name].high), rel=0.02)
 
 
+def test_intervals_hold_those_of_either_integrator_where_both_may_be_right():
+    drive, values = simulated(49, "euler", "pose", "noisy")
+    fitted = calibrate(drive, kind="pose")
+    found = fitted.estimates["marker_theta"]
+    assert found.low < values["marker_theta"] < found.high
+    alone = calibrate(drive, kind="pose", integrator=fitted.integrator).estimates["marker_theta"]
+    assert not alone.low < values["marker_theta"] < alone.high
+
+
 def test_a_marker_in_an_exact_truth_is_certain_with_euler_steps():
     for seed in range(3):
         drive, values = simulated(seed, "euler", "wheel", "exact", rate=100)

@@ -48,6 +48,8 @@ TYPICAL = np.array([0.1, 0.3, 0.1, 0.03, 0.1, 0.1, 1.0])
 """Typical differences from the usual, as standard deviations."""
 SEEN = 5.0
 """Standard deviations from which a marker counts as off the axle."""
+CLOSE = 20.0
+"""Difference of log-likelihoods at the first variances beyond which the better integrator is certain."""
 LEAST = 1e-3
 """Least drift and place of a marker that matter, rad/s, m and rad."""
 UNITS = {"drift": "rad/s", "marker_x": "m", "marker_y": "m", "marker_theta": "rad"}
@@ -92,8 +94,9 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, segment: f
     motions = motions_of(drive)
     if len(motions.row) < FEWEST:
         raise ValueError(f"only {len(motions.row)} motions have a true pose before and after them.")
+    other = None
     if integrator is None:
-        integrator = _likelier(motions)
+        integrator, other = _likelier(motions)
     middle = choose("integrator", integrator, INTEGRATORS)
     problem, fit, best = _fitted(problem_of(motions, middle), middle)
     verdict = diagnose(problem, best)
@@ -102,6 +105,8 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, segment: f
         problem, fit, best = _fitted(problem_of(motions, middle, prior=WHEELS_ONLY), middle)
     linear, covariance = _by_blocks(best) if verdict.is_correlated else (best.linear, best.covariance)
     estimates = _linear_estimates(linear, covariance, blocks=BLOCKS * verdict.is_correlated)
+    if other is not None and not verdict.is_correlated:
+        estimates = _with_either(estimates, _linear_estimates(other.linear, other.covariance))
     seen = np.where(np.abs(linear) > SEEN * np.sqrt(np.diag(covariance)), linear, 0.0)
     drive = at_axle(drive, *seen[4:])
     drive = _corrected(drive, problem, seen[3])
@@ -129,11 +134,29 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, segment: f
     )
 
 
-def _likelier(motions: Motions) -> str:
-    """Return the integrator that explains motions better, without the jumps of the one that sees fewer of them."""
+def _likelier(motions: Motions) -> tuple[str, Regression | None]:
+    """Return the integrator that explains motions better, and the regression with the other one if that may be right, too.
+
+    Jumps of the one that sees fewer of them are left out.
+    """
     problems = [problem_of(motions, middle) for middle in INTEGRATORS.values()]
     kept = min(problems, key=lambda problem: len(problem.jumps) + int(problem.is_far().sum())).motions
-    return max(INTEGRATORS, key=lambda name: problem_of(kept, INTEGRATORS[name], rounds=0).likelihood())
+    by_name = {name: problem_of(kept, middle, rounds=0) for name, middle in INTEGRATORS.items()}
+    values = {name: problem.likelihood() for name, problem in by_name.items()}
+    if max(values.values()) - min(values.values()) > CLOSE:
+        return max(values, key=values.__getitem__), None
+    best = {name: _fitted(problem, INTEGRATORS[name])[2] for name, problem in by_name.items()}
+    other, chosen = sorted(best, key=lambda name: best[name].likelihood)
+    is_close = 2.0 * (best[chosen].likelihood - best[other].likelihood) < Z**2
+    return chosen, best[other] if is_close else None
+
+
+def _with_either(estimates: dict[str, Estimate], others: dict[str, Estimate]) -> dict[str, Estimate]:
+    """Return estimates with intervals that hold those of the other integrator, too."""
+    return {
+        name: replace(each, low=min(each.low, others[name].low), high=max(each.high, others[name].high))
+        for name, each in estimates.items()
+    }
 
 
 def _fitted(problem: Problem, middle: float) -> tuple[Problem, Fit, Regression]:
