@@ -1,8 +1,8 @@
 """Drive a Burger that was never trained on them through the 200 worlds of the BARN challenge.
 
 A robot starts in front of each world's field of cylinders and must reach a goal behind it, 10 m further on. A world counts
-once, with the mean over its episodes, which differ in their noise; intervals are over worlds. The score is the challenge's:
-success times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time for the shortest path at full speed.
+once, with the mean over its episodes, which differ in their noise; intervals are over worlds. The score is like that of the
+challenge's later years: success times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time for the shortest path at full speed.
 
     python benchmarks/barn.py ../shared/data/barn/worlds.npz --json benchmarks/barn.json
 
