@@ -2,7 +2,8 @@
 
 A robot starts in front of each world's field of cylinders and must reach a goal behind it, 10 m further on. A world counts
 once, with the mean over its episodes, which differ in their noise; intervals are over worlds. The score is like that of the
-challenge's later years: success times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time for the shortest path at full speed.
+challenge's later years: success times T* / clip(T, 2 T*, 8 T*), at most 0.5, where T* is the time for the shortest path at
+full speed.
 
     python benchmarks/barn.py ../shared/data/barn/worlds.npz --json benchmarks/barn.json
 
