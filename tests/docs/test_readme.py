@@ -21,6 +21,8 @@ def test_it_is_short_and_says_what_was_measured():
     lockstep, rooms, faults, calibration = map(measured, ("lockstep", "rooms_study", "faults", "calibration_intervals"))
     by_policy = {row["policy"]: row for row in rooms["rows"] if row["setting"] == "dense"}
     total, learned, vfh = faults["total"], by_policy["ppo-rooms"], by_policy["vfh"]
+    gains = {row["setting"]: row["success_difference"] for row in rooms["rows"] if row["policy"] == "ppo-rooms"}
+    level = [name for name in ("clutter", "corridor", "crowd") if gains[name]["low"] < 0.0 < gains[name]["high"]]
     settings = calibration["coverage"].values()
     truth = [row for setting in settings for row in setting["parameters"].values()]
     share = 100 * sum(row["coverage"] * row["drives"] for row in truth) / sum(row["drives"] for row in truth)
@@ -33,6 +35,8 @@ def test_it_is_short_and_says_what_was_measured():
         ),
         ("VFH+", f"reaches {100 * learned['success']['value']:.1f} % of the goals, VFH+ {100 * vfh['success']['value']:.1f} %"),
         ("VFH+", f"PPO collides in {100 * learned['collision']['value']:.1f} %, VFH+ in none"),
+        ("VFH+", f"three others reach {100 * by_policy['ppo, 3 trainings']['success']['value']:.1f} %"),
+        ("VFH+", f"No difference in `{level[0]}`, `{level[1]}` and `{level[2]}`"),
         ("A guard", f"{total['injected']} injected faults of {len(faults['faults'])} kinds: {total['unsafe']} unsafe motion"),
         ("Your robot", f"the truth in {share:.1f} % of cases, {drives} drives"),
         ("Honest", f"slower in {verdicts.count('PPO slower')} of {len(verdicts)} scenarios, faster in none"),

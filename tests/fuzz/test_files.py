@@ -125,7 +125,7 @@ def driven(world):
     """Drive in a world, and return it."""
     env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=world, lidar="ideal")
     observation, _ = env.reset(seed=1)
-    for _ in range(3):
+    for _ in range(5):
         assert np.isfinite(observation).all()
         observation, reward, *_ = env.step(np.array([1.0, 0.3], np.float32))
         assert math.isfinite(reward)
