@@ -57,21 +57,22 @@ def test_half_a_solution_learns_which_half(number, here, capsys):
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.nightly] * (n == 3)) for n in NUMBERS])
 def test_an_exercise_as_it_is_given_out_is_not_right(number, here, capsys):
-    assert main(["check", "--write", str(number)]) == 0
-    assert f"turtlebot-gym check exercise{number}.py" in capsys.readouterr().out
-    status, right = checked(here / f"exercise{number}.py", capsys)
+    given = here / f"exercise{number}.py"
+    with pytest.raises(SystemExit):
+        main(["check", str(given)])
+    assert "it is written. Fill in its gaps, and check it again." in capsys.readouterr().out
+    before = given.read_bytes()
+    status, right = checked(given, capsys)
     assert status == 1
     assert not all(right)
-    assert main(["check", "--write", str(number)]) == 2  # not written over
-    assert "exists already" in capsys.readouterr().err
+    assert given.read_bytes() == before  # not written over
 
 
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ([], "name the FILE.py to check, or write one"),
-        (["nowhere.py"], "There is no file 'nowhere.py'."),
-        (["--write", "5"], "write must be one of 1, 2, 3, 4, got 5."),
+        ([], "name the FILE.py to check; exercise1.py to exercise4.py are written where they are missing."),
+        (["nowhere.py"], "There is no file 'nowhere.py'; exercise1.py to exercise4.py are written where they are missing."),
         (["broken.py"], "broken.py: SyntaxError"),
         (["other.py"], "EXERCISE must be one of 1, 2, 3, 4, got None."),
     ],

@@ -12,26 +12,30 @@ from typing import Annotated, Any
 import tyro
 
 from turtlebot_gym.own import failure
-from turtlebot_gym.validation import refusal, shown
+from turtlebot_gym.validation import shown
 
 NUMBERS = (1, 2, 3, 4)
+EXERCISES = tuple(f"exercise{number}.py" for number in NUMBERS)
+WRITTEN = f"{EXERCISES[0]} to {EXERCISES[-1]} are written where they are missing."
 
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """Check the solution of an exercise, or write one to fill in. The exit status is 1 while something is not yet right."""
+    """Check the solution of an exercise; an exercise that is not there yet is written, with its gaps.
+
+    The exit status is 1 while something is not yet right.
+    """
 
     file: tyro.conf.Positional[Annotated[Path | None, tyro.conf.arg(metavar="FILE.py")]] = None
-    """Your solution; its code is run."""
-    write: int | None = None
-    """Write exercise 1, 2, 3 or 4 with its gaps to exerciseN.py instead."""
+    """Your solution; its code is run. Where exercise1.py to exercise4.py are missing, they are written."""
 
     def run(self) -> None:
-        if self.write is not None:
-            _write(self.write)
-            return
         if self.file is None:
-            raise ValueError("name the FILE.py to check, or write one to fill in by --write 1.")
+            raise ValueError(f"name the FILE.py to check; {WRITTEN}")
+        if self.file.name in EXERCISES and not self.file.exists():
+            text = resources.files("turtlebot_gym_agents.course").joinpath(self.file.name).read_text(encoding="utf-8")
+            self.file.write_text(text, encoding="utf-8")
+            print(f"{self.file} was not there: it is written. Fill in its gaps, and check it again.")
         names = _names_of(self.file)
         right = 0
         from turtlebot_gym_agents.course.checks import CHECKS
@@ -60,7 +64,7 @@ def _names_of(path: Path) -> Mapping[str, Any]:
         ValueError: If it fails, or is no solution of an exercise.
     """
     if not path.is_file():
-        raise ValueError(f"There is no file {str(path)!r}.")
+        raise ValueError(f"There is no file {str(path)!r}; {WRITTEN}")
     try:
         names = run_path(str(path))
     except Exception as error:
@@ -69,14 +73,3 @@ def _names_of(path: Path) -> Mapping[str, Any]:
     if number not in NUMBERS:
         raise ValueError(f"{path}: EXERCISE must be one of {', '.join(map(str, NUMBERS))}, got {shown(number)}.")
     return names
-
-
-def _write(number: int) -> None:
-    if number not in NUMBERS:
-        raise refusal("write", f"one of {', '.join(map(str, NUMBERS))}", number)
-    path = Path(f"exercise{number}.py")
-    text = resources.files("turtlebot_gym_agents.course").joinpath(path.name).read_text(encoding="utf-8")
-    if path.exists():
-        raise ValueError(f"{path} exists already.")
-    path.write_text(text, encoding="utf-8")
-    print(f"{path}: fill it in, then: turtlebot-gym check {path}")
