@@ -136,6 +136,13 @@ notebooks: $(READY)  ## execute the notebooks and store their outputs
 docs: $(READY)  ## build the documentation into out/docs
 	DISABLE_MKDOCS_2_WARNING=true NO_MKDOCS_2_WARNING=true $(RUN)python -m mkdocs build --strict --site-dir $(abspath $(OUT))/docs
 
+VERSION ?= $(shell sed -n 's/^__version__ = "\(.*\)"/\1/p' turtlebot_gym/__init__.py)
+
+publish-docs: $(READY)  ## build the pages of VERSION into the branch gh-pages, beside those of other versions, and push it
+	VERSIONS=mike DISABLE_MKDOCS_2_WARNING=true NO_MKDOCS_2_WARNING=true PATH="$(abspath $(RUN)):$$PATH" \
+		$(RUN)mike deploy --push --update-aliases $(basename $(VERSION)) latest
+	$(RUN)mike set-default --push latest
+
 ##@ Measure the results on the pages
 bench-ros: $(READY)  ## the live graph: latency, jitter, CPU, memory, time to a stop (15 minutes)
 	@mkdir -p $(OUT)
@@ -221,12 +228,11 @@ capabilities: $(READY)  ## run what the CHANGELOG says that there is, command by
 	$(RUN)python benchmarks/capabilities.py --data $(DATA) --markdown $(OUT)/capabilities.md
 
 ##@ Package
-build: $(READY)  ## build the wheel, install it alone, and try it
+build: $(READY)  ## build wheel and source distribution into dist
 	rm -rf dist && $(RUN)python -m build --quiet
-	$(PYTHON) -m venv dist/try && dist/try/bin/pip install --quiet --constraint constraints.txt "$$(ls dist/*.whl)[gym]"
-	cd dist && try/bin/turtlebot-gym evaluate --episodes 20
-	$(PYTHON) -m venv dist/thin && dist/thin/bin/pip install --quiet --constraint constraints.txt dist/*.whl
-	cd dist && thin/bin/python ../tests/bridges/thin.py > thin.txt  # filter, policies and guard, with numpy and PyYAML alone
+
+release-check: $(READY)  ## make wheel, source distribution, site and container of a clean tree, install each alone, and try it (10 minutes)
+	.ci/release-check $(PYTHON) $(OUT)/release
 
 image:  ## a container image, turtlebot-gym, for machines without Linux; needs docker
 	docker build --tag turtlebot-gym .

@@ -31,7 +31,7 @@ else:  # import names at first use: the compiler alone takes half a second
     }
     __getattr__, __dir__ = lazy_names(__name__, _HOMES)
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "NAV",

@@ -6,8 +6,11 @@ import sys
 from collections.abc import Sequence
 
 from turtlebot_gym import __version__
+from turtlebot_gym.extras import installing
+from turtlebot_gym_agents.outputs import ending_quietly
 
 
+@ending_quietly
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a subcommand, and return the exit status."""
     if [*(sys.argv[1:] if argv is None else argv)] == ["--version"]:
@@ -18,7 +21,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if str(error.name).startswith("turtlebot_gym"):
             raise
-        print(f'turtlebot-gym: {error.name} is missing: pip install "turtlebot-gym[gym]".', file=sys.stderr)
+        print(f"turtlebot-gym: {error.name} is missing: {installing('gym')}.", file=sys.stderr)
         return 2
     return run(argv)
 

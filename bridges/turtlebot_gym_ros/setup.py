@@ -3,15 +3,17 @@
 import runpy
 from glob import glob
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 NAME = "turtlebot_gym_ros"
-NODES = runpy.run_path(str(Path(__file__).with_name(NAME) / "nodes.py"))["NODES"]  # plain data, read without its imports
+HERE = Path(__file__).parent
+NODES = runpy.run_path(str(HERE / NAME / "nodes.py"))["NODES"]  # plain data, read without its imports
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version=ElementTree.parse(HERE / "package.xml").findtext("version"),
     description="The closed loop of turtlebot-gym as ROS 2 nodes, and any policy deployed on a TurtleBot.",
     license="MIT",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from turtlebot_gym.extras import installing
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
 from turtlebot_gym_agents.commands.counts import read_whole
@@ -213,7 +214,7 @@ def test_without_mujoco_the_command_says_what_to_install(monkeypatch, capsys):
     floor = ["--plant", "mujoco", "--friction", "0.77"]  # another engine than those that other tests have made
     assert main(["evaluate", "--policy", "bearing", "--episodes", "2", *floor]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "turtlebot-gym: The plant 'mujoco' needs MuJoCo: pip install \"turtlebot-gym[mujoco]\"."
+    assert line == f"turtlebot-gym: The plant 'mujoco' needs MuJoCo: {installing('mujoco')}."
 
 
 @pytest.mark.parametrize("seed", ["-1", str(2**63), str(2**80)])
@@ -231,7 +232,7 @@ def test_benchmark_says_what_it_needs_before_it_measures(monkeypatch, capsys):
         monkeypatch.setitem(sys.modules, module, None)
     assert main(["benchmark"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "turtlebot-gym: torch is not installed: pip install 'turtlebot-gym[agents]', or use --no-training."
+    assert line == f"turtlebot-gym: torch is not installed: {installing('agents')}, or use --no-training."
 
 
 @pytest.mark.parametrize(("told", "number"), [("1e3", 1000), ("1_000", 1000), ("2.5e2", 250), ("7", 7)])

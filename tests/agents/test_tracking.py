@@ -11,6 +11,8 @@ from types import SimpleNamespace
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+import turtlebot_gym
+from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.tracking import RUN_FILE, WandbCallback
@@ -67,7 +69,7 @@ def test_a_run_has_the_configuration_and_tensorboards_curves(tmp_path, runs):
     (run,) = runs
     assert run.finished
     assert run.options["project"] == "mine"
-    assert run.options["config"].items() >= {"env": CONFIG.env, "steps": 20_000, "version": "0.1.0"}.items()
+    assert run.options["config"].items() >= {"env": CONFIG.env, "steps": 20_000, "version": turtlebot_gym.__version__}.items()
     assert json.loads(json.dumps(run.options["config"])) == run.options["config"]
     assert run.options["id"] == (folder / RUN_FILE).read_text().strip()
     steps = [step for step, _ in run.logged]
@@ -97,7 +99,7 @@ def test_a_resumed_training_resumes_its_run(tmp_path, runs):
 def test_a_missing_library_is_named_before_the_training(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["train", "--wandb"]) == 2
-    assert "wandb is not installed: pip install 'turtlebot-gym[wandb]'." in capsys.readouterr().err
+    assert f"wandb is not installed: {installing('wandb')}." in capsys.readouterr().err
     assert not [*tmp_path.iterdir()]
 
 

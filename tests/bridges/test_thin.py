@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from turtlebot_gym.extras import installing
+
 ABSENT = (
     "numba", "llvmlite", "scipy", "matplotlib", "pygame", "gymnasium", "filterpy", "PIL", "tyro", "rich", "torch",
     "stable_baselines3", "onnx", "optuna", "tensorboard", "mujoco",
@@ -93,18 +95,18 @@ def test_a_robots_node_comes_up_and_ends_without_what_trains_and_draws(launch, p
 
 
 @pytest.mark.parametrize(
-    ("missing", "node", "remedy"),
-    [("rosbags", "data_logger", "turtlebot-gym[deploy]"), ("rclpy", "cmd_vel_guard", "turtlebot-gym[ros]")],
+    ("missing", "node", "extra"),
+    [("rosbags", "data_logger", "deploy"), ("rclpy", "cmd_vel_guard", "ros")],
 )
-def test_a_node_says_what_to_install(missing, node, remedy):
+def test_a_node_says_what_to_install(missing, node, extra):
     body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main(['{node}']))"
     done = run("-c", without(body)[1].replace(repr(ABSENT), repr((missing,))))
     assert done.returncode == 2
     assert done.stderr.startswith(f"error: {missing} is missing: ")
-    assert done.stderr.endswith(f'pip install "{remedy}".\n')
+    assert done.stderr.endswith(f"{installing(extra)}.\n")
 
 
 def test_the_command_line_says_what_to_install():
     done = run(*without("from turtlebot_gym_agents.__main__ import main; raise SystemExit(main(['evaluate']))"))
     assert done.returncode == 2
-    assert done.stderr == 'turtlebot-gym: tyro is missing: pip install "turtlebot-gym[gym]".\n'
+    assert done.stderr == f"turtlebot-gym: tyro is missing: {installing('gym')}.\n"

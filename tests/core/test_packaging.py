@@ -1,15 +1,20 @@
 """What is around the code: metadata, templates, container file and make targets agree with the code and with each other."""
 
+import json
+import os
 import re
+import signal
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
 
 import turtlebot_gym
+from turtlebot_gym import extras
 
 tomllib = pytest.importorskip("tomllib", reason="needs Python 3.11")
 ROOT = Path(__file__).parents[2]
@@ -27,7 +32,11 @@ CHECKER = "checker/gymnasium_vector_checker"
 
 def test_the_version_is_the_same_everywhere_and_type_checkers_may_read_the_packages():
     citation = yaml.safe_load(text_of("CITATION.cff"))
-    assert turtlebot_gym.__version__ == PROJECT["version"] == citation["version"]
+    newest = re.search(r"^## (\S+), (\S+)$", text_of("CHANGELOG.md"), re.MULTILINE)
+    assert newest
+    assert turtlebot_gym.__version__ == citation["version"] == newest[1]
+    assert newest[2] in ("unreleased", str(citation["date-released"]))
+    assert f"version = {{{newest[1]}}}" in text_of("docs/faq.md")
     assert citation["cff-version"] == "1.2.0"
     assert {"message", "title", "authors", "type", "license"} <= set(citation)
     assert citation["license"] == PROJECT["license"]
@@ -41,7 +50,42 @@ def test_the_commands_tell_their_version(module):
     if module == "turtlebot_gym_ros" and find_spec("rclpy") is None:
         pytest.skip("needs the extra [ros]")
     done = subprocess.run([sys.executable, "-m", module, "--version"], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout) == (0, f"turtlebot-gym {PROJECT['version']}\n")
+    assert (done.returncode, done.stdout) == (0, f"turtlebot-gym {turtlebot_gym.__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("noted", "command"),
+    [
+        (None, "pip install 'turtlebot-gym[gym]'"),
+        ({"url": "file:///a%20b", "dir_info": {"editable": True}}, "pip install -e '/a b[gym]'"),
+        ({"url": "file:///a", "dir_info": {}}, "pip install 'turtlebot-gym[gym] @ file:///a'"),
+        ({"url": "file:///a.whl", "archive_info": {}}, "pip install 'turtlebot-gym[gym] @ file:///a.whl'"),
+        ({"url": "https://a/b", "vcs_info": {"vcs": "git"}}, "pip install 'turtlebot-gym[gym] @ git+https://a/b'"),
+    ],
+)
+def test_an_extra_is_installed_from_where_the_package_came(noted, command, monkeypatch):
+    text = None if noted is None else json.dumps(noted)
+    monkeypatch.setattr(extras, "distribution", lambda name: SimpleNamespace(read_text=lambda file: text))
+    assert extras.installing("gym") == command
+
+
+@pytest.mark.skipif(find_spec("tyro") is None, reason="needs the extra [gym]")
+@pytest.mark.parametrize("asked", ["turtlebot_gym evaluate --episodes 2", "turtlebot_gym --help", "turtlebot_gym_ros --help"])
+def test_a_command_ends_quietly_if_nobody_reads_on(asked):
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run([sys.executable, "-m", *asked.split()], stdout=write, stderr=subprocess.PIPE, text=True, timeout=120)
+    os.close(write)
+    assert done.stderr == ""
+    assert done.returncode in (1, 128 + signal.SIGPIPE)  # 1 if rich, which prints tables, noticed it
+
+
+def test_pixi_brings_the_ros_packages_that_the_bridge_names_and_extras_that_exist():
+    pixi = tomllib.loads(text_of("pixi.toml"))
+    needed = re.findall(r"<exec_depend>(.*)</exec_depend>", text_of("bridges/turtlebot_gym_ros/package.xml"))
+    ros = {f"ros-jazzy-{name.replace('_', '-')}" for name in needed if not name.startswith("python3-")}
+    assert ros | {"ros-jazzy-rmw-fastrtps-cpp", "python", "pip"} == set(pixi["dependencies"])
+    assert set(pixi["pypi-dependencies"]["turtlebot-gym"]["extras"]) <= set(PROJECT["optional-dependencies"])
 
 
 def test_classifiers_are_known_and_name_the_versions_that_are_tested():
@@ -82,9 +126,10 @@ def test_what_runs_elsewhere_calls_targets_that_exist():
     steps = [step["run"] for job in CI["jobs"].values() for step in job["steps"] if "run" in step]
     made = [line.partition("#")[0].partition("=")[0].split()[1:] for line in steps if line.startswith("make ")]
     called = [word for words in made for word in words if re.fullmatch(r"[a-z-]+", word)]
-    assert {"docs", "build", "demo", "image"} <= set(called) <= TARGETS
+    assert {"release-check", "demo", "test-browser"} <= set(called) <= TARGETS
     assert "make check test" in text_of(".ci/run")
     assert any(".ci/run" in step for step in steps)
+    assert "make release-check" in text_of(".github/workflows/release.yml")
 
 
 def test_hooks_before_a_commit_are_a_part_of_make_check():
@@ -100,7 +145,16 @@ def test_the_container_file_copies_and_installs_what_there_is():
     assert set(extras.split(",")) <= set(PROJECT["optional-dependencies"])
     sent = [line[1:] for line in text_of(".dockerignore").splitlines() if line.startswith("!")]
     assert all((ROOT / name).exists() for name in sent)
-    assert {"pyproject.toml", "constraints.txt", "README.md", "LICENSE", "turtlebot_gym", "agents", "bridges"} <= set(sent)
+    assert {
+        "pyproject.toml",
+        "hatch_build.py",
+        "constraints.txt",
+        "README.md",
+        "LICENSE",
+        "turtlebot_gym",
+        "agents",
+        "bridges",
+    } <= set(sent)
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml")), ids=lambda path: path.stem)

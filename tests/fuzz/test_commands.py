@@ -49,6 +49,7 @@ BASES: dict[str, list[str]] = {
     "train": ["--config", "list.yaml", "--out", "run"],
     "tune": ["--config", "broken.yaml", "--out", "search"],
     "export": ["model.zip", "--allow-pickle"],
+    "card": ["ppo-nav"],
     "study": ["list.yaml", "--out", "study"],
     "protocol": ["table", "empty.json"],
     "check": ["binary.csv"],

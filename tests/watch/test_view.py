@@ -16,6 +16,7 @@ from bokeh.document import Document
 from bokeh.models.glyphs import Image as ImageGlyph
 
 from turtlebot_gym.drives import Drive, Growing, Seen, Surroundings
+from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
@@ -155,7 +156,7 @@ def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch)
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["watch", "--html", str(tmp_path / "a.html")]) == 2
-    assert "pip install 'turtlebot-gym[watch]'" in capsys.readouterr().err
+    assert installing("watch") in capsys.readouterr().err
 
 
 def test_a_server_serves_this_machine_alone_and_ends():

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.compiled.batch import PARALLEL_FROM, ROOMS_PARALLEL_FROM, Batch
+from turtlebot_gym.extras import installing
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.systems import Options
 from turtlebot_gym.validation import choose, whole
@@ -59,9 +60,7 @@ def fill_all(
     for name in names:
         choose("system", name, SYSTEMS)
     if not HAS_NUMBA:
-        raise ImportError(
-            "Nothing can be compiled without numba: pip install 'turtlebot-gym[gym]', and unset NUMBA_DISABLE_JIT."
-        )
+        raise ImportError(f"Nothing can be compiled without numba: {installing('gym')}, and unset NUMBA_DISABLE_JIT.")
     times: dict[str, float] = {}
     order = sorted(names, key=lambda name: not name.startswith("rooms"))  # the longest first
     context = multiprocessing.get_context("spawn")  # a forked process would inherit numba's threads

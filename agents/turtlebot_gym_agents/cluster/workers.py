@@ -21,6 +21,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.cluster.units import Result, Unit, Workers, difference, origin, run
 
 RETRIES = 3
@@ -61,7 +62,7 @@ def workers_on(cluster: str, *, workers: int | None = None, memory: int = 0) -> 
         raise ValueError(f"workers must be positive, got {workers}.")
     library, extra = ("joblib", "agents") if cluster == "local" else ("ray", "cluster")
     if find_spec(library) is None:
-        raise ImportError(f"The cluster {cluster!r} needs {library}: pip install 'turtlebot-gym[{extra}]'.")
+        raise ImportError(f"The cluster {cluster!r} needs {library}: {installing(extra)}.")
     if cluster == "local":
         with _environment(ONE_THREAD):  # the workers inherit it
             yield lambda units: _local_results(units, workers or -1)
@@ -197,7 +198,7 @@ def _ray_results(units: Iterable[tuple[str, Unit]], memory: int) -> Iterator[tup
                 raise
             module = str(error).rpartition("No module named ")[2].split()[0]
             raise OSError(
-                f"A node of the cluster lacks a module, {module}: install turtlebot-gym[cluster] in the environment in which "
+                f"A node of the cluster lacks a module, {module}: install the extra [cluster] in the environment in which "
                 "`ray start` runs there."
             ) from None
         except RayError as error:

@@ -12,6 +12,7 @@ from typing import Annotated
 
 import tyro
 
+from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress
 from turtlebot_gym_agents.outputs import FOLDER
 
@@ -72,7 +73,7 @@ class Benchmark(Writing):
     def _require_training(self) -> None:
         for name in ("torch", "stable_baselines3"):
             if find_spec(name) is None:
-                raise ImportError(f"{name} is not installed: pip install 'turtlebot-gym[agents]', or use --no-training.")
+                raise ImportError(f"{name} is not installed: {installing('agents')}, or use --no-training.")
 
     def _check_options(self) -> None:
         if not self.num_envs or min(self.num_envs) < 2 or len({*self.num_envs}) < len(self.num_envs):

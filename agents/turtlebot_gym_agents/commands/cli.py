@@ -35,7 +35,7 @@ from turtlebot_gym_agents.commands.course import Check
 from turtlebot_gym_agents.commands.data import Data
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
-from turtlebot_gym_agents.commands.learning import Export, Train, Tune
+from turtlebot_gym_agents.commands.learning import Card, Export, Train, Tune
 from turtlebot_gym_agents.commands.localize import Localize
 from turtlebot_gym_agents.commands.protocol import Entry
 from turtlebot_gym_agents.commands.recorded import Recorded
@@ -225,6 +225,7 @@ COMMANDS: dict[str, type[_Command]] = {
     "tune": Tune,
     "tune-baseline": TuneBaseline,
     "export": Export,
+    "card": Card,
     "study": Study,
     "protocol": Entry,
     "check": Check,
@@ -263,6 +264,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         print("turtlebot-gym: there is not enough memory for what was asked.", file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        raise  # see `outputs.ending_quietly`
     except (ValueError, OSError, ImportError) as error:
         print(f"turtlebot-gym: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

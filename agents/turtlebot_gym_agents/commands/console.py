@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.commands.flags import OPTIONS, flags
 from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON
 
@@ -143,7 +144,7 @@ def needs(extra: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise ImportError(f"{error.name} is not installed: pip install 'turtlebot-gym[{extra}]'.") from error
+        raise ImportError(f"{error.name} is not installed: {installing(extra)}.") from error
 
 
 @contextmanager

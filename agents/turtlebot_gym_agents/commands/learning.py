@@ -1,4 +1,4 @@
-"""The subcommands that learn: ``train``, ``tune`` and ``export``."""
+"""The subcommands around learning: ``train``, ``tune``, ``export`` and ``card``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.commands.console import File, JsonFile, Placement, Setting, Writing, needs, print_tables, progress
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.outputs import FOLDER, Output
@@ -155,7 +156,7 @@ class Train(Placement, _Learned):
         if len(self.wandb) > 1:
             raise ValueError(f"wandb takes one project, got {', '.join(self.wandb)}.")
         if find_spec("wandb") is None:
-            raise ImportError("wandb is not installed: pip install 'turtlebot-gym[wandb]'.")
+            raise ImportError(f"wandb is not installed: {installing('wandb')}.")
 
 
 @own_first
@@ -238,7 +239,7 @@ class Export(Writing, _TRAINED):
 
     def run(self) -> None:
         with needs("agents"):
-            from turtlebot_gym_agents.policies.bundle import Card
+            from turtlebot_gym_agents.policies import bundle
             from turtlebot_gym_agents.policies.fit import describe_robot
             from turtlebot_gym_agents.training.config import TrainingConfig, read_record
             from turtlebot_gym_agents.training.export import export, load_model
@@ -254,7 +255,7 @@ class Export(Writing, _TRAINED):
             return default[name] if given is None else given
 
         robot = told("robot")
-        card = Card(
+        card = bundle.Card(
             env=told("env"),
             robot=describe_robot(robot) if isinstance(robot, str) else {"name": "custom", **robot},
             dt=0.1 if self.rate is None else 1.0 / self.rate,
@@ -268,6 +269,29 @@ class Export(Writing, _TRAINED):
             f"{self.out}: {self.out.stat().st_size:,} bytes; its actions differ from the model's by at most "
             f"{difference:.1g} on 10,000 observations."
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card(Writing):
+    """Write a policy's card as a page in Markdown, as model hubs take it: what it is for, how it was trained, how it does."""
+
+    policy: tyro.conf.Positional[str]
+    """A bundle (FILE.onnx), or a policy shipped with the package, such as ppo-nav."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.md"), Output((".md",))] = None
+    """Write the page here; by default it is printed."""
+
+    def run(self) -> None:
+        from turtlebot_gym_agents.policies.model_card import model_card
+        from turtlebot_gym_agents.policies.named import bundle_of
+
+        path = bundle_of(self.policy)
+        if path is None:
+            raise ValueError(f"policy must be a bundle, FILE.onnx, or a trained policy of the package, got {self.policy!r}.")
+        page = model_card(path)
+        if self.out is None:
+            print(page, end="")
+        else:
+            self.out.write_text(page, encoding="utf-8")
 
 
 @contextmanager

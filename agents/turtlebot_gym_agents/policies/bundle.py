@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Options, Parameters, Robot
+from turtlebot_gym.extras import installing
 from turtlebot_gym.systems import SIZES, system_of
 from turtlebot_gym.systems.parameters import DT, OBSERVED
 from turtlebot_gym.validation import choose, shown
@@ -110,7 +111,7 @@ class BundlePolicy:
         try:
             import onnxruntime
         except ImportError as error:
-            raise ImportError("A policy bundle needs onnxruntime: pip install 'turtlebot-gym[deploy]'.") from error
+            raise ImportError(f"A policy bundle needs onnxruntime: {installing('deploy')}.") from error
         self._path, content = path, Path(path).read_bytes()
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from turtlebot_gym import __version__
+from turtlebot_gym.extras import installing
+from turtlebot_gym_agents.outputs import ending_quietly
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.nodes import NODES, load
 
@@ -21,16 +23,11 @@ Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherw
 bringup, field_test, watch and status have their own options: see their --help. --version prints the version."""
 
 
-WHOLE = 'pip install "turtlebot-gym[gym]"'
-REMEDIES = {
-    "rclpy": 'source a ROS 2 installation, or pip install "turtlebot-gym[ros]"',
-    "rosbags": 'pip install "turtlebot-gym[deploy]"',
-    "matplotlib": WHOLE,
-    "PIL": WHOLE,
-}
-"""How to install a missing module."""
+EXTRAS = {"rclpy": "ros", "rosbags": "deploy", "matplotlib": "gym", "PIL": "gym"}
+"""The extra that brings a module."""
 
 
+@ending_quietly
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a node, and return its exit code."""
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
@@ -51,10 +48,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         from turtlebot_gym_ros.node.shell import run
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
-        remedy = REMEDIES.get("rclpy" if missing.endswith(("_msgs", "_srvs", "_interfaces")) else missing)
-        if remedy is None:
+        extra = EXTRAS.get("rclpy" if missing.endswith(("_msgs", "_srvs", "_interfaces")) else missing)
+        if extra is None:
             raise
-        print(f"error: {missing} is missing: {remedy}.", file=sys.stderr)
+        sourced = "source a ROS 2 installation, or " if extra == "ros" else ""
+        print(f"error: {missing} is missing: {sourced}{installing(extra)}.", file=sys.stderr)
         return 2
     if "-h" in rest or "--help" in rest:
         print(entry.__doc__)

@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.cluster import workers as module
 from turtlebot_gym_agents.cluster.drives import drives
 from turtlebot_gym_agents.cluster.units import origin
@@ -28,7 +29,7 @@ def refused(*options, capsys):
 @pytest.mark.parametrize(("cluster", "library", "extra"), [("local", "joblib", "agents"), ("auto", "ray", "cluster")])
 def test_without_its_library_the_command_says_what_to_install(cluster, library, extra, monkeypatch, capsys):
     monkeypatch.setattr(module, "find_spec", lambda name: None)
-    expected = f"turtlebot-gym: The cluster '{cluster}' needs {library}: pip install 'turtlebot-gym[{extra}]'."
+    expected = f"turtlebot-gym: The cluster '{cluster}' needs {library}: {installing(extra)}."
     assert refused("--cluster", cluster, capsys=capsys) == expected
 
 

@@ -147,7 +147,7 @@ m.version = lambda name: '1.0' if name == 'numpy' else v(name)
     [
         ("", ["--memory", "100000000"], "too little memory: a worker needs 524 MB, and its largest node gives 100 MB."),
         ("", None, "it asks for a token: set RAY_AUTH_MODE=token"),
-        (ABSENT, [], "lacks a module, 'turtlebot_gym_agents': install turtlebot-gym[cluster]"),
+        (ABSENT, [], "lacks a module, 'turtlebot_gym_agents': install the extra [cluster]"),
         (OTHER, [], f"has numpy 1.0, here it is {np.__version__}: results could differ."),
     ],
     ids=["memory", "token", "package", "version"],

@@ -10,6 +10,7 @@ from contextlib import ExitStack, suppress
 from threading import Event
 from typing import Any
 
+from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.base.process import Runner, refuse
@@ -34,7 +35,7 @@ class View:
         try:
             from turtlebot_gym_agents.watch.server import Server
         except ImportError as error:
-            raise ImportError(f"{error.name} is not installed: pip install 'turtlebot-gym[watch]'.") from error
+            raise ImportError(f"{error.name} is not installed: {installing('watch')}.") from error
         self._runner = Runner()
         lidar = given.get("lidar", TurtlebotSimulator.Params().lidar)
         self.watcher = Watcher(self._runner.context, namespace=absolute(given.get("namespace", "")), lidar=lidar)
