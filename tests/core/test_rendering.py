@@ -78,6 +78,31 @@ def test_robot_is_drawn_in_its_size():
     assert sizes[1] > 2 * sizes[0]
 
 
+@pytest.mark.parametrize("heading", [0.0, 0.7, 3.0])
+def test_the_robot_has_a_wheel_at_either_side(heading):
+    picture = make(robot=replace(ROBOTS["burger"], radius=0.5)).draw(world(Pose(0.0, 0.0, heading)))
+    for turn, color in ((0.5, BLACK), (-0.5, BLACK), (0.25, BODY), (-0.25, BODY)):
+        assert pixel(picture, 0.0, 0.0, ahead=0.75 * 0.5, heading=heading + turn * np.pi) == color
+
+
+def test_on_dark_paper_everything_is_drawn_that_is_on_light_paper():
+    goal, odometry = Pose(1.0, 1.0, 0.0), Pose(-1.0, -0.5, 0.0)
+    now = world(Pose(0.0, 0.0, 0.0), odometry=odometry, reference=goal)
+    light, dark = (make(dark=dark).draw(now) for dark in (False, True))
+    assert np.median(dark) < 40
+    drawn = [(np.abs(picture.astype(int) - picture[HEADER, 5]).max(-1) > 48) for picture in (light, dark)]
+    assert (drawn[0] == drawn[1]).mean() > 0.99
+    for near in (30, 60):  # labels and lines stand out from the paper
+        assert np.abs(dark[:HEADER].astype(int) - dark[HEADER, 5]).max() > near
+
+
+def test_every_label_of_the_legend_is_whole():
+    strip = make().draw(world())[24:HEADER].min(axis=(0, 2))
+    assert (strip[-100:] == 255).all()  # the last one ends before the edge
+    gaps = np.split(strip, np.flatnonzero(np.diff(strip == 255)) + 1)
+    assert max(len(gap) for gap in gaps[1:-1] if gap[0] == 255) < 40
+
+
 def test_coordinates_at_the_edge_are_left_out_instead_of_cut_off():
     """Of a view from -4.25 to 4.25 m, where the labels of -4 m of both axes would meet in the corner."""
     picture = make(task=replace(NAV, arena=3.75)).draw(world())

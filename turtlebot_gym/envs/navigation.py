@@ -141,6 +141,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._everything = np.ones(1, np.bool_)
         self._started = False
         self._seeded = False
+        self.dark = False
+        """Whether pictures are drawn on dark paper; set it before the first one, ``env.unwrapped.dark = True``."""
         self._renderer: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -268,7 +270,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Draw the world; ``anew`` begins with empty trails."""
         if self._renderer is None:
             mode = "human" if self.render_mode == "human" else "rgb_array"
-            self._renderer = make_renderer(self._batch, 0, mode, fps=self.metadata["render_fps"])
+            self._renderer = make_renderer(self._batch, 0, mode, fps=self.metadata["render_fps"], dark=self.dark)
         elif anew:
             self._renderer.reset()
         return self._renderer.draw(self._batch.world(0))

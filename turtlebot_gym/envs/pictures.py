@@ -19,7 +19,7 @@ _LARGE = 4
 """Most pictures at full size; if there are more, each has half the height and width."""
 
 
-def make_renderer(batch: Batch, row: int, mode: Literal["human", "rgb_array"], *, fps: float) -> Renderer:
+def make_renderer(batch: Batch, row: int, mode: Literal["human", "rgb_array"], *, fps: float, dark: bool = False) -> Renderer:
     """Return the renderer of one environment of a batch, including its room if it has one.
 
     Args:
@@ -27,13 +27,14 @@ def make_renderer(batch: Batch, row: int, mode: Literal["human", "rgb_array"], *
         row: Index of the environment.
         mode: See `turtlebot_gym.envs.rendering.Renderer`.
         fps: See there.
+        dark: See there.
 
     Raises:
         DependencyNotInstalled: If pygame is missing.
     """
     p = batch.parameters if isinstance(batch.parameters, Parameters) else batch.parameters[row]
     waypoints = None if p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()]
-    options = {"robot": p.robot, "task": p.task, "waypoints": waypoints, "dt": p.dt, "fps": fps}
+    options = {"robot": p.robot, "task": p.task, "waypoints": waypoints, "dt": p.dt, "fps": fps, "dark": dark}
     if p.room:  # pygame is slow to import, and most runs draw nothing
         from turtlebot_gym.envs.rendering_rooms import RoomRenderer
 
@@ -65,14 +66,16 @@ class Pictures:
             if begins:
                 renderer.reset()
 
-    def draw(self) -> tuple[NDArray[np.uint8], ...]:
-        """Return a picture of each environment, (height, width, 3).
+    def draw(self, *, dark: bool) -> tuple[NDArray[np.uint8], ...]:
+        """Return a picture of each environment, (height, width, 3), on light paper or, from the first picture on, on dark.
 
         Raises:
             DependencyNotInstalled: If pygame is missing.
         """
         if not self._renderers:
-            self._renderers = [make_renderer(self._batch, row, "rgb_array", fps=self._fps) for row in range(self._rows)]
+            self._renderers = [
+                make_renderer(self._batch, row, "rgb_array", fps=self._fps, dark=dark) for row in range(self._rows)
+            ]
         pictures = (renderer.draw(self._batch.world(row)) for row, renderer in enumerate(self._renderers))
         return tuple(self._sized(picture) for picture in pictures if picture is not None)
 

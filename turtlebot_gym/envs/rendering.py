@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
+from matplotlib import get_data_path
 from numpy.typing import NDArray
 
-from turtlebot_gym.plotting import BLACK, ESTIMATE_WITHIN, GREEN, SKY_BLUE, VERMILLION, ellipse
+from turtlebot_gym.envs.colours import DARK, LIGHT
+from turtlebot_gym.plotting import ESTIMATE_WITHIN, SKY_BLUE, ellipse
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Snapshot
 from turtlebot_gym.tasks import Task, distance_to
@@ -29,7 +32,10 @@ _MARGIN = 0.5
 """Margin around the visible points, m: for circles of arrival, noisy odometry and the scale."""
 _GROWTH = 1.25
 """A robot that leaves the view widens it by this factor."""
-_WHITE, _GRID, _GREY, _PALE_GREEN, _BODY = "#ffffff", "#ebebeb", "#666666", "#99d8c7", "#c8c8c8"
+_ROW, _GAP = 46 * _FINE, 18 * _FINE
+"""Row of the legend, and the space between its entries."""
+_WHEEL = (0.75, 0.45, 0.13)
+"""Distance from the middle, half length and half width of a wheel, as shares of the robot's radius."""
 
 
 class Renderer:
@@ -47,6 +53,7 @@ class Renderer:
         waypoints: Sequence[Pose] | None,
         dt: float,
         fps: float,
+        dark: bool = False,
     ) -> None:
         """Prepare to draw; the window of mode "human" opens with the first picture.
 
@@ -57,6 +64,7 @@ class Renderer:
             waypoints: The given waypoints, which fill the map together with the origin; None if the arena does.
             dt: Control interval, s, for the displayed time.
             fps: Pictures per second in the window.
+            dark: Whether the paper is dark, for slides and dark pages.
 
         Raises:
             DependencyNotInstalled: If pygame is missing.
@@ -69,7 +77,8 @@ class Renderer:
         self._pygame = pygame
         self._mode, self._robot, self._task, self._dt, self._fps = mode, robot, task, dt, fps
         self._waypoints = [Pose(*waypoint) for waypoint in waypoints or ()]
-        self._font = pygame.font.Font(None, 21 * _FINE)
+        self._colours = DARK if dark else LIGHT
+        self._font = pygame.font.Font(str(Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), 12 * _FINE)
         self._window: Surface | None = None
         self._clock = pygame.time.Clock()
         self._legend = self._make_legend()
@@ -149,7 +158,7 @@ class Renderer:
 
     def _surface(self, height: int) -> Surface:
         surface = self._pygame.Surface((_FINE * SIDE, _FINE * height), depth=32)
-        surface.fill(_WHITE)
+        surface.fill(self._colours.paper)
         return surface
 
     def _line(self, surface: Surface, color: str, start: tuple, end: tuple, width: float) -> None:
@@ -164,7 +173,7 @@ class Renderer:
 
     def _write(self, surface: Surface, text: str, color: str, **anchor: tuple) -> None:
         """Write text at an anchor of pygame's rectangles, such as ``midleft=(column, row)``."""
-        written = self._font.render(text, True, color, _WHITE)
+        written = self._font.render(text, True, color, self._colours.paper)
         surface.blit(written, written.get_rect(**anchor))
 
     def _make_paper(self) -> Surface:
@@ -172,7 +181,7 @@ class Renderer:
         paper = self._surface(SIDE)
         self._draw_grid(paper)
         for waypoint in self._waypoints:
-            self._draw_waypoint(paper, waypoint, _PALE_GREEN, 1.5)
+            self._draw_waypoint(paper, waypoint, self._colours.pale_goal, 1.5)
         self._draw_around(paper)
         return paper
 
@@ -180,7 +189,7 @@ class Renderer:
         if not self._waypoints:
             arena = self._task.arena
             side = self._length(2.0 * arena)
-            self._pygame.draw.rect(paper, _GREY, (*self._at(-arena, arena), side, side), round(1.5 * _FINE))
+            self._pygame.draw.rect(paper, self._colours.text, (*self._at(-arena, arena), side, side), round(1.5 * _FINE))
 
     def _draw_grid(self, paper: Surface) -> None:
         """Draw lines at whole metres, with coordinates along two edges."""
@@ -191,47 +200,61 @@ class Renderer:
             for metres in range(math.ceil(first / spacing) * spacing, math.floor(last) + 1, spacing):
                 if axis == 0:
                     column, row = self._at(metres, bottom)
-                    self._line(paper, _GRID, (column, 0), (column, row), 1.0)
+                    self._line(paper, self._colours.grid, (column, 0), (column, row), 1.0)
                     if _EDGE < column < _FINE * SIDE - _EDGE:
-                        self._write(paper, f"{metres} m", _GREY, midbottom=(column, row - 4 * _FINE))
+                        self._write(paper, f"{metres} m", self._colours.text, midbottom=(column, row - 4 * _FINE))
                 else:
                     column, row = self._at(left, metres)
-                    self._line(paper, _GRID, (column, row), (_FINE * SIDE, row), 1.0)
+                    self._line(paper, self._colours.grid, (column, row), (_FINE * SIDE, row), 1.0)
                     if _EDGE < row < _FINE * SIDE - 1.5 * _EDGE:  # not over the column labels
-                        self._write(paper, f"{metres} m", _GREY, midleft=(column + 4 * _FINE, row))
+                        self._write(paper, f"{metres} m", self._colours.text, midleft=(column + 4 * _FINE, row))
+
+    def _legend_entries(self) -> list[tuple[str, Callable[[Surface, tuple, float], None]]]:
+        """Return label and symbol of what is drawn; a symbol is drawn around a point, in a size."""
+        colours = self._colours
+
+        def ring(surface: Surface, at: tuple, size: float) -> None:
+            outline = self._pygame.Rect(0, 0, 2.8 * size, 2.0 * size)
+            outline.center = at
+            self._pygame.draw.ellipse(surface, colours.estimate, outline, 2 * _FINE)
+            self._draw_heading(surface, colours.estimate, at, 0.0, size, 2.0)
+
+        def goal(surface: Surface, at: tuple, size: float) -> None:
+            self._disc(surface, colours.goal, at, size, 2.5)
+            self._draw_heading(surface, colours.goal, at, 0.0, size, 2.5)
+
+        return [
+            ("robot (truth)", lambda surface, at, size: self._draw_robot(surface, at, 0.0, size)),
+            (ESTIMATE_WITHIN, ring),
+            ("odometry", lambda surface, at, size: self._draw_measurement(surface, at, 0.0, size)),
+            ("waypoint", goal),
+        ]
 
     def _make_legend(self) -> Surface:
-        strip, size, row = self._surface(HEADER), 9 * _FINE, 44 * _FINE
-        robot, estimate, odometry, waypoint = ((column * _FINE, row) for column in (26, 176, 336, 448))
-        self._draw_robot(strip, robot, 0.0, size)
-        outline = self._pygame.Rect(0, 0, 2.8 * size, 2.0 * size)
-        outline.center = estimate
-        self._pygame.draw.ellipse(strip, VERMILLION, outline, 2 * _FINE)
-        self._draw_heading(strip, VERMILLION, estimate, 0.0, size, 2.0)
-        self._draw_measurement(strip, odometry, 0.0, size)
-        self._disc(strip, GREEN, waypoint, size, 2.5)
-        self._draw_heading(strip, GREEN, waypoint, 0.0, size, 2.5)
-        self._write(strip, "robot (truth)", BLACK, midleft=(robot[0] + 1.6 * size, row))
-        self._write(strip, ESTIMATE_WITHIN, BLACK, midleft=(estimate[0] + 2.0 * size, row))
-        self._write(strip, "odometry", BLACK, midleft=(odometry[0] + 1.6 * size, row))
-        self._write(strip, "waypoint", BLACK, midleft=(waypoint[0] + 1.6 * size, row))
+        """Return the strip above the map with the legend, each entry as wide as its label."""
+        strip, size, column = self._surface(HEADER), 9 * _FINE, 15.0 * _FINE
+        for label, draw in self._legend_entries():
+            draw(strip, (column + size, _ROW), size)
+            column += 3.0 * size
+            self._write(strip, label, self._colours.text, midleft=(column, _ROW))
+            column += self._font.size(label)[0] + _GAP
         return strip
 
     def _write_numbers(self, surface: Surface, world: Snapshot) -> None:
         row = 18 * _FINE
-        self._write(surface, f"time {world.steps * self._dt:.1f} s", BLACK, midleft=(15 * _FINE, row))
+        self._write(surface, f"time {world.steps * self._dt:.1f} s", self._colours.text, midleft=(15 * _FINE, row))
         to_go = distance_to(world.body.true_state, world.course.reference)
-        self._write(surface, f"{to_go:.2f} m to the waypoint", BLACK, midleft=(163 * _FINE, row))
+        self._write(surface, f"{to_go:.2f} m to the waypoint", self._colours.text, midleft=(128 * _FINE, row))
 
     def _draw_trails(self, before: Snapshot, after: Snapshot) -> None:
         z, truth, mean = after.senses.odometry.pose, after.body.true_state, after.estimate.belief.mean
         self._disc(self._paper, SKY_BLUE, self._at(z.x, z.y), 2.0 * _FINE)
         was, believed = before.body.true_state, before.estimate.belief.mean
-        self._line(self._paper, BLACK, self._at(was.x, was.y), self._at(truth.x, truth.y), 3.0)
-        self._line(self._paper, VERMILLION, self._at(believed.x, believed.y), self._at(mean.x, mean.y), 1.5)
+        self._line(self._paper, self._colours.truth, self._at(was.x, was.y), self._at(truth.x, truth.y), 3.0)
+        self._line(self._paper, self._colours.estimate, self._at(believed.x, believed.y), self._at(mean.x, mean.y), 1.5)
 
     def _draw_present(self, surface: Surface, world: Snapshot) -> None:
-        self._draw_waypoint(surface, world.course.reference, GREEN, 3.0)
+        self._draw_waypoint(surface, world.course.reference, self._colours.goal, 3.0)
         truth = world.body.true_state
         size = self._length(self._robot.radius)
         self._draw_robot(surface, self._at(truth.x, truth.y), truth.theta, size)
@@ -251,12 +274,19 @@ class Renderer:
         """Draw the headings that count as right, as a sector."""
         angles = np.linspace(-1.0, 1.0, 17) * self._task.heading_tolerance + theta
         arc = [(centre[0] + length * math.cos(angle), centre[1] - length * math.sin(angle)) for angle in angles.tolist()]
-        self._pygame.draw.polygon(surface, _PALE_GREEN, [centre, *arc])
+        self._pygame.draw.polygon(surface, self._colours.pale_goal, [centre, *arc])
 
     def _draw_robot(self, surface: Surface, centre: tuple, theta: float, size: float) -> None:
-        self._disc(surface, _BODY, centre, size)
-        self._disc(surface, BLACK, centre, size, 2.5)
-        self._draw_heading(surface, BLACK, centre, theta, size, 4.0)
+        """Draw the robot from above: wheels, body and heading."""
+        cosine, sine = math.cos(theta), math.sin(theta)
+        beside, length, width = (size * share for share in _WHEEL)
+        self._disc(surface, self._colours.body, centre, size)
+        self._disc(surface, self._colours.truth, centre, size, 2.0)
+        for side in (-beside, beside):
+            corners = ((length, side + width), (-length, side + width), (-length, side - width), (length, side - width))
+            placed = [(centre[0] + a * cosine - b * sine, centre[1] - a * sine - b * cosine) for a, b in corners]
+            self._pygame.draw.polygon(surface, self._colours.truth, placed)
+        self._draw_heading(surface, self._colours.truth, centre, theta, size, 3.0)
 
     def _draw_measurement(self, surface: Surface, centre: tuple, theta: float, size: float) -> None:
         self._disc(surface, SKY_BLUE, centre, 4.5 * _FINE)
@@ -265,5 +295,5 @@ class Renderer:
     def _draw_belief(self, surface: Surface, belief: Belief, size: float) -> None:
         mean, P = belief
         outline = ellipse(mean, ((P.xx, P.xy), (P.xy, P.yy)))
-        self._pygame.draw.lines(surface, VERMILLION, True, [self._at(x, y) for x, y in outline], 2 * _FINE)
-        self._draw_heading(surface, VERMILLION, self._at(mean.x, mean.y), mean.theta, size, 2.5)
+        self._pygame.draw.lines(surface, self._colours.estimate, True, [self._at(x, y) for x, y in outline], 2 * _FINE)
+        self._draw_heading(surface, self._colours.estimate, self._at(mean.x, mean.y), mean.theta, size, 2.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,6 @@ from turtlebot_gym.systems import Snapshot
 if TYPE_CHECKING:
     from pygame import Surface
 
-_SOLID, _UNKNOWN, _BEAM = "#555555", "#dddddd", "#f0d9e6"
 _LINES = 36
 """Most beams drawn as lines; only the end points of the others are drawn."""
 
@@ -39,6 +39,13 @@ class RoomRenderer(Renderer):
         x, y, half_length, half_width = self._scene.walls.tolist()
         return [(x - half_length, y - half_width), (x + half_length, y + half_width)]
 
+    def _legend_entries(self) -> list[tuple[str, Callable[[Surface, tuple, float], None]]]:
+        def dots(surface: Surface, at: tuple, size: float) -> None:
+            for beside in (-0.8, 0.0, 0.8):
+                self._disc(surface, PURPLE, (at[0] + beside * size, at[1]), 4.0)
+
+        return [*super()._legend_entries(), ("scan", dots)]
+
     def _draw_around(self, paper: Surface) -> None:
         self._draw_map(paper)
         x, y, half_length, half_width = self._scene.walls.tolist()
@@ -46,10 +53,10 @@ class RoomRenderer(Renderer):
             self._at(x - half_length, y + half_width),
             (self._length(2.0 * half_length), self._length(2.0 * half_width)),
         )
-        self._pygame.draw.rect(paper, _SOLID, (*corner, *size), 8)
+        self._pygame.draw.rect(paper, self._colours.solid, (*corner, *size), 8)
         for x, y, a, b, cosine, sine in self._scene.boxes[: self._scene.counts[1]].tolist():
             corners = [(x + cosine * u - sine * v, y + sine * u + cosine * v) for u, v in ((a, b), (-a, b), (-a, -b), (a, -b))]
-            self._pygame.draw.polygon(paper, _SOLID, [self._at(*corner) for corner in corners])
+            self._pygame.draw.polygon(paper, self._colours.solid, [self._at(*corner) for corner in corners])
         self._draw_circles(paper, walking=False)
 
     def _draw_map(self, paper: Surface) -> None:
@@ -63,15 +70,15 @@ class RoomRenderer(Renderer):
         column, row = (np.floor(at).astype(np.intp) for at in to_cells(self._scene.frame, x, y))
         column, row = np.clip(column, 0, squares.shape[2] - 1), np.clip(row, 0, squares.shape[1] - 1)
         pixels = self._pygame.surfarray.pixels2d(paper)
-        pixels[self._scene.known[row, column] == 0] = paper.map_rgb(self._pygame.Color(_UNKNOWN))
-        pixels[squares[0, row, column] == 0] = paper.map_rgb(self._pygame.Color(_SOLID))
+        pixels[self._scene.known[row, column] == 0] = paper.map_rgb(self._pygame.Color(self._colours.unknown))
+        pixels[squares[0, row, column] == 0] = paper.map_rgb(self._pygame.Color(self._colours.solid))
 
     def _draw_present(self, surface: Surface, world: Snapshot) -> None:
         self._draw_circles(surface, walking=True)
         lidar, ends = self._beams(world)
         for beam in range(0, self._lidar.beams, -(-self._lidar.beams // _LINES)):
             if beam in ends:
-                self._line(surface, _BEAM, lidar, ends[beam], 1.0)
+                self._line(surface, self._colours.beam, lidar, ends[beam], 1.0)
         super()._draw_present(surface, world)
         for end in ends.values():
             self._disc(surface, PURPLE, end, 4.0)
@@ -92,4 +99,4 @@ class RoomRenderer(Renderer):
     def _draw_circles(self, surface: Surface, *, walking: bool) -> None:
         for x, y, radius, vx, vy in self._scene.circles[: self._scene.counts[0]].tolist():
             if (vx != 0.0 or vy != 0.0) == walking:
-                self._disc(surface, _SOLID, self._at(x, y), self._length(radius))
+                self._disc(surface, self._colours.solid, self._at(x, y), self._length(radius))

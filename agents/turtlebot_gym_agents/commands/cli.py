@@ -151,6 +151,8 @@ class Video(Writing, Driven):
     """Frames per second; for a GIF 1, 2, 4, 5, 10, 20, 25 or 50."""
     width: int = 640
     """Width of the frames, pixels: even, from 160 to 640."""
+    dark: bool = False
+    """Draw on dark paper, for slides and dark pages."""
 
     def run(self) -> None:
         from turtlebot_gym_agents.commands.video import record
@@ -164,6 +166,7 @@ class Video(Writing, Driven):
                 speed=self.speed,
                 fps=self.fps,
                 width=self.width,
+                dark=self.dark,
                 progress=lambda steps, limit: advance_to(100 * steps // limit),
                 **self.options(),
             )

@@ -47,6 +47,7 @@ def record(
     speed: float = 4.0,
     fps: int = 20,
     width: int = SIDE,
+    dark: bool = False,
     progress: Callable[[int, int], None] = lambda steps, limit: None,
     allow_mismatch: bool = False,
     **options: Any,
@@ -61,6 +62,7 @@ def record(
         speed: Playback speed, as a multiple of real time.
         fps: Frames per second.
         width: Width of the frames, pixels.
+        dark: Whether the paper is dark.
         progress: Called with the number of steps so far and the largest possible number.
         allow_mismatch: Whether a policy made for another task, observation, robot or rate may drive.
         **options: The environment's, see `turtlebot_gym.Options`.
@@ -82,6 +84,7 @@ def record(
 
     world = gym.make(env, render_mode="rgb_array", disable_env_checker=True, **options)
     assert world.spec is not None
+    world.unwrapped.dark = dark  # pyright: ignore[reportAttributeAccessIssue]
     limit = world.spec.max_episode_steps or 0
     p: Parameters = world.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     driver = driver_of(policy, world, allow_mismatch=allow_mismatch)
