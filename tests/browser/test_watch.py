@@ -415,3 +415,46 @@ def test_goals_are_in_view_and_no_plot_is_empty_while_a_drive_grows(visit, long_
         assert (np.abs(np.array([30.0, -20.0]) - (view["x"], view["y"])) < reach).all()
         assert seen.page.locator(".plot:visible").count() == 5
         seen.close()
+
+
+def test_the_difference_of_two_drives_is_shown(visit, pair, tmp_path, results):
+    write_html(pair, tmp_path / "pair.html", title="Two")
+    seen = visit((tmp_path / "pair.html").as_uri())
+    seen.seek(6.0)
+    distance = np.hypot(*(pair[0].true_state - pair[1].true_state[: len(pair[0])])[60, :2])
+    for readout in ("#readout0", "#readout1"):
+        assert f"from the other {distance:.2f} m" in seen.page.inner_text(readout)
+    seen.page.screenshot(path=results / "difference.png")
+    plot = seen.page.locator(".plot:visible").nth(4)
+    box = plot.locator("canvas").first.bounding_box()
+    seen.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    assert seen.page.inner_text("#tip").splitlines()[1].startswith("distance 0.1")
+    seen.page.mouse.move(5, 5)
+    before = seen.picture(".map")
+    seen.page.locator('.legend button[data-layer="other"]').click()
+    seen.page.wait_for_timeout(300)
+    assert np.abs(seen.picture(".map") - before).max() > 64
+    write_html([pair[0], pair[0]], tmp_path / "same.html", title="Twice")
+    assert "from the other 0.00 m" in visit((tmp_path / "same.html").as_uri()).page.inner_text("#readout0")
+
+
+def test_a_robot_that_looks_for_itself_shows_where_it_may_be_and_its_map(visit, tmp_path, results):
+    lost = {"world": "office", "localizer": "match", "noise": "wheel", "start": "unknown"}
+    drive = record_episode("vfh", env=ROOMS, seed=4, **lost)
+    numbers = [len(places) for places in drive.hypotheses]
+    assert 2 < max(numbers) <= 16
+    assert numbers[-1] == 0
+    write_html([drive], tmp_path / "lost.html", title="Lost")
+    seen = visit((tmp_path / "lost.html").as_uri())
+    row = int(np.argmax(numbers))
+    seen.seek(float(drive.time[row]))
+    assert f"other places {numbers[row]}" in seen.page.inner_text("#readout0")
+    seen.page.screenshot(path=results / "lost.png")
+    for layer in ("hypotheses", "map"):
+        before = seen.picture(".map")
+        seen.page.locator(f'.legend button[data-layer="{layer}"]').click()
+        seen.page.mouse.move(700, 5)
+        seen.page.wait_for_timeout(300)
+        assert np.abs(seen.picture(".map") - before).max() > 32, layer
+    seen.seek(float(drive.time[-1]))
+    assert "other places" not in seen.page.inner_text("#readout0")

@@ -64,6 +64,7 @@ def random_drive(rows=8, *, seed=0):
         **known,
         report=tuple(f"report {k}" for k in range(rows)),
         circles=tuple(random.normal(size=(rows, 2, 3))),
+        hypotheses=tuple(random.normal(size=(rows, 2, 4))),
         scans=tuple(
             Seen(row, Pose(*random.normal(size=3)), Scan(ranges[row], 0.0, 0.1745, 0.1, 3.5)) for row in range(0, rows, 2)
         ),

@@ -11,7 +11,7 @@ from turtlebot_gym.drives import Drive, Growing, concatenate, heading_error, pos
 
 
 def same(one, other):
-    for name in ("time", "joined", "circles", *COLUMNS):
+    for name in ("time", "joined", "circles", "hypotheses", *COLUMNS):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
     assert (one.report, one.outcome, one.around) == (other.report, other.outcome, other.around)
     assert [(seen.row, seen.lidar) for seen in one.scans] == [(seen.row, seen.lidar) for seen in other.scans]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from drawing import random_drive
 
-from turtlebot_gym.drives import Seen
+from turtlebot_gym.drives import Drive, Seen
 from turtlebot_gym.plotting import ellipse
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
-from turtlebot_gym_agents.watch.columns import rows_of, scans_of
+from turtlebot_gym_agents.watch.columns import apart, rows_of, scans_of
 
 
 def test_columns_of_pieces_are_those_of_the_whole():
@@ -53,3 +53,14 @@ def test_ranges_travel_in_millimetres():
     columns = scans_of((Seen(0, Pose(1.0, 2.0, 3.0), scan),))
     assert columns["ranges"][0].tolist() == [123, 0, 3500, 0]
     assert (columns["x"][0], columns["y"][0], columns["theta"][0]) == (1.0, 2.0, 3.0)
+
+
+def test_two_drives_are_apart_as_far_as_their_robots_at_the_same_time():
+    states = np.zeros((5, 5))
+    states[:, 0] = np.arange(5.0)
+    slow = Drive(time=10.0 + np.arange(5.0), true_state=states)
+    fast = Drive(time=0.5 * np.arange(5.0), true_state=np.add(states, [0.0, 3.0, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(apart(slow, fast), [3.0, np.hypot(1.0, 3.0), np.hypot(2.0, 3.0), np.nan, np.nan], rtol=1e-6)
+    np.testing.assert_array_equal(apart(slow, slow), np.zeros(5))
+    unknown = replace(slow, true_state=np.full((5, 5), np.nan), estimate=states)
+    np.testing.assert_allclose(apart(slow, unknown), np.zeros(5))

@@ -6,6 +6,7 @@ import pytest
 from shapely import LinearRing, Point, Polygon, affinity, box
 
 import turtlebot_gym  # noqa: F401
+from turtlebot_gym.drives import position_error
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.watch import record_episode
@@ -91,3 +92,21 @@ def test_a_drive_says_when_fixes_arrived():
     recorded = record_episode("bearing", seed=2, noise="wheel", fix="beacons")
     np.testing.assert_allclose(recorded.time[recorded.fix > 0], np.arange(0.5, recorded.time[-1] + 0.01, 0.5))
     assert not np.isfinite(record_episode("bearing", seed=2, noise="wheel").fix).any()
+
+
+def test_a_localizer_that_doubts_shows_its_places_and_its_map():
+    drive = record_episode("vfh", env=ROOMS, seed=4, world="office", localizer="match", noise="wheel", start="unknown")
+    doubts = [row for row, places in enumerate(drive.hypotheses) if len(places)]
+    assert doubts
+    assert doubts[-1] < len(drive) - 1
+    for row in doubts:
+        places = drive.hypotheses[row]
+        assert 0.0 < places[:, 3].sum() <= 1.0 + 1e-9
+        assert position_error(places, drive.estimate[row]).min() < 0.3  # the best of them is the belief
+    true = position_error(drive.hypotheses[doubts[0]], drive.true_state[doubts[0]])
+    assert true.min() < 0.3
+    walls = drive.around.chart.walls()
+    np.testing.assert_allclose(walls, np.add(drive.around.room.walls, [0.0, 0.0, 0.05, 0.05]), atol=0.03)
+    known = record_episode("vfh", env=ROOMS, seed=4, world="office")
+    assert known.around.chart is None
+    assert not any(map(len, known.hypotheses))

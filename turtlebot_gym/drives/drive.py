@@ -34,6 +34,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "gyro": (),
     "fix": (),
 }
+_LISTS = ("report", "circles", "hypotheses")
 
 
 class Seen(NamedTuple):
@@ -61,6 +62,8 @@ class Surroundings(NamedTuple):
     """Walls and obstacles; None on open ground."""
     grid: GridMap | None = None
     """A map of cells; None for none."""
+    chart: GridMap | None = None
+    """The map of a localizer, where it is another than `grid`: of a drawn room; None for none."""
     robot_radius: float = 0.105
     """Radius of the robot's footprint, m."""
     goal_radius: float = 0.2
@@ -113,6 +116,9 @@ class Drive:
     """The guard's report at each row."""
     circles: tuple[NDArray[np.float64], ...] = ()
     """Walkers at each row, shape (C, 3) each: x, y, radius, m. An empty array stands for the circles of ``around.room``."""
+    hypotheses: tuple[NDArray[np.float64], ...] = ()
+    """Where else a localizer takes the robot to be at each row, shape (H, 4) each, H at most 16: x, y, heading, weight; m, m,
+    rad, share. Nothing while it does not doubt its belief."""
     scans: tuple[Seen, ...] = ()
     """The scans, in order."""
     around: Surroundings = NOWHERE
@@ -131,6 +137,7 @@ class Drive:
             filled[name] = _filled(getattr(self, name), (rows, *shape))
         filled["report"] = self.report or ("",) * rows
         filled["circles"] = self.circles or (np.empty((0, 3)),) * rows
+        filled["hypotheses"] = self.hypotheses or (np.empty((0, 4)),) * rows
         for name, value in filled.items():
             object.__setattr__(self, name, value)
 
@@ -156,7 +163,7 @@ class Drive:
 
     def __getitem__(self, rows: slice) -> Drive:
         first, last, _ = rows.indices(len(self))
-        columns = {name: getattr(self, name)[first:last] for name in ("time", "joined", "report", "circles", *_SHAPES)}
+        columns = {name: getattr(self, name)[first:last] for name in ("time", "joined", *_LISTS, *_SHAPES)}
         scans = tuple(seen._replace(row=seen.row - first) for seen in self.scans if first <= seen.row < last)
         return replace(self, scans=scans, **columns)
 
@@ -206,7 +213,7 @@ def concatenate(pieces: Sequence[Drive]) -> Drive:
         rows += len(piece)
     parts = {field.name: [getattr(piece, field.name) for piece in pieces] for field in fields(Drive)}
     columns = {name: np.concatenate(parts[name]) for name in ("time", *_SHAPES)}
-    texts = {name: tuple(chain.from_iterable(parts[name])) for name in ("report", "circles")}
+    texts = {name: tuple(chain.from_iterable(parts[name])) for name in _LISTS}
     return replace(pieces[-1], joined=None, scans=tuple(scans), **columns, **texts)  # pyright: ignore[reportArgumentType]
 
 

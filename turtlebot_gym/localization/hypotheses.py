@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
@@ -228,6 +229,26 @@ def correct_by_scan(
     fetch_ends(field, frame, points, number, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
     wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))
     return look(located, bank, field, frame, points, number, wheels, q)
+
+
+def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) -> NDArray[np.float64]:
+    """Return the other places that a localizer follows: x, y, heading and share of the weight, shape (0 to `MOST`, 4).
+
+    There are none while it does not doubt its belief.
+
+    Args:
+        located: The localizer.
+        bank: Its hypotheses.
+        wheels: The odometry at the present pose.
+        q: A `LocalizerTuning`.
+    """
+    rows = bank[:MOST][bank[:MOST, LOG_WEIGHT] > NONE]
+    if located.misfits <= q.patience or not len(rows):
+        return np.empty((0, 4))
+    places = [increment(Pose(*seat), Pose(0.0, 0.0, 0.0), wheels, sincos(seat[2])) for seat in rows[:, :3].tolist()]
+    own = np.exp(bank[MOST, LOG_WEIGHT]) if bank[MOST, LOG_WEIGHT] > NONE else 0.0
+    weights = np.exp(rows[:, LOG_WEIGHT])
+    return np.column_stack((np.array(places), weights / (weights.sum() + own)))
 
 
 @kernel

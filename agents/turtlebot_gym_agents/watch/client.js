@@ -51,6 +51,8 @@ function words(data, k) {
   tell("turning", data.command_omega[k], 2, " rad/s")
   tell("NIS", data.nis[k], 1, "")
   tell("clearance", data.clearance[k], 2, " m")
+  tell("from the other", (data.apart ?? [])[k], 2, " m")
+  if (data.hypotheses[k].length > 0) tell("other places", data.hypotheses[k].length / 4, 0, "")
   if (data.report[k]) told.push(`<span class="report">guard <b>${escaped(data.report[k])}</b></span>`)
   return told.join("")
 }
@@ -61,10 +63,11 @@ const moments = runs.map(({rows, scans, figure, still, sizes}, at) => {
   const repaint = overlay(cb_context.index[figure.id], (ctx, frame) => { if (moment.k >= 0) paint_moment(ctx, frame, moment) })
   return {moment, rows, scans, still, repaint}
 })
+if (moments.length === 2) moments.forEach(({moment}, at) => { moment.other = moments[1 - at].moment })
 const cursors = plots.map(({figure}) => overlay(cb_context.index[figure.id], (ctx, frame) => paint_cursor(ctx, frame, time)))
 
 function draw() {
-  for (const {moment, rows, scans, still, repaint} of moments) {
+  for (const {moment, rows, scans, still} of moments) {
     const data = rows.data
     if (data.time.length === 0) continue
     const k = row_at(data.time, time), scan = `${data.scan[k]}/${scans.data.x.length}`
@@ -77,8 +80,8 @@ function draw() {
     if (moment.k !== k || moment.told !== data.time.length) moment.readout.innerHTML = words(data, k)
     moment.k = k
     moment.told = data.time.length
-    repaint()
   }
+  for (const {repaint} of moments) repaint()
   for (const repaint of cursors) repaint()
   keep_up()
   slider.value = time

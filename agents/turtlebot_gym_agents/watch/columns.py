@@ -21,6 +21,8 @@ def rows_of(drive: Drive, *, scans_before: int = 0, start: float = 0.0) -> dict[
     ``x, y, theta, v, omega`` are the truth; names with the prefix ``e`` are the estimate, ``o`` the odometry and ``g`` the
     goal; ``width, height, tilt`` are the axes of the estimate's ellipse.
 
+    ``hypotheses`` has four numbers for each.
+
     Args:
         drive: The drive, or a piece of one.
         scans_before: Number of scans in earlier pieces.
@@ -53,8 +55,23 @@ def rows_of(drive: Drive, *, scans_before: int = 0, start: float = 0.0) -> dict[
     }
     columns: dict[str, Any] = {name: np.ascontiguousarray(values, np.float32) for name, values in numbers.items()}
     columns["report"] = list(drive.report)
+    columns["hypotheses"] = [np.asarray(places, np.float32).ravel() for places in drive.hypotheses]
     columns["circles"] = [np.asarray(circles, np.float32).ravel() for circles in drive.circles]
     return columns
+
+
+def apart(drive: Drive, other: Drive) -> NDArray[np.float32]:
+    """Return the distance between the robots of two drives at each row of the first, shape (T,), m; NaN beyond the other's end.
+
+    It is that of the true positions; where a drive has no truth, of its estimates.
+    """
+    positions = []
+    for each in (drive, other):
+        states = each.true_state if np.isfinite(each.true_state[:, 0]).any() else each.estimate
+        positions.append(states[:, :2])
+    time, there = drive.time - drive.time[0], other.time - other.time[0]
+    at = [np.interp(time, there, positions[1][:, axis], right=np.nan) for axis in (0, 1)]
+    return np.hypot(positions[0][:, 0] - at[0], positions[0][:, 1] - at[1]).astype(np.float32)
 
 
 def scans_of(scans: tuple[Seen, ...]) -> dict[str, Any]:

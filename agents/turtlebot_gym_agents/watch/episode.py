@@ -14,11 +14,14 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives import Drive, Seen, Surroundings, read
+from turtlebot_gym.localization.hypotheses import followed
 from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.rooms.charting import BORDER
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
-from turtlebot_gym.systems import Parameters, system_of
+from turtlebot_gym.systems import Parameters, Snapshot, system_of
 from turtlebot_gym.topics import Topics
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
@@ -31,6 +34,8 @@ class _Row(NamedTuple):
     room: Obstacles | None
     ranges: NDArray[np.float32] | None
     """Ranges of the newest scan, shape (beams,), m."""
+    hypotheses: NDArray[np.float64]
+    """Of a localizer, see `Drive.hypotheses`."""
 
 
 def record_episode(
@@ -60,12 +65,12 @@ def record_episode(
     try:
         p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
         driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
-        rows = list(_drive(envs, driver, seed))
-        grid = _grid_of(_scene_of(envs))
+        rows = list(_drive(envs, driver, seed, p))
+        grid, chart = _grid_of(_scene_of(envs)), _chart_of(_scene_of(envs), p)
     finally:
         envs.close()
     name = label or (policy if isinstance(policy, str) else type(policy).__name__)
-    return _episode(rows, p, label=name, grid=grid)
+    return _episode(rows, p, label=name, grid=grid, chart=chart)
 
 
 def read_recorded(
@@ -106,7 +111,15 @@ def _scene_of(envs: VectorEnv) -> Scene | None:
     return scene_at(env.truth()[0], 0) if system_of(env.parameters).surroundings else None
 
 
-def _drive(envs: VectorEnv, policy: Policy, seed: int) -> Iterator[_Row]:
+def _hypotheses_of(world: Snapshot, scene: Scene | None, p: Parameters) -> NDArray[np.float64]:
+    """Return where else a robot that localizes itself may be."""
+    if scene is None or not p.localizer:
+        return np.empty((0, 4))
+    located: Any = world.estimate
+    return followed(located, scene.bank, Pose(*scene.trail[0, 1:4].tolist()), p.localizer)
+
+
+def _drive(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator[_Row]:
     """Yield the environment's data at the start and after each step of an episode."""
     observations, info = envs.reset(seed=seed)
     if isinstance(policy, PolicyWithMemory):
@@ -115,16 +128,17 @@ def _drive(envs: VectorEnv, policy: Policy, seed: int) -> Iterator[_Row]:
     ended = False
     while True:
         room = None if scene is None else obstacles_of(scene)
-        fix = getattr(envs.unwrapped.snapshot(0).senses, "fix", None)  # pyright: ignore[reportAttributeAccessIssue]
+        world: Snapshot = envs.unwrapped.snapshot(0)  # pyright: ignore[reportAttributeAccessIssue]
+        fix = getattr(world.senses, "fix", None)
         arrived = {} if fix is None else {"fix": np.array([float(fix.arrived)])}
-        yield _Row(info | arrived, room, None if scene is None else scene.ranges[1].copy())
+        yield _Row(info | arrived, room, None if scene is None else scene.ranges[1].copy(), _hypotheses_of(world, scene, p))
         if ended:
             return
         observations, _, terminated, truncated, info = envs.step(policy(observations))
         ended = bool(terminated[0] or truncated[0])
 
 
-def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None) -> Drive:
+def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None, chart: GridMap | None) -> Drive:
     infos = [{name: values[0] for name, values in row.info.items()} for row in rows]
     rooms = [row.room for row in rows if row.room]
     walking = any(room.circles != rooms[0].circles for room in rooms)
@@ -132,10 +146,12 @@ def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap |
         infos,
         time=p.dt * np.arange(len(infos)),
         circles=tuple(np.array(room.circles).reshape(-1, 3) for room in rooms) if walking else (),
+        hypotheses=tuple(row.hypotheses for row in rows),
         around=Surroundings(
             label=label,
             room=rooms[0] if rooms else None,
             grid=grid,
+            chart=chart,
             robot_radius=p.robot.radius,
             goal_radius=p.task.radius,
         ),
@@ -176,3 +192,14 @@ def _grid_of(scene: Scene | None) -> GridMap | None:
     cells = np.where(scene.squares[0] == 0, OCCUPIED, np.where(scene.known > 0, FREE, UNKNOWN))[inside]
     x, y, cosine, sine, resolution = scene.frame.tolist()
     return GridMap(cells=cells.astype(np.int8), resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))
+
+
+def _chart_of(scene: Scene | None, p: Parameters) -> GridMap | None:
+    """Return the map by which a robot localizes itself in a drawn room; None for none."""
+    if scene is None or not p.localizer or p.room.rules.kind == GIVEN:
+        return None
+    x, y, cosine, sine, side = scene.field_frame.tolist()
+    cut = BORDER - 1  # of the border one cell is drawn
+    cells = np.where(scene.field < 0.0, OCCUPIED, FREE).astype(np.int8)[cut:-cut, cut:-cut]
+    corner = Pose(x + cut * side * (cosine - sine), y + cut * side * (sine + cosine), math.atan2(sine, cosine))
+    return GridMap(cells=cells, resolution=side, origin=corner)

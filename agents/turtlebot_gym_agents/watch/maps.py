@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import LinearColorMapper, Range1d
+from bokeh.models import GlyphRenderer, LinearColorMapper, Range1d
 from bokeh.plotting import figure as Figure
 from numpy.typing import NDArray
 
@@ -14,7 +14,7 @@ from turtlebot_gym.drives import Drive
 from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym_agents.watch import style
-from turtlebot_gym_agents.watch.style import Theme
+from turtlebot_gym_agents.watch.style import Ink, Theme
 
 PAD = 0.3
 """Margin around the visible contents, m."""
@@ -36,10 +36,12 @@ class Map(NamedTuple):
     """Radii of the robot and of a waypoint, m."""
     seen: list[float]
     """Visible area: least x and y, greatest x and y, m."""
+    chart: list[GlyphRenderer[Any]]
+    """The picture of a localizer's own map, if there is one."""
 
     def models(self) -> dict[str, Any]:
         """Return the models that the client needs, by name."""
-        return {name: getattr(self, name) for name in ("figure", "still", "sizes", "seen")}
+        return {name: getattr(self, name) for name in ("figure", "still", "sizes", "seen", "chart")}
 
 
 def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, beside: Figure | None) -> Map:
@@ -62,12 +64,13 @@ def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, 
     )  # fmt: skip
     theme.dress(figure)
     _draw_room(figure, drive, theme)
+    chart = [_draw_cells(figure, drive.around.chart, 2, style.CHART, theme)] if drive.around.chart else []
     figure.scatter([], [])  # Bokeh warns of a figure that has nothing to draw
     room, around = drive.around.room, drive.around
     still = [number for circle in (room.circles if room else ()) for number in circle]
     width, height = high - low
     aspect = float(np.clip(width / height, 0.7, 2.0))
-    return Map(figure, aspect, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high])
+    return Map(figure, aspect, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high], chart=chart)
 
 
 def _extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -122,16 +125,21 @@ def _corners(grid: GridMap) -> NDArray[np.float64]:
     return np.array([[x + cosine * u - sine * v, y + sine * u + cosine * v] for u in (0.0, width) for v in (0.0, height)])
 
 
+def _draw_cells(figure: Figure, grid: GridMap, value: int, ink: Ink, theme: Theme) -> GlyphRenderer[Any]:
+    """Draw the cells of a map that have a value in its picture."""
+    shown, (x, y, width, height) = _picture(grid)
+    mapper = LinearColorMapper(palette=["#00000000", ink.light], low=0, high=1)
+    theme.entries.append([mapper, "palette", ["#00000000", ink.light], ["#00000000", ink.dark]])
+    place: dict[str, Any] = {"x": x, "y": y, "dw": width, "dh": height, "color_mapper": mapper}
+    return figure.image([(shown == value).astype(np.uint8)], **place)
+
+
 def _draw_room(figure: Figure, drive: Drive, theme: Theme) -> None:
     """Draw what stands still; circles are left to the client, since they may walk."""
     room, grid = drive.around.room, drive.around.grid
     if grid is not None:
-        shown, (x, y, width, height) = _picture(grid)
         for value, ink in ((1, style.UNKNOWN), (2, style.SOLID)):
-            mapper = LinearColorMapper(palette=["#00000000", ink.light], low=0, high=1)
-            theme.entries.append([mapper, "palette", ["#00000000", ink.light], ["#00000000", ink.dark]])
-            place: dict[str, Any] = {"x": x, "y": y, "dw": width, "dh": height, "color_mapper": mapper}
-            figure.image([(shown == value).astype(np.uint8)], **place)
+            _draw_cells(figure, grid, value, ink, theme)
     if room:
         x, y, a, b = room.walls
         walls = figure.rect([x], [y], [2.0 * a], [2.0 * b], fill_color=None, line_width=3)

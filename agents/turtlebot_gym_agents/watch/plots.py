@@ -53,15 +53,18 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     plots = _Plots([], [], Range1d(start=0.0, end=max(end, 1.0)))
     several = len(drives) > 1
 
-    def plot(title: str, curves: Sequence[_Curve], *, floor: float | None = None, known: bool = True) -> Figure | None:
+    def plot(
+        title: str, curves: Sequence[_Curve], *, floor: float | None = None, known: bool = True, of_both: bool = False
+    ) -> Figure | None:
         if not (known or live):
             return None
         figure = _figure(title, plots, theme, floor)
-        for at, source in enumerate(rows):
+        for at, source in enumerate(rows[:1] if of_both else rows):
             ink, dash = style.run_style(at)
+            by_run = several and not of_both
             for curve in curves[-1:] if several else curves:
-                drawn = _draw(figure, source, curve._replace(ink=ink, dash=dash) if several else curve, theme)
-                told = drives[at].around.label if several else curve.layer
+                drawn = _draw(figure, source, curve._replace(ink=ink, dash=dash) if by_run else curve, theme)
+                told = drives[at].around.label if by_run else curve.layer
                 beside = {"layer": "" if several else curve.layer, "label": told, "run": at, "column": curve.column}
                 plots.curves[-1].append({"drawn": drawn, **beside})
         return figure
@@ -76,6 +79,8 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     plot("position error (m)", [measured, believed], floor=0.0, known=known)
     turns = [measured._replace(column="odometry_turn"), believed._replace(column="turn")]
     plot("heading error (rad)", turns, floor=0.0, known=known)
+    if "apart" in rows[0].column_names:
+        plot("between the two robots (m)", [_Curve("apart", "distance", style.TEXT)], floor=0.0, of_both=True)
     degrees = drives[0].around.nis_degrees
     limit = float(chi2.ppf(CONFIDENCE, degrees))
     title = f"NIS, and the {limit:.2f} that 95 % stay below"

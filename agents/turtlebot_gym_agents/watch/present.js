@@ -34,8 +34,9 @@ function paint_cursor(ctx, frame, t) {
   ctx.stroke()
 }
 
-// Row k of a run: obstacles, waypoint, scan, paths up to there, robot, odometry, and the estimate with its ellipse.
-function paint_moment(ctx, frame, {data, k, points, circles, sizes: [robot, goal]}) {
+// Row k of a run: obstacles, waypoint, scan, the other robot, where it may be else, paths up to there, robot, odometry, and the
+// estimate with its ellipse.
+function paint_moment(ctx, frame, {data, k, points, circles, other, sizes: [robot, goal]}) {
   const origin_x = frame.x_scale.compute(0), origin_y = frame.y_scale.compute(0)
   const along = frame.x_scale.compute(1) - origin_x, up = frame.y_scale.compute(1) - origin_y  // pixels per metre
   const X = (x) => origin_x + along * x, Y = (y) => origin_y + up * y
@@ -93,6 +94,22 @@ function paint_moment(ctx, frame, {data, k, points, circles, sizes: [robot, goal
   const shown = (layer) => !hidden.has(layer)
   ctx.lineCap = "round"
   ctx.lineJoin = "round"
+  if (other && shown("other")) {  // where the other of two drives is at the same time
+    const {data: {x: u, y: v, theta: turn, ex: eu, ey: ev, etheta: eturn}, k: at} = other, known = Number.isFinite(u[at])
+    const place = known ? [u[at], v[at], turn[at]] : [eu[at], ev[at], eturn[at]]
+    ctx.beginPath()
+    oval(place[0], place[1], robot, robot)
+    stroke("text", 1.5, [3, 3])
+    pointer(...place, robot, "text", 1.5)
+  }
+  if (shown("hypotheses")) {
+    const found = data.hypotheses[k]
+    for (let at = 0; at + 3 < found.length; at += 4) {
+      const weight = 0.15 + 0.6 * found[at + 3]
+      disc(found[at], found[at + 1], robot, "estimate", weight, 1)
+      pointer(found[at], found[at + 1], found[at + 2], 1.8 * robot, "estimate", 1.5)
+    }
+  }
   const {x, y, theta, ex, ey, etheta, ox, oy, otheta, gx, gy, gtheta, width, height, tilt} = data
   for (let at = 0; at + 2 < circles.length; at += 3) disc(circles[at], circles[at + 1], circles[at + 2], "solid", 1, 0)
   if (shown("waypoint")) {

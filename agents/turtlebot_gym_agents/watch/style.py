@@ -22,6 +22,8 @@ ODOMETRY = Ink(SKY_BLUE, SKY_BLUE)
 COMMAND = Ink(BLUE, "#4aa8e0")
 GOAL = Ink(GREEN, "#1fbf92")
 SCAN = Ink(PURPLE, PURPLE)
+CHART = Ink("#e69f0066", "#e69f0055")
+"""Colour of the map of a localizer, over the room."""
 SOLID = Ink("#777777", "#8b9098")
 UNKNOWN = Ink("#dddddd", "#3a3f46")
 TEXT = Ink("#24292f", "#d7dce2")

@@ -64,6 +64,7 @@ for (const button of document.querySelectorAll(".legend button")) {
     for (const {curves} of plots) {
       for (const curve of curves) if (curve.layer === layer) set(curve.drawn, {visible: shown})
     }
+    if (layer === "map") for (const {chart} of runs) for (const picture of chart) set(picture, {visible: shown})
     draw()
   })
 }

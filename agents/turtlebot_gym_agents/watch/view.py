@@ -19,7 +19,7 @@ from jinja2 import Template
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_agents.watch import style
-from turtlebot_gym_agents.watch.columns import rows_of, scans_of
+from turtlebot_gym_agents.watch.columns import apart, rows_of, scans_of
 from turtlebot_gym_agents.watch.maps import Map, make_map
 from turtlebot_gym_agents.watch.plots import make_plots
 from turtlebot_gym_agents.watch.style import Theme
@@ -71,6 +71,9 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
         raise ValueError(f"drives must hold 1 to {MOST_RUNS} drives with rows, got {list(map(len, drives))}.")
     theme = Theme()
     runs = [_run(drive) for drive in drives]
+    if len(drives) == 2 and not live:
+        for at, run in enumerate(runs):
+            run.rows.data["apart"] = apart(drives[at], drives[1 - at])
     maps = _maps(drives, runs, theme)
     plots = make_plots(drives, [run.rows for run in runs], theme, live=live)
     for root in (*(each.figure for each in maps), *plots.figures):
@@ -121,6 +124,9 @@ def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str
         ("odometry", "odometry", style.ODOMETRY, "dot", True),
         ("waypoint", "waypoint", style.GOAL, "ring", True),
         ("scan", "scan", style.SCAN, "dots", scans or live),
+        ("hypotheses", "hypotheses", style.ESTIMATE, "dots", any(len(row) for drive in drives for row in drive.hypotheses)),
+        ("map", "localizer's map", style.CHART, "line", any(drive.around.chart for drive in drives)),
+        ("other", "the other robot", style.TEXT, "ring", len(drives) == 2),
         ("command", "command", style.COMMAND, "line", not several),
     ]
     return {
