@@ -7,6 +7,8 @@ from urllib.request import urlopen
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Pose as RosPose
+from geometry_msgs.msg import PoseArray, Quaternion
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_srvs.srv import Trigger
@@ -91,6 +93,21 @@ def test_of_a_robot_it_shows_what_there_is(robot):
     np.testing.assert_allclose(drive.odometry[:, 0], 0.02 * np.arange(len(drive)), atol=1e-9)
     for unknown in (drive.true_state, drive.estimate, drive.nis, drive.clearance, drive.level):
         assert np.isnan(unknown).all()
+
+
+def test_it_shows_where_a_lost_robot_may_be(robot, peer, watcher, wait_for):
+    speaker = peer.speak("hypotheses", PoseArray)
+    wait_for(lambda: speaker.get_subscription_count() == 1)
+    for number, moment in ((2, 100.05), (0, 100.55)):
+        message = PoseArray(poses=[RosPose(orientation=Quaternion(w=1.0)) for _ in range(number)])
+        message.header.stamp = Time(nanoseconds=round(moment * 1e9)).to_msg()
+        speaker.publish(message)
+    wait_for(lambda: len(watcher.listener["hypotheses"]) == 2)
+    for k in range(10 + LAG):
+        robot.at(100.0 + 0.1 * k)
+    drive = robot.rows(10)
+    assert [len(places) for places in drive.hypotheses[:10]] == [0, *[2] * 5, *[0] * 4]
+    assert drive.hypotheses[3].tolist() == [[0.0, 0.0, 0.0, 0.5]] * 2
 
 
 def test_another_drive_begins_where_time_leaps(robot, watcher, wait_for):

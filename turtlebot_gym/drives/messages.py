@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,7 @@ TYPES: dict[str, tuple[str, ...]] = {
     "tf_static": TRANSFORMS,
     "obstacles": ("visualization_msgs/msg/MarkerArray",),
     "map": ("nav_msgs/msg/OccupancyGrid",),
+    "hypotheses": ("geometry_msgs/msg/PoseArray",),
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray",),
 }
 """Types of messages by topic, named as in this project's graph."""
@@ -92,6 +94,12 @@ def _scan(message: Any) -> Scan:
     return read_scan(scan._replace(beam_period=max(float(scan.beam_period), 0.0)))
 
 
+def _places(message: Any) -> NDArray[np.float64]:
+    """Return the poses of a localizer's hypotheses, all of the same weight, shape (H, 4)."""
+    places = [(*_motion(SimpleNamespace(pose=each))[:3], 1.0 / len(message.poses)) for each in message.poses]
+    return np.array(places, np.float64).reshape(-1, 4)
+
+
 _READ: dict[str, Callable[[Any], Any]] = {
     "nis": _nis,
     "clearance": lambda message: message.range,
@@ -99,6 +107,7 @@ _READ: dict[str, Callable[[Any], Any]] = {
     "imu": lambda message: (message.angular_velocity.z,),
     "obstacles": room_of,
     "map": grid_of,
+    "hypotheses": _places,
 }
 
 
@@ -206,6 +215,7 @@ class Listener:
             level=np.array([level for level, _ in reports]),
             report=tuple(text for _, text in reports),
             circles=self._walkers(time, around.room),
+            hypotheses=self._hypotheses(time),
             around=around,
         )
         return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, start, after))
@@ -215,6 +225,11 @@ class Listener:
         rooms = self["obstacles"]
         circles = [rooms.values[at].circles if at >= 0 and room else () for at in rooms.last(time).tolist()]
         return tuple(np.array(() if room and each == room.circles else each).reshape(-1, 3) for each in circles)
+
+    def _hypotheses(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return the hypotheses that a localizer stated at each row."""
+        stated = self["hypotheses"]
+        return tuple(stated.values[at] if at >= 0 else np.empty((0, 4)) for at in stated.last(time).tolist())
 
     def mount(self) -> tuple[Pose, str]:
         """Return the pose of the LiDAR on the robot, by ``/tf_static`` if that states it, and a remark if it is unexpected."""

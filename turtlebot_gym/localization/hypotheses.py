@@ -242,13 +242,13 @@ def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) 
         wheels: The odometry at the present pose.
         q: A `LocalizerTuning`.
     """
-    rows = bank[:MOST][bank[:MOST, LOG_WEIGHT] > NONE]
-    if located.misfits <= q.patience or not len(rows):
+    if located.misfits <= q.patience:
         return np.empty((0, 4))
+    rows = bank[:MOST][bank[:MOST, LOG_WEIGHT] > NONE]
     places = [increment(Pose(*seat), Pose(0.0, 0.0, 0.0), wheels, sincos(seat[2])) for seat in rows[:, :3].tolist()]
     own = np.exp(bank[MOST, LOG_WEIGHT]) if bank[MOST, LOG_WEIGHT] > NONE else 0.0
     weights = np.exp(rows[:, LOG_WEIGHT])
-    return np.column_stack((np.array(places), weights / (weights.sum() + own)))
+    return np.column_stack((np.array(places).reshape(-1, 3), weights / (weights.sum() + own)))
 
 
 @kernel

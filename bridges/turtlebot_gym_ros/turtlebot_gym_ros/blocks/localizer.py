@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.localization.hypotheses import ROWS, look, nowhere
+from turtlebot_gym.localization.hypotheses import ROWS, followed, look, nowhere
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, Located, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
 from turtlebot_gym.localization.tuning import make_localizer
@@ -25,7 +25,7 @@ from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.localizing import drift_of
 from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import Fix, Odometry, Pose
-from turtlebot_gym_ros.node.block import Aged, Correction, Input, Nis, On, Output
+from turtlebot_gym_ros.node.block import Aged, Correction, Input, Nis, On, Output, Places
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
@@ -46,7 +46,7 @@ class Localizer:
     A scan counts as the LiDAR's preset if it agrees with it to single precision; otherwise as the message says. Its mount
     is that of ``/tf_static``, or the preset's.
 
-    Where it starts, ``start`` says. A robot that is lost looks for itself in the whole map; while it is lost, nothing is
+    Where it starts, ``start`` says. A robot that is lost looks for itself in the whole map; while it is lost, no estimate is
     published, so that everything that rests on the estimate stops by the age of its inputs, unless ``when_lost`` is "drive".
     A pose on ``initialpose``, as RViz sends it, puts it elsewhere; the service ``reinitialize_global_localization`` makes it
     look anew. The diagnostics show whether it is tracking, unsure or lost, and the share of fitting beams.
@@ -54,7 +54,8 @@ class Localizer:
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``),
     ``seat`` (`Fix`, on ``initialpose``, optional), and without a map's file ``map`` (`GridMap`, on ``map``).
     Outputs: ``pose`` (`Located`, on ``amcl_pose``, with the covariance of x, y and heading), ``nis`` (`Nis`, on ``nis``),
-    ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp, in the frame ``frame``; with ``publish_tf`` the transform
+    ``estimate`` (`Estimate`, on ``estimate``), and while it doubts its place ``places`` (`Places`, on ``hypotheses``), all
+    that it considers; at odometry's stamp, in the frame ``frame``; with ``publish_tf`` the transform
     from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on ``map``), once.
     Parameters: those of `Params`.
     """
@@ -81,7 +82,7 @@ class Localizer:
         """Where the robot starts: "unknown", somewhere in the map; or "odometry", where its odometry says, for a robot that is
         switched on at the map's origin."""
         when_lost: Annotated[str, Names(("stop", "drive"))] = "stop"
-        """What happens while the robot is lost: "stop", nothing is published; or "drive", it goes on by its belief. In
+        """What happens while the robot is lost: "stop", no estimate is published; or "drive", it goes on by its belief. In
         lock-step "drive", since each step needs an answer."""
         max_gap: Annotated[float, Range(0.0, 3600.0, open_low=True, unit="s")] = 10.0
         """Gap in the odometry after which it starts anew, s."""
@@ -100,6 +101,7 @@ class Localizer:
         "pose": Output(topic="amcl_pose", type=Located),
         "nis": Output(topic="nis", type=Nis),
         "estimate": Output(topic="estimate", type=Estimate),
+        "places": Output(topic="hypotheses", type=Places),
     }
 
     def __init__(self, params: Params) -> None:
@@ -137,6 +139,7 @@ class Localizer:
         self._located: Located | None = None
         self._trail, self._bank = np.empty((TRAIL, 4)), np.zeros((ROWS, 4))
         self._since = self._time = self._dt = 0.0
+        self._considered: tuple[Pose, ...] = ()
         self._ticks = 0
         self.notice = None
 
@@ -207,11 +210,14 @@ class Localizer:
         self._measured, ranges, q = stamp, scan.value.ranges, self._q
         every = max(-(-len(ranges) // q.beams), 1)
         number = to_points(ranges, beams, int(located.scans) % every, every, timing, self._trail, self._points)
-        _, *wheels = self._trail[0].tolist()
-        after = look(located, self._bank, self._field, self._grid.frame, self._points, number, Pose(*wheels), q)
+        after = look(located, self._bank, self._field, self._grid.frame, self._points, number, self._wheels(), q)
         if after.scans > located.scans:
             self._used = self._time
         return after
+
+    def _wheels(self) -> Pose:
+        """Return the odometry at the present pose."""
+        return Pose(*self._trail[0, 1:4].tolist())
 
     def _seen(self, scan: Aged, stamp: float) -> tuple[NDArray[np.float64], Timing]:
         """Return the directions of a scan's beams in the robot's frame, and when and from where they were measured."""
@@ -242,9 +248,12 @@ class Localizer:
             "weight of the best hypothesis": f"{located.weight:.2f}",
             "scans without a fit": max(int(located.misfits), 0), "scans used": int(located.scans),
         }  # fmt: skip
+        others = tuple(Pose(*place) for place in followed(located, self._bank, self._wheels(), self._q)[:, :3].tolist())
+        places = {"places": Places(others)} if others or self._considered else {}
+        self._considered = others
         if state == LOST and self._params.when_lost == "stop":
-            return {}
-        said = {"pose": located, "nis": Nis(located.nis), "estimate": Estimate(located.belief, located.nis, 0.0)}
+            return places
+        said = places | {"pose": located, "nis": Nis(located.nis), "estimate": Estimate(located.belief, located.nis, 0.0)}
         if self._params.publish_tf:
             said["tied"] = Aged(Correction(_between(located, odometry.pose), self._params.odom_frame), -AHEAD)
         return said

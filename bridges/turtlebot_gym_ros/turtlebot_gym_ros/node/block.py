@@ -100,6 +100,12 @@ class Aged(NamedTuple):
     """Pose of an input's frame in the robot's, by ``/tf_static``; None if that does not state it."""
 
 
+class Places(NamedTuple):
+    """Poses at which a lost robot may be."""
+
+    poses: tuple[Pose, ...]
+
+
 class Correction(NamedTuple):
     """The transform from the world frame to that of the odometry, which drifts in it."""
 

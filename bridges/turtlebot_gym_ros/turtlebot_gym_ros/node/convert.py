@@ -28,7 +28,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
+from geometry_msgs.msg import Pose as RosPose
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
@@ -37,7 +38,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
-from turtlebot_gym_ros.node.block import Correction, Nis
+from turtlebot_gym_ros.node.block import Correction, Nis, Places
 from turtlebot_gym_ros.node.cdr import blank
 from turtlebot_gym_ros.node.geometry import Conversion, finite, quaternion_of, read_pose, read_twist, write_pose, write_twist
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
@@ -214,6 +215,13 @@ def _located_to_message(located: Located, header: Header) -> PoseWithCovarianceS
     return message
 
 
+def _places_to_message(places: Places, header: Header) -> PoseArray:
+    message = PoseArray(header=header, poses=[RosPose() for _ in places.poses])
+    for pose, place in zip(message.poses, places.poses, strict=True):
+        write_pose(pose, place)
+    return message
+
+
 def _register_correction() -> None:
     """Register the transform to the odometry's frame, whose message comes with a ROS installation and is not on PyPI."""
     try:
@@ -292,5 +300,6 @@ register(
 )
 register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
 register(Located, PoseWithCovarianceStamped, _unread, _located_to_message, in_world=True)
+register(Places, PoseArray, _unread, _places_to_message, in_world=True)
 register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
 _register_correction()
