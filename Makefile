@@ -184,6 +184,11 @@ bench-missions: $(READY)  ## goals in turn for ten minutes: on wheels, localized
 bench-people: $(READY)  ## among people who walk: geometry, a stop by rule, a stop that was learned, and one that knows (15 minutes)
 	$(RUN)python benchmarks/people.py
 
+bench-planner: $(READY)  ## rooms with a memory, and within the safety layer: the planner, and ppo-rooms (10 minutes; resumes)
+	$(RUN)python benchmarks/rooms_study.py --seeds 0 --keep --policy planner+safety planner \
+		--only dense office cellular corridor crowd --out $(OUT)/planner
+	cp $(OUT)/planner/rooms_study.json benchmarks/rooms_planner.json
+
 bench-fix: $(READY)  ## wheel odometry with fixes from outside, in time, late, and late but taken for new (5 minutes)
 	$(RUN)python benchmarks/fix.py
 

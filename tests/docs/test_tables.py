@@ -125,7 +125,12 @@ def test_the_tables_of_rooms_are_what_was_measured():
     for world, *cells in rows_after(page, "**A memory finds the way without learning.**"):
         vfh, planner = (planned[world.strip("`"), policy] for policy in ("vfh", "planner+safety"))
         wanted = [shown(vfh["success"]), shown(planner["success"]), shown(planner["collision"])]
-        assert cells == [*wanted, shown(planner["success_difference"], "+")], world
+        times = [f"{row['time']['value']:.1f}" for row in (vfh, planner)]
+        assert cells == [*wanted, shown(planner["success_difference"], "+"), *times], world
+    for world, *cells in rows_after(page, "**Learning gains from the layer.**"):
+        bare, within = (planned[world.strip("`"), policy] for policy in ("ppo-rooms", "ppo-rooms+safety"))
+        wanted = [shown(row[part]) for row in (bare, within) for part in ("success", "collision")]
+        assert cells == [*wanted, f"{within['time']['value']:.1f}"], world
     seen = {(row["setting"], row["policy"]): row for row in measured("rooms_lidars")["rows"]}
     for lidar, *cells in rows_after(page, "**Within the safety layer every LiDAR will do.**"):
         setting = f"dense, {lidar.replace('`', '')}".removesuffix(", lds01")
