@@ -55,11 +55,16 @@ def test_what_is_known_is_neither_loaded_nor_stored_and_what_is_equal_is_stored_
     pack = packing(VALUE, known=known, same=same)
     buffer = np.full(pack.size * TILE, np.nan)
     pack.store(buffer, 2, VALUE)
-    assert np.flatnonzero(~np.isnan(buffer)).tolist() == [2 + k * TILE for k in (0, 2, 3, 4, 5, 7)]
-    assert pack.places == (0, 1, 2, 3, 4, 5, 2, 7, 8)
+    assert np.flatnonzero(~np.isnan(buffer)).tolist() == [2 + k * TILE for k in range(6)]  # close together
+    assert (pack.places, pack.stored, pack.size) == ((0, 6, 1, 2, 3, 4, 1, 5, 7), 6, 8)
     expected = VALUE._replace(last=float("inf"), nested=(VALUE.nested[0], Inner(2.0, True)))
     assert pack.load(buffer.tolist(), 2) == expected
     assert (pack.names, pack.slices) == (packing(VALUE).names, packing(VALUE).slices)
+
+
+def test_equal_constants_share_a_run_after_what_is_stored():
+    pack = packing(VALUE, known={"first.a": 0.0, "pair[1]": 2.5, "nested[0].flag": 0.0})
+    assert (pack.places, pack.stored, pack.size) == ((6, 0, 1, 7, 2, 6, 3, 4, 5), 6, 8)
 
 
 def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():

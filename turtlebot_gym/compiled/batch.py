@@ -152,12 +152,16 @@ class Batch:
             return
         numbers_at = self._tiles.reshape(len(self._tiles), -1, TILE)
         if before is not None:
-            numbers_at[:] = numbers_at[:, self._loops.layout.world.places]
+            numbers_at = numbers_at[:, self._loops.layout.world.places]
+        self._special, self._loops = special, loops_of(self.system, special)
+        world = self._loops.layout.world
+        self._tiles = aligned(len(numbers_at) * world.size * TILE).reshape(len(numbers_at), -1)
+        tiles = self._tiles.reshape(len(self._tiles), -1, TILE)
+        tiles[:, world.places] = numbers_at
         if not self._begun:
             for path, value in special.world:
-                numbers_at[:, self.layout.world.names.index(path)] = value
-        self._special, self._loops = special, loops_of(self.system, special)
-        self._first_places = np.array(self._loops.layout.world.places) * TILE
+                tiles[:, world.places[world.names.index(path)]] = value
+        self._first, self._first_places = self._tiles[0], np.array(world.places) * TILE
         self.tell(self._told)
 
     def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:

@@ -315,7 +315,7 @@ def _loops_of(system: System, special: Special) -> _Loops:
     step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
     layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
     ahead, width = layout.parameters.ahead, layout.parameters.size * TILE
-    lines, many = layout.world.size * TILE // LINE, _LARGE // (layout.world.size * TILE)
+    many = _LARGE // (layout.world.size * TILE)
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         for at in range(len(tiles)):
@@ -325,8 +325,8 @@ def _loops_of(system: System, special: Special) -> _Loops:
             tile, own = tiles[at], keys[at]
             if len(tiles) > many:  # the processor itself does not foresee where the next tile's runs are
                 following = tiles[min(at + 1, len(tiles) - 1)]
-                for line in range(lines):
-                    fetch(following, line * LINE)
+                for place in range(0, len(following), LINE):
+                    fetch(following, place)
             step_tile(number * TILE, count, actions, tile, own, parameters, origin, waypoints, observations, outcomes, scenes)
 
     def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):

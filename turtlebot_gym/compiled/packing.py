@@ -100,11 +100,36 @@ class Packing(NamedTuple):
     """Place from which each number is read: its own, or that of a number equal to it."""
     shared: tuple[int, ...] = ()
     """Index of each number that stands once, at the start of the buffer, for all environments."""
+    stored: int = 0
+    """Number of runs that are loaded and stored; those of constants, one for all that are equal, follow them."""
 
     @property
     def ahead(self) -> int:
         """Places before the first tile, whole cache lines."""
         return -(-len(self.shared) // LINE) * LINE
+
+
+def _paths(value: Any, path: str = "") -> Iterator[str]:
+    """Yield the dotted path of each number in a value."""
+    if not isinstance(value, tuple):
+        yield path.removeprefix(".")
+        return
+    fields = getattr(value, "_fields", None)
+    for at, item in enumerate(value):
+        yield from _paths(item, f"{path}.{fields[at]}" if fields else f"{path}[{at}]")
+
+
+def _placed(names: list[str], known: Mapping[str, float], same: Mapping[str, str]) -> dict[str, int]:
+    """Return the place of each number: what is stored lies close together, and equal constants share a place after it."""
+    alone = [name for name in names if name not in same]
+    order: dict[Any, int] = {}
+    for key in (*(name for name in alone if name not in known), *(known[name] for name in alone if name in known)):
+        order.setdefault(key, len(order))
+    places = {name: order[known.get(name, name)] for name in alone}
+    for name in names:
+        if name in same:
+            places[name] = places[same[name]]
+    return places
 
 
 def packing(
@@ -125,6 +150,7 @@ def packing(
     """
     known, same = known or {}, same or {}
     types: dict[str, type] = {}
+    placed = _placed(list(_paths(example)), known, same)
     names: list[str] = []
     places: list[int] = []
     shared: list[int] = []
@@ -138,8 +164,7 @@ def packing(
         if not isinstance(value, tuple):
             name = path.partition(".")[2]
             is_own = own is None or name in own
-            place_of_own = len(places) if own is None else next(free) if is_own else -1
-            places.append(places[names.index(same[name])] if name in same else place_of_own)
+            places.append(placed[name] if own is None else next(free) if is_own else -1)
             names.append(name)
             if name in known:
                 leaves.append(bool(known[name]) if isinstance(value, bool) else float(known[name]))
@@ -177,5 +202,5 @@ def packing(
     scope: dict[str, Any] = {**types, "inf": math.inf}
     exec(source, scope)  # made of field names only
     load, store = access(scope["load"], scope["store"], _in_floats(example), leaves)
-    size = len(names) if own is None else next(free)
-    return Packing(size, load, store, tuple(names), slices, tuple(places), tuple(shared))
+    size = max(places) + 1 if own is None else next(free)
+    return Packing(size, load, store, tuple(names), slices, tuple(places), tuple(shared), len(writes))
