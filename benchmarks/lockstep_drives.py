@@ -36,6 +36,8 @@ class RoomDrive(NamedTuple):
     seed: int = 0
     localizer: str | None = None
     goals: int | None = None
+    start: str | None = None
+    observation: str = "ekf"
 
 
 class SquareDrive(NamedTuple):
@@ -112,7 +114,8 @@ def room_episode(given: RoomDrive, steps: int = ROOM_STEPS) -> Drive:
 
 def room_live(drive: RoomDrive, steps: int, **options: Any) -> Drive:
     """Return the graph's drive over a number of steps; the options are those of `Graph`."""
-    given = {name: value for name, value in drive._asdict().items() if value is not None}
+    given = {name: value for name, value in drive._asdict().items() if value is not None and name != "observation"}
+    given |= {} if drive.start is None else {"start": {"known": "odometry"}.get(drive.start, drive.start)}
     with Graph(**given, goal_tolerance=0.0, **options) as graph:
         graph.wait_until(lambda graph: graph.time >= (steps - 0.5) * DT, timeout=max(120.0, 10.0 * steps * DT))
         return first(graph.trajectory(), steps)

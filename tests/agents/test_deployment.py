@@ -76,6 +76,47 @@ def test_its_actions_are_those_of_the_environments_loop_to_the_last_bit(place):
     assert differences(1000, **PLACES[place]) == [0, 0]
 
 
+def test_with_a_localizer_outside_layout_3_is_the_environments_too():
+    options = {"world": "office", "noise": "wheel", "localizer": "match", "start": "unknown", "observation": "located"}
+    episode, deployment = Episode(make_parameters(**options), seed=5), Deployment(f"{__name__}:WithEvidence")
+    shown = set()
+    for _ in range(60):
+        (mean, P), estimate, (reference, following, _) = (
+            episode.world.estimate.belief, episode.world.estimate, episode.world.course
+        )  # fmt: skip
+        scan, age = scan_of(episode)
+        covariance = ((P.xx, P.xy, P.xt), (P.xy, P.yy, P.yt), (P.xt, P.yt, P.tt))
+        deployment.act(
+            mean[:3], covariance, mean[3:], scan, reference, following=following, nis=estimate.nis, scan_age=age,
+            evidence=(estimate.fits, estimate.weight),
+        )  # fmt: skip
+        np.testing.assert_array_equal(deployment.observation, np.array(episode.observe(), np.float32))
+        shown.add(estimate.weight)
+        episode.act(deployment.action.tolist())
+    assert len(shown) > 2
+    with pytest.raises(ValueError, match=r"^evidence must be the share of fitting beams and the weight .* layout 3, got None"):
+        deployment.act(**GIVEN)
+    with pytest.raises(ValueError, match=r"^evidence\[1\] must be a probability"):
+        deployment.act(**GIVEN, evidence=(0.5, 1.1))
+    with pytest.raises(ValueError, match="filter must be None for a policy of layout 3"):
+        Deployment(f"{__name__}:WithEvidence", filter="matched")
+
+
+class WithEvidence:
+    """VFH+ that goes slower where its place is in doubt."""
+
+    layout = 3
+
+    def __init__(self, *, robot, dt):
+        self._policy = make_policy("vfh", robot=robot, dt=dt)
+
+    def reset(self, mask):
+        self._policy.reset(mask)
+
+    def __call__(self, observations):
+        return self._policy(observations) * observations[..., 16:17]
+
+
 def test_a_milliradian_of_heading_would_be_seen():
     inside, outside = differences(50, wrong=1e-3, **PLACES["rooms"])
     assert inside > 40
@@ -111,6 +152,7 @@ def seeing():
         ({"twist": (math.inf, 0.0)}, r"^twist\[0\] must be a number"),
         ({"goal": (0.0, 0.0, "north")}, r"^goal\[2\] must be a number"),
         ({"nis": math.nan}, "^nis must be a number"),
+        ({"evidence": (1.0, 1.0)}, "^evidence must be None for a policy of observation layout 2"),
         ({"scan": None}, "^scan must be a Scan for a policy of observation layout 2, got None"),
         ({"scan": np.full(360, 2.0)}, "^scan must be a turtlebot_gym.rooms.scan.Scan with ranges, first, increment"),
         ({"scan": SCAN._replace(increment=None)}, "^scan.increment must be a number"),

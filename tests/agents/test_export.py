@@ -7,7 +7,7 @@ import pytest
 import torch
 from stable_baselines3 import DDPG, PPO, TD3
 
-from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card
 from turtlebot_gym_agents.policies.fit import describe_robot
@@ -80,10 +80,10 @@ def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch,
     assert [file.read_text() for file in tmp_path.iterdir()] == ["the old one"]
 
 
-def untrained(env=TrainingConfig.env, **network):
+def untrained(env=TrainingConfig.env, options=None, **network):
     """Return a model, with biases that are not zero, so that their places count."""
     hyper = NETWORK | SHORT["ppo"] | {"policy_kwargs": LAYERS | network}
-    config = TrainingConfig(env=env, config=hyper)
+    config = TrainingConfig(env=env, config=hyper, **options or {})
     model = make_model(config, config.make_training())
     with torch.no_grad():
         for name, parameter in model.policy.named_parameters():
@@ -127,11 +127,13 @@ def test_only_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkey
     assert export(plain, tmp_path / "policy.onnx", CARD) <= TOLERANCE
 
 
-def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch):
+@pytest.mark.parametrize("layout", SEEING)
+def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch, layout):
     without_torchs_exporter(monkeypatch)
-    room = "turtlebot_gym/TurtleBotRooms-v0"
-    model = untrained(room)
-    assert export(model, tmp_path / "policy.onnx", replace(CARD, env=room, layout=ROOM_LAYOUT)) <= TOLERANCE
+    room, located = "turtlebot_gym/TurtleBotRooms-v0", {"noise": "wheel", "localizer": "match", "observation": "located"}
+    model = untrained(room, located if layout == LOCATED_LAYOUT else {})
+    assert export(model, tmp_path / "policy.onnx", replace(CARD, env=room, layout=layout)) <= TOLERANCE
+    assert BundlePolicy(tmp_path / "policy.onnx").layout == layout
     observations = model.env.reset()
     expected, _ = model.predict(observations, deterministic=True)
     np.testing.assert_allclose(BundlePolicy(tmp_path / "policy.onnx")(observations), expected, rtol=0, atol=TOLERANCE)

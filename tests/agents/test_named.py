@@ -12,6 +12,7 @@ from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate
 from turtlebot_gym_agents.policies import BearingPolicy, PolarPolicy, ProportionalPolicy, RotateDriveRotatePolicy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
+from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import pretrained_folder
 
 LAWS = {
@@ -42,6 +43,32 @@ def test_a_law_by_name_is_made_for_the_robot_and_the_period(name):
             np.testing.assert_array_equal(make_policy(name, robot=given, dt=dt)(SIGHT), acted[-1])
     np.testing.assert_array_equal(make_policy(name)(SIGHT), acted[0])
     assert not np.array_equal(*acted)  # else the line above said nothing
+
+
+LOCATED = {"env": ROOMS, "world": "office", "noise": "wheel", "localizer": "match", "observation": "located"}
+
+
+@pytest.mark.parametrize("name", ["bearing", "vfh", "dwa", "planner", "vfh+safety", "vfh+yield"])
+def test_rules_ignore_a_localizers_evidence(name):
+    seen = np.random.default_rng(1).uniform(0.1, 1.0, (40, 3, SIZES[2])).astype(np.float32)
+    two, three = make_policy(name), make_policy(name)
+    for rows in seen:
+        told = np.concatenate([rows[:, :13], np.full((3, 4), 0.5, np.float32), rows[:, 13:]], axis=1)
+        np.testing.assert_array_equal(two(rows), three(told))
+
+
+@pytest.mark.parametrize("name", ["ppo-rooms", f"{__name__}:seeing"])
+def test_a_policy_of_layout_2_is_refused_where_a_localizers_evidence_is_shown(name):
+    with pytest.raises(ValueError, match=r"observation 'ekf', asked for .* 'located'|layout 2, got \(\d+, 54\)"):
+        evaluate(name, episodes=1, **LOCATED)
+
+
+def seeing(observations):
+    """Stand, by 50 numbers."""
+    return np.zeros((*observations.shape[:-1], 2), np.float32)
+
+
+seeing.layout = 2
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in pretrained_folder().glob("*.onnx")))

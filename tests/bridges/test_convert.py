@@ -109,6 +109,7 @@ def test_all_but_the_heading_survives_to_the_bit():
         estimate = travel(Estimate(Belief(State(x, y, theta, v, omega), P), 0.0, 0.0))
         kept = {"xx", "xy", "xt", "yy", "yt", "tt", "vv", "vw", "ww"}
         assert travel(Nis(P.xx)) == Nis(P.xx)
+        assert travel(Nis(P.xx, P.yy, P.tt)) == Nis(P.xx, P.yy, P.tt)
         assert estimate.belief.covariance == Covariance(
             *(value if name in kept else 0.0 for name, value in zip(P._fields, P, strict=True))
         )
@@ -296,8 +297,9 @@ READ = [
     (FIX, "pose.covariance.35", math.nan, "the heading's variance"),
     (POSITION, "pose.pose.position.x", math.nan, "the pose must be finite"),
     (ODOMETRY, "pose.covariance.0", math.nan, "pose.covariance[0] is NaN: it states a variance, 0 if none is known"),
-    *((Nis(1.0), "status.0.values.0.value", text, "the NIS must be a finite number") for text in ("nan", "inf", "", "much")),
-    (Nis(1.0), "status.0.values", [], "one value named 'nis', but has 0"),
+    *((Nis(1.0), "status.0.values.0.value", text, "the nis must be a finite number") for text in ("nan", "inf", "", "much")),
+    (Nis(1.0), "status.0.values", [], "one value named 'nis', but has none"),
+    *((Nis(1.0, fits=0.5), "status.0.values.1.value", text, "the fits must be a finite number") for text in ("nan", "much")),
 ]
 
 

@@ -8,8 +8,6 @@ import pytest
 
 from turtlebot_gym_ros.graph.bringup import room_metrics
 
-WIDTH = 4 * (50 + 2)
-"""Bytes that `Logged` logs of a step."""
 LOGGED = """
 import os
 import numpy as np
@@ -29,8 +27,11 @@ class Logged:
         with open(os.environ["LOGGED_IN"], "ab") as log:
             log.write(np.asarray(observation, np.float32).tobytes() + action.tobytes())
         return action
+
+class Located(Logged):
+    layout = 3
 """
-"""VFH+, a policy with memory, which keeps what it is given and answers."""
+"""VFH+, a policy with memory, which keeps what it is given and answers; also as one that observes a localizer's evidence."""
 
 
 @pytest.fixture(autouse=True)
@@ -43,15 +44,16 @@ def the_policy_is_found(tmp_path, monkeypatch):
 
 @pytest.fixture
 def logged(tmp_path, monkeypatch):
-    """Call something, and return its result and what the policy was given and answered meanwhile, shape (T, 52)."""
+    """Call something, and return its result and what the policy was given and answered meanwhile, shape (T, shown + 2)."""
 
-    def call(function, *arguments, **options):
+    def call(function, *arguments, shown=50, **options):
         path = tmp_path / f"{len(list(tmp_path.iterdir()))}.log"
         monkeypatch.setenv("LOGGED_IN", str(path))
         result = function(*arguments, **options)
         monkeypatch.delenv("LOGGED_IN")
         content = path.read_bytes()
-        return result, np.frombuffer(content[: len(content) // WIDTH * WIDTH], np.float32).reshape(-1, 52)
+        width = 4 * (shown + 2)
+        return result, np.frombuffer(content[: len(content) // width * width], np.float32).reshape(-1, shown + 2)
 
     return call
 
@@ -80,3 +82,16 @@ def test_the_graph_is_the_environment(compare, logged, world, lidar, noise, seed
     assert steps == len(given) <= len(seen)
     np.testing.assert_array_equal(seen[:steps], given)  # each observation of 50 numbers, and each action
     assert room_metrics(live) == room_metrics(expected)
+
+
+@pytest.mark.parametrize(("world", "seed"), [("office", 1), pytest.param("crowd", 3, marks=pytest.mark.nightly)])
+def test_a_robot_with_an_unknown_start_is_the_environments_with_its_localizers_evidence(compare, logged, world, seed):
+    lost = {"noise": "wheel", "localizer": "match", "start": "unknown", "observation": "located"}
+    drive = compare.RoomDrive("logged_policy:Located", world=world, seed=seed, **lost)
+    expected, given = logged(compare.room_episode, drive, 100, shown=54)
+    live, seen = logged(compare.room_live, drive, 100, shown=54)
+    differ = compare.room_differences(expected, live)
+    assert max(differ.values()) == 0.0, differ
+    assert len(given) == 100 <= len(seen)
+    np.testing.assert_array_equal(seen[:100], given)  # each observation of 54 numbers, and each action
+    assert {0.0, 1.0} < {*given[:, 16].tolist()}  # the weight of the best hypothesis: lost, in doubt, sure

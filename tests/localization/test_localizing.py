@@ -10,12 +10,13 @@ from localization_rooms import hall, make_room
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation.consistency import difference
+from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
-from turtlebot_gym.systems import Episode, Options
+from turtlebot_gym.systems import SIZES, Episode, Options
 from turtlebot_gym.values import Pose
 
 HALL = FloorPlan(walls=(0.0, 0.0, 2.5, 2.0), boxes=((0.5, 0.5, 1.0, 0.3, 0.4),), start=Pose(-1.5, -1.0, 0.3))
@@ -35,14 +36,15 @@ def errors(batch, steps, drives):
 
 
 @pytest.mark.parametrize(
-    ("world", "lidar", "start"),
+    ("world", "lidar", "start", "observation"),
     [
-        ("office", "lds01", "known"), ("crowd", "a1", "unknown"), (HALL, "urg04lx", "known"),
-        ({"unmapped": 0.5, "map_error": 0.1}, "ideal", "unknown"),
+        ("office", "lds01", "known", "ekf"), ("crowd", "a1", "unknown", "located"), (HALL, "urg04lx", "known", "located"),
+        ({"unmapped": 0.5, "map_error": 0.1}, "ideal", "unknown", "ekf"),
     ],
 )  # fmt: skip
-def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, start, in_step):
-    p, waypoints, plan, _ = Options(world=world, lidar=lidar, noise="wheel", localizer="match", start=start).setup()
+def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, start, observation, in_step):
+    options = Options(world=world, lidar=lidar, noise="wheel", localizer="match", start=start, observation=observation)
+    p, waypoints, plan, _ = options.setup()
     batch = Batch(35, p, waypoints, plan=plan)
     plain = {i: Episode(p, waypoints, seed=i, plan=plan) for i in (0, 33)}
     for _ in in_step(batch, plain, [0.0, -0.5], [1.2, 0.5], 40):
@@ -52,6 +54,36 @@ def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, start, in_ste
         scene = batch.system.surroundings.at(batch.scenes, i)
         np.testing.assert_array_equal(scene.field, episode.scene.field)
         np.testing.assert_array_equal(scene.trail, episode.scene.trail)
+
+
+def test_layout_3_shows_deviations_ahead_and_aside_and_the_evidence_between_those_of_layout_2():
+    options = {"world": "office", "noise": "wheel", "localizer": "match", "start": "unknown"}
+    episodes = []
+    for observation in ("ekf", "located"):
+        p, waypoints, plan, _ = Options(**options, observation=observation).setup()
+        episodes.append(Episode(p, waypoints, seed=4, plan=plan))
+    two, three = episodes
+    assert (two.system.layout, three.system.layout) == (2, 3)
+    assert len(three.system.low) == len(three.system.high) == SIZES[3] == 54
+    weights = set()
+    for _ in range(60):
+        shown = three.observe()
+        assert shown[:13] + shown[17:] == two.observe()
+        estimate = three.world.estimate
+        axes = rotation(estimate.belief.mean.theta)
+        P = axes.T @ matrix(estimate.belief.covariance)[:2, :2] @ axes
+        deviations = np.minimum(np.sqrt(np.diag(P)), 5.0)
+        np.testing.assert_allclose(shown[13:17], [*deviations, estimate.fits, estimate.weight], rtol=1e-9)
+        weights.add(estimate.weight)
+        assert np.all((np.array(three.system.low) <= shown) & (shown <= np.array(three.system.high)))
+        for episode in episodes:
+            episode.act((0.5, 0.3))
+    assert {0.0, 1.0} < weights  # lost, in doubt between several places, and sure
+
+
+def rotation(angle):
+    """Return the axes ahead and aside, as columns."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def test_scans_keep_the_error_of_the_wheels_from_growing():
@@ -113,6 +145,7 @@ def test_all_robots_share_the_field_of_a_map():
         ({"localizer": "match", "world": "office"}, "localizer moves with wheel odometry: choose such a noise"),
         ({"localizer": "match", "world": "office", "noise": "wheel", "fix": "beacons"}, "localizer and fix exclude each other"),
         ({"localizer": "amcl", "world": "office", "noise": "wheel"}, "localizer must be one of 'match', 'robot'"),
+        ({"observation": "located", "world": "office", "noise": "wheel"}, "observation 'located' is a localizer's: choose one"),
         ({"start": "unknown", "world": "office", "noise": "wheel"}, "start is for robots that localize themselves"),
         ({"localizer": {"grain": 0.0}, "world": "office", "noise": "wheel"}, r"LocalizerTuning\.grain must be"),
     ],

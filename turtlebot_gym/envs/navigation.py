@@ -53,8 +53,9 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Observation Space
 
     ``Box((13,), float32)``, layout 1, on open ground, and ``Box((50,), float32)``, layout 2, in rooms, with finite bounds, to
-    which observations are clipped. Entries 0 to 12 follow from the estimated pose (with ``observation="odometry"`` from the
-    measured one, with ``"truth"`` from the true one).
+    which observations are clipped; with a localizer and ``observation="located"``, ``Box((54,), float32)``, layout 3. Entries 0
+    to 12 follow from the estimated pose (with ``observation="odometry"`` from the measured one, with ``"truth"`` from the true
+    one).
 
     | # | Observation | Unit | Min | Max |
     |---|---|---|---|---|
@@ -68,8 +69,10 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     | 9 | normalized innovation squared of the last measurement | | 0 | 25 |
     | 10 | distance to the waypoint after this one; to this one again if there is none | m | 0 | 20 |
     | 11, 12 | cosine and sine of its bearing | | -1 | 1 |
+    | in layout 3 | stated standard deviation of the position ahead, and aside of the believed heading | m | 0 | 5 |
+    | in layout 3 | share of the last scan's beams that fit the map; weight of the best hypothesis of the place | | 0 | 1 |
     | 13 to 48 | in rooms: shortest range of the newest scan in 36 sectors, from ahead to the left, / 3.5 m | | 0 | 1 |
-    | 49 | in rooms: age of that scan, by its stamp | s | 0 | 1 |
+    | 49 | in rooms: age of that scan, by its stamp; in layout 3 the last two rows are 17 to 52 and 53 | s | 0 | 1 |
 
     ## Rewards
 
@@ -117,7 +120,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Version History
 
-    * v0: first version, observation layouts 1 and 2.
+    * v0: first version, observation layouts 1, 2 and 3.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # as Gymnasium declares it

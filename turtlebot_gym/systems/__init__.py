@@ -4,16 +4,18 @@ from turtlebot_gym.systems.episode import Episode
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.options import Options, Setup, make_parameters
 from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, RoomParameters, make_room
-from turtlebot_gym.systems.rooms import ROOM_LAYOUT, SIZES, Around, find_system, rooms, system_of
+from turtlebot_gym.systems.rooms import LOCATED_LAYOUT, ROOM_LAYOUT, SEEING, SIZES, Around, find_system, rooms, system_of
 from turtlebot_gym.systems.sensors import ODOMETRY, Sensor
 from turtlebot_gym.systems.system import Step, Surroundings, System, step_of
 from turtlebot_gym.systems.world import Body, Course, Outcome, Snapshot
 
 __all__ = [
+    "LOCATED_LAYOUT",
     "MAX_DELAY",
     "OBSERVED",
     "ODOMETRY",
     "ROOM_LAYOUT",
+    "SEEING",
     "SIZES",
     "Around",
     "Body",

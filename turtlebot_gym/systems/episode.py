@@ -9,6 +9,7 @@ The ROS simulator runs it, tests compare the compiled loop with it, and it accep
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import Any
 
 from turtlebot_gym.kernel import kernel
@@ -81,8 +82,8 @@ class Episode:
         seen, around = self._step.observe(self.world, self.parameters), self.system.surroundings
         if around is None:
             return seen
-        before, after = seen
-        return (*before, *around.ranges(self.scene).tolist(), after)
+        *before, after = seen
+        return (*chain.from_iterable(before), *around.ranges(self.scene).tolist(), after)
 
 
 @kernel

@@ -89,7 +89,7 @@ def _move(body, command, key, at, p):
 def _shown(body, senses, estimate, p):
     """Return the state that the policy observes."""
     mean, z, u, truth = estimate.belief.mean, senses.odometry.pose, senses.odometry.twist, body.true_state
-    believed, measured = p.observed == BELIEVED, p.observed == MEASURED
+    believed, measured = p.observed <= BELIEVED, p.observed == MEASURED
     return State(
         mean.x if believed else (z.x if measured else truth.x),
         mean.y if believed else (z.y if measured else truth.y),
@@ -122,7 +122,7 @@ def _judge(world, body, senses, estimate, waypoints, p):
 def look(world, p):
     """Return the policy's observation, layout 1."""
     position, heading = stated_deviations(world.estimate.belief.covariance)
-    believed, measured = p.observed == BELIEVED, p.observed == MEASURED
+    believed, measured = p.observed <= BELIEVED, p.observed == MEASURED
     R = p.tuning.R
     std = (
         position if believed else (sqrt(R[0] + R[1]) if measured else 0.0),

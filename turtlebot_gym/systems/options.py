@@ -64,7 +64,8 @@ class Options:
     (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, or a class, see
     `turtlebot_gym.estimation.plain`."""
     observation: str = "ekf"
-    """The robot's pose that the policy observes: ekf (the estimated one), odometry or truth."""
+    """The robot's pose that the policy observes: ekf (the estimated one), odometry or truth; or located, a localizer's, and
+    with it how uncertain it is ahead and aside, and whether its last scan fits: observation layout 3."""
     fix: str | Path | Mapping[str, Any] | FixNoise | None = None
     """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
     file of your own (FILE.yaml); in Python also a `turtlebot_gym.FixNoise` or a mapping of its fields. None for none."""
@@ -182,6 +183,8 @@ class Options:
         if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
         noise, robot = make_noise(self.noise), make_robot(self.robot)
+        if self.observation == "located" and self.localizer is None:
+            raise ValueError("observation 'located' is a localizer's: choose one, such as localizer='match'.")
         imu = () if self.imu is None else resolve(ImuNoise, self.imu, IMUS)
         room, plan = self._room(dt)
         return Setup(

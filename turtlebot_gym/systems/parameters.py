@@ -12,9 +12,9 @@ from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import Range
 
-BELIEVED, MEASURED, TRUE = 0.0, 1.0, 2.0
-OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE}
-"""Choices for the robot's pose that the policy observes."""
+LOCATED, BELIEVED, MEASURED, TRUE = -1.0, 0.0, 1.0, 2.0
+OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE, "located": LOCATED}
+"""Choices for the robot's pose that the policy observes; up to `BELIEVED` it is the estimate."""
 
 MAX_DELAY = 3
 """Longest delay of a command, steps."""

@@ -29,20 +29,38 @@ from turtlebot_gym.systems.imu import IMU
 from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.missions import on_missions
 from turtlebot_gym.systems.open_ground import look, open_ground
-from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
+from turtlebot_gym.systems.parameters import LOCATED, SENSORS, Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Around, Outcome
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
+from turtlebot_gym.tasks import (
+    EVIDENCE_HIGH,
+    EVIDENCE_LOW,
+    OBSERVATION_HIGH,
+    OBSERVATION_LAYOUT,
+    OBSERVATION_LOW,
+    Evidence,
+    Observation,
+    evidence_of,
+    reward_of,
+)
 from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
 
 ROOM_LAYOUT = 2
 """Version of the observation in a room: the 13 numbers of layout 1, the ranges of the sectors, the scan's age."""
+LOCATED_LAYOUT = 3
+"""Version of the observation of a robot that localizes itself: as in a room, and before the ranges the four numbers of
+`tasks.Evidence`."""
+SEEING = (ROOM_LAYOUT, LOCATED_LAYOUT)
+"""Layouts with the ranges of a scan."""
 
-
-SIZES = {OBSERVATION_LAYOUT: len(OBSERVATION_LOW), ROOM_LAYOUT: len(OBSERVATION_LOW) + SECTORS + 1}
+SIZES = {
+    OBSERVATION_LAYOUT: len(OBSERVATION_LOW),
+    ROOM_LAYOUT: len(OBSERVATION_LOW) + SECTORS + 1,
+    LOCATED_LAYOUT: len(OBSERVATION_LOW) + len(EVIDENCE_LOW) + SECTORS + 1,
+}
 """Size of the observation, by layout."""
 
 
@@ -53,6 +71,14 @@ class _RoomObservation(NamedTuple):
     """Observation as on open ground."""
     scan_age: float
     """Age of the scan by its stamp, s."""
+
+
+class _LocatedObservation(NamedTuple):
+    """The same of a robot that localizes itself."""
+
+    belief: Observation
+    evidence: Evidence
+    scan_age: float
 
 
 @kernel
@@ -117,6 +143,14 @@ def _observe(world, p):
 
 
 @kernel
+def _observe_located(world, p):
+    """Return the policy's observation, layout 3, except for the ranges."""
+    (mean, P), estimate = world.estimate.belief, world.estimate
+    evidence = evidence_of(mean.theta, P, estimate.fits, estimate.weight)
+    return _LocatedObservation(look(world, p), evidence, min(world.room.scan_age, MAX_AGE))
+
+
+@kernel
 def _ranges(scene):
     return scene.sectors
 
@@ -136,6 +170,20 @@ def _make(parameters: Sequence[Parameters]) -> Scene:
     )
 
 
+_SEEN_LOW, _SEEN_HIGH = ((0.0,) * (SECTORS + 1), (*(1.0,) * SECTORS, MAX_AGE))
+
+
+@cache
+def located(system: System) -> System:
+    """Return a system with a localizer whose evidence the policy observes."""
+    return system._replace(
+        observe=_observe_located,
+        layout=LOCATED_LAYOUT,
+        low=(*OBSERVATION_LOW, *EVIDENCE_LOW, *_SEEN_LOW),
+        high=(*OBSERVATION_HIGH, *EVIDENCE_HIGH, *_SEEN_HIGH),
+    )
+
+
 @cache
 def rooms(filter: Filter) -> System:
     """Return the system of rooms with a filter."""
@@ -144,8 +192,8 @@ def rooms(filter: Filter) -> System:
         lay_out=_lay_out,
         observe=_observe,
         layout=ROOM_LAYOUT,
-        low=(*OBSERVATION_LOW, *(0.0,) * SECTORS, 0.0),
-        high=(*OBSERVATION_HIGH, *(1.0,) * SECTORS, MAX_AGE),
+        low=(*OBSERVATION_LOW, *_SEEN_LOW),
+        high=(*OBSERVATION_HIGH, *_SEEN_HIGH),
         example=plain.example._replace(reward=RoomReward(), room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
         surroundings=Surroundings(_make, scene_at, _first_look, _look_round, _complete, _ranges, SECTORS),
     )
@@ -169,6 +217,7 @@ def system_of(parameters: Parameters) -> System:
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
     system = localizing(system) if parameters.localizer else system
+    system = located(system) if parameters.localizer and parameters.observed == LOCATED else system
     system = on_missions(system) if parameters.room and parameters.task.laps > 1.0 else system
     for name in SENSORS:
         if getattr(parameters, name):

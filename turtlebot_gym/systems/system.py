@@ -41,7 +41,7 @@ class Surroundings(NamedTuple):
     """``complete(world, room, outcome, p)`` returns the outcome of a step, completed by what `look` has found."""
     ranges: Callable[..., Any]
     """``ranges(scene)`` returns an array of `seen` numbers, which the observation holds between the two parts that `observe`
-    returns: a NamedTuple before them and one number after them."""
+    returns: NamedTuples before them and one number after them."""
     seen: int
     """Number of ranges."""
     renew: Callable[..., Any] | None = None

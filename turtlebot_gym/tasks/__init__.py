@@ -1,10 +1,14 @@
 """Tasks as pure functions: starts and goals, arrival, reward and observation."""
 
 from turtlebot_gym.tasks.observation import (
+    EVIDENCE_HIGH,
+    EVIDENCE_LOW,
     OBSERVATION_HIGH,
     OBSERVATION_LAYOUT,
     OBSERVATION_LOW,
+    Evidence,
     Observation,
+    evidence_of,
     observe,
     stated_deviations,
 )
@@ -33,6 +37,8 @@ from turtlebot_gym.tasks.task import (
 )
 
 __all__ = [
+    "EVIDENCE_HIGH",
+    "EVIDENCE_LOW",
     "MISSION",
     "NAV",
     "OBSERVATION_HIGH",
@@ -44,6 +50,7 @@ __all__ = [
     "SQUARE_PERIOD",
     "SQUARE_WAYPOINTS",
     "TASKS",
+    "Evidence",
     "Observation",
     "Task",
     "arrived",
@@ -52,6 +59,7 @@ __all__ = [
     "distance_to",
     "draw_goal",
     "due",
+    "evidence_of",
     "observe",
     "overdue",
     "remaining",

@@ -1,4 +1,4 @@
-"""The policy's observation, layout 1: belief and waypoints in the body frame."""
+"""The policy's observation: belief and waypoints in the body frame, layout 1; and a localizer's evidence, for layout 3."""
 
 from __future__ import annotations
 
@@ -67,6 +67,26 @@ OBSERVATION_HIGH = Observation(**{name: high for name, (_, high) in _BOUNDS.item
 """Upper bounds."""
 
 
+class Evidence(NamedTuple):
+    """What a localizer says of its belief beyond an `Observation`, in layout 3."""
+
+    std_ahead: float
+    """Stated standard deviation of the position in the direction of the believed heading, m: in a corridor without ends it
+    grows."""
+    std_aside: float
+    """The same across that direction, m."""
+    fits: float
+    """Share of the last scan's beams that end near a surface of the map."""
+    weight: float
+    """Weight of the best hypothesis of where the robot is; 1 while there is only one."""
+
+
+EVIDENCE_LOW = Evidence(0.0, 0.0, 0.0, 0.0)
+"""Lower bounds; observations are clipped to them."""
+EVIDENCE_HIGH = Evidence(MAX_STD_POSITION, MAX_STD_POSITION, 1.0, 1.0)
+"""Upper bounds."""
+
+
 @kernel
 def _towards(pose_x: float, pose_y: float, sine: float, cosine: float, to: Pose) -> tuple[float, float, float]:
     """Return distance, and cosine and sine of the bearing, of a point seen from a pose."""
@@ -114,3 +134,25 @@ def observe(state: State, std: tuple[float, float], nis: float, reference: Pose,
 def stated_deviations(P: Covariance) -> tuple[float, float]:
     """Return the standard deviations of position (root of the trace) and heading in a covariance; m, rad."""
     return sqrt(P.xx + P.yy), sqrt(P.tt)
+
+
+@kernel
+def evidence_of(theta: float, P: Covariance, fits: float, weight: float) -> Evidence:
+    """Return what a localizer says of its belief.
+
+    Args:
+        theta: Believed heading, rad.
+        P: Covariance of the belief.
+        fits: Share of the last scan's beams that fit.
+        weight: Weight of the best hypothesis.
+    """
+    sine, cosine = sincos(theta)
+    cross = 2.0 * sine * cosine * P.xy
+    ahead = cosine * cosine * P.xx + cross + sine * sine * P.yy
+    aside = sine * sine * P.xx - cross + cosine * cosine * P.yy
+    return Evidence(
+        min(sqrt(max(ahead, 0.0)), MAX_STD_POSITION),
+        min(sqrt(max(aside, 0.0)), MAX_STD_POSITION),
+        max(min(fits, 1.0), 0.0),
+        max(min(weight, 1.0), 0.0),
+    )

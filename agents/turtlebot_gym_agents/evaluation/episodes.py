@@ -158,6 +158,7 @@ def _observed(record: Record, p: Parameters) -> NDArray[np.float64]:
         "ekf": record.estimate,
         "odometry": np.concatenate([record.odometry, record.command], axis=-1),
         "truth": record.true_state,
+        "located": record.estimate,
     }
     return next(states for name, states in shown.items() if OBSERVED[name] == p.observed)[1:]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from turtlebot_gym.files import load
-from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym.systems import SEEING
 from turtlebot_gym.validation import shown
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import layout_of, make_policy
@@ -52,7 +52,7 @@ def settings_for(policy: str, localizer: str | None = None) -> dict[str, Setting
     """
     made = make_policy(policy)
     envs = {NAV, ROOMS, MISSIONS}
-    if layout_of(made) == ROOM_LAYOUT:
+    if layout_of(made) in SEEING:
         envs = {ROOMS, MISSIONS}
     elif hasattr(made, "card"):
         card: Any = getattr(made, "card")  # noqa: B009  # a policy need not have one

@@ -52,12 +52,12 @@ class Card:
     filter: str
     """Filter preset."""
     observation: str
-    """The robot's pose that the policy observed: "ekf", "odometry" or "truth"."""
+    """The robot's pose that the policy observed: "ekf", "odometry", "truth" or "located"."""
     training: Mapping[str, Any] = field(default_factory=dict)
     """Algorithm, steps, seed, versions, commit, wall time."""
     format: str = FORMAT
     layout: int = OBSERVATION_LAYOUT
-    """Layout of the observation: `turtlebot_gym.OBSERVATION_LAYOUT`, or `turtlebot_gym.systems.ROOM_LAYOUT`."""
+    """Layout of the observation: a key of `turtlebot_gym.systems.SIZES`."""
     action: str = ACTION
     """Meaning of the outputs."""
 
@@ -82,7 +82,7 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
 
     Args:
         path: The file.
-        model: A map from observations (n, 13), in a room (n, 50), to actions (n, 2); its metadata are replaced.
+        model: A map from observations (n, 13), in a room (n, 50) or (n, 54), to actions (n, 2); its metadata are replaced.
         card: The card.
     """
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):

@@ -18,10 +18,10 @@ from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
 from turtlebot_gym.rooms.scan import Pooling, Scan, read_scan
-from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
+from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING, SIZES
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.tasks import OBSERVATION_LAYOUT, observe, stated_deviations
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, Numbers, Range, refusal
+from turtlebot_gym.tasks import OBSERVATION_LAYOUT, evidence_of, observe, stated_deviations
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal
 from turtlebot_gym.values import Command, Covariance, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
@@ -29,6 +29,7 @@ from turtlebot_gym_agents.policies.policy import PolicyWithMemory, layout_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 
 _POSE, _TWIST, _VARIANCES = Numbers(FINITE, 3), Numbers(FINITE, 2), Numbers(NON_NEGATIVE, 3)
+_EVIDENCE = Numbers(PROBABILITY, 2)
 _COVARIANCE = "3 variances, or a 3 x 3 matrix"
 _AGE = Range(0.0, MAX_AGE, unit="s")
 _LEAST_MARGIN = 0.06
@@ -88,12 +89,14 @@ class Deployment:
         """Control period, s."""
         self._policy = make_policy(str(policy), robot=robot, dt=self.period)
         self.layout = layout_of(self._policy) or OBSERVATION_LAYOUT
-        """Layout of the policy's observation; with 2 it needs scans."""
-        if NON_NEGATIVE.check("safety_margin", safety_margin) and self.layout == ROOM_LAYOUT:
+        """Layout of the policy's observation; with 2 it needs scans, with 3 a localizer's evidence too."""
+        if NON_NEGATIVE.check("safety_margin", safety_margin) and self.layout in SEEING:
             margins = {"margin_behind": max(safety_margin, SafetyLayer.margin_behind), "least_margin": _LEAST_MARGIN}
             self._policy = SafetyLayer(self._policy, self.robot, self.period, margin=safety_margin, **margins)
         self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
         """Pools a scan that was read into the sectors of the observation."""
+        if filter is not None and self.layout == LOCATED_LAYOUT:
+            raise ValueError(f"filter must be None for a policy of layout {LOCATED_LAYOUT}: it needs a localizer's evidence.")
         self.filter = None if filter is None else _inside(make_filter(filter, make_noise(noise)), self.period, integrator)
         """The filter inside, with its belief; None without one."""
         self.observation: NDArray[np.float32] = np.zeros(SIZES[self.layout], np.float32)
@@ -120,6 +123,7 @@ class Deployment:
         nis: float = 0.0,
         scan_age: float = 0.0,
         dt: float | None = None,
+        evidence: ArrayLike | None = None,
     ) -> Command:
         """Return the command for the next control period, within the robot's limits; m/s, rad/s.
 
@@ -137,6 +141,8 @@ class Deployment:
                 inside, which computes its own.
             scan_age: Age of the scan by its stamp, s.
             dt: Time since the last call, s, for a filter inside; None for a period.
+            evidence: For a policy of layout 3 only, from a localizer: share of the last scan's beams that fit the map, and
+                weight of the best hypothesis.
 
         Raises:
             ValueError: With one line, if something cannot be read or does not fit; filter and policy then keep their memory.
@@ -147,6 +153,7 @@ class Deployment:
         sectors = self._read(scan)
         age = _AGE.check("scan_age", scan_age)
         interval = self.period if dt is None else _INTERVAL.check("dt", dt)
+        told = self._told(evidence)
         at = None if pose is None else _pose("pose", pose)
         if self.filter:
             if covariance is not None or nis != 0.0:
@@ -157,10 +164,9 @@ class Deployment:
             if at is None or covariance is None:
                 what = "pose" if at is None else "covariance"
                 raise ValueError(f"{what} must be given without a filter inside, got None; zero variances for exact poses.")
-            variances = dict(zip(("xx", "yy", "tt"), _variances(covariance), strict=True))
-            mean, P = State(*at, *speeds), Covariance(**{**dict.fromkeys(Covariance._fields, 0.0), **variances})
+            mean, P = State(*at, *speeds), _covariance(covariance)
             nis = NON_NEGATIVE.check("nis", nis)
-        return self.command(mean, P, nis, reference, after, sectors, age)
+        return self.command(mean, P, nis, reference, after, sectors, age, told)
 
     def command(
         self,
@@ -171,6 +177,7 @@ class Deployment:
         following: Pose,
         sectors: Sequence[float] = (),
         scan_age: float = 0.0,
+        evidence: tuple[float, float] | None = None,
     ) -> Command:
         """Return the command for a belief and a scan's `pool`, checked before; the other arguments are those of `act`.
 
@@ -179,7 +186,8 @@ class Deployment:
         """
         seen = observe(mean, stated_deviations(covariance), nis, reference, following, self.robot)
         around = (*sectors, min(max(scan_age, 0.0), MAX_AGE)) if sectors else ()
-        self.observation = np.array((*seen, *around), np.float32)
+        told = () if evidence is None else evidence_of(mean.theta, covariance, *evidence)
+        self.observation = np.array((*seen, *told, *around), np.float32)
         self.action = np.asarray(self._policy(self.observation), np.float32)
         if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
             raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
@@ -192,7 +200,7 @@ class Deployment:
         Raises:
             ValueError: If it cannot be read, or the policy sees no scan.
         """
-        if (scan is not None) != (self.layout == ROOM_LAYOUT):
+        if (scan is not None) != (self.layout in SEEING):
             needs = "a Scan" if scan is None else "None"
             raise refusal("scan", f"{needs} for a policy of observation layout {self.layout}", scan)
         if scan is None:
@@ -203,6 +211,16 @@ class Deployment:
             FINITE.check(f"scan.{name}", getattr(scan, name))
         POSITIVE_OR_INFINITE.check("scan.range_max", scan.range_max)
         return self.pool(read_scan(scan._replace(ranges=_floats("scan.ranges", scan.ranges, np.float32, "numbers"))))
+
+    def _told(self, evidence: ArrayLike | None) -> tuple[float, float] | None:
+        """Return a localizer's evidence, checked."""
+        if (evidence is not None) != (self.layout == LOCATED_LAYOUT):
+            needs = "the share of fitting beams and the weight of the best hypothesis" if evidence is None else "None"
+            raise refusal("evidence", f"{needs} for a policy of observation layout {self.layout}", evidence)
+        if evidence is None:
+            return None
+        fits, weight = _EVIDENCE.check("evidence", evidence)
+        return fits, weight
 
     def _believe(self, filter: KalmanFilter, pose: Pose | None, twist: Command, dt: float) -> None:
         """Advance the filter inside by an interval."""
@@ -228,12 +246,15 @@ def _pose(name: str, value: Any) -> Pose:
     return Pose(x, y, wrap(theta))
 
 
-def _variances(covariance: Any) -> Sequence[float]:
-    """Return the variances of x, y and heading from them or from their matrix."""
+def _covariance(covariance: Any) -> Covariance:
+    """Return the covariance of a pose from its variances or its matrix."""
     rows = _floats("covariance", covariance, np.float64, _COVARIANCE)
     if rows.shape not in ((3,), (3, 3)):
         raise refusal("covariance", _COVARIANCE, covariance)
-    return _VARIANCES.check("covariance", rows.diagonal() if rows.ndim == 2 else rows)
+    rows = rows if rows.ndim == 2 else np.diag(rows)
+    xx, yy, tt = _VARIANCES.check("covariance", rows.diagonal())
+    xy, xt, yt = _POSE.check("covariance", rows[(0, 0, 1), (1, 2, 2)])
+    return Covariance(xx, xy, xt, 0.0, 0.0, yy, yt, 0.0, 0.0, tt, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def _floats(name: str, value: Any, dtype: Any, rule: str) -> NDArray[Any]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from turtlebot_gym import ROBOTS, Robot, make_robot
 from turtlebot_gym.files import is_file
-from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym.systems import SEEING
 from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym.validation import made, shown
 from turtlebot_gym_agents.policies.policy import layout_of
@@ -73,7 +73,7 @@ def require_layout(policy: object, name: str, env: str) -> None:
         ValueError: If it cannot; the message names the environment to choose.
     """
     layout, card = layout_of(policy), getattr(policy, "card", None)
-    if layout == ROOM_LAYOUT and env in OPEN:
+    if layout in SEEING and env in OPEN:
         raise ValueError(f"{name}: it steers by a LiDAR, which {env} does not have: choose --env {ROOMS}.")
     if layout == OBSERVATION_LAYOUT and env in (ROOMS, MISSIONS) and card is not None:
         raise ValueError(f"{name}: it was trained without a LiDAR's beams, which {env} shows: choose --env {card.env}.")

@@ -13,9 +13,10 @@ from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
+from turtlebot_gym.systems import SEEING, SIZES
 from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
-from turtlebot_gym_agents.policies.policy import Policy
+from turtlebot_gym_agents.policies.policy import Policy, layout_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.yielding import Network, Yielding
 
@@ -124,8 +125,12 @@ class _Own:
         """Return actions (..., 2) for observations (..., n).
 
         Raises:
-            ValueError: If the policy raises, or does not return as many pairs of finite numbers.
+            ValueError: If the observations have another layout than the policy states, or it raises, or does not return as many
+                pairs of finite numbers.
         """
+        layout, shown = layout_of(self._policy), np.shape(observations)
+        if layout in SEEING and shown[-1:] != (SIZES[layout],):
+            raise ValueError(f"{self._name}: made for observations (..., {SIZES[layout]}), layout {layout}, got {shown}.")
         try:
             answer = self._policy(observations)
         except Exception as error:

@@ -23,7 +23,7 @@ from turtlebot_gym_agents.policies.reactive import (
     SightRange,
     VectorFieldHistogramPolicy,
 )
-from turtlebot_gym_agents.policies.sight import Sight, arc
+from turtlebot_gym_agents.policies.sight import Sight, arc, require_sight
 
 _BLOCKED = 400
 """Weight of a cell in which the robot would touch something; finite, since it may stand there by its evidence."""
@@ -127,7 +127,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     def _look(self, observations: ArrayLike) -> Sight:
         """Return a policy's view, with the point to steer to in the place of the goal."""
         to = super()._look(observations)
-        point = self._point(np.asarray(observations, np.float64).reshape(to.goal.size, -1)).reshape(to.goal.shape)
+        point = self._point(require_sight(observations).reshape(to.goal.size, -1)).reshape(to.goal.shape)
         self.stuck = self.stuck.reshape(to.goal.shape)
         away = np.abs(point)
         farther = point * (np.maximum(away, _NEAREST) / np.maximum(away, 1e-9))

@@ -1,7 +1,7 @@
 """A policy is any callable from observations (..., n) to actions (..., 2); one with memory also has ``reset(mask)``.
 
-Its attribute ``layout`` says how many numbers it observes: 1 for the 13 of open ground, 2 for the 50 of a room. A policy
-without the attribute takes the first 13 of either.
+Its attribute ``layout`` says how many numbers it observes: 1 for the 13 of open ground, 2 for the 50 of a room, 3
+for the 54 of a robot that localizes itself. A policy without the attribute takes the first 13 of any.
 """
 
 from __future__ import annotations

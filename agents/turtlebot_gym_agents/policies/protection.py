@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, typed
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
-from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy
+from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy, layout_of
 from turtlebot_gym_agents.policies.sight import DIRECTIONS, EDGE, HALF_SECTOR, UNSEEN, arc, look, require_sight, time_to_contact
 
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.0])
@@ -52,8 +52,6 @@ class SafetyLayer:
         ValueError: If a number is out of its range, or the policy was made for open ground and sees no obstacles.
     """
 
-    layout: ClassVar[int] = ROOM_LAYOUT
-
     policy: Policy
     """The policy to protect."""
     robot: str | Robot = "burger"
@@ -80,6 +78,8 @@ class SafetyLayer:
         typed(self, "")
         self.card = getattr(self.policy, "card", None)
         """Card of the policy, if it has one."""
+        self.layout = layout_of(self.policy) or ROOM_LAYOUT
+        """Layout of its observations."""
         self._robot = make_robot(self.robot)
         self._guide = self.policy if isinstance(self.policy, PlannerPolicy) else PlannerPolicy(self._robot, self.dt)
         self._left, self._places = np.zeros(()), np.full(2 * SECTORS, UNSEEN, np.complex128)
@@ -103,9 +103,11 @@ class SafetyLayer:
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 50)."""
-        rows = self._remembered(require_sight(observations).astype(np.float32))
+        seen = np.asarray(observations, np.float32)
+        rows = self._remembered(require_sight(seen).astype(np.float32))
         points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x).points
-        wish = np.clip(np.asarray(self.policy(rows), np.float32), -1.0, 1.0)
+        told = np.concatenate([seen[..., : -SECTORS - 1], rows[..., -SECTORS - 1 :]], axis=-1)  # in the policy's own layout
+        wish = np.clip(np.asarray(self.policy(told), np.float32), -1.0, 1.0)
         guided = wish if self._guide is self.policy else self._guide(rows)
         action = self._admissible(wish, points)
         stopped = ((action[..., 0] == 0.0) | self._guide.stuck) & (wish[..., 0] != 0.0)

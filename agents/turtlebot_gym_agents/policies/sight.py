@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
+from turtlebot_gym.systems import LOCATED_LAYOUT, ROOM_LAYOUT, SIZES
 from turtlebot_gym.tasks import Observation
 from turtlebot_gym_agents.policies.geometric import upcoming
 
@@ -43,7 +43,7 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
     A scan is old, and the robot has moved since its measurement, approximately at its current speeds.
 
     Args:
-        observations: Shape (..., 50), layout 2.
+        observations: Shape (..., 50), layout 2, or (..., 54), layout 3.
         robot: The robot.
         dt: Control interval, s; a command acts one interval late.
         lag: Mean age of the beams beyond the stated age of the scan, s.
@@ -64,8 +64,10 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
 
 
 def require_sight(observations: ArrayLike) -> NDArray[np.float64]:
-    """Return observations as numbers, or raise ValueError if they have another layout."""
+    """Return observations in layout 2, without a localizer's evidence, or raise ValueError if they have no ranges."""
     rows = np.asarray(observations, np.float64)
+    if rows.ndim > 0 and rows.shape[-1] == SIZES[LOCATED_LAYOUT]:
+        rows = np.concatenate([rows[..., : len(Observation._fields)], rows[..., -SECTORS - 1 :]], axis=-1)
     if rows.ndim == 0 or rows.shape[-1] != SIZES[ROOM_LAYOUT]:
         raise ValueError(f"observations must have shape (..., {SIZES[ROOM_LAYOUT]}), layout {ROOM_LAYOUT}, got {rows.shape}.")
     return rows

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,7 @@ from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.tasks import Observation
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, typed
-from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory
+from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, layout_of
 from turtlebot_gym_agents.policies.sight import DIRECTIONS, arc, require_sight
 
 BEFORE = 2
@@ -141,8 +141,6 @@ class Yielding:
         ValueError: If a number is out of its range, or the policy was made for open ground.
     """
 
-    layout: ClassVar[int] = ROOM_LAYOUT
-
     policy: Policy
     """The policy that drives."""
     network: Callable[[NDArray[np.float32]], NDArray[np.float32]]
@@ -163,6 +161,8 @@ class Yielding:
         typed(self, "")
         self.card = getattr(self.policy, "card", None)
         """Card of the policy, if it has one."""
+        self.layout = layout_of(self.policy) or ROOM_LAYOUT
+        """Layout of its observations."""
         self.scans = Scans(make_robot(self.robot), self.dt, self.lidar_x, self.lag)
 
     def reset(self, mask: NDArray[np.bool_]) -> None:

@@ -21,7 +21,8 @@ from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
 from turtlebot_gym.rooms.lidar import SECTORS
-from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
+from turtlebot_gym.systems import SIZES
+from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.policies.yielding import NEAR
 from turtlebot_gym_agents.training.network import program_of, write_checked
@@ -169,9 +170,9 @@ class _Graph:
         self.nodes.append(helper.make_node(operation, inputs, results, **attributes))
         return results
 
-    def spread_ranges(self) -> None:
-        """Add `normalization.spread_ranges`, for the layout of rooms."""
-        before = SIZES[ROOM_LAYOUT] - SECTORS - 1
+    def spread_ranges(self, size: int) -> None:
+        """Add `normalization.spread_ranges`, for observations of so many numbers."""
+        before = size - SECTORS - 1
         sizes = self.constant(np.array([before, SECTORS, 1], np.int64))
         belief, ranges, age = self._node("Split", [self.last, sizes], ["belief", "ranges", "age"], axis=1)
         self.last = ranges
@@ -185,8 +186,8 @@ def _linear(graph: _Graph, layer: Any) -> None:
 
 
 def _normalized(graph: _Graph, layer: Any) -> None:
-    if len(layer.mean) == SIZES[ROOM_LAYOUT]:
-        graph.spread_ranges()
+    if len(layer.mean) != SIZES[OBSERVATION_LAYOUT]:
+        graph.spread_ranges(len(layer.mean))
     graph.add("Sub", layer.mean)
     graph.add("Div", layer.std)
     graph.add("Clip", _numbers(-CLIP), _numbers(CLIP))

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from turtlebot_gym.rooms.lidar import SECTORS
-from turtlebot_gym.systems import ROOM_LAYOUT, SIZES
-from turtlebot_gym.tasks import Observation
+from turtlebot_gym.systems import SIZES
+from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym_agents.policies import Policy
 from turtlebot_gym_agents.policies.yielding import NEAR
 
@@ -30,9 +30,10 @@ CONSTANT = 1e-3
 
 def _spread_ranges(observations: torch.Tensor) -> torch.Tensor:
     """Return observations (..., n) with the ranges of a room as logarithms."""
-    if observations.shape[-1] != SIZES[ROOM_LAYOUT]:
+    size = observations.shape[-1]
+    if size == SIZES[OBSERVATION_LAYOUT]:
         return observations
-    belief, ranges, age = observations.split((len(Observation._fields), SECTORS, 1), dim=-1)
+    belief, ranges, age = observations.split((size - SECTORS - 1, SECTORS, 1), dim=-1)
     return torch.cat((belief, torch.log(ranges + NEAR), age), dim=-1)
 
 

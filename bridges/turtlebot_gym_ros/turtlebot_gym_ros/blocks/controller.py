@@ -13,7 +13,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.mounts import SAME_WAY
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, typed
 from turtlebot_gym.values import STOP, Command, Pose
@@ -39,7 +39,8 @@ def _shifted(mount: Pose | None) -> Pose | None:
 
 
 class VelocityController:
-    """Drive to the reference with a policy. A policy of observation layout 2 sees the room by LiDAR; others see only poses.
+    """Drive to the reference with a policy. A policy of observation layout 2 sees the room by LiDAR, one of layout 3 also a
+    localizer's evidence; others see only poses.
 
     It steps with each estimate, decimated to the policy's period. Within ``goal_tolerance`` of a last waypoint it is done: it
     stops and releases the robot until the reference changes. With a LiDAR that is frozen, covered or mounted otherwise, by the
@@ -47,7 +48,8 @@ class VelocityController:
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
     ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: 0 for a
-    filter that does not publish it); for a policy of layout 2 also ``scan`` (`Scan`, on ``scan``, of a full revolution).
+    filter that does not publish it; with layout 3 it must have a localizer's evidence); for a policy that sees also ``scan``
+    (`Scan`, on ``scan``, of a full revolution).
     Outputs: ``command`` (`Command`, on ``cmd_vel``). Parameters: those of `Params`.
     """
 
@@ -99,9 +101,10 @@ class VelocityController:
         """The policy; it stores its last observation and action."""
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
-        if self.deployment.layout == ROOM_LAYOUT:
+        if self.deployment.layout in SEEING:
             scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
             self.inputs = {**self.inputs, "scan": scan}
+        self._is_located = self.deployment.layout == LOCATED_LAYOUT
         self.notice: str | None = None
         """Why the robot stands in spite of its policy, if so."""
         self._yaw, self._returns = params.lidar_yaw, params.lidar_returns
@@ -140,10 +143,16 @@ class VelocityController:
         if scan is not None and (why := self._refusal(scan, Command(mean.v, mean.omega))):
             self.notice = f"the robot stands: {why}"
             return {"command": STOP}
+        evidence = None
+        if self._is_located:
+            if nis is None or nis.fits is None or nis.weight is None:
+                self.notice = "the robot stands: its policy needs a localizer, whose evidence is not on nis"
+                return {"command": STOP}
+            evidence = nis.fits, nis.weight
         self.notice = None
         surprise = estimate.nis if nis is None else nis.value
         seen = ((), 0.0) if scan is None else (self.deployment.pool(scan.value, _shifted(scan.mount)), scan.age)
-        return {"command": self.deployment.command(mean, P, surprise, reference, following or reference, *seen)}
+        return {"command": self.deployment.command(mean, P, surprise, reference, following or reference, *seen, evidence)}
 
     def _refusal(self, scan: Aged, twist: Command) -> str:
         """Return why a scan must not be used, or an empty text."""

@@ -253,7 +253,8 @@ class Localizer:
         self._considered = others
         if state == LOST and self._params.when_lost == "stop":
             return places
-        said = places | {"pose": located, "nis": Nis(located.nis), "estimate": Estimate(located.belief, located.nis, 0.0)}
+        evidence = Nis(located.nis, located.fits, located.weight)
+        said = places | {"pose": located, "nis": evidence, "estimate": Estimate(located.belief, located.nis, 0.0)}
         if self._params.publish_tf:
             said["tied"] = Aged(Correction(_between(located, odometry.pose), self._params.odom_frame), -AHEAD)
         return said

@@ -85,9 +85,13 @@ class Output:
 
 
 class Nis(NamedTuple):
-    """The normalized innovation squared of a filter's last measurement, 1."""
+    """The normalized innovation squared of a filter's last measurement, 1, and from a localizer its evidence."""
 
     value: float
+    fits: float | None = None
+    """Share of the last scan's beams that fit the map."""
+    weight: float | None = None
+    """Weight of the best hypothesis of where the robot is."""
 
 
 class Aged(NamedTuple):

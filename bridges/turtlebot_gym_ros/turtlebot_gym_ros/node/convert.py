@@ -47,7 +47,7 @@ from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 _PLANAR_POSE, _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (0, 7, 35), (14, 21, 28), (7, 14, 21, 28)
 _BESIDE = (1, 6), (5, 30), (11, 31)  # of x and y, x and yaw, y and yaw
 _NOT_KNOWN = -1.0
-_NIS = "nis"
+_NIS = ("nis", "fits", "weight")
 SURPRISING = 16.27
 """NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
 
@@ -256,21 +256,25 @@ def _command_to_message(command: Command, header: Header) -> Twist:
 
 
 def _nis_of(message: DiagnosticArray) -> Nis:
-    values = [pair.value for status in message.status for pair in status.values if pair.key == _NIS]
-    if len(values) != 1:
-        raise ValueError(f"it must have one value named {_NIS!r}, but has {len(values)}")
-    try:
-        value = float(values[0])
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"the NIS must be a finite number, got {values[0]!r}")
-    return Nis(value)
+    told: dict[str, float] = {}
+    for pair in (pair for status in message.status for pair in status.values if pair.key in _NIS):
+        if pair.key in told:
+            raise ValueError(f"it must have one value named {pair.key!r}, but has more")
+        try:
+            told[pair.key] = float(pair.value)
+        except ValueError:
+            told[pair.key] = math.nan
+        if not math.isfinite(told[pair.key]):
+            raise ValueError(f"the {pair.key} must be a finite number, got {pair.value!r}")
+    if _NIS[0] not in told:
+        raise ValueError(f"it must have one value named {_NIS[0]!r}, but has none")
+    return Nis(*map(told.get, _NIS))  # type: ignore[arg-type]
 
 
 def _nis_to_message(nis: Nis, header: Any) -> Any:
     value = float(nis.value)
-    finite("the NIS", (value,))
+    told = {name: float(number) for name, number in zip(_NIS, nis, strict=True) if number is not None}
+    finite("the NIS", tuple(told.values()))
     surprising = value > SURPRISING
     kinds: Any = DiagnosticArray, DiagnosticStatus, KeyValue
     array, part, pair = (SimpleNamespace,) * 3 if isinstance(header, SimpleNamespace) else kinds
@@ -279,7 +283,7 @@ def _nis_to_message(nis: Nis, header: Any) -> Any:
         name="innovation",
         message=f"above {SURPRISING}, as one in a thousand is" if surprising else "as expected",
         hardware_id=header.frame_id,
-        values=[pair(key=_NIS, value=repr(value))],
+        values=[pair(key=name, value=repr(number)) for name, number in told.items()],
     )
     return array(header=header, status=[status])
 
