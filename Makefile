@@ -113,8 +113,10 @@ bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, al
 bench-peers: $(READY)  ## the same, beside gymnax and EnvPool in environments of their own (6 minutes; 2 GB)
 	$(RUN)turtlebot-gym benchmark --busy 4 --peers $(OUT)/peers --json $(SPEED).json --plot $(SPEED).png --force
 
-bench-check: $(READY)  ## whether a ratio has lost more than a quarter against benchmarks/speed.json (a minute)
-	$(RUN)turtlebot-gym benchmark --check benchmarks/speed.json --seconds 0.15
+BEFORE ?= benchmarks/speed_zen5.json
+
+bench-check: $(READY)  ## whether a ratio has lost more than a quarter against BEFORE=benchmarks/speed_zen5.json (a minute)
+	$(RUN)turtlebot-gym benchmark --check $(BEFORE) --seconds 0.15
 
 AGAINST ?= ../before
 

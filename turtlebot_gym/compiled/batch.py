@@ -161,7 +161,7 @@ class Batch:
         if not self._begun:
             for path, value in special.world:
                 tiles[:, world.places[world.names.index(path)]] = value
-        self._first, self._first_places = self._tiles[0], np.array(world.places) * TILE
+        self._first = self._tiles[0]
         self.tell(self._told)
 
     def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:
@@ -278,9 +278,10 @@ class Batch:
         return self._rows(world.places[world.slices[path]])
 
     def tell(self, indices: Sequence[int]) -> None:
-        """Choose numbers of a world, by their index in the layout, for `told`."""
+        """Choose numbers of a world, by their index in the layout, for `told` and `first_told`."""
         self._told = list(indices)
         self._told_places = np.array(self._loops.layout.world.places, np.intp)[self._told]
+        self._first_places = self._told_places * TILE
 
     def told(self) -> NDArray[np.float64]:
         """Return a copy of the k chosen numbers of all worlds, shape (k, N).
@@ -297,8 +298,8 @@ class Batch:
         for column, place in zip(values.T, world.places[world.slices[path]], strict=True):
             part[index // TILE, place, index % TILE] = column
 
-    def first_world(self) -> NDArray[np.float64]:
-        """Return a copy of the first environment's world as a flat array, in the order of the layout."""
+    def first_told(self) -> NDArray[np.float64]:
+        """Return a copy of the k chosen numbers of the first environment, shape (k,), in a tenth of the time of `told`."""
         return self._first[self._first_places]
 
     def world(self, index: int) -> Snapshot:

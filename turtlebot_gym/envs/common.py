@@ -52,6 +52,15 @@ SYMMETRIC[np.triu_indices(5)] = np.arange(15)
 SYMMETRIC |= np.triu(SYMMETRIC, 1).T
 
 
+def indices_of(batch: Batch, key: str, path: str) -> list[int]:
+    """Return the indices of a part or number of a world; those of a covariance are of the whole matrix, row by row."""
+    world = batch.layout.world
+    if path in world.names:
+        return [world.names.index(path)]
+    part = np.arange(len(world.names))[world.slices[path]]
+    return (part[SYMMETRIC].ravel() if key == "covariance" else part).tolist()
+
+
 class Told:
     """What ``info`` holds of the worlds of a batch: parts of an array in which each row is a number of all environments.
 
@@ -61,20 +70,16 @@ class Told:
     """
 
     def __init__(self, batch: Batch, parts: Mapping[str, str]) -> None:
-        layout, indices = batch.layout.world, []
+        indices: list[int] = []
         self._slices: list[tuple[str, slice]] = []
         self._numbers: list[tuple[str, int, bool]] = []
         self._covariance: tuple[str, slice] | None = None
         for key, path in parts.items():
             start = len(indices)
-            if path in layout.names:
+            indices += indices_of(batch, key, path)
+            if path in batch.layout.world.names:
                 self._numbers.append((key, start, key in FLAGS))
-                indices.append(layout.names.index(path))
-                continue
-            part = np.arange(len(layout.names))[layout.slices[path]]
-            part = part[SYMMETRIC].ravel() if key == "covariance" else part
-            indices += part.tolist()
-            if key == "covariance":
+            elif key == "covariance":
                 self._covariance = key, slice(start, len(indices))
             else:
                 self._slices.append((key, slice(start, len(indices))))
