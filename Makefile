@@ -154,8 +154,8 @@ bench-lockstep: $(READY)  ## the live graph and the environment: equality, speed
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/lockstep.py --json $(OUT)/lockstep.json
 
-bench-lockstep-office: $(READY)  ## 100 offices in the live graph, with the planner within the safety layer: to the bit, and as a TurtleBot3 speaks (10 minutes)
-	$(RUN)python benchmarks/lockstep.py --only rooms --rooms 100 --room-world office --room-policy planner+safety \
+bench-lockstep-office: $(READY)  ## 40 offices in the live graph, with the planner within the safety layer: to the bit, and as a TurtleBot3 speaks (10 minutes)
+	$(RUN)python benchmarks/lockstep.py --only rooms --rooms 40 --room-world office --room-policy planner+safety \
 		--no-room-processes --json benchmarks/lockstep_office.json
 	$(RUN)python benchmarks/as_robot.py --drives 100 --guarded 0 --live 0 --world office --policy planner+safety \
 		--kept $(OUT)/as_robot_office --json benchmarks/as_robot_office.json

@@ -75,6 +75,16 @@ def test_the_table_of_missions_is_what_was_measured():
     assert f"On {results['config']['missions']} missions" in (ROOT / "docs/concepts/belief.md").read_text(encoding="utf-8")
 
 
+def test_lock_step_in_offices_is_what_was_measured():
+    """With the planner's memory and the safety layer."""
+    office = measured("lockstep_office")
+    rooms, page = office["parts"]["rooms"], (ROOT / "docs/concepts/rooms.md").read_text(encoding="utf-8")
+    said = f"in {office['config']['rooms']} `office` rooms `planner+safety` reached {rooms['goals']:.0f} goals and hit nothing"
+    assert said in " ".join(page.split())
+    assert rooms["largest difference"] == rooms["collisions"] == 0.0
+    assert rooms["same outcome"] == office["config"]["rooms"]
+
+
 def test_the_table_of_people_is_what_was_measured():
     results = measured("people")["rows"]
     for row, x in zip(rows_after("docs/concepts/rooms.md", "## People"), results, strict=True):
