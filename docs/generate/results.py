@@ -28,7 +28,7 @@ def folded(text):
 
     def box(found):
         titles, _, *rows = found[0].strip().splitlines()
-        named = ", ".join(filter(None, map(str.strip, titles.split("|"))))
+        named = "; ".join(filter(None, map(str.strip, titles.replace("`", "").split("|"))))
         return f'<details markdown="1">\n<summary>{len(rows)} rows: {named}</summary>\n\n{found[0]}\n</details>\n'
 
     return TABLE.sub(box, text)
