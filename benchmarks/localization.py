@@ -1,7 +1,7 @@
 """Measure the localizer in drawn rooms: its error and honesty, wrong maps and wheels, blocked robots, and the cost of a step.
 
-Robots wander for minutes with wheel odometry and the LiDAR `lds01`. The rooms are not held out: constants were chosen on rooms
-of seeds from 13,000, as here, and from 20,000 and 21,000.
+Robots wander for minutes with wheel odometry and the LiDAR `lds01`. The rooms are held out: constants were chosen on rooms of
+other seeds, from 13,000, 20,000, 21,000, 50,000 and 52,000.
 `make bench-localization` runs it and writes `localization.json`.
 """
 
@@ -68,7 +68,7 @@ class Config:
     """Number of drives in each case."""
     seconds: float = 300.0
     """Length of a drive, s."""
-    seed: int = 13_000
+    seed: int = 860_000
     """Seed of the first drive."""
     speed: bool = True
     """Whether steps are timed."""

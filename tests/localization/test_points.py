@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
+from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points
 from turtlebot_gym.rooms.lidar import Lidar, aim, divide
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.sensing import clearance, measure
@@ -70,3 +70,12 @@ def test_a_trail_reaches_back_to_the_first_beam(rate, dt, poses):
 
     p = Options(world="clutter", lidar=replace(LIDAR, rate=rate), dt=dt).setup().parameters
     assert _trail(p) == poses
+
+
+def test_a_scan_does_not_show_a_third_of_the_drift_in_its_sweep_and_all_since_its_end():
+    trail = np.zeros((3, 4))
+    trail[:, 0] = 0.5, 0.4, 0.3
+    assert swept(Timing(0.5, 0.0, 0.0, 0.0, 9.0), 90, trail) == 0.0  # measured now, and at once
+    assert swept(Timing(0.5, 0.2 / 90, 0.0, 0.0, 9.0), 90, trail) == pytest.approx(2.0 / 3.0)
+    assert swept(Timing(0.45, 0.0, 0.0, 0.0, 9.0), 90, trail) == pytest.approx(0.5)
+    assert swept(Timing(0.5, 0.01, 0.0, 0.0, 9.0), 90, np.zeros((3, 4))) == 0.0

@@ -20,7 +20,7 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.around import WIDTH, agreement, gain_of, keep
 from turtlebot_gym.localization.information import Guess, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, LEAST_BEAMS, SURE, Located, descend, locate, scan
-from turtlebot_gym.localization.points import Timing, to_points
+from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
@@ -157,11 +157,11 @@ def _follow(
     if own > NONE:
         decides = since >= 3 * CYCLE - 1 and since % PATIENCE >= 2 * CYCLE - 1
     is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
-    belief, nis, scale, own_fits, _, taken, slack, scans, moves, _ = located
+    belief, nis, scale, own_fits, _, taken, slack, scans, moves, _, way_drift, turn_drift = located
     if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and is_clear):
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
         misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, own_weight / total)
-        return Located(belief, nis, scale, own_fits, misfits, taken, slack, scans, moves, weight)
+        return Located(belief, nis, scale, own_fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift)
     bank[MOST, LOG_WEIGHT] = NONE
     is_sure = decides and weight > SURE and fits >= least
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
@@ -173,11 +173,13 @@ def _follow(
         belief = Belief(State(best.x, best.y, best.theta, mean.v, mean.omega), covariance)
     fresh = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
     misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, weight)
-    return Located(belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight)
+    return Located(belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight, way_drift, turn_drift)
 
 
 @kernel
-def look(located: Located, bank: Any, field: Any, frame: Any, points: Any, number: int, wheels: Pose, q: Any) -> Located:
+def look(
+    located: Located, bank: Any, field: Any, frame: Any, points: Any, number: int, wheels: Pose, q: Any, unseen: float = 0.0
+) -> Located:
     """Condition the belief on a scan; where the place is in doubt, look for it in the whole map too, and follow what is found.
 
     Args:
@@ -189,12 +191,13 @@ def look(located: Located, bank: Any, field: Any, frame: Any, points: Any, numbe
         number: Number of points.
         wheels: The odometry at the present pose.
         q: A `LocalizerTuning`.
+        unseen: Number of moves whose drift the scan does not show, see `points.swept`.
     """
     in_doubt, since = located.misfits >= q.patience, int(located.misfits - q.patience)
     is_hypothesis = located.belief.covariance.xx < FAR if since == 0 else bank[MOST, LOG_WEIGHT] > NONE
     after = located
     if is_hypothesis or not in_doubt:
-        after = scan(located, field, frame, points, number, q)
+        after = scan(located, field, frame, points, number, q, unseen)
     if not in_doubt or number < LEAST_BEAMS:
         return after
     if since == 0:
@@ -228,7 +231,7 @@ def correct_by_scan(
     mean = located.belief.mean
     fetch_ends(field, frame, points, number, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
     wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))
-    return look(located, bank, field, frame, points, number, wheels, q)
+    return look(located, bank, field, frame, points, number, wheels, q, swept(timing, len(ranges), trail))
 
 
 def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) -> NDArray[np.float64]:
@@ -254,5 +257,5 @@ def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) 
 @kernel
 def nowhere(q: Any) -> Located:
     """Return a localizer that does not know where it starts: the first scan is sought in the whole map."""
-    belief, nis, scale, _, _, taken, slack, scans, moves, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
-    return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0)
+    belief, nis, scale, _, _, taken, slack, scans, moves, _, _, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
+    return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0, 0.0, 0.0)

@@ -73,6 +73,10 @@ class Located(NamedTuple):
     """Number of moves."""
     weight: float
     """Weight of the best hypothesis: 1 while there is only one, 0 for a lost robot that has none."""
+    way_drift: float
+    """Variance of the way by time that the last move has added, m^2 ..."""
+    turn_drift: float
+    """... and of the turn, rad^2."""
 
 
 class Descent(NamedTuple):
@@ -93,7 +97,7 @@ def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
     covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, 0.0, 0.0, 0.0)
     belief = Belief(State(pose.x, pose.y, pose.theta, 0.0, 0.0), covariance)
     scale = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 
 
 @kernel
@@ -143,12 +147,13 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
         P.yy + dx * (P.yt + yt), yt, 0.0, 0.0, P.tt, 0.0, 0.0, 0.0, 0.0, 0.0,
     )  # fmt: skip
     way, turn, slack = sqrt(dx * dx + dy * dy), abs(wrap(now.theta - before.theta)), located.slack
-    spread = _spread(moved, mean.theta, way, turn, (drift[0] * slack, drift[1] * slack), q)
+    drift = (drift[0] * slack, drift[1] * slack)
+    spread = _spread(moved, mean.theta, way, turn, drift, q)
     scale = Sixth(located.scale.mean, located.scale.variance, State(c.x - dy * c.theta, c.y + dx * c.theta, c.theta, 0.0, 0.0))
     belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
     taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
-    _, nis, _, fits, misfits, _, _, scans, moves, weight = located
-    return Located(belief, nis, scale, fits, misfits, taken, slack, scans, moves + 1.0, weight)
+    _, nis, _, fits, misfits, _, _, scans, moves, weight, _, _ = located
+    return Located(belief, nis, scale, fits, misfits, taken, slack, scans, moves + 1.0, weight, drift[0], drift[1])
 
 
 @kernel
@@ -223,7 +228,7 @@ def _best_descent(
 
 
 @kernel
-def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: Any) -> Located:
+def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: Any, unseen: float = 0.0) -> Located:
     """Condition the belief on a scan.
 
     Args:
@@ -233,6 +238,7 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
         points: The scan, see `points.to_points`, as seen from the present pose.
         number: Number of points.
         q: A `LocalizerTuning`.
+        unseen: Number of moves whose drift the scan does not show, see `points.swept`.
     """
     take = max(FRESH * (1.0 - located.taken), LEAST_TAKE)
     bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
@@ -241,7 +247,8 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
         return located
     bad = 0.7 * q.doubt  # below this share no start has explained the scan
     loose = q.loosen * q.loosen * max(1.0 - end.fits / bad, 0.0) if bad > 0.0 else 0.0
-    belief = wrapped(_widened(end.belief, loose, 0.25 * loose))
+    drift, turn_drift = 0.5 * unseen * located.way_drift, unseen * located.turn_drift
+    belief = wrapped(_widened(end.belief, loose + drift, 0.25 * loose + turn_drift))
     surprise = end.nis / end.freedom
     # Where beams do not fit, the map surprises and not the wheels.
     by_wheels = min(surprise / q.usual, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)
@@ -256,7 +263,10 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     if dx * dx + dy * dy > LEAP * LEAP or abs(turn) > LEAP:  # it may as well have been carried far away
         misfits = max(misfits, 1.0 * q.patience)
     taken, scans = min(located.taken + take, 1.0), located.scans + 1.0
-    return Located(belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, scans, located.moves, weight)
+    return Located(
+        belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, scans, located.moves, weight,
+        located.way_drift, located.turn_drift,
+    )  # fmt: skip
 
 
 @kernel

@@ -91,6 +91,23 @@ def to_points(ranges: Any, beams: Any, first: int, every: int, timing: Timing, t
     return used
 
 
+@kernel
+def swept(timing: Timing, beams: int, trail: Any) -> float:
+    """Return the number of the odometry's intervals whose drift a scan does not show, as if it were seen from where it was.
+
+    Its beams are brought to the present pose by the odometry, with the odometry's drift since then. The mean of a random walk
+    over a sweep differs from its end by a third of the walk's variance in that time.
+
+    Args:
+        timing: When the beams were measured.
+        beams: Number of beams.
+        trail: The odometry, see `remember`.
+    """
+    passed = trail[0, 0] - trail[1, 0]
+    since = max(trail[0, 0] - timing.last, 0.0) + timing.interval * beams / 3.0
+    return since / passed if passed > 0.0 else 0.0
+
+
 def directions(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the cosine and sine of beams' directions, shape (2, B), as `to_points` takes them."""
     return np.stack((np.cos(angles), np.sin(angles)))

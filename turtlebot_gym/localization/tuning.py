@@ -27,11 +27,11 @@ class LocalizerTuning:
     """... or as a share of the range, if that is more."""
     scale: Annotated[float, NON_NEGATIVE] = 0.029
     """Standard deviation of the share by which all ranges may be too long; 0 for a map made with the same LiDAR."""
-    grain: Annotated[float, POSITIVE] = 0.015
+    grain: Annotated[float, POSITIVE] = 0.014
     """Standard deviation of a surface in the map, m, independent from beam to beam."""
-    bias: Annotated[float, NON_NEGATIVE] = 0.003
+    bias: Annotated[float, NON_NEGATIVE] = 0.0007
     """Standard deviation of a position by what is wrong with the map around it, m."""
-    turn_bias: Annotated[float, NON_NEGATIVE] = 0.001
+    turn_bias: Annotated[float, NON_NEGATIVE] = 0.0004
     """The same of a heading, rad."""
     length: Annotated[float, POSITIVE] = 0.5
     """Distance after which what is wrong with the map is new, m."""
@@ -46,7 +46,7 @@ class LocalizerTuning:
     never."""
     along_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the way, m per root of m: it grows with the root of the distance, whatever the time stamps."""
-    along_step: Annotated[float, NON_NEGATIVE] = 0.2
+    along_step: Annotated[float, NON_NEGATIVE] = 0.06
     """The same as a share of a step's distance: slip, an early or late stamp."""
     aside_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation across the way, m per root of m ..."""
@@ -56,11 +56,11 @@ class LocalizerTuning:
     """... and per turn, m per rad: a mount that is not known, a turn about another point."""
     turn_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the heading, rad per root of m ..."""
-    turn_step: Annotated[float, NON_NEGATIVE] = 0.15
+    turn_step: Annotated[float, NON_NEGATIVE] = 0.05
     """... and as a share of a step's turn."""
     widening: Annotated[float, Range(1.0, 1e4)] = 1000.0
     """Largest factor of the wheels' variances, which grow until scans surprise no more than they should; 1 for none."""
-    usual: Annotated[float, POSITIVE] = 0.7
+    usual: Annotated[float, POSITIVE] = 0.65
     """Normalized innovation squared of a scan per degree of freedom where nothing is wrong: below 1, since beams rarely
     differ as much as map and LiDAR may."""
     memory: Annotated[float, PROBABILITY] = 0.8

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.hypotheses import ROWS, followed, look, nowhere
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, Located, locate, move, state_of
-from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
+from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points
 from turtlebot_gym.localization.tuning import make_localizer
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.parameters import REFERENCE_PERIOD
@@ -210,7 +210,8 @@ class Localizer:
         self._measured, ranges, q = stamp, scan.value.ranges, self._q
         every = max(-(-len(ranges) // q.beams), 1)
         number = to_points(ranges, beams, int(located.scans) % every, every, timing, self._trail, self._points)
-        after = look(located, self._bank, self._field, self._grid.frame, self._points, number, self._wheels(), q)
+        unseen, points = swept(timing, len(ranges), self._trail), self._points
+        after = look(located, self._bank, self._field, self._grid.frame, points, number, self._wheels(), q, unseen)
         if after.scans > located.scans:
             self._used = self._time
         return after
