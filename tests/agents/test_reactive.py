@@ -361,7 +361,7 @@ def test_what_the_robot_would_touch_at_the_goal_is_in_its_way(away, in_the_way):
     post = np.ones(SECTORS)
     post[0] = away / SIGHT
     policy = make_policy("vfh")
-    assert bool(policy._blocked(policy._look(sight((0.25, 0.0), shares=post)))[0]) is in_the_way
+    assert bool(policy._blocked(policy._look(sight((0.25, 0.0), shares=post)), policy.margin)[0]) is in_the_way
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
