@@ -51,6 +51,7 @@ CASES: dict[str, dict[str, Any]] = {
     "60 beams": {"localizer": replace(MATCHED, beams=60)},
     "without the scale of the ranges": {"localizer": replace(MATCHED, scale=0.0)},
     "half of the obstacles not on the map": {"rules": {"unmapped": 0.5}},
+    "30 % more obstacles on the map than in the room": {"rules": {"vanished": 0.3}},
     "map off by 5 cm, told": {"rules": {"map_error": 0.05}, "localizer": WRONG_MAP},
     "map off by 5 cm": {"rules": {"map_error": 0.05}},
     "bursts of slip": {"noise": wheels(slip=0.5, slip_start=0.01, slip_end=0.2)},

@@ -39,7 +39,7 @@ def errors(batch, steps, drives):
     ("world", "lidar", "start", "observation"),
     [
         ("office", "lds01", "known", "ekf"), ("crowd", "a1", "unknown", "located"), (HALL, "urg04lx", "known", "located"),
-        ({"unmapped": 0.5, "map_error": 0.1}, "ideal", "unknown", "ekf"),
+        ({"unmapped": 0.5, "vanished": 0.5, "map_error": 0.1}, "ideal", "unknown", "ekf"),
     ],
 )  # fmt: skip
 def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, start, observation, in_step):
@@ -92,6 +92,23 @@ def test_scans_keep_the_error_of_the_wheels_from_growing():
         p, waypoints, _, _ = Options(world="office", noise="wheel", localizer=localizer).setup()
         off[localizer] = errors(Batch(8, p, waypoints), 600, 8)
     assert np.median(off["match"][-300:]) < min(0.02, 0.25 * np.median(off[None][-300:]))
+
+
+@pytest.mark.parametrize("world", ["dense", "office"])
+def test_obstacles_that_the_map_alone_has_hide_none_of_the_room_and_mislead_little(world):
+    fields, rooms, off = [], [], []
+    for share in (0.0, 0.3, 1.0):
+        p, waypoints, _, _ = Options(
+            world={**asdict(ROOMS[world]), "vanished": share}, noise="wheel", localizer="match"
+        ).setup()
+        batch = Batch(16, p, waypoints)
+        off.append(np.median(errors(batch, 300, 16)))
+        fields.append(batch.scenes.field)
+        rooms.append((batch.scenes.circles, batch.scenes.boxes))
+    np.testing.assert_equal(rooms[1:], rooms[:1] * 2)
+    assert np.all(np.diff(fields, axis=0) <= 0.0)
+    assert 0.0 < np.mean(fields[1] < fields[0]) < np.mean(fields[2] < fields[0])
+    assert off[1] < 0.01
 
 
 CHANGED = {

@@ -101,7 +101,9 @@ def test_rules_are_parameters(empty_scene):
     people = replace(base, people=True)
     assert drawn(people) != drawn(replace(people, blind=1.0))
     # Courtesy shows when they walk: test_walking; and what is wrong with a map in the map: tests/localization.
-    assert set(changes) | {"fill", "blind", "courtesy", "unmapped", "map_error"} == set(RoomRules.__dataclass_fields__)
+    assert set(changes) | {"fill", "blind", "courtesy", "unmapped", "vanished", "map_error"} == set(
+        RoomRules.__dataclass_fields__
+    )
 
 
 def test_nobody_walks_where_the_robot_starts(empty_scene):

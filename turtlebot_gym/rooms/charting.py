@@ -28,11 +28,24 @@ def extent(length: float, width: float) -> tuple[int, int]:
 
 
 @kernel
-def _place(key: int, number: int, error: float) -> tuple[float, float, float]:
-    """Return a uniform draw for an obstacle, and how far it is off on the map, m."""
-    lacking, direction = uniforms(key, number, 0)
+def _place(walls: Any, rules: RoomRules, key: int, number: int, copy: int, x: float, y: float) -> tuple[bool, float, float]:
+    """Return whether the map has an obstacle, and where, m.
+
+    Args:
+        walls: The room's walls.
+        rules: How wrong the map is.
+        key: Key of the draws.
+        number: First draw of the obstacle.
+        copy: 0 for the obstacle itself, 1 for one like it that the room has no more.
+        x: Where it is, m.
+        y: The same.
+    """
+    share, direction = uniforms(key, number, copy)
+    if copy == 1:
+        along, up = uniforms(key, number, 2)
+        return share < rules.vanished, walls[0] + (2.0 * along - 1.0) * walls[2], walls[1] + (2.0 * up - 1.0) * walls[3]
     sine, cosine = sincos(TWO_PI * direction)
-    return lacking, error * cosine, error * sine
+    return share >= rules.unmapped, x + rules.map_error * cosine, y + rules.map_error * sine
 
 
 @kernel
@@ -63,7 +76,7 @@ def chart(scene: Scene, rules: RoomRules, key: int) -> None:
 
     Args:
         scene: The room.
-        rules: How wrong the map is; it never lacks the walls of an office.
+        rules: How wrong the map is; it has all walls of an office, and no others.
         key: Key of the draws.
     """
     walls, frame, (rows, columns), error = scene.walls, scene.field_frame, scene.field.shape, rules.map_error
@@ -79,18 +92,21 @@ def chart(scene: Scene, rules: RoomRules, key: int) -> None:
             occupied[row, column] = not (in_x and in_y)
     shape = np.zeros(6)
     for k in range(scene.counts[0]):
-        lacking, dx, dy = _place(key, k, error)
         circle = scene.circles[k]
-        if circle[3] == 0.0 and circle[4] == 0.0 and lacking >= rules.unmapped:
-            shape[0], shape[1], shape[2], shape[3] = circle[0] + dx, circle[1] + dy, circle[2], 0.0
-            _mark(occupied, frame, shape, circle[2], circle[2])
+        for copy in range(2 if circle[3] == 0.0 and circle[4] == 0.0 else 0):
+            mapped, x, y = _place(walls, rules, key, k, copy, circle[0], circle[1])
+            if mapped:
+                shape[0], shape[1], shape[2], shape[3] = x, y, circle[2], 0.0
+                _mark(occupied, frame, shape, circle[2], circle[2])
+    certain = rules.kind == OFFICE
     for k in range(scene.counts[1]):
-        lacking, dx, dy = _place(key, _BOXES + k, error)
         box = scene.boxes[k]
-        if lacking >= rules.unmapped or rules.kind == OFFICE:
-            for at in range(2, 6):
-                shape[at] = box[at]
-            shape[0], shape[1] = box[0] + dx, box[1] + dy
-            a, b = abs(box[4]), abs(box[5])
-            _mark(occupied, frame, shape, a * box[2] + b * box[3], b * box[2] + a * box[3])
+        for copy in range(1 if certain else 2):
+            mapped, x, y = _place(walls, rules, key, _BOXES + k, copy, box[0], box[1])
+            if mapped or certain:
+                for at in range(2, 6):
+                    shape[at] = box[at]
+                shape[0], shape[1] = x, y
+                a, b = abs(box[4]), abs(box[5])
+                _mark(occupied, frame, shape, a * box[2] + b * box[3], b * box[2] + a * box[3])
     field_of_cells(occupied, SIDE, scene.field)

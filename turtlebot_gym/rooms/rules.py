@@ -66,6 +66,9 @@ class RoomRules:
     """Greatest distance between start and goal along each axis, m, if the start is known before the goal is drawn."""
     unmapped: Annotated[float, PROBABILITY] = 0.0
     """Share of the obstacles that a localizer's map of a drawn room lacks."""
+    vanished: Annotated[float, PROBABILITY] = 0.0
+    """Obstacles in that map that the room has no more, as a share of those that stand in it; each is like one of them, and
+    anywhere."""
     map_error: Annotated[float, NON_NEGATIVE] = 0.0
     """Distance by which each obstacle in that map is off, in a direction of its own, and at most each wall, m."""
     start: tuple[float, ...] = ANYWHERE
