@@ -15,6 +15,7 @@ from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, _kinds_of, output
 READ = {"entries", "config", "against", "check", "file", "files", "log", "model", "drive", "map", "measured"}
 """Options that name files to be read."""
 NEEDED = {name: ["drive.csv"] for name in ("replay", "calibrate", "export", "study")}
+NEEDED["card"] = ["ppo-nav"]
 NEEDED["localize"] = ["drive.csv", "--map", "drive.csv"]
 WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in _kinds_of(command)]
 

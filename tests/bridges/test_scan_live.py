@@ -171,7 +171,7 @@ BLIND = "def blind(observation):\n    return [0.0, 0.0]\n\nblind.layout = {}\n"
         ({"policy": "ppo-nav"}, "ppo-nav: made for turtlebot_gym/TurtleBotNav-v0 and observation 'ekf', asked for"),
         ({"policy": "ppo-nav", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
         ({"policy": "ground:blind", "world": "dense"}, "was made for open ground (observation layout 1), not for a world"),
-        ({"policy": "other:blind"}, "a policy's layout must be one of 1, 2, got 7"),
+        ({"policy": "other:blind"}, "a policy's layout must be one of 1, 2, 3, got 7"),
         ({"world": "jungle"}, "world must be one of"),
         ({"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
         ({"world": "nowhere.world"}, "nowhere.world"),

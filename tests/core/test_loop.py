@@ -68,10 +68,10 @@ def test_what_is_read_is_a_copy(num_envs):
     before = worlds(batch)
     batch.tell(range(batch.layout.world.size))
     assert batch.told().T.tolist() == batch.numbers("").tolist()
-    assert batch.first_world().tolist() == batch.told()[:, 0].tolist()
+    assert batch.first_told().tolist() == batch.told()[:, 0].tolist()
     for path in ("body.true_state", "senses.odometry.pose", "estimate.belief.covariance", "course.reference", "body.command"):
         batch.numbers(path)[...] = 7.0
-    for array in (*batch.last(), batch.told(), batch.first_world()):
+    for array in (*batch.last(), batch.told(), batch.first_told()):
         array[...] = 7.0
     assert worlds(batch) == before
 

@@ -1,11 +1,11 @@
 """The documentation builds without a warning, its links hold, and the names in it exist."""
 
+import json
 import os
 import re
 import shlex
 import subprocess
 import sys
-from dataclasses import fields
 from html.parser import HTMLParser
 from importlib import import_module
 from pathlib import Path
@@ -21,12 +21,12 @@ import turtlebot_gym
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym_agents.commands.cli import COMMANDS
 from turtlebot_gym_ros.field.program import parser as field_test_parser
 from turtlebot_gym_ros.graph.bringup import parser as bringup_parser
 from turtlebot_gym_ros.nodes import NODES
 
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
+FLAGS = json.loads((ROOT / "tests" / "golden" / "api.json").read_text(encoding="utf-8"))["commands"]
 API = ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros")
 
 
@@ -91,9 +91,8 @@ def check(line, ros):
         case ["make", target]:
             assert re.search(rf"^{target}:.*##", (ROOT / "Makefile").read_text(), re.MULTILINE)
         case ["turtlebot-gym", command, *given]:
-            options = {item.name for item in fields(COMMANDS[command])}
-            flags = [word[2:].removeprefix("no-").partition(".")[0] for word in given if word.startswith("--")]
-            assert {flag.replace("-", "_") for flag in flags} <= options
+            flags = {word.partition(".")[0] for word in given if word.startswith("--")}
+            assert flags <= {flag.removesuffix(".") for flag in FLAGS[command]}
         case ["pixi", "run", task]:
             assert f"{task} = " in (ROOT / "pixi.toml").read_text().partition("[tasks]")[2]
         case ["pixi", "shell"]:
@@ -190,7 +189,7 @@ def test_formulas_are_mathml(site):
 def test_the_reference_is_complete(site, ros):
     html = {path.stem: Html(path).ids for path in (site / "reference").glob("*.html")}
     assert {name for name in NODES if name not in ("bringup", "watch", "status", "field_test", "interfaces")} <= html["ros"]
-    assert {f"turtlebot-gym-{name}" for name in COMMANDS} <= html["commands"]
+    assert {f"turtlebot-gym-{name}" for name in FLAGS} <= html["commands"]
     presets = (site / "reference" / "presets.html").read_text()
     assert all(f"<code>{name}</code>" in presets for name in turtlebot_gym.NOISES)
     environments = (site / "reference" / "environments.html").read_text()

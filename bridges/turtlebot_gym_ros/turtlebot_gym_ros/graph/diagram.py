@@ -138,6 +138,7 @@ PLACES = {name: entry.place for name, entry in NODES.items() if entry.place}
 WORDS = {name: entry.word for name, entry in NODES.items()} | {
     "/reference": "waypoint",
     "/amcl_pose": "pose in the map",
+    "/hypotheses": "other places",
     "/next_reference": "next waypoint",
     "/cmd_vel": "command",
     "/cmd_vel_in": "command",
