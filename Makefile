@@ -205,7 +205,7 @@ bench-calibration: $(READY)  ## whether intervals from innovations alone hold th
 	$(RUN)python benchmarks/calibration.py --part recorded --data $(DATA)
 
 bench-calibration-policy: $(READY)  ## what a policy trained on a calibrated file loses against one trained on the truth (25 minutes; resumes)
-	$(RUN)python benchmarks/calibration_policy.py --kept $(OUT)/calibration_policy
+	$(RUN)python benchmarks/calibration_policy.py --first 3 --seeds 7 --kept $(OUT)/calibration_policy
 
 bench-as-robot: $(READY)  ## rooms in the live graph by a simulator that speaks like a TurtleBot3, with and without the monitor (half an hour; resumes)
 	@mkdir -p $(OUT)

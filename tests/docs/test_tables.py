@@ -238,4 +238,7 @@ def test_the_table_of_policies_on_calibrated_files_is_what_was_measured():
         best = [min(each["time"] for each in row["times"][side]) for side in ("calibrated", "truth")]
         assert abs(best[0] / best[1] - 1.0) < 0.006, name
     assert len(rows) == len(results["robots"])
-    assert (results["config"]["seeds"], results["config"]["episodes"]) == (3, 500)
+    assert (results["config"]["first"], results["config"]["seeds"], results["config"]["episodes"]) == (3, 7, 500)
+    lost = [f"{100.0 * results['lost'][end]:+.2f}" for end in ("value", "low", "high")]
+    assert lost == ["+0.05", "-1.14", "+1.23"]
+    assert all(abs(results["lost"][end]) < 0.02 for end in ("low", "high"))
