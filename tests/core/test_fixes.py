@@ -197,18 +197,23 @@ def naive(system):
     return system.with_sensor(late._replace(sense=lambda *arguments: late.sense(*arguments)._replace(age=0.0)))
 
 
+def ends(p, system):
+    """Yield belief and true state at the end of 60 drives of 60 steps."""
+    for seed in range(60):
+        episode = Episode(p, ORIGIN, seed=seed, system=system)
+        for step in range(60):
+            episode.act((0.9, 0.4 * math.sin(0.1 * step)))
+        yield episode.world.estimate.belief, episode.world.body.true_state
+
+
 def test_late_fixes_leave_the_filter_consistent_and_naive_fusion_does_not():
     # 60 independent drives: a consistent filter's sum is chi-square with 180 degrees of freedom. Fails for one seed in 10^4.
     fix = FixNoise(R=(0.0025, 0.0025, 0.0025), period=0.5, delay=0.3, dropout_probability=0.3)
     p, means = make_parameters(ENDLESS, noise="wheel", fix=fix), []
     for system in (system_of(p), naive(system_of(p))):
         values = []
-        for seed in range(60):
-            episode = Episode(p, ORIGIN, seed=seed, system=system)
-            for step in range(60):
-                episode.act((0.9, 0.4 * math.sin(0.1 * step)))
-            mean, P = episode.world.estimate.belief
-            values.append(nees(np.array(mean), np.array(episode.world.body.true_state), matrix(P), components=3))
+        for (mean, P), truth in ends(p, system):
+            values.append(nees(np.array(mean), np.array(truth), matrix(P), components=3))
         means.append(float(np.mean(values)))
     low, high = stats.chi2.ppf((0.5e-4, 1.0 - 0.5e-4), 180) / 60.0
     assert low < means[0] < high < means[1]
@@ -255,12 +260,8 @@ def test_along_a_drive_the_full_covariance_is_consistent_and_four_times_as_exact
     p, squares, sizes = make_parameters(ENDLESS, noise=noise, fix=fix), [], []
     for system in (system_of(p), diagonal(system_of(p))):
         errors = []
-        for seed in range(60):
-            episode = Episode(p, ORIGIN, seed=seed, system=system)
-            for step in range(60):
-                episode.act((0.9, 0.4 * math.sin(0.1 * step)))
-            mean, P = episode.world.estimate.belief
-            off, P = np.array(mean[:2]) - episode.world.body.true_state[:2], matrix(P)[:2, :2]
+        for (mean, P), truth in ends(p, system):
+            off, P = np.array(mean[:2]) - truth[:2], matrix(P)[:2, :2]
             errors.append([((off @ u) ** 2, u @ P @ u) for u in (ALONG, ACROSS)])
         off, stated = np.moveaxis(errors, 2, 0)
         squares.append((off / stated).mean(axis=0))

@@ -60,9 +60,14 @@ class TakesFixes(NamedTuple):
     the oldest one, when as many steps are stored as possible."""
 
 
+def late_by(age: float, dt: float) -> int:
+    """Return how many steps of dt, s, a fix of an age, s, is late."""
+    return round(age / dt)
+
+
 def depth_of(dt: float, age: float = MAX_FIX_AGE) -> int:
     """Return the number of steps of dt, s, to store for fixes up to an age, s."""
-    return max(1, round(age / dt))
+    return max(1, late_by(age, dt))
 
 
 @kernel

@@ -125,11 +125,17 @@ class Corners(NamedTuple):
 
 
 @kernel
-def place_of(field: Any, frame: Any, x: float, y: float) -> Place:
-    """Return where a point lies in a field."""
+def _from_centres(frame: Any, x: float, y: float) -> tuple[float, float]:
+    """Return the column and row of a point, in cells from the centre of the first one."""
     dx, dy, cosine, sine = x - float(frame[0]), y - float(frame[1]), float(frame[2]), float(frame[3])
     per_cell = 1.0 / float(frame[4])
-    column, row = (dx * cosine + dy * sine) * per_cell - 0.5, (dy * cosine - dx * sine) * per_cell - 0.5
+    return (dx * cosine + dy * sine) * per_cell - 0.5, (dy * cosine - dx * sine) * per_cell - 0.5
+
+
+@kernel
+def place_of(field: Any, frame: Any, x: float, y: float) -> Place:
+    """Return where a point lies in a field."""
+    column, row = _from_centres(frame, x, y)
     rows, columns = field.shape
     inside = (column >= 0.0) & (row >= 0.0) & (column < columns - 1.0) & (row < rows - 1.0)
     j, i = int(column) if inside else 0, int(row) if inside else 0
@@ -167,9 +173,7 @@ def sample(field: Any, frame: Any, x: float, y: float) -> Sampled:
 def fetch_around(field: Any, frame: Any, x: float, y: float) -> None:
     """Ask for the numbers that `sample` will read at a point: what was not read lately takes long to come."""
     rows, columns = field.shape
-    dx, dy, per_cell = x - float(frame[0]), y - float(frame[1]), 1.0 / float(frame[4])
-    column = (dx * float(frame[2]) + dy * float(frame[3])) * per_cell - 0.5
-    row = (dy * float(frame[2]) - dx * float(frame[3])) * per_cell - 0.5
+    column, row = _from_centres(frame, x, y)
     at = int(min(max(row, 0.0), rows - 1.0)) * columns + int(min(max(column, 0.0), columns - 1.0))
     fetch(field, at)
     fetch(field, at + columns)

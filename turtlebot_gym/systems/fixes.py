@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from turtlebot_gym.estimation.fixes import filled, no_fix
 from turtlebot_gym.estimation.update import inverse_of
@@ -108,8 +108,3 @@ def fix_parts(late: int) -> FixSensor:
         return measure(fix, key, at, p) if fix.arrived else fix
 
     return FixSensor(Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01))), watch, measure)
-
-
-def late_of(p: Any) -> int:
-    """Return how many steps late the fixes of some parameters come."""
-    return round(p.fix.delay / p.dt)

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation.filters import filter_of
-from turtlebot_gym.estimation.fixes import depth_of, with_fixes
+from turtlebot_gym.estimation.fixes import depth_of, late_by, with_fixes
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
@@ -24,7 +24,7 @@ from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
-from turtlebot_gym.systems.fixes import fix_parts, late_of
+from turtlebot_gym.systems.fixes import fix_parts
 from turtlebot_gym.systems.imu import IMU
 from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.missions import on_missions
@@ -200,7 +200,7 @@ def rooms(filter: Filter) -> System:
 
 
 _SENSORS: dict[str, Callable[[Parameters], Sensor]] = {
-    "fix": lambda p: fix_parts(late_of(p)).sensor,
+    "fix": lambda p: fix_parts(late_by(p.fix.delay, p.dt)).sensor,
     "imu": lambda p: IMU,
 }
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
-from turtlebot_gym.estimation.fixes import no_fix
+from turtlebot_gym.estimation.fixes import late_by, no_fix
 from turtlebot_gym.systems.late import late_fixes
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import BELIEVED
@@ -186,7 +186,7 @@ def special_of(system: System, parameters: Mapping[str, NDArray[np.float64]], wa
         parameters: By dotted path, of all environments or of one that stands for all.
         waypoints: Number of waypoints.
     """
-    late = round(float((parameters["fix.delay"] / parameters["dt"])[0])) if "fix.delay" in parameters else 0
+    late = late_by(float(parameters["fix.delay"][0]), float(parameters["dt"][0])) if "fix.delay" in parameters else 0
     if system != (late_fixes(late).whole if late else open_ground(EXTENDED_KALMAN)):
         return GENERAL
     special = next((special for special in SPECIALS if special.holds(parameters, waypoints)), GENERAL)

@@ -17,6 +17,7 @@ import tyro
 
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.commands.benchmark import Benchmark, Compile
+from turtlebot_gym_agents.commands.bundles import Card, Export
 from turtlebot_gym_agents.commands.calibrate import Calibrate
 from turtlebot_gym_agents.commands.console import (
     Driven,
@@ -35,7 +36,7 @@ from turtlebot_gym_agents.commands.course import Check
 from turtlebot_gym_agents.commands.data import Data
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import flags, own_first
-from turtlebot_gym_agents.commands.learning import Card, Export, Train, Tune
+from turtlebot_gym_agents.commands.learning import Train, Tune
 from turtlebot_gym_agents.commands.localize import Localize
 from turtlebot_gym_agents.commands.protocol import Entry
 from turtlebot_gym_agents.commands.recorded import Recorded
