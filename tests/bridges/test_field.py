@@ -3,14 +3,12 @@
 import json
 import math
 import re
-import signal
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Bool
 
 from turtlebot_gym import read_parameters
@@ -413,70 +411,3 @@ class TestAnswers:
 
     def test_a_folder_that_exists_is_kept(self, tmp_path, capsys):
         assert program.main(["--out", str(tmp_path)]) == 2
-
-
-QUICK = ["--seconds", "1", "--distance", "0.3", "--turn", "40", "--side", "0.2", "--duration", "0"]
-
-
-def test_an_afternoon_with_a_robot_that_speaks_as_a_recorded_one(launch, tmp_path):
-    """Its wheels turn less than they say; the test finds that, and writes it into the noise file."""
-    (tmp_path / "wheels.yaml").write_text("process: {scale: 0.9, alpha1: 0.0003, alpha4: 0.0003}\nodometry: {wheel: true}\n")
-    out = tmp_path / "out"
-    options = ["--simulate", "turtlebot3", "--noise", str(tmp_path / "wheels.yaml"), "--out", str(out)]
-    process = launch("-m", "turtlebot_gym_ros", "field_test", *options, *QUICK)
-    said, errors = process.communicate(timeout=180)
-    found = {each["name"]: each for each in json.loads((out / "findings.json").read_text())}
-    assert process.returncode == 0, f"{said}\n{errors}"
-    assert 0.7 < found["clock of /odom"]["figures"][0]["value"] < 0.8
-    assert found["a straight"]["verdict"] == WARNING
-    scale = {each["name"]: each["value"] for each in found["by tape"]["figures"]}["scale"]
-    assert scale == pytest.approx(0.9, abs=0.01)
-    assert read_parameters(Noise, out / "noise.yaml").process.scale < 0.97
-    assert found["a square"]["verdict"] == FINE
-    assert found["calibration drive"]["text"] == "Left out: --duration is 0."
-    assert {each.name for each in out.iterdir()} >= {"bag", "report.html", "noise.yaml"}
-
-
-@pytest.mark.nightly
-def test_an_interruption_stops_the_robot_and_leaves_a_report(launch, peer, wait_for, tmp_path):
-    wheels = peer.hear("cmd_vel", TwistStamped)
-    options = ["--simulate", "turtlebot3", "--out", str(tmp_path / "out"), "--distance", "5", "--seconds", "1"]
-    process = launch("-m", "turtlebot_gym_ros", "field_test", *options)
-    wait_for(lambda: any(each.twist.linear.x > 0.1 for each in list(wheels)), patience=90.0)
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
-    assert process.returncode == 1
-    assert wheels[-1].twist.linear.x == 0.0
-    found = {each["name"]: each["text"] for each in json.loads((tmp_path / "out" / "findings.json").read_text())}
-    assert found["the end"] == "It was interrupted: the robot was stopped."
-    assert "a straight" not in found
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("simulator", "guards", "button", "refused"),
-    [
-        ({}, {}, False, "emergency stop"),
-        ({"enable_stamped_cmd_vel": "false"}, {}, True, "wheels"),
-        ({}, None, True, "guard"),
-    ],
-)  # fmt: skip
-def test_a_robot_with_a_fault_does_not_move(launch, peer, tmp_path, simulator, guards, button, refused):
-    def node(name, parameters):
-        given = [word for key, value in parameters.items() for word in ("-p", f"{key}:={value}")]
-        launch("-m", "turtlebot_gym_ros", name, "--ros-args", *given)
-
-    node("turtlebot_simulator", {"speaks_as": "turtlebot3", **simulator})
-    for name in ("cmd_vel_guard", "cmd_vel_standby") if guards is not None else ():
-        node(name, {})
-    wheels = peer.hear("cmd_vel", TwistStamped)
-    if button:
-        speaker = peer.speak("emergency_stop", Bool)
-        peer.node.create_timer(0.05, lambda: speaker.publish(Bool()))
-    process = launch("-m", "turtlebot_gym_ros", "field_test", "--yes", "--out", str(tmp_path / "out"), *QUICK)
-    process.communicate(timeout=120)
-    assert process.returncode == 1
-    found = {each["name"]: each["verdict"] for each in json.loads((tmp_path / "out" / "findings.json").read_text())}
-    assert found[refused] == REFUSED
-    assert found["a straight"] == SKIPPED
-    assert {each.twist.linear.x for each in wheels} <= {0.0}

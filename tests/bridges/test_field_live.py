@@ -1,0 +1,161 @@
+"""The field test as a person runs it, with real nodes: each fault of a robot in turn, and an afternoon without one."""
+
+import json
+import math
+import signal
+
+import pytest
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool
+
+from turtlebot_gym import read_parameters
+from turtlebot_gym.parameters import Noise
+from turtlebot_gym_ros.field.findings import FINE, REFUSED, WARNING
+
+QUICK = ["--seconds", "1", "--distance", "0.3", "--turn", "40", "--side", "0.2", "--duration", "0"]
+
+
+def test_an_afternoon_with_a_robot_that_speaks_as_a_recorded_one(launch, tmp_path):
+    """Its wheels turn less than they say; the test finds that, and writes it into the noise file."""
+    (tmp_path / "wheels.yaml").write_text("process: {scale: 0.9, alpha1: 0.0003, alpha4: 0.0003}\nodometry: {wheel: true}\n")
+    out = tmp_path / "out"
+    options = ["--simulate", "turtlebot3", "--noise", str(tmp_path / "wheels.yaml"), "--out", str(out)]
+    process = launch("-m", "turtlebot_gym_ros", "field_test", *options, *QUICK)
+    said, errors = process.communicate(timeout=180)
+    found = {each["name"]: each for each in json.loads((out / "findings.json").read_text())}
+    assert process.returncode == 0, f"{said}\n{errors}"
+    assert 0.7 < found["clock of /odom"]["figures"][0]["value"] < 0.8
+    assert found["a straight"]["verdict"] == WARNING
+    scale = {each["name"]: each["value"] for each in found["by tape"]["figures"]}["scale"]
+    assert scale == pytest.approx(0.9, abs=0.01)
+    assert read_parameters(Noise, out / "noise.yaml").process.scale < 0.97
+    assert found["a square"]["verdict"] == FINE
+    assert found["calibration drive"]["text"] == "Left out: --duration is 0."
+    assert {each.name for each in out.iterdir()} >= {"bag", "report.html", "noise.yaml"}
+
+
+@pytest.mark.nightly
+def test_an_interruption_stops_the_robot_and_leaves_a_report(launch, peer, wait_for, tmp_path):
+    wheels = peer.hear("cmd_vel", TwistStamped)
+    options = ["--simulate", "turtlebot3", "--out", str(tmp_path / "out"), "--distance", "5", "--seconds", "1"]
+    process = launch("-m", "turtlebot_gym_ros", "field_test", *options)
+    wait_for(lambda: any(each.twist.linear.x > 0.1 for each in list(wheels)), patience=90.0)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert wheels[-1].twist.linear.x == 0.0
+    found = {each["name"]: each["text"] for each in json.loads((tmp_path / "out" / "findings.json").read_text())}
+    assert found["the end"] == "It was interrupted: the robot was stopped."
+    assert "a straight" not in found
+
+
+@pytest.fixture
+def field_test(launch, peer, tmp_path):
+    """Run the test on a simulated TurtleBot3 with nodes and a button, and return its verdicts, which hold that none moved."""
+
+    def run(simulator=(), guards=("cmd_vel_guard", "cmd_vel_standby"), has_button=True):
+        for node, options in (
+            ("turtlebot_simulator", ("-p", "speaks_as:=turtlebot3", *simulator)),
+            *((name, ()) for name in guards),
+        ):
+            launch("-m", "turtlebot_gym_ros", node, "--ros-args", *options)
+        wheels = peer.hear("cmd_vel", TwistStamped)
+        if has_button:
+            button = peer.speak("emergency_stop", Bool)
+            peer.node.create_timer(0.05, lambda: button.publish(Bool()))
+        (tmp_path / "answers.yaml").write_text("press: false\n")
+        options = ["--yes", "--answers", str(tmp_path / "answers.yaml"), "--out", str(tmp_path / "out"), *QUICK]
+        launch("-m", "turtlebot_gym_ros", "field_test", *options).communicate(timeout=120)
+        assert all(each.twist.linear.x == each.twist.angular.z == 0.0 for each in wheels)
+        return {each["name"]: each["verdict"] for each in json.loads((tmp_path / "out" / "findings.json").read_text())}
+
+    return run
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("fault", "refused"),
+    [
+        ({"has_button": False}, "emergency stop"),
+        ({"simulator": ("-p", "enable_stamped_cmd_vel:=false")}, "wheels"),
+        ({"guards": ()}, "guard"),
+    ],
+)
+def test_a_robot_whose_nodes_are_wrong_does_not_move(field_test, fault, refused):
+    assert field_test(**fault)[refused] == REFUSED
+
+
+def unstamped(message):
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+
+
+def ahead(message):
+    message.header.stamp.sec += 2
+
+
+def not_finite(message):
+    message.twist.twist.angular.z = math.nan
+
+
+def blind(message):
+    message.ranges = [math.nan] * len(message.ranges)
+
+
+def half_blind(message):
+    half = len(message.ranges) // 2
+    message.ranges = [math.nan] * half + list(message.ranges[half:])
+
+
+def without_increment(message):
+    message.angle_increment = 0.0
+
+
+def out_of_range(message):
+    message.ranges = [1e6 if n % 20 == 0 else distance for n, distance in enumerate(message.ranges)]
+
+
+def every(count):
+    """Keep one message in so many."""
+    heard = []
+
+    def thin(message):
+        heard.append(message)
+        return len(heard) % count != 0
+
+    return thin
+
+
+def pausing(message):
+    return message.header.stamp.nanosec > 700_000_000  # of each second
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(
+    ("topic", "spoil", "name", "verdict"),
+    [
+        ("odom", unstamped, "clock of /odom", REFUSED),
+        ("odom", ahead, "clock of /odom", REFUSED),
+        ("odom", not_finite, "odometry", REFUSED),
+        ("odom", every(10), "/odom", WARNING),
+        ("odom", pausing, "/odom", WARNING),
+        ("scan", unstamped, "clock of /scan", REFUSED),
+        ("scan", blind, "scans", REFUSED),
+        ("scan", without_increment, "scans", REFUSED),
+        ("scan", half_blind, "scans", WARNING),
+        ("scan", out_of_range, "scans", FINE),
+    ],
+)
+def test_each_fault_of_what_a_driver_sends_is_named(field_test, peer, topic, spoil, name, verdict):
+    """The messages pass through the peer, which spoils them; it keeps one back where ``spoil`` returns true."""
+    kind = {"odom": Odometry, "scan": LaserScan}[topic]
+    speaker = peer.speak(topic, kind, qos_profile_sensor_data if topic == "scan" else 10)
+
+    def pass_on(message):
+        if not spoil(message):
+            speaker.publish(message)
+
+    peer.node.create_subscription(kind, f"sound/{topic}", pass_on, qos_profile_sensor_data)
+    assert field_test(simulator=("-p", "world:=dense", "-r", f"{topic}:=sound/{topic}"))[name] == verdict
