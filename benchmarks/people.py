@@ -3,6 +3,7 @@
 The learned stop imitates the one that knows. Drives are collected with what was learned so far, and labelled by the one that
 knows, several times over (DAgger). The rule has the same three scans, and is tuned on the trainings' rooms. All drive the same
 held-out rooms. `make bench-people` runs it and writes `people.json`; with ``--ship`` the first network becomes the package's.
+Trainings and drives are kept under `out/`, by commit, so an interrupted run resumes.
 
 References:
     Ross, Gordon, Bagnell, "A reduction of imitation learning and structured prediction to no-regret online learning", AISTATS
@@ -28,6 +29,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from scenarios import kept, results_folder, slug
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
@@ -158,8 +160,9 @@ def collect(policy: Yielding, seed: int, lidar: str, *, known: float) -> Iterato
     envs.close()
 
 
-def train(seed: int, config: Config) -> Network:
-    """Return a network that was taught."""
+def train(seed: int, config: Config) -> tuple[Network, float]:
+    """Return a network that was taught, and the CPU time that it took, s."""
+    begin = time.process_time()
     torch.manual_seed(seed)
     torch.set_num_threads(1)
     net, features, stops = layers(), [], []
@@ -181,7 +184,7 @@ def train(seed: int, config: Config) -> Network:
             optimizer.zero_grad()
             loss_of(net(z[batch])[:, 0], y[batch]).backward()
             optimizer.step()
-    return network_of(net, mean, std)
+    return network_of(net, mean, std), time.process_time() - begin
 
 
 def driven(make: Callable[[VectorEnv], Policy], lidar: str, episodes: int, seed: int) -> Episodes:
@@ -223,10 +226,10 @@ def gain(by_policy: dict[str, list[Episodes]]) -> dict[str, Any]:
 def main() -> None:
     """Train, drive, print a table, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    begin = time.process_time()
-    networks = [train(seed, config) for seed in range(config.trainings)]
-    spent = (time.process_time() - begin) / config.trainings
-    numbers = tuned()
+    folder = results_folder("people")
+    trained = [kept(folder / f"{slug(seed=n, rounds=config.rounds)}.pickle", train, n, config) for n in range(config.trainings)]
+    networks, spent = [network for network, _ in trained], float(np.mean([seconds for _, seconds in trained]))
+    numbers = kept(folder / "rule.pickle", tuned)
     named = {name: [lambda envs, name=name: make_policy(name)] for name in config.policy}
     makers: dict[str, list[Callable[[VectorEnv], Policy]]] = {
         **named,
@@ -238,7 +241,11 @@ def main() -> None:
     for lidar in config.lidar:
         by_policy: dict[str, list[Episodes]] = {}
         for name, some in track(makers.items(), description=lidar, console=Console(stderr=True)):
-            by_policy[name] = [driven(make, lidar, config.episodes, config.seed) for make in some]
+            by_policy[name] = []
+            for number, make in enumerate(some):
+                stem = slug(policy=name, number=number, lidar=lidar, n=config.episodes, seed=config.seed)
+                arguments = make, lidar, config.episodes, config.seed
+                by_policy[name].append(kept(folder / f"{stem}.pickle", driven, *arguments))
             row = figures(by_policy[name])
             rows.append({"lidar": lidar, "policy": name, **row, **(gain(by_policy) if name == LEARNED else {})})
             goals, contacts = (tuple(100.0 * bound for bound in row[key]) for key in ("success", "collision"))
