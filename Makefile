@@ -183,6 +183,9 @@ bench-localization: $(READY)  ## the localizer in rooms: errors, honesty, wrong 
 bench-missions: $(READY)  ## goals in turn for ten minutes: on wheels, localized, and on the truth (10 minutes)
 	$(RUN)python benchmarks/missions.py
 
+bench-belief: $(READY)  ## trainings on the truth, on wheels and on the localizer, all driven on its belief (40 minutes; resumes)
+	$(RUN)python benchmarks/belief.py
+
 bench-people: $(READY)  ## among people who walk: geometry, a stop by rule, a stop that was learned, and one that knows (15 minutes)
 	$(RUN)python benchmarks/people.py
 
