@@ -46,7 +46,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 """Options of the environments, by setting."""
 LOCALIZER: dict[str, Any] = {"localizer": "match"}
-EVIDENCE, TURNS = "localizer, evidence", ", turns in doubt"
+EVIDENCE, TURNS, TURN = "localizer, evidence", ", turns in doubt", np.array([0.0, 0.5], np.float32)
 TRAINED: dict[str, dict[str, Any]] = {
     "truth": {"observation": "truth"},
     "wheels": {},
@@ -109,7 +109,7 @@ class Watched:
         actions = self._policy(observations)
         in_doubt = observations[:, Observation._fields.index("std_position")] > IN_DOUBT
         if self._turns:
-            actions = np.where(in_doubt[:, None], np.float32([0.0, 0.5]), actions)
+            actions = np.where(in_doubt[:, None], TURN, actions)
         if self._steps < AT_FIRST:
             self.ways += float(np.abs(np.clip(actions[in_doubt, 0], -1.0, 1.0)).sum())
             self.doubts += int(in_doubt.sum())
