@@ -54,6 +54,7 @@ def test_a_node_explains_itself(capsys, name):
     ("argv", "said"),
     [
         (["flight_controller"], "there is no node 'flight_controller'"),
+        (["bringp"], "Did you mean 'bringup'?"),
         (["velocity_controller", "--ros-args", "-p", "policy:=clever"], "clever"),
         (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "did you mean policy?"),
         (["velocity_controller", "--ros-args", "-p", "start_enabled:=1"], "start_enabled must be of type bool"),

@@ -25,7 +25,7 @@ from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatena
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
-from turtlebot_gym_agents.policies.fit import require_layout, require_task
+from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, require_layout, require_task
 from turtlebot_gym_agents.policies.policy import ShrinkingPolicy
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
@@ -196,7 +196,10 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
         return Oracle(envs)
     parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     p: Parameters = parameters if isinstance(parameters, Parameters) else parameters[0]
-    driver = make_policy(policy, robot=p.robot, dt=p.dt, allow_mismatch=allow_mismatch)
+    try:
+        driver = make_policy(policy, robot=p.robot, dt=p.dt, allow_mismatch=allow_mismatch)
+    except Mismatch as error:
+        raise Mismatch(f"{error} {ANYWAY}") from error
     if envs.spec is not None:
         require_layout(driver, policy, envs.spec.id)
     if not allow_mismatch and envs.spec is not None:

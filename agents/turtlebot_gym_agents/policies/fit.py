@@ -20,6 +20,11 @@ ROOMS, MISSIONS = "turtlebot_gym/TurtleBotRooms-v0", "turtlebot_gym/TurtleBotMis
 """A mission is the task of rooms, goal after goal."""
 OPEN = tuple(f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Pose", "Square"))
 """Environments without obstacles."""
+ANYWAY = "--allow-mismatch (allow_mismatch=True) drives it anyway."
+
+
+class Mismatch(ValueError):
+    """A policy was made for another robot, rate, task or observation."""
 
 
 def describe_robot(robot: str | Robot) -> dict[str, Any]:
@@ -50,14 +55,13 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
         observation: The robot's pose that it will observe.
 
     Raises:
-        ValueError: If task or observation differs; the message names both.
+        Mismatch: If task or observation differs; the message names both.
     """
     card: Any = getattr(policy, "card", None)
     env = ROOMS if env == MISSIONS else env
     if card is not None and (card.env, card.observation) != (env, observation):
-        raise ValueError(
-            f"{name}: made for {card.env} and observation {card.observation!r}, asked for {env} and {observation!r}; "
-            "--allow-mismatch (allow_mismatch=True) drives it anyway."
+        raise Mismatch(
+            f"{name}: made for {card.env} and observation {card.observation!r}, asked for {env} and {observation!r}; {ANYWAY}"
         )
 
 
@@ -92,7 +96,7 @@ def require_fit(
         dt: The control interval, s; None skips the comparison.
 
     Raises:
-        ValueError: If robot or rate differs; the message names every difference.
+        Mismatch: If robot or rate differs; the message names every difference.
     """
     wanted = made_for if robot is None else describe_robot(robot)
     irrelevant = ("name", "radius")  # a radius is for drawing
@@ -100,7 +104,7 @@ def require_fit(
     period = made_dt if dt is None else dt
     if others or abs(period - made_dt) > 1e-9:
         details = "; ".join(f"{name} {_told(made_for.get(name))} there, {_told(wanted[name])} here" for name in others)
-        raise ValueError(
+        raise Mismatch(
             f"{path}: made for {1.0 / made_dt:g} Hz {_told(made_for.get('name'))}, asked for {1.0 / period:g} Hz "
             f"{wanted.get('name')}{f' ({details})' if others else ''}."
         )

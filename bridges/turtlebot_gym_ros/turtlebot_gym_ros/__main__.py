@@ -11,7 +11,7 @@ from turtlebot_gym import __version__
 from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.outputs import ending_quietly
 from turtlebot_gym_ros.base.discovery import prepare
-from turtlebot_gym_ros.nodes import NODES, load
+from turtlebot_gym_ros.nodes import NODES, load, unknown
 
 HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
@@ -38,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"turtlebot-gym {__version__}")
         return 0
     if name not in NODES:
-        print(f"error: there is no node {name!r}; there are {', '.join(NODES)}.", file=sys.stderr)
+        print(f"error: {unknown(name)}", file=sys.stderr)
         return 2
     prepare(local=not NODES[name].target.startswith("robot."))  # what runs on the robot serves the network
     try:

@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any, NamedTuple
 
+from turtlebot_gym.validation import did_you_mean
+
 
 class Entry(NamedTuple):
     """A node."""
@@ -88,6 +90,11 @@ BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
 """The nodes that are blocks."""
 
 
+def unknown(name: str) -> str:
+    """Return what is said of a name that no node has."""
+    return f"there is no node {name!r}; there are {', '.join(NODES)}.{did_you_mean(name, NODES)}"
+
+
 def load(name: str) -> Any:
     """Return the code of a node: the class of its block, or its ``main``.
 
@@ -95,6 +102,6 @@ def load(name: str) -> Any:
         ValueError: If there is no such node.
     """
     if name not in NODES:
-        raise ValueError(f"there is no node {name!r}; there are {', '.join(NODES)}.")
+        raise ValueError(unknown(name))
     module, _, attribute = NODES[name].target.partition(":")
     return getattr(import_module(f"turtlebot_gym_ros.{module}"), attribute)
