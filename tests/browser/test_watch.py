@@ -400,6 +400,31 @@ def test_it_plays_in_a_loop_and_a_link_leads_to_a_moment(visit, long_url):
     assert seen.playing
 
 
+def test_each_key_does_what_the_page_says(visit, long_url):
+    seen = visit(long_url)
+    whole, press = seen.camera, seen.page.keyboard.press
+    moments = {"ArrowRight": 0.1, "Shift+ArrowRight": 1.1, "ArrowLeft": 1.0, "Shift+ArrowLeft": 0.0, "End": 60.0, "Home": 0.0}
+    for key, moment in moments.items():
+        press(key)
+        assert seen.time == pytest.approx(moment), key
+    for key, metres in (("+", whole["metres"] / 1.2), ("-", whole["metres"])):
+        press(key)
+        assert seen.camera["metres"] == pytest.approx(metres), key
+    for key, button in (("f", "#follow"), ("L", "#loop")):
+        for on in ("true", "false"):
+            press(key)
+            assert seen.page.get_attribute(button, "aria-pressed") == on, key
+    for show_all in (lambda: press("r"), lambda: seen.page.click("#reset")):
+        press("+")
+        assert seen.camera["held"]
+        show_all()
+        assert seen.camera == pytest.approx(whole)
+    for playing in (True, False):
+        seen.page.focus("#time")
+        press("Space")
+        assert seen.playing == playing
+
+
 def test_goals_are_in_view_and_no_plot_is_empty_while_a_drive_grows(visit, long_drive):
     known = replace(long_drive, clearance=np.full(len(long_drive), np.nan), nis=np.full(len(long_drive), np.nan))
     known.reference[50:, :2] = (30.0, -20.0)

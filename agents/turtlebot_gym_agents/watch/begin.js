@@ -9,7 +9,7 @@ const keys = {
   f: () => element("follow").click(), r: reset, "+": () => zoom(1 / 1.2), "-": () => zoom(1.2),
 }
 document.addEventListener("keydown", (event) => {
-  const act = keys[event.key]
+  const act = keys[event.key] ?? keys[event.key.toLowerCase()]
   if (!act || event.ctrlKey || event.metaKey || event.altKey || event.target.matches("select")) return
   if (event.key === " " && event.target.matches("button")) return
   event.preventDefault()
