@@ -107,7 +107,7 @@ def check(line, ros):
             assert {word for word in given if word.startswith("--")} <= {"--head", "--port", "--address"}
         case ["sbatch", "--array=0-31", script, *_]:
             assert (ROOT / script).is_file()
-        case ["pip", "install", where]:
+        case ["pip", "install", where] | ["pip", "install", "-e", where]:
             assert re.fullmatch(r"\.\[\w+\]", where)
             assert re.search(rf"^{where[2:-1]} = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
         case ["colcon", "build", "--base-paths", path]:
