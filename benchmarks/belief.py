@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -57,6 +57,11 @@ TRAINED: dict[str, dict[str, Any]] = {
 FIGURES = ("an_hour", "goals", "false_goals", "lost", "collision")
 """Figures: goals truly reached per hour, where none are after a contact; shares of the goals given; share of
 the time with a belief more than 0.5 m off; share of the missions that end by a contact."""
+HIDDEN = {"truth": ("std_position", "std_heading", "nis"), "wheels": ("nis",)}
+"""Observations that are 0 throughout a training, and where its policies drive too: what their networks make of other numbers
+is chance."""
+SHOWN = ", nothing hidden"
+"""What is added to the name of a training whose policies see these numbers where they drive."""
 SMALLER = {"n_envs": 256, "n_steps": 64}
 """Differences from the hyper-parameters for rooms: what precedes the learning costs half of the time."""
 AT_FIRST, IN_DOUBT = 200, 0.5
@@ -95,10 +100,12 @@ class Watched:
     Args:
         policy: The policy.
         turns: Whether the robot turns on the spot instead while the place is in doubt.
+        hidden: Names of observations that the policy sees as 0.
     """
 
-    def __init__(self, policy: Policy, *, turns: bool = False) -> None:
+    def __init__(self, policy: Policy, *, turns: bool = False, hidden: Sequence[str] = ()) -> None:
         self._policy, self._turns = policy, turns
+        self._hidden = [Observation._fields.index(name) for name in hidden]
         self._steps = 0
         self.ways, self.doubts = 0.0, 0
 
@@ -106,7 +113,9 @@ class Watched:
         getattr(self._policy, "reset", lambda mask: None)(mask)
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        actions = self._policy(observations)
+        shown = observations.copy()
+        shown[:, self._hidden] = 0.0
+        actions = self._policy(shown)
         in_doubt = observations[:, Observation._fields.index("std_position")] > IN_DOUBT
         if self._turns:
             actions = np.where(in_doubt[:, None], TURN, actions)
@@ -144,15 +153,13 @@ def train(name: str, seed: int, config: Config) -> Path:
     return path
 
 
-def driven(policy: str | Path, setting: str, config: Config) -> dict[str, Any]:
+def driven(policy: str | Path, setting: str, config: Config, hidden: Sequence[str] = ()) -> dict[str, Any]:
     """Return what a policy reaches in each mission of a setting on the localizer's belief, and its speed in doubt."""
-    kept = config.kept / f"{Path(policy).stem} {setting}.json"
+    kept = config.kept / f"{Path(policy).stem}{' as trained' if hidden else ''} {setting}.json"
     if not kept.exists():
         own = make_policy(str(policy).removesuffix(TURNS), allow_mismatch=True)
-        driver, shown = (
-            Watched(own, turns=str(policy).endswith(TURNS)),
-            EVIDENCE if layout_of(own) == LOCATED_LAYOUT else "localizer",
-        )
+        driver = Watched(own, turns=str(policy).endswith(TURNS), hidden=hidden)
+        shown = EVIDENCE if layout_of(own) == LOCATED_LAYOUT else "localizer"
         limit = {"max_episode_steps": round(10.0 * config.seconds), "episodes": config.missions, "seed": config.seed}
         e = evaluate(driver, env=fit.MISSIONS, **limit, **options(setting, TRAINED[shown])).episodes
         counts = {"arrivals": e.arrivals, "false": e.false_arrivals, "given": e.given, "collision": e.collision}
@@ -194,7 +201,7 @@ def compared(setting: str, by_policy: Mapping[str, list[dict[str, Any]]], config
     for name, figures in found.items():
         row: dict[str, Any] = {"setting": setting, "policy": name, **{key: interval(part) for key, part in figures.items()}}
         row["speed_in_doubt"] = float(np.mean([each["speed"] for each in by_policy[name]]))
-        for other in ("truth", *config.policy) if name in TRAINED else ():
+        for other in ("truth", *config.policy) if name.removesuffix(SHOWN) in TRAINED else ():
             if other != name and other in found:
                 minus = {key: part - found[other][key] for key, part in figures.items()}
                 row[f"minus_{other}"] = {key: interval(part) for key, part in minus.items()}
@@ -207,7 +214,9 @@ def main() -> None:
     """Train, drive, print a table, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     drivers: dict[str, list[str | Path]] = {name: [name] for name in config.policy} if not config.only else {}
-    drivers |= {name: [train(name, seed, config) for seed in config.only or range(config.seeds)] for name in config.trained}
+    for name in config.trained:
+        drivers[name] = [train(name, seed, config) for seed in config.only or range(config.seeds)]
+        drivers |= {f"{name}{SHOWN}": drivers[name]} if name in HIDDEN else {}
     titles = (
         "an hour",
         "reached, %",
@@ -220,7 +229,9 @@ def main() -> None:
     )
     rows, table = [], Table("setting", "policy, or trained on", *titles)
     for setting in SETTINGS:
-        by_policy = {name: [driven(each, setting, config) for each in some] for name, some in drivers.items()}
+        by_policy = {
+            name: [driven(each, setting, config, HIDDEN.get(name, ())) for each in some] for name, some in drivers.items()
+        }
         if config.only:
             continue
         rows += compared(setting, by_policy, config)
