@@ -52,13 +52,13 @@ SYMMETRIC[np.triu_indices(5)] = np.arange(15)
 SYMMETRIC |= np.triu(SYMMETRIC, 1).T
 
 
-def indices_of(batch: Batch, key: str, path: str) -> list[int]:
-    """Return the indices of a part or number of a world; those of a covariance are of the whole matrix, row by row."""
+def indices_of(batch: Batch, key: str, path: str) -> NDArray[np.intp]:
+    """Return the indices of a part of a world, or of a number, shape (1,); those of a covariance are of the whole matrix."""
     world = batch.layout.world
     if path in world.names:
-        return [world.names.index(path)]
+        return np.array([world.names.index(path)])
     part = np.arange(len(world.names))[world.slices[path]]
-    return (part[SYMMETRIC].ravel() if key == "covariance" else part).tolist()
+    return part[SYMMETRIC] if key == "covariance" else part
 
 
 class Told:
@@ -70,21 +70,20 @@ class Told:
     """
 
     def __init__(self, batch: Batch, parts: Mapping[str, str]) -> None:
-        indices: list[int] = []
         self._slices: list[tuple[str, slice]] = []
         self._numbers: list[tuple[str, int, bool]] = []
         self._covariance: tuple[str, slice] | None = None
-        for key, path in parts.items():
-            start = len(indices)
-            indices += indices_of(batch, key, path)
+        chosen, end = [indices_of(batch, key, path) for key, path in parts.items()], 0
+        for (key, path), indices in zip(parts.items(), chosen, strict=True):
+            start, end = end, end + indices.size
             if path in batch.layout.world.names:
                 self._numbers.append((key, start, key in FLAGS))
             elif key == "covariance":
-                self._covariance = key, slice(start, len(indices))
+                self._covariance = key, slice(start, end)
             else:
-                self._slices.append((key, slice(start, len(indices))))
-        self._batch, self.is_empty = batch, not indices
-        batch.tell(indices)
+                self._slices.append((key, slice(start, end)))
+        self._batch, self.is_empty = batch, not chosen
+        batch.tell(*chosen)
 
     def now(self) -> dict[str, NDArray[Any]]:
         """Return the parts, with environments first, as views where possible."""

@@ -101,7 +101,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Info
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
-    ``command`` (2,), ``distance`` (true, m) and ``is_success``. They are parts of a buffer that is new at every step.
+    ``command`` (2,), ``distance`` (true, m) and ``is_success``. The arrays are new at every step.
 
     In rooms also ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the start, m),
     ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.
@@ -135,15 +135,10 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / p.dt))}
         self.action_space, self.observation_space = spaces_of(self._batch.system)
-        self._slices, self._numbers, indices = [], {}, []
-        for key, path in (PARTS | (ROOM_PARTS if p.room else {})).items():
-            start = len(indices)
-            indices += indices_of(self._batch, key, path)
-            if key in ROOM_PARTS:
-                self._numbers[key] = start, bool if key in FLAGS else float
-            else:
-                self._slices.append(slice(start, len(indices)))
-        self._batch.tell(indices)
+        self._numbers = {key: bool if key in FLAGS else float for key in ROOM_PARTS} if p.room else {}
+        parts = [indices_of(self._batch, key, path) for key, path in PARTS.items()]
+        numbers = [indices_of(self._batch, key, ROOM_PARTS[key])[0] for key in self._numbers]
+        self._batch.tell(*parts, numbers)
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = False
@@ -250,19 +245,18 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         )  # fmt: skip
 
     def _info(self, distance: float, success: bool) -> dict[str, Any]:
-        """Return what ``info`` holds, as views of a fresh copy of the world."""
-        numbers = self._batch.first_told()
-        true_state, odometry, estimate, covariance, reference, command = self._slices
+        """Return what ``info`` holds, in new arrays."""
+        numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first_told()
         info: dict[str, Any] = {  # the keys of `PARTS`, written out: a comprehension takes half as long again
             "true_state": numbers[true_state],
             "odometry": numbers[odometry],
             "estimate": numbers[estimate],
-            "covariance": numbers[covariance].reshape(5, 5),
+            "covariance": numbers[covariance],
             "reference": numbers[reference],
             "command": numbers[command],
         }
         if self._numbers:
-            info |= {key: kind(numbers[at]) for key, (at, kind) in self._numbers.items()}
+            info |= {key: kind(value) for (key, kind), value in zip(self._numbers.items(), numbers[more], strict=True)}
         info["distance"] = distance
         info["is_success"] = success
         return info
