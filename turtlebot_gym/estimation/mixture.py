@@ -23,7 +23,7 @@ from turtlebot_gym.estimation.correlated import correct_correlated
 from turtlebot_gym.estimation.ekf import correct_position, innovation, predict
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import Variances, absorb, innovation_variance, inverse_of, of_heading, wrapped
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import algebra, kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Mixture, Slip
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
@@ -86,7 +86,7 @@ def exp_minus(q: float) -> float:
     return y * y
 
 
-@kernel
+@algebra
 def merge(one: Belief, other: Belief, share: float) -> Belief:
     """Return the Gaussian with the moments of a mixture; ``other`` has the weight ``share``."""
     a, b, P, Q = one.mean, other.mean, one.covariance, other.covariance
@@ -163,10 +163,14 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, m
     inverse = inverse_of(innovation_variance(h, R[2]))
     high, low = turn - spike, turn + spike
     q_true, q_high, q_low = turn * turn * inverse, high * high * inverse, low * low * inverse
-    least = min(q_true, min(q_high, q_low))
-    is_true = (1.0 - share) * exp_minus(0.5 * (q_true - least))
-    is_high = 0.5 * share * exp_minus(0.5 * (q_high - least))
-    is_low = 0.5 * share * exp_minus(0.5 * (q_low - least))
+    # Relative to the likeliest explanation; its own power is e^0 = 1.
+    near, far = min(q_high, q_low), max(q_high, q_low)
+    least, other = min(q_true, near), max(q_true, near)
+    of_other, of_far = exp_minus(0.5 * (other - least)), exp_minus(0.5 * (far - least))
+    of_true, of_near = (1.0 if q_true <= near else of_other), (of_other if q_true <= near else 1.0)
+    is_true = (1.0 - share) * of_true
+    is_high = 0.5 * share * (of_near if q_high <= q_low else of_far)
+    is_low = 0.5 * share * (of_far if q_high <= q_low else of_near)
     likely = is_true + is_high + is_low
     one = 1.0 / likely
     is_true, is_high, is_low = is_true * one, is_high * one, is_low * one

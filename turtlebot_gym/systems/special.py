@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.estimation.fixes import late_by, no_fix
+from turtlebot_gym.estimation.mixture import SLIP
 from turtlebot_gym.systems.late import late_fixes
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import BELIEVED
@@ -125,6 +126,21 @@ _QUIET_COURSE = _ANY_COURSE._replace(
 )
 
 
+_GRIP, _SLIP = ([f"estimate.{mode}.{which}" for which in ("true", "high", "low")] for mode in ("gripping", "slipping"))
+_SLIPPING_COURSE = Special(
+    parameters=tuple(pair for pair in _SIMPLE if not pair[0].startswith("tuning.kind.")),
+    world=tuple((f"{each}.covariance.{entry}", 0.0) for each in (*_GRIP, *_SLIP) for entry in _WITH_TWIST),
+    same=(
+        *_WHEELS,
+        *_pairs("senses.odometry.twist", "body.command", "v", "omega"),
+        *(pair for each in _GRIP for pair in _pairs(f"{each}.mean", "body.command", "v", "omega")),
+        *(pair for each in _SLIP[1:] for pair in _pairs(f"{each}.mean", f"{_SLIP[0]}.mean", "v", "omega")),
+    ),
+    own=(),
+    name="by waypoints with a filter that models slip",
+)
+
+
 def _to_one_goal(special: Special) -> Special:
     return special._replace(waypoints=1, same=special.same + _ONE_GOAL, name=special.name.replace("by waypoints", "to a goal"))
 
@@ -142,6 +158,9 @@ SPECIALS = (
 )
 """The cases, each before those that it is a case of: the default, and several waypoints; slip, wrong wheels, lost measurements
 and delays; and these different in each environment. What differs is loaded for each environment, all else once for all."""
+SLIPPING = (_to_one_goal(_SLIPPING_COURSE), _SLIPPING_COURSE)
+"""The cases of the filter that models slip: its hypotheses have the twist of the odometry, all of it or the same share, so no
+covariance with it but in what they are merged into."""
 
 
 _POSE, _TWIST = ("pose.x", "pose.y", "pose.theta"), ("twist.v", "twist.omega")
@@ -187,7 +206,11 @@ def special_of(system: System, parameters: Mapping[str, NDArray[np.float64]], wa
         waypoints: Number of waypoints.
     """
     late = late_by(float(parameters["fix.delay"][0]), float(parameters["dt"][0])) if "fix.delay" in parameters else 0
-    if system != (late_fixes(late).whole if late else open_ground(EXTENDED_KALMAN)):
+    if system == open_ground(SLIP):
+        cases = SLIPPING
+    elif system == (late_fixes(late).whole if late else open_ground(EXTENDED_KALMAN)):
+        cases = SPECIALS
+    else:
         return GENERAL
-    special = next((special for special in SPECIALS if special.holds(parameters, waypoints)), GENERAL)
+    special = next((special for special in cases if special.holds(parameters, waypoints)), GENERAL)
     return with_late_fixes(special, late) if late and special != GENERAL else special
