@@ -81,6 +81,14 @@ def _table(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return lines
 
 
+def _python(times: Mapping[str, float]) -> list[str]:
+    """Return the sentence on what a step takes outside its compiled loops, by number of environments, if that was measured."""
+    if not times:
+        return []
+    told = ", ".join(f"{time:.1f}" for time in times.values())
+    return [f"Outside its compiled loops a vector step of {', '.join(times)} environments takes {told} microseconds."]
+
+
 RATES = (("steps_per_second", "ratio"), ("steps_per_cpu_second", "cpu_ratio"))
 
 
@@ -91,6 +99,7 @@ def _training(found: Mapping[str, Any]) -> list[str]:
         f"PPO learns from {trained['steps_per_second']:,.0f} steps/s over the vector environment,",
         f"{trained['ratio']:.1f} times as many as over Stable-Baselines3's `DummyVecEnv` of 64 scalar environments",
         f"({trained['dummy_vec_env']:,.0f} steps/s). The adapter `Sb3VecEnv` adds {found['adapter_ns']:.0f} ns to a step.",
+        *_python(found.get("python_us", {})),
         f"A million steps take {trained['cpu_seconds_per_million']:.1f} CPU seconds",
     ]
     if not busy:

@@ -73,6 +73,7 @@ def _sitting(
         done = len(contenders) * config.rounds
         if usual:
             result["adapter_ns"] = learning.adapter(rounds=config.rounds)
+            result["python_us"] = {str(size): environments.python_of_a_step(size) for size in environments.FEW_AND_MANY}
         result["training"] = learning.training(
             rounds=min(TRAININGS, config.rounds), usual=usual, progress=lambda trained: advance_to(done + trained)
         )

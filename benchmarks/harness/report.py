@@ -82,6 +82,10 @@ def _training_table(result: Mapping[str, Any]) -> Table:
     table.add_row("DummyVecEnv over 64 scalar environments, steps/s", f"{trained['dummy_vec_env']:,.0f}")
     table.add_row("ratio", f"{trained['ratio']:.1f}")
     table.add_row("CPU seconds for a million steps, ours", f"{trained['cpu_seconds_per_million']:.1f}")
+    if "python_us" in result:
+        sizes, times = zip(*result["python_us"].items(), strict=True)
+        name = f"Python of a vector step of {', '.join(sizes)} environments, microseconds"
+        table.add_row(name, ", ".join(f"{time:.1f}" for time in times))
     busy = result.get("busy", {}).get("training")
     if busy:
         where, more = beside(result["busy"]["processes"]), busy["cpu_seconds_per_million"] / trained["cpu_seconds_per_million"]

@@ -249,10 +249,20 @@ def test_tables_have_training_and_the_busy_machine_where_they_were_measured():
     assert len(report.tables(result)) == 1
     trained = {"steps_per_second": 1e5, "cpu_seconds_per_million": 20.0, "dummy_vec_env": 3e4, "ratio": 3.3}
     busy = busy_part(result) | {"training": trained | {"cpu_seconds_per_million": 26.0}}
-    environment, beside, training = report.tables(result | {"training": trained, "adapter_ns": 50.0, "busy": busy})
+    environment, beside, training = report.tables(
+        result | {"training": trained, "adapter_ns": 50.0, "python_us": {"1": 3.26, "64": 3.4}, "busy": busy}
+    )
     assert (environment.row_count, beside.row_count) == (6, 5)
     assert "other programs used 0.2 cores" in str(environment.title)
     assert [*training.columns[1].cells][-1] == "26.0, 1.30 times"
+    assert "3.3, 3.4" in training.columns[1].cells
+
+
+def test_python_takes_a_part_of_a_step():
+    envs = environments._vector(environments.NAV, 64, by="turtlebot_gym", threads=1)
+    steps = calls_for(envs.run, 0.002)
+    whole = 1e6 * min(envs.run(steps).wall for _ in range(20)) / steps
+    assert 0.1 * whole < environments.python_of_a_step(64, seconds=0.002) < 2.0 * whole  # a busy machine adds to either
 
 
 def test_the_command_writes_what_it_measured_and_guards_it(tmp_path, capsys):

@@ -39,9 +39,9 @@ from turtlebot_gym.validation import choose, whole
 MOST = 2**24
 """Most environments in one."""
 
-_REWARD, _DISTANCE, _SUCCESS, _TERMINATED, _TRUNCATED = (
-    Outcome._fields.index(name) for name in ("reward", "distance", "is_success", "terminated", "truncated")
-)
+_REWARD, _DISTANCE, _SUCCESS = map(Outcome._fields.index, ("reward", "distance", "is_success"))
+_FLAGS = slice(_SUCCESS, _SUCCESS + 3)
+"""The rows of success, termination and truncation: one comparison of all takes half the time of three."""
 
 
 class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]):
@@ -167,7 +167,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._begin(mask, observations, outcomes, asked)
         self._begun = True
         self._done[mask] = False
-        return observations, self._info(outcomes, mask)
+        return observations, self._info(outcomes, outcomes[_SUCCESS] != 0.0, mask)
 
     def _entropy(self) -> int:
         return int(self.np_random_seed or 0)
@@ -212,19 +212,20 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         observations, outcomes = batch.step(values)
         if self._mode is AutoresetMode.NEXT_STEP and is_any_over:
             self._begin_next(ended, observations, outcomes)
-        rewards, terminated, truncated = outcomes[_REWARD], outcomes[_TERMINATED] != 0.0, outcomes[_TRUNCATED] != 0.0
+        flags = outcomes[_FLAGS] != 0.0
+        rewards, is_success, terminated, truncated = outcomes[_REWARD], flags[0], flags[1], flags[2]
         self._done = done = terminated | truncated
         if self._mode is not AutoresetMode.SAME_STEP or not np.count_nonzero(done):
-            return observations, rewards, terminated, truncated, self._info(outcomes)
+            return observations, rewards, terminated, truncated, self._info(outcomes, is_success)
         final = {"final_obs": of_rows(done, observations), "_final_obs": done.copy()}
-        final |= {"final_info": self._info(outcomes, done), "_final_info": done.copy()}
+        final |= {"final_info": self._info(outcomes, is_success, done), "_final_info": done.copy()}
         rewards = rewards.copy()
         self._begin_next(done, observations, outcomes)
-        return observations, rewards, terminated, truncated, self._info(outcomes) | final
+        return observations, rewards, terminated, truncated, self._info(outcomes, outcomes[_SUCCESS] != 0.0) | final
 
     def _begin_next(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
         """Begin the next episode of some environments, and overwrite their values."""
-        self._batch.episodes[mask] += 1
+        self._batch.episodes[mask.nonzero()] += 1  # in half the time of the mask itself
         self._begin(mask, observations, outcomes)
 
     def _begin(
@@ -247,9 +248,11 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             )
         self._pictures.begin(mask)
 
-    def _info(self, outcomes: NDArray[np.float64], mask: NDArray[np.bool_] | None = None) -> dict[str, Any]:
+    def _info(
+        self, outcomes: NDArray[np.float64], is_success: NDArray[np.bool_], mask: NDArray[np.bool_] | None = None
+    ) -> dict[str, Any]:
         """Return infos of all environments; those outside a mask are zeros."""
-        infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": outcomes[_SUCCESS] != 0.0}
+        infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": is_success}
         if not self._told.is_empty:
             infos |= self._told.now()
         if mask is not None:
