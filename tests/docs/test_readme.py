@@ -8,6 +8,7 @@ import pytest
 from markdown_it import MarkdownIt
 from pages import ROOT, measured
 
+OFFICE = "office", "ppo-rooms"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -29,6 +30,8 @@ def test_it_is_short_and_says_what_was_measured():
     settings = calibration["coverage"].values()
     truth = [row for setting in settings for row in setting["parameters"].values()]
     share = 100 * sum(row["coverage"] * row["drives"] for row in truth) / sum(row["drives"] for row in truth)
+    missions = {row["belief"]: row for row in measured("missions")["missions"] if (row["world"], row["policy"]) == OFFICE}
+    reached = tuple(f"{100 * missions[belief]['goals']['value']:.0f} %" for belief in ("wheels", "localizer", "truth"))
     verdicts = [row["verdict"] for row in measured("robustness")["comparisons"]]
     equality, drives = lockstep["parts"]["equality"], sum(setting["drives"] for setting in settings)
     for phrase, claim in (
@@ -41,6 +44,7 @@ def test_it_is_short_and_says_what_was_measured():
         ("VFH+", f"three others reach {100 * by_policy['ppo, 3 trainings']['success']['value']:.1f} %"),
         ("VFH+", f"No difference in `{level[0]}`, `{level[1]}` and `{level[2]}`"),
         ("VFH+", "Within the safety layer PPO reaches {}, a planner {}, and none collides".format(*shares)),
+        ("A localizer", "{} reached on the wheels alone, {} localized, {} on the true pose".format(*reached)),
         ("A guard", f"{total['injected']} injected faults of {len(faults['faults'])} kinds: {total['unsafe']} unsafe motion"),
         ("Your robot", f"the truth in {share:.1f} % of cases, {drives} drives"),
         ("Honest", f"slower in {verdicts.count('PPO slower')} of {len(verdicts)} scenarios, faster in none"),
