@@ -22,6 +22,11 @@ def stops(safety, start, end, step=0.01):
     return [now for now in times if safety.tick(now=now)]
 
 
+@pytest.mark.parametrize(("enabled", "why"), [(True, "no step yet"), (False, "not enabled")])
+def test_it_starts_silent_and_says_why(enabled, why):
+    assert Safety(enabled=enabled, blocked=0.5).state == f"silent: {why}"
+
+
 @pytest.mark.parametrize("disable", [True, False])
 def test_a_stop_is_one_second_of_zeros_every_50_ms_and_then_silence(disable):
     safety = active(now=9.9)
