@@ -258,6 +258,8 @@ def _with_parameters(config: TrainingConfig, parameters: Mapping[str, Any]) -> T
         elif key == "learning_rate" and str(hyper.get(key, "")).startswith("lin_"):
             value = f"lin_{value:.6g}"
         place[key] = value
+    if "n_steps" in parameters:  # a rollout that is smaller than a batch is one batch
+        hyper["batch_size"] = min(hyper["batch_size"], hyper["n_steps"] * hyper["n_envs"])
     return replace(config, config=hyper)
 
 
