@@ -150,12 +150,15 @@ bench-ros: $(READY)  ## the live graph: latency, jitter, CPU, memory, time to a 
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/ros.py --json $(OUT)/ros.json
 
+bench-ros-layer: $(READY)  ## what the safety layer adds to the controller in the live graph: CPU and delay (7 minutes)
+	$(RUN)python benchmarks/ros.py --only layer --json benchmarks/ros_layer.json
+
 bench-lockstep: $(READY)  ## the live graph and the environment: equality, speed, real time under load (15 minutes)
 	@mkdir -p $(OUT)
 	$(RUN)python benchmarks/lockstep.py --json $(OUT)/lockstep.json
 
-bench-lockstep-office: $(READY)  ## 40 offices in the live graph, with the planner within the safety layer: to the bit, and as a TurtleBot3 speaks (10 minutes)
-	$(RUN)python benchmarks/lockstep.py --only rooms --rooms 40 --room-world office --room-policy planner+safety \
+bench-lockstep-office: $(READY)  ## 100 offices in the live graph, with the planner within the safety layer: to the bit, and as a TurtleBot3 speaks (15 minutes)
+	$(RUN)python benchmarks/lockstep.py --only rooms --rooms 100 --room-world office --room-policy planner+safety \
 		--no-room-processes --json benchmarks/lockstep_office.json
 	$(RUN)python benchmarks/as_robot.py --drives 100 --guarded 0 --live 0 --world office --policy planner+safety \
 		--kept $(OUT)/as_robot_office --json benchmarks/as_robot_office.json

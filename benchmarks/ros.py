@@ -29,12 +29,15 @@ from ros_faults import MOVERS, faults
 from ros_probe import FAR, GUARDED, PATIENCE, PERIOD, graph
 from turtlebot_gym import values
 from turtlebot_gym.values import STOP, Pose
+from turtlebot_gym_agents.policies.named import SAFETY
 from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
 from turtlebot_gym_ros.nodes import MODES
 
 NODES = MODES["autonomous"]
+PROTECTED = ("vfh", "ppo-rooms", "planner")
+"""Policies that drive rooms without and with the safety layer."""
 ORDERS = [NODES, NODES[::-1], *islice(permutations(NODES), 7, 23, 4)]
 """Launch orders: each node is first, second, third and last in some of them, and before and after every other."""
 
@@ -51,6 +54,12 @@ class Config:
     """Time for which it is watched at 20 Hz, also for CPU and memory, min."""
     repeats: int = 5
     """Number of repetitions of each fault."""
+    layer_seconds: float = 20.0
+    """Time for which a room is driven with and without the safety layer, s."""
+    layer_rooms: int = 3
+    """Number of these rooms."""
+    only: tuple[str, ...] = ()
+    """Parts to measure; by default all."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Also write the results here."""
 
@@ -172,6 +181,53 @@ def watch(*, rate: float, seconds: float) -> dict[str, Any]:
     }
 
 
+def layer(config: Config) -> dict[str, Any]:
+    """Measure what the safety layer adds to the controller: graphs in rooms that differ in it alone, in turn."""
+    shares: dict[str, list[float]] = {policy + end: [] for policy in PROTECTED for end in ("", SAFETY)}
+    delays: dict[str, list[float]] = {policy: [] for policy in shares}
+    for seed in range(config.layer_rooms):
+        for policy in shares:
+            share, some = in_room(policy, seed, config.layer_seconds)
+            shares[policy].append(share)
+            delays[policy] += some
+    figures = []
+    for policy in shares:
+        p50, p99 = (float(value) for value in np.percentile(delays[policy], [50.0, 99.0]))
+        figures += [
+            Figure(f"CPU of velocity_controller with {policy}, 10 commands a second", float(np.mean(shares[policy])), "%"),
+            Figure(f"/odom to /cmd_vel with {policy}, p50", p50, "ms"),
+            Figure(f"/odom to /cmd_vel with {policy}, p99", p99, "ms"),
+        ]
+    return {"figures": figures, "commands": {policy: len(some) for policy, some in delays.items()}, "cpu": shares}
+
+
+def in_room(policy: str, seed: int, seconds: float) -> tuple[float, list[float]]:
+    """Drive a room of the world "office" in real time.
+
+    Returns:
+        The controller's share of a core, %, and the time of each command since the newest odometry, ms.
+    """
+    with graph(speaks=False, remappings={}) as (probe, nodes):
+        arrivals: list[float] = []
+
+        def hear(_: Odometry, info: dict[str, int]) -> None:
+            arrivals.append(time.monotonic() - time.time() + 1e-9 * info["received_timestamp"])
+
+        probe.node.create_subscription(Odometry, "odom", hear, 100)
+        nodes.start("turtlebot_simulator", world="office", seed=seed)
+        nodes.start("kalman_filter")
+        nodes.start("waypoint_generator", waypoints="room")
+        nodes.start("velocity_controller", policy=policy, goal_tolerance=0.0)
+        probe.drive("velocity_controller")
+        probe.spin(2.0)  # first use is over
+        first, begin, used = len(probe.heard), time.monotonic(), nodes.cpu("velocity_controller")
+        probe.spin(seconds)
+        share = 100.0 * (nodes.cpu("velocity_controller") - used) / (time.monotonic() - begin)
+    odometry, commands = np.sort(arrivals), np.array([command.arrival for command in probe.heard[first:]])
+    newest = np.searchsorted(odometry, commands) - 1
+    return share, (1e3 * (commands - odometry[newest])).tolist()
+
+
 def measure(config: Config) -> dict[str, Any]:
     """Return the results of all parts, each with the load of the machine before and after it (1 min average)."""
     parts: dict[str, Callable[[], dict[str, Any]]] = {
@@ -180,8 +236,9 @@ def measure(config: Config) -> dict[str, Any]:
         "graph at 20 Hz": lambda: watch(rate=20.0, seconds=60.0 * config.memory_minutes),
         "graph at 50 Hz": lambda: watch(rate=50.0, seconds=config.jitter_seconds),
         "faults": lambda: faults(config.repeats),
+        "layer": lambda: layer(config),
     }
-    return {"cores": cores(), "parts": dict(measured(parts))}
+    return {"cores": cores(), "parts": dict(measured({name: parts[name] for name in config.only or parts}))}
 
 
 def main() -> None:
