@@ -68,9 +68,8 @@ def test_machine_code_is_plain_python_to_the_bit():
         scans, shares = random.uniform(-2.0, 2.0, (2, 3)), np.minimum(random.uniform(0.1, 1.3, (2, SECTORS)), 1.0)
         places, goals, yes = random.uniform(-2.0, 2.0, (2, 2)), random.uniform(-9.0, 9.0, (2, 2)), np.ones(2, np.bool_)
         for function, (seen, vain, targets) in ((grid.advance(), compiled), (grid._advance, plain)):
-            function(
-                seen, vain, scans, np.array([3.4, 2.0]), shares, yes, places, goals, yes, yes, policy._stamp, 2.0, 1.15, targets
-            )
+            reaches, numbers = np.array([3.4, 2.0]), (policy._stamp, 2.0, 1.15, 6)
+            function(seen, vain, scans, reaches, shares, yes, places, goals, yes, yes, *numbers, targets)
         for one, other in zip(compiled, plain, strict=True):
             np.testing.assert_array_equal(one, other)
     assert (compiled[0] >= OCCUPIED).sum() > 50
@@ -121,12 +120,43 @@ def test_the_grid_moves_with_its_robot():
 
 
 def test_a_robot_that_does_not_get_on_tries_another_way():
-    """It stands before a wall, whatever the policy answers; the nearer end is on the left."""
+    """It stands before a wall for half a minute, whatever the policy answers; the nearer end is on the left."""
     policy, turns = PlannerPolicy(), []
-    for _ in range(150):
+    for _ in range(300):
         turns.append(policy(sight(shares=WALL))[1])
     assert turns[0] > 0.2
     assert min(turns) < -0.2
+
+
+def test_a_robot_that_moves_back_and_forth_is_stuck_and_one_that_turns_round_is_not():
+    policy, there = PlannerPolicy(), np.concatenate([np.arange(40), np.arange(40, 0, -1)])
+    for place, is_stuck in ((0.02 * there, False), (0.02 * (np.arange(80) % 10), True)):
+        policy.reset(np.array([True]))
+        stuck = []
+        for x in place:
+            policy(sight(at=(x, 0.0, 0.0))[None])
+            stuck.append(policy.stuck[0])
+        assert any(stuck) == is_stuck
+
+
+def test_a_way_leads_where_the_ground_was_seen_to_be_free_if_another_is_hardly_shorter():
+    """The goal is behind a post in the middle; the ground was seen on the left."""
+    for side in (-1, 1):
+        seen, target = np.zeros((SIDE, SIDE), np.int8), np.zeros(2)
+        seen[SIDE // 2 : SIDE // 2 + 2, SIDE // 2 + 10] = grid.CERTAIN
+        seen[SIDE // 2 + side * np.arange(2, 9), SIDE // 2 : SIDE // 2 + 20] = grid.FREED
+        vain, stamp = np.zeros_like(seen), PlannerPolicy()._stamp
+        grid.plan(seen, vain, False, 0.0, 0.1, 2.0, 0.1, stamp, 4.0, 1.0, 6, target)
+        assert np.sign(target[1] - 0.1) == side
+
+
+def test_a_map_is_seen_from_the_beginning():
+    """The wall is longer on the right; it was never in sight."""
+    policy = PlannerPolicy()
+    policy.reset(np.array([True]))
+    policy.know(0, 0.8 + 1j * np.arange(-1.5, 0.5, 0.05), np.array([-1.0]))
+    assert policy(sight()[None])[0, 1] > 0.2
+    assert cells(policy) - (-2.0) == pytest.approx(0.8 - 0.5j, abs=1.2)
 
 
 @pytest.mark.parametrize("name", ["vfh", "planner", "vfh+safety", "planner+safety", "ppo-rooms+safety"])

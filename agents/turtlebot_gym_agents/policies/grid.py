@@ -1,4 +1,4 @@
-"""A grid of what a robot has seen, and the cheapest way over it, on which unknown cells are free.
+"""A grid of what a robot has seen, and the cheapest way over it, on which unknown cells are free, if perhaps dearer.
 
 A scan is entered sector by sector: free along three lines, occupied at the sector's range. Places that later beams pass become
 free again. The functions are compiled where numba is; without it they run as plain Python, with the same results to the bit.
@@ -27,7 +27,8 @@ SIDE = 160
 """Number of rows and of columns."""
 OCCUPIED = 5
 """Least evidence of an occupied cell; an unknown one has 0."""
-_LEAST, _MOST = -14, 21
+FREED, CERTAIN = -14, 21
+"""Least and most evidence."""
 _HIT, _BESIDE, _PASSED = 7, 3, 1
 """Evidence of a sector's range, of its neighbourhood within the sector, and of a line that goes on."""
 _SHORT = 0.1
@@ -52,7 +53,7 @@ def _cell(at: float) -> int:
 def _add(grid, y: float, x: float, evidence: int) -> None:
     i, j = _cell(y), _cell(x)
     if 0 <= i < SIDE and 0 <= j < SIDE:
-        grid[i, j] = max(min(grid[i, j] + evidence, _MOST), _LEAST)
+        grid[i, j] = max(min(grid[i, j] + evidence, CERTAIN), FREED)
 
 
 @kernel
@@ -131,8 +132,9 @@ def _line_costs(weights, row: float, column: float, to_row: float, to_column: fl
 
 @kernel
 def plan(
-    grid, vain, stuck: bool, x: float, y: float, goal_x: float, goal_y: float, stamp, preview: float, detour: float, target
-) -> None:
+    grid, vain, stuck: bool, x: float, y: float, goal_x: float, goal_y: float, stamp, preview: float, detour: float,
+    unknown: int, target,
+) -> None:  # fmt: skip
     """Write the point to steer to: the farthest one of the way to which a straight line is hardly dearer; NaN for the goal.
 
     Args:
@@ -146,6 +148,7 @@ def plan(
         stamp: Weights around an occupied cell, a square with it in the middle, of at most `_PAD` cells to each side, int32.
         preview: Length of the way that is looked at, m.
         detour: The straight line may cost so many times what the way costs, and a cell's more.
+        unknown: Weight of a cell that was never seen, at least `FREE`.
         target: Output, x and y, m.
     """
     i, j = min(max(_cell(y), 0), SIDE - 1), min(max(_cell(x), 0), SIDE - 1)
@@ -156,7 +159,10 @@ def plan(
         top, bottom = min(top, down.min()), max(bottom, down.max())
         left, right = min(left, along.min()), max(right, along.max())
     top, left = top - _PAD, left - _PAD
-    weights = np.full((bottom - top + _PAD + 1, right - left + _PAD + 1), np.int32(FREE))
+    weights = np.full((bottom - top + _PAD + 1, right - left + _PAD + 1), np.int32(unknown))
+    a, b = max(top, 0), max(left, 0)
+    seen = grid[a : bottom + _PAD + 1, b : right + _PAD + 1]
+    weights[a - top : a - top + seen.shape[0], b - left : b - left + seen.shape[1]][:] = np.where(seen == 0, unknown, FREE)
     side = len(stamp)
     for n in range(len(down)):
         a, b = down[n] - top - side // 2, along[n] - left - side // 2
@@ -188,13 +194,15 @@ def plan(
             break
 
 
-def _advance(grids, vain, scans, reaches, shares, new, places, goals, due, stuck, stamp, preview, detour, targets) -> None:
+def _advance(
+    grids, vain, scans, reaches, shares, new, places, goals, due, stuck, stamp, preview, detour, unknown, targets
+) -> None:
     for n in range(len(grids)):
         if new[n]:
             see(grids[n], scans[n, 0], scans[n, 1], scans[n, 2], shares[n], reaches[n])
         if due[n]:
             x, y, goal_x, goal_y = places[n, 0], places[n, 1], goals[n, 0], goals[n, 1]
-            plan(grids[n], vain[n], stuck[n], x, y, goal_x, goal_y, stamp, preview, detour, targets[n])
+            plan(grids[n], vain[n], stuck[n], x, y, goal_x, goal_y, stamp, preview, detour, unknown, targets[n])
 
 
 @cache

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.rooms.lidar import SECTORS
 from turtlebot_gym.tasks import Observation
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
-from turtlebot_gym_agents.policies.grid import CELL, FREE, SIDE, advance, shifted
+from turtlebot_gym_agents.policies.grid import CELL, CERTAIN, FREE, FREED, SIDE, advance, shifted
 from turtlebot_gym_agents.policies.reactive import (
     Ahead,
     Caution,
@@ -29,8 +29,8 @@ _BLOCKED = 400
 """Weight of a cell in which the robot would touch something; finite, since it may stand there by its evidence."""
 _LEAP = 0.5
 """Distance that no robot drives in a step, m: it has been given another goal."""
-_PATIENCE, _STUCK = 1.2, 0.2
-"""Time over which the velocity is averaged, s, and mean share of the limit below which a robot is stuck."""
+_PATIENCE, _LEFT = 4.0, 0.3
+"""Time, s, after which a robot is stuck that has not come so far from a place, m."""
 _NEAREST = 0.3
 """Least distance of the point to steer to, m: VFH+ ignores obstacles behind it."""
 
@@ -42,8 +42,10 @@ class _Memory(NamedTuple):
     """Evidence for obstacles, shape (n, `SIDE`, `SIDE`)."""
     vain: NDArray[np.int8]
     """Number of vain attempts to enter a cell, shape (n, `SIDE`, `SIDE`)."""
-    pace: NDArray[np.complex128]
-    """Mean velocity over `_PATIENCE`, as a share of the limit, shape (n,)."""
+    since: NDArray[np.complex128]
+    """Place that each robot has not left by `_LEFT` since, shape (n,) ..."""
+    idle: NDArray[np.int64]
+    """... for so many steps, shape (n,)."""
     shares: NDArray[np.float64]
     """The newest scan, shape (n, `SECTORS`)."""
     frame: NDArray[np.complex128]
@@ -57,9 +59,9 @@ class _Memory(NamedTuple):
 
 
 _NEW: Any = tuple(
-    map(np.asarray, (np.int8(0), np.int8(0), 1.0 + 0j, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0))
+    map(np.asarray, (np.int8(0), np.int8(0), complex(np.inf), 0, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0))
 )
-_SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (), (SECTORS,), (2,), (2,), (), ())
+_SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (), (), (SECTORS,), (2,), (2,), (), ())
 """What a robot remembers at first."""
 
 
@@ -68,11 +70,12 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     """Remember what was seen, and steer by VFH+ to a point of the cheapest way to the goal.
 
     Where every direction leads into its margin, only the robot's own radius counts. The defaults are the best of 40 tries in
-    the world "office", but for two: ``margin``, which is the safety layer's, and ``lag``, which an LDS-02 needs shorter.
+    the world "office", but for ``margin``, which is the safety layer's, ``lag``, which an LDS-02 needs shorter, ``doubt`` and
+    ``period``.
 
-    The grid of 16 m moves with the robot, in the frame of the poses; unknown cells are free. A way costs more near obstacles.
-    The point is the farthest one in ``preview`` to which a straight line costs hardly more than the way. Nothing is known of
-    what moves but that beams pass later.
+    The grid of 16 m moves with the robot, in the frame of the poses; unknown cells are free. A way costs more near obstacles
+    and where nothing was seen. The point is the farthest one in ``preview`` to which a straight line costs hardly more than the
+    way. Nothing is known of what moves but that beams pass later.
     """
 
     blocked: Annotated[float, POSITIVE, Range(0.09, 0.17)] = 0.122
@@ -85,7 +88,9 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     """Length of the way in which the point lies, m."""
     detour: Annotated[float, POSITIVE, Range(1.0, 1.5)] = 1.36
     """How many times the way's cost a straight line to the point may have."""
-    period: Annotated[float, POSITIVE, Range(0.1, 1.0)] = 0.6
+    doubt: Annotated[float, NON_NEGATIVE, Range(0.0, 1.5)] = 0.5
+    """By how many times a cell costs more that was never seen."""
+    period: Annotated[float, POSITIVE, Range(0.1, 1.0)] = 0.3
     """Time between plans, s."""
     ahead: Ahead = 0.0
     last: Last = 0.3
@@ -102,6 +107,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         at = CELL * np.arange(-wide, wide + 1)
         away = np.hypot(at[:, None], at)
         near = np.round(FREE * self.fear * np.clip(1.0 - (away - self.blocked) / self.berth, 0.0, 1.0))
+        self._unknown = round(FREE * (1.0 + self.doubt))
         self._stamp = np.where(away < self.blocked, _BLOCKED, FREE + near).astype(np.int32)
         self._memory = self._forgotten(0)
         self.stuck: NDArray[np.bool_] = np.zeros((), np.bool_)
@@ -123,6 +129,19 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     def keep(self, mask: NDArray[np.bool_]) -> None:
         super().keep(mask)
         self._memory = _Memory._make(part[mask] for part in self._memory)
+
+    def know(self, row: int, occupied: NDArray[np.complex128], free: NDArray[np.complex128]) -> None:
+        """Give a robot a map when it begins, after `reset`.
+
+        Args:
+            row: The robot.
+            occupied: Places of obstacles in the frame of its first pose, as complex numbers, m.
+            free: Places without.
+        """
+        for places, evidence in ((free, FREED), (occupied, CERTAIN)):
+            i, j = (np.floor(part / CELL).astype(np.int64) + SIDE // 2 for part in (places.imag, places.real))
+            inside = (np.minimum(i, j) >= 0) & (np.maximum(i, j) < SIDE)
+            self._memory.grid[row, i[inside], j[inside]] = evidence
 
     def _look(self, observations: ArrayLike) -> Sight:
         """Return a policy's view, with the point to steer to in the place of the goal."""
@@ -155,16 +174,17 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         scans = np.stack([there.real, there.imag, np.angle(heading * turned)], axis=-1)
         shares = rows[:, len(Observation._fields) : -1]
         due = memory.steps % max(round(self.period / self.dt), 1) == 0
-        memory.pace[:] += (o.v * heading - memory.pace) * self.dt / _PATIENCE
-        self.stuck = stuck = due & (np.abs(memory.pace) < _STUCK)
+        left = np.abs(place - memory.since) > _LEFT
+        memory.since[left], memory.idle[:] = place[left], np.where(left, 0, memory.idle + 1)
+        self.stuck = stuck = due & (memory.idle * self.dt > _PATIENCE)
         goals, targets = _pairs(memory.frame[:, 0]), _pairs(memory.target)
         reaches = CELL / np.maximum(0.1 * np.abs(omega), 0.01)  # farther places are blurred by the turn
         new = (shares != memory.shares).any(axis=-1)
         advance()(
             memory.grid, memory.vain, scans, reaches, shares, new, _pairs(place), goals, due, stuck, self._stamp, self.preview,
-            self.detour, targets,
+            self.detour, self._unknown, targets,
         )  # fmt: skip
-        memory.pace[stuck] = 1.0
+        memory.idle[stuck] = 0
         moved, turned = arc(v, omega, self.dt)
         memory.target[:], memory.shares[:] = targets @ (1.0, 1j), shares
         memory.pose[:, 0], memory.pose[:, 1] = place + heading * moved, heading * turned
@@ -187,7 +207,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         for n in np.flatnonzero(np.maximum(np.abs(expected.real), np.abs(expected.imag)) > 0.25 * SIDE * CELL):
             rows, columns = round(expected[n].imag / CELL), round(expected[n].real / CELL)
             memory.grid[n], memory.vain[n] = (shifted(part[n], rows, columns) for part in (memory.grid, memory.vain))
-            for part in (frame[n, :1], memory.pose[n, :1], memory.target[n : n + 1]):
+            for part in (frame[n, :1], memory.pose[n, :1], memory.target[n : n + 1], memory.since[n : n + 1]):
                 part -= CELL * (columns + 1j * rows)
 
 
