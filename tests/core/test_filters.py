@@ -54,8 +54,8 @@ def test_steps_are_those_of_the_function(tuning, integrator):
 
 def test_predict_and_update_make_a_step():
     halves, whole = (KalmanFilter(TUNING, state=(1.0, 2.0, 0.5, 0.1, 0.2)) for _ in range(2))
-    assert np.isnan(halves.innovation).all()
-    assert np.isnan(halves.innovation_covariance).all()
+    np.testing.assert_array_equal(halves.innovation, np.full(3, np.nan))
+    np.testing.assert_array_equal(halves.innovation_covariance, np.full((3, 3), np.nan))
     for command, odometry in ((Command(0.1, 0.2), None), *drive(1)):  # the first is lost before anything was measured
         halves.predict(command)
         if odometry is not None:

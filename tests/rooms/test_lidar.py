@@ -168,8 +168,9 @@ def test_a_scan_is_published_when_its_last_beam_is_there_and_not_before():
 
 def test_a_lidar_turns_and_moves_with_its_robot():
     """0.1 m ahead and 0.2 m to the left of a robot that looks along y: 0.2 m against x, 0.1 m along y."""
-    pose = mounted(State(1.0, 2.0, math.pi / 2.0, 0.0, 0.0), Lidar(x=0.1, y=0.2, yaw=3.0))
-    assert pose == pytest.approx((0.8, 2.1, math.pi / 2.0 + 3.0 - 2.0 * math.pi))
+    lidar, beside = Lidar(x=0.1, y=0.2, yaw=3.0), math.pi / 2.0
+    for theta, expected in ((0.0, (1.1, 2.2, 3.0)), (beside, (0.8, 2.1, beside + 3.0 - 2.0 * math.pi))):
+        assert mounted(State(1.0, 2.0, theta, 0.0, 0.0), lidar) == pytest.approx(expected)
 
 
 def test_sectors_to_which_a_lidar_is_blind_are_as_near_as_what_is_beside_them_and_never_far():
