@@ -2,16 +2,17 @@
 
 Robots wander for minutes with wheel odometry and the LiDAR `lds01`. The rooms are held out: constants were chosen on rooms of
 other seeds, from 13,000, 20,000, 21,000, 50,000 and 52,000.
-`make bench-localization` runs it and writes `localization.json`.
+`make bench-localization` runs it and writes `localization.json`; with `--only speed` it times steps alone, into the same file.
 """
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import tyro
@@ -29,7 +30,7 @@ from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.systems import Options
 from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.provenance import settings_of, write_json
+from turtlebot_gym_agents.provenance import plain, provenance, replace_json, settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
 DT = 0.1
@@ -71,8 +72,8 @@ class Config:
     """Length of a drive, s."""
     seed: int = 860_000
     """Seed of the first drive."""
-    speed: bool = True
-    """Whether steps are timed."""
+    only: Literal["", "cases", "needless", "blocked", "unknown", "kidnapped", "speed"] = ""
+    """Measure this part alone, and leave the others in the file as they are: steps are timed on a quiet machine."""
     json: Path | None = RESULTS
     """File for the results."""
 
@@ -164,12 +165,13 @@ class Surely:
     """Where robots are sure of their place: there is one hypothesis, and the last scan leaves no doubt of it."""
 
     def __init__(self, seconds: float, runs: int) -> None:
-        self.sure, self.searches = np.zeros((round(seconds / DT), runs), np.bool_), 0
+        self.sure, self.searches, self.fits = np.zeros((round(seconds / DT), runs), np.bool_), 0, []
         self._looked = np.zeros(runs, np.bool_)
 
     def __call__(self, batch: Batch, step: int) -> None:
-        misfits = batch.numbers("estimate.misfits")
-        self.sure[step] = (misfits <= 0.0) & (batch.numbers("estimate.fits") >= 0.7 * MATCHED.doubt)
+        misfits, fits = batch.numbers("estimate.misfits"), batch.numbers("estimate.fits")
+        self.sure[step] = (misfits <= 0.0) & (fits >= 0.7 * MATCHED.doubt)
+        self.fits.append(fits.mean())
         looks = misfits >= MATCHED.patience
         self.searches += int((looks & ~self._looked).sum())
         self._looked = looks
@@ -181,6 +183,10 @@ def found(position: Any, heading: Any, surely: Surely, since: float, times: tupl
     at_end = surely.sure[first + round(times[-1] / DT) - 1]
     return {
         **{f"after {after:g} s": right(position, heading, since + after) for after in times},
+        **{
+            f"sure and wrong after {after:g} s": metrics.share((wrong & surely.sure)[first + round(after / DT) - 1])
+            for after in times
+        },
         "sure at the end": metrics.share(at_end),
         "sure and wrong": float((wrong & surely.sure)[first:].mean()),
     }
@@ -236,52 +242,73 @@ def speed() -> dict[str, Any]:
     return results
 
 
+def cases(world: str, config: Config) -> dict[str, Any]:
+    """Return errors, honesty and searches in each of the `CASES`."""
+    results = {}
+    for name, case in CASES.items():
+        surely, localized = Surely(config.seconds, config.runs), case.get("localizer", MATCHED) is not None
+        position, heading, consistent = drive(
+            *make_batch(world, config.runs, case, config.seed),
+            config.seconds,
+            config.seed,
+            after=surely if localized else lambda b, s: None,
+        )
+        results[name] = {
+            "position": metrics.mean(np.sqrt((position**2).mean(0))),
+            "heading": metrics.mean(np.sqrt((heading**2).mean(0))),
+            "position_rms": float(np.sqrt((position**2).mean())), "heading_rms": float(np.sqrt((heading**2).mean())),
+            "nees": metrics.mean(consistent[20:].mean(0)), "most": float(position.max()),
+            "lost": metrics.mean((position > 0.5).mean(0)), "searches": surely.searches,
+            "fits": float(np.mean(surely.fits)) if localized else None,
+        }  # fmt: skip
+    return results
+
+
+def needless(world: str, config: Config) -> dict[str, Any]:
+    """Return how often robots that know where they are search the whole map, and in how many hours."""
+    number = 120
+    surely = Surely(config.seconds, number)
+    drive(*make_batch(world, number, {}, config.seed), config.seconds, config.seed, after=surely)
+    return {"hours": number * config.seconds / 3600.0, "searches": surely.searches}
+
+
+PARTS = {"cases": cases, "needless": needless, "blocked": blocked, "unknown": unknown, "kidnapped": kidnapped}
+"""What is measured in each world."""
+
+
+def tables_of(results: Mapping[str, Any]) -> list[Table]:
+    """Return results as tables."""
+    errors = Table(
+        "world", "case", "position, cm", "heading, mrad", "NEES (3)", "most, cm", "searches", title="root mean squares"
+    )
+    places = Table("what", "world", "when", "", title="within 0.3 m and 0.3 rad of the truth")
+    costs = Table("environments", "steps/s without", "with", "ratio of processor time")
+    for world, of_cases in results.get("cases", {}).items():
+        for name, x in of_cases.items():
+            row = 100.0 * x["position_rms"], 1e3 * x["heading_rms"], x["nees"].value, 100.0 * x["most"]
+            errors.add_row(world, name, *(f"{value:.2f}" for value in row), str(x["searches"]))
+    for what in results.keys() & (PARTS.keys() - {"cases"}):
+        for world, shares in results[what].items():
+            for name, share in shares.items():
+                places.add_row(what, world, name, f"{getattr(share, 'value', share):.4g}")
+    for number, cost in results.get("speed", {}).items():
+        per_second = cost["steps_per_second"]
+        costs.add_row(number, f"{per_second['wheels only']:,.0f}", f"{per_second['localizer']:,.0f}", f"{cost['ratio']:.2f}")
+    return [table for table in (errors, places, costs) if table.row_count]
+
+
 def main() -> None:
     """Drive, print tables, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    results: dict[str, Any] = {"cases": {}}
-    table = Table(
-        "world", "case", "position, cm", "heading, mrad", "NEES (3)", "most, cm", "searches", title="root mean squares"
-    )
-    for world in WORLDS:
-        for name, case in CASES.items():
-            surely = Surely(config.seconds, config.runs)
-            position, heading, consistent = drive(
-                *make_batch(world, config.runs, case, config.seed),
-                config.seconds,
-                config.seed,
-                after=surely if case.get("localizer", MATCHED) else lambda b, s: None,
-            )
-            figures = {
-                "position": metrics.mean(np.sqrt((position**2).mean(0))),
-                "heading": metrics.mean(np.sqrt((heading**2).mean(0))),
-                "position_rms": float(np.sqrt((position**2).mean())), "heading_rms": float(np.sqrt((heading**2).mean())),
-                "nees": metrics.mean(consistent[20:].mean(0)), "most": float(position.max()),
-                "lost": metrics.mean((position > 0.5).mean(0)), "searches": surely.searches,
-            }  # fmt: skip
-            results["cases"].setdefault(world, {})[name] = figures
-            row = (
-                100.0 * figures["position_rms"], 1e3 * figures["heading_rms"], figures["nees"].value, 100.0 * figures["most"],
-            )  # fmt: skip
-            table.add_row(world, name, *(f"{value:.2f}" for value in row), str(figures["searches"]))
-    places = Table("what", "world", "when", "%", title="within 0.3 m and 0.3 rad of the truth")
-    for what, measure in {"blocked": blocked, "unknown": unknown, "kidnapped": kidnapped}.items():
-        for world in WORLDS:
-            results.setdefault(what, {})[world] = shares = measure(world, config)
-            for name, share in shares.items():
-                places.add_row(what, world, name, f"{100.0 * getattr(share, 'value', share):.2f}")
-    tables = [table, places]
-    if config.speed:
-        results["speed"] = speed()
-        costs = Table("environments", "steps/s without", "with", "ratio of processor time")
-        for number, cost in results["speed"].items():
-            per_second = cost["steps_per_second"]
-            costs.add_row(
-                number, f"{per_second['wheels only']:,.0f}", f"{per_second['localizer']:,.0f}", f"{cost['ratio']:.2f}"
-            )
-        tables.append(costs)
-    print_tables(*tables)
-    if config.json is not None:
+    results: dict[str, Any] = {}
+    for name in [config.only] if config.only else (*PARTS, "speed"):
+        results[name] = speed() if name == "speed" else {world: PARTS[name](world, config) for world in WORLDS}
+    print_tables(*tables_of(results))
+    if config.json is not None and config.only:
+        kept = json.loads(config.json.read_text(encoding="utf-8"))
+        again = kept.get("again", {}) | {config.only: provenance()}
+        replace_json(config.json, plain(kept | results | {"again": again}))
+    elif config.json is not None:
         write_json(config.json, results, config=settings_of(config))
 
 

@@ -120,7 +120,7 @@ CHANGED = {
 }  # fmt: skip
 
 
-def test_each_assumption_changes_the_belief_but_when_a_robot_counts_as_lost():
+def test_each_assumption_changes_the_belief():
     slipping = ProcessNoise(alpha1=0.3, alpha2=0.05, alpha3=1.0, alpha4=0.3)
     usual = LocalizerTuning(
         along_walk=0.02, aside_walk=0.02, aside_step=0.05, aside_turn=0.02, turn_walk=0.02, widening=20.0, doubt=0.95
@@ -140,7 +140,7 @@ def test_each_assumption_changes_the_belief_but_when_a_robot_counts_as_lost():
     usually = believed(usual)
     assert CHANGED.keys() == {field.name for field in fields(LocalizerTuning)}
     same = [name for name, value in CHANGED.items() if believed(replace(usual, **{name: value})) == usually]
-    assert same == ["patience"]
+    assert not same
 
 
 def test_all_robots_share_the_field_of_a_map():

@@ -59,6 +59,22 @@ def test_a_kidnapped_robot_is_found_after_its_patience():
     assert max(off(located, POSES[1])) < 0.03
 
 
+@pytest.mark.parametrize(("usually", "now", "doubts"), [(0, 0, False), (0, 4, True), (4, 4, False), (4, 24, True)])
+def test_more_misfits_than_usual_are_doubted(usually, now, doubts):
+    """Of 40 beams so many end short, at what is not on the map; the first doubt of these is confirmed to be none."""
+    room, bank, counts = make_room(hall()), np.zeros((ROWS, 4)), []
+    points, located = scan_of(room, POSES[0]), locate(Pose(*POSES[0]), (1e-4, 1e-4, 1e-4), Q)
+    for strays, times in ((usually, 100), (now, int(Q.patience))):
+        short = points.copy()
+        short[np.ix_([0, 1, 4], np.arange(strays) * 40 // max(strays, 1))] *= 0.5
+        for _ in range(times):
+            located = looks(located, room, short, 1, bank)
+            counts.append(located.misfits)
+    assert (counts[-1] >= Q.patience) == doubts
+    assert (max(counts[:-8]) >= Q.patience) == (usually > 0)
+    assert max(off(located, POSES[0])) < 0.03
+
+
 def test_a_place_that_fits_one_scan_does_not_take_over():
     """Before, it fits somewhat better than the belief, as some other place does where people hide the true one."""
     room, bank, located = make_room(hall()), np.zeros((ROWS, 4)), locate(Pose(*POSES[0]), (1e-4, 1e-4, 1e-4), Q)

@@ -111,7 +111,7 @@ def _follow(
         points: The scan, see `points.to_points`.
         number: Number of points.
         wheels: The odometry at the present pose.
-        misfits: Scans in a row that left a doubt before this one.
+        misfits: Scans that left a doubt before this one, see `Located`.
         q: A `LocalizerTuning`.
     """
     guesses, values, count, gain = np.empty((MOST, 5)), np.empty(MOST), 0, gain_of(number, q)
@@ -157,11 +157,11 @@ def _follow(
     if own > NONE:
         decides = since >= 3 * CYCLE - 1 and since % PATIENCE >= 2 * CYCLE - 1
     is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
-    belief, nis, scale, own_fits, _, taken, slack, scans, moves, _, way_drift, turn_drift = located
+    belief, nis, scale, own_fits, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays = located
     if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and is_clear):
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
         misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, own_weight / total)
-        return Located(belief, nis, scale, own_fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift)
+        return Located(belief, nis, scale, own_fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays)
     bank[MOST, LOG_WEIGHT] = NONE
     is_sure = decides and weight > SURE and fits >= least
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
@@ -173,7 +173,7 @@ def _follow(
         belief = Belief(State(best.x, best.y, best.theta, mean.v, mean.omega), covariance)
     fresh = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
     misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, weight)
-    return Located(belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight, way_drift, turn_drift)
+    return Located(belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight, way_drift, turn_drift, strays)
 
 
 @kernel
@@ -257,5 +257,5 @@ def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) 
 @kernel
 def nowhere(q: Any) -> Located:
     """Return a localizer that does not know where it starts: the first scan is sought in the whole map."""
-    belief, nis, scale, _, _, taken, slack, scans, moves, _, _, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
-    return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0, 0.0, 0.0)
+    belief, nis, scale, _, _, taken, slack, scans, moves, _, _, _, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
+    return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0, 0.0, 0.0, 0.0)

@@ -43,6 +43,10 @@ BETTER_FIT, BETTER_VALUE = 0.1, 1.0
 """By how much another start's share of fitting beams and log likelihood must be better than that of the prediction."""
 LEAP = 0.3
 """Correction by one scan, m or rad, after which the robot is sought in the whole map too."""
+UNUSUAL = 2.0
+"""Factor of the usual share of beams that do not fit, see `LocalizerTuning.suspicion`."""
+HABIT = 50.0
+"""Scans over which the localizer learns how many beams usually fit."""
 CALM = 40.0
 """Scans for which the localizer does not look elsewhere again once it has seen that it is right."""
 SURE = 0.95
@@ -62,7 +66,7 @@ class Located(NamedTuple):
     fits: float
     """Share of the last scan's beams that end near a surface of the map; 1 before the first."""
     misfits: float
-    """Scans in a row that leave a doubt of the place; negative for the scans for which it is not doubted again."""
+    """Scans that leave a doubt of the place, less those that do not; negative while it is not doubted again."""
     taken: float
     """Share of what the map can say about this place that scans have said already; it falls as the robot moves on."""
     slack: float
@@ -77,6 +81,8 @@ class Located(NamedTuple):
     """Variance of the way by time that the last move has added, m^2 ..."""
     turn_drift: float
     """... and of the turn, rad^2."""
+    strays: float
+    """Share of a scan's beams that usually do not end near a surface: the map lacks something, or people walk about."""
 
 
 class Descent(NamedTuple):
@@ -97,7 +103,7 @@ def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
     covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, 0.0, 0.0, 0.0)
     belief = Belief(State(pose.x, pose.y, pose.theta, 0.0, 0.0), covariance)
     scale = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 @kernel
@@ -152,8 +158,8 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
     scale = Sixth(located.scale.mean, located.scale.variance, State(c.x - dy * c.theta, c.y + dx * c.theta, c.theta, 0.0, 0.0))
     belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
     taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
-    _, nis, _, fits, misfits, _, _, scans, moves, weight, _, _ = located
-    return Located(belief, nis, scale, fits, misfits, taken, slack, scans, moves + 1.0, weight, drift[0], drift[1])
+    _, nis, _, fits, misfits, _, _, scans, moves, weight, _, _, strays = located
+    return Located(belief, nis, scale, fits, misfits, taken, slack, scans, moves + 1.0, weight, drift[0], drift[1], strays)
 
 
 @kernel
@@ -254,7 +260,9 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     by_wheels = min(surprise / q.usual, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)
     growth = q.memory + (1.0 - q.memory) * by_wheels  # 1 where scans surprise as much as they should
     slack = min(max(located.slack * growth, 1.0), q.widening)
-    misfits = max(located.misfits, 0.0) + 1.0 if end.fits < q.suspicion else 0.0
+    before, astray = max(located.misfits, 0.0), 1.0 - end.fits
+    misfits = before + 1.0 if astray > UNUSUAL * located.strays + q.suspicion else max(before - 1.0, 0.0)
+    strays = located.strays + ((astray - located.strays) / HABIT if before == 0.0 else 0.0)  # what is in doubt is no habit
     if located.misfits < 0.0 and end.fits >= bad:
         misfits = located.misfits + 1.0
     weight = 0.0 if misfits >= q.patience and end.fits < bad else 1.0
@@ -265,7 +273,7 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     taken, scans = min(located.taken + take, 1.0), located.scans + 1.0
     return Located(
         belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, scans, located.moves, weight,
-        located.way_drift, located.turn_drift,
+        located.way_drift, located.turn_drift, strays,
     )  # fmt: skip
 
 

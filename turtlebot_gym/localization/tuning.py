@@ -29,9 +29,9 @@ class LocalizerTuning:
     """Standard deviation of the share by which all ranges may be too long; 0 for a map made with the same LiDAR."""
     grain: Annotated[float, POSITIVE] = 0.014
     """Standard deviation of a surface in the map, m, independent from beam to beam."""
-    bias: Annotated[float, NON_NEGATIVE] = 0.0007
+    bias: Annotated[float, NON_NEGATIVE] = 0.0003
     """Standard deviation of a position by what is wrong with the map around it, m."""
-    turn_bias: Annotated[float, NON_NEGATIVE] = 0.0004
+    turn_bias: Annotated[float, NON_NEGATIVE] = 0.0002
     """The same of a heading, rad."""
     length: Annotated[float, POSITIVE] = 0.5
     """Distance after which what is wrong with the map is new, m."""
@@ -46,7 +46,7 @@ class LocalizerTuning:
     never."""
     along_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the way, m per root of m: it grows with the root of the distance, whatever the time stamps."""
-    along_step: Annotated[float, NON_NEGATIVE] = 0.06
+    along_step: Annotated[float, NON_NEGATIVE] = 0.03
     """The same as a share of a step's distance: slip, an early or late stamp."""
     aside_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation across the way, m per root of m ..."""
@@ -56,11 +56,11 @@ class LocalizerTuning:
     """... and per turn, m per rad: a mount that is not known, a turn about another point."""
     turn_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the heading, rad per root of m ..."""
-    turn_step: Annotated[float, NON_NEGATIVE] = 0.05
+    turn_step: Annotated[float, NON_NEGATIVE] = 0.03
     """... and as a share of a step's turn."""
     widening: Annotated[float, Range(1.0, 1e4)] = 1000.0
     """Largest factor of the wheels' variances, which grow until scans surprise no more than they should; 1 for none."""
-    usual: Annotated[float, POSITIVE] = 0.65
+    usual: Annotated[float, POSITIVE] = 0.7
     """Normalized innovation squared of a scan per degree of freedom where nothing is wrong: below 1, since beams rarely
     differ as much as map and LiDAR may."""
     memory: Annotated[float, PROBABILITY] = 0.8
@@ -69,8 +69,9 @@ class LocalizerTuning:
     """Distance from a surface up to which a beam fits, m, whatever the belief."""
     doubt: Annotated[float, PROBABILITY] = 0.7
     """Share of fitting beams below which starts all around the prediction are tried; 0 for never."""
-    suspicion: Annotated[float, PROBABILITY] = 0.65
-    """Share of fitting beams below which scans in a row make the localizer look in the whole map too."""
+    suspicion: Annotated[float, PROBABILITY] = 0.08
+    """Share of beams that do not fit, beyond twice the usual share, above which scans make the localizer look in the whole map
+    too."""
     reach: Annotated[float, NON_NEGATIVE] = 0.6
     """Least distance of these starts, m."""
     swing: Annotated[float, NON_NEGATIVE] = 0.6
@@ -80,7 +81,7 @@ class LocalizerTuning:
     loosen: Annotated[float, NON_NEGATIVE] = 0.03
     """Standard deviation that a scan adds which no start explains, m; half of it in rad."""
     patience: Annotated[int, ONE_OR_MORE] = 8
-    """Scans in a row that fit badly after which the localizer counts as lost."""
+    """Scans that fit badly, less those that do not, after which it looks there."""
 
     def __post_init__(self) -> None:
         typed(self)
@@ -89,7 +90,7 @@ class LocalizerTuning:
 ROBOT = LocalizerTuning(
     beams=60, deviation=0.02, deviation_share=0.005, scale=0.0, grain=0.05, bias=0.02, turn_bias=0.005, thin=2.0,
     along_walk=0.06, along_step=0.5, aside_walk=0.05, aside_step=0.1, aside_turn=0.05, turn_walk=0.06, turn_step=0.35,
-    widening=1.0, doubt=0.9, suspicion=0.63, reach=0.3, swing=0.3,
+    widening=1.0, doubt=0.9, suspicion=0.3, reach=0.3, swing=0.3,
 )  # fmt: skip
 """Nothing is known about wheels, LiDAR and map; fitted to public recordings of buildings."""
 
