@@ -129,7 +129,9 @@ def halves(path: Path) -> dict[str, Any]:
             f"{apart:g} m": nees_of(rest, Scanned(covariance[half:], 0.0), found.noise, found.integrator, apart)
             for apart in APARTS
         }
-        result[name] = {key: {"median": np.median(each), "poses": len(each)} for key, each in result[name].items()}
+        result[name] = {
+            key: {"median": np.median(each), "mean": each.mean(), "poses": len(each)} for key, each in result[name].items()
+        }
     rest = at_axle(replace(drive, true_state=localizer[0]), *marker)[half:]
     result["without corrections"] = float(np.median(uncorrected(rest, localizer[1][half:], found)))
     return result

@@ -46,6 +46,7 @@ def wheels(**changes: float) -> Any:
 
 
 _ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
+THRICE = wheels(**{name: 9.0 * getattr(WHEEL.process, name) for name in _ALPHAS})
 CASES: dict[str, dict[str, Any]] = {
     "wheels only": {"localizer": None},
     "localizer": {},
@@ -57,7 +58,8 @@ CASES: dict[str, dict[str, Any]] = {
     "map off by 5 cm": {"rules": {"map_error": 0.05}},
     "bursts of slip": {"noise": wheels(slip=0.5, slip_start=0.01, slip_end=0.2)},
     "wheels 5 % too large": {"noise": wheels(scale=1.05)},
-    "three times the noise": {"noise": wheels(**{name: 9.0 * getattr(WHEEL.process, name) for name in _ALPHAS})},
+    "three times the noise": {"noise": THRICE},
+    "three times the noise, told": {"noise": THRICE, "filter": matched_filter(THRICE)},
 }
 """What differs from the localizer in a right map with the wheels that its filter assumes."""
 

@@ -62,6 +62,12 @@ def test_the_table_of_the_localizer_is_what_was_measured():
         ], name
     assert len(rows) == len(results["cases"]["dense"])
     assert (results["config"]["runs"], results["config"]["seconds"]) == (32, 300.0)
+    shares = rows_after(page, "Share of robots within 0.3 m and 0.3 rad of the truth")
+    for said, *cells in shares:
+        when, of = said.partition("after ")[2], results["unknown" if said.startswith("unknown") else "kidnapped"]
+        figures = [each[f"after {when}" if when else "sure and wrong"] for each in of.values()]
+        assert cells == [f"{100.0 * (each['value'] if isinstance(each, dict) else each):.1f}" for each in figures], said
+    assert len(shares) == 4
     later = [100.0 * each["after 2 s"]["value"] for each in results["blocked"].values()]
     assert f"in {min(later):.0f} to {max(later):.0f} % of the cases" in (ROOT / page).read_text(encoding="utf-8")
 

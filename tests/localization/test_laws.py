@@ -249,24 +249,3 @@ def test_too_few_beams_on_known_ground_say_nothing(in_hall):
     assert scan(before, room.field, room.frame, points[:, :4].copy(), 4, Q) == before
     unknown = np.full_like(room.field, np.nan)
     assert scan(before, unknown, room.frame, points, points.shape[1], Q) == before
-
-
-def test_at_rest_the_error_is_near_the_bound_of_the_scan(in_hall):
-    """At most 1.3 times Censi's bound; of 300 scans a deviation is within 15 % of its true value but for one seed in 5,000."""
-    room, pose, _ = in_hall
-    exact, rng = scan_of(room, pose, 60), np.random.default_rng(3)
-    q = LocalizerTuning(
-        beams=60, bias=1e-6, turn_bias=1e-6, grain=1e-3, scale=0.0, deviation=0.01, deviation_share=0.0, doubt=0.0
-    )
-    L, _ = full(informed(room, pose, exact, q=q))
-    bound, off_by = np.sqrt(np.diag(np.linalg.inv(L[:3, :3]))), []
-    for _ in range(300):
-        noisy, noise = exact.copy(), 0.01 * rng.standard_normal(exact.shape[1])
-        noisy[0] += noise * exact[2]
-        noisy[1] += noise * exact[3]
-        noisy[4] += noise
-        mean = found(room, noisy, pose, WIDE, q).belief.mean
-        off_by.append((mean.x - pose[0], mean.y - pose[1], mean.theta - pose[2]))
-    ratio = np.sqrt(np.mean(np.square(off_by), axis=0)) / bound
-    assert (ratio < 1.3).all(), ratio
-    assert (ratio > 0.85).all(), f"{ratio}: better than the bound, so the bound is wrong"

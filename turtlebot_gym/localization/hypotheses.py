@@ -53,6 +53,8 @@ UNEXPLAINED = 1.0 / 3.0
 of the beams hide the true place, and some other fits all beams of a scan by chance ..."""
 LITTLE = 0.15
 """... or that share of the scans: more than that remains unexplained where a place fits by chance."""
+OBVIOUS = 0.25
+"""Share of what the belief leaves unexplained below which another place takes over after one cycle."""
 PATIENCE = 4 * CYCLE
 """Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
 FAR = 1e4
@@ -156,6 +158,7 @@ def _follow(
     decides = since >= CYCLE - 1
     if own > NONE:
         decides = since >= 3 * CYCLE - 1 and since % PATIENCE >= 2 * CYCLE - 1
+        decides = decides or (since % PATIENCE >= CYCLE - 1 and bank[MOST, 2] < OBVIOUS * bank[MOST, 1])
     is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
     belief, nis, scale, own_fits, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays = located
     if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and is_clear):

@@ -45,7 +45,7 @@ LEAP = 0.3
 """Correction by one scan, m or rad, after which the robot is sought in the whole map too."""
 UNUSUAL = 2.0
 """Factor of the usual share of beams that do not fit, see `LocalizerTuning.suspicion`."""
-HABIT = 50.0
+HABIT = 100.0
 """Scans over which the localizer learns how many beams usually fit."""
 CALM = 40.0
 """Scans for which the localizer does not look elsewhere again once it has seen that it is right."""
@@ -262,7 +262,8 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
     slack = min(max(located.slack * growth, 1.0), q.widening)
     before, astray = max(located.misfits, 0.0), 1.0 - end.fits
     misfits = before + 1.0 if astray > UNUSUAL * located.strays + q.suspicion else max(before - 1.0, 0.0)
-    strays = located.strays + ((astray - located.strays) / HABIT if before == 0.0 else 0.0)  # what is in doubt is no habit
+    learns = before == 0.0 and end.fits >= bad  # what is in doubt, or not explained, is no habit
+    strays = located.strays + ((astray - located.strays) / HABIT if learns else 0.0)
     if located.misfits < 0.0 and end.fits >= bad:
         misfits = located.misfits + 1.0
     weight = 0.0 if misfits >= q.patience and end.fits < bad else 1.0
@@ -279,6 +280,6 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
 
 @kernel
 def state_of(located: Located, q: Any) -> int:
-    """Return `TRACKING`; `UNSURE` where the last scan leaves a doubt; `LOST` after too many of these without a likely place."""
-    looks, unsure = located.misfits >= q.patience, located.misfits > 0.0 or located.fits < 0.7 * q.doubt
+    """Return `TRACKING`; `UNSURE` where scans leave a doubt; `LOST` after too many of these without a likely place."""
+    looks, unsure = located.misfits >= q.patience, 2.0 * located.misfits >= q.patience or located.fits < 0.7 * q.doubt
     return LOST if looks and not located.weight > SURE else (UNSURE if unsure else TRACKING)

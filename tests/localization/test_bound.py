@@ -1,0 +1,71 @@
+"""At rest the localizer's error is near the bound of the scan: 300 noisy scans of each of 25 poses, in four worlds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from localization_rooms import Room, hall, make_room, scan_of
+
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.localization.information import Guess, information
+from turtlebot_gym.localization.localizer import locate, scan
+from turtlebot_gym.localization.tuning import LocalizerTuning
+from turtlebot_gym.systems import Options
+from turtlebot_gym.values import Pose
+
+Q = LocalizerTuning(beams=60, bias=1e-6, turn_bias=1e-6, grain=1e-3, scale=0.0, deviation=0.01, deviation_share=0.0, doubt=0.0)
+POSES = 8
+"""In each of the drawn worlds."""
+
+
+def _each(field, frame, points, noise, pose, q, off_by):
+    for k in range(len(noise)):
+        noisy = points.copy()
+        for beam in range(points.shape[1]):
+            noisy[0, beam] += noise[k, beam] * points[2, beam]
+            noisy[1, beam] += noise[k, beam] * points[3, beam]
+            noisy[4, beam] += noise[k, beam]
+        start = locate(Pose(pose[0], pose[1], pose[2]), (1.0, 1.0, 1.0), q)
+        mean = scan(start, field, frame, noisy, points.shape[1], q).belief.mean
+        off_by[k, 0], off_by[k, 1], off_by[k, 2] = mean.x - pose[0], mean.y - pose[1], mean.theta - pose[2]
+
+
+def ratio_at(room, pose, seed):
+    """Return the root mean square error of x, y and heading, in units of Censi's bound."""
+    points, off_by = scan_of(room, pose, 60), np.empty((300, 3))
+    belief, scale = locate(Pose(*pose), (1e-3, 1e-3, 1e-3), Q)[0:3:2]
+    L = information(room.field, room.frame, points, points.shape[1], Guess(*pose, 0.0), belief, scale, Q)
+    M = np.array([[L.xx, L.xy, L.xt], [L.xy, L.yy, L.yt], [L.xt, L.yt, L.tt]])
+    noise = 0.01 * np.random.default_rng(seed).standard_normal((300, points.shape[1]))
+    compiled(_each, "scans at rest")(room.field, room.frame, points, noise, np.array(pose), as_tuple(Q), off_by)
+    return np.sqrt((off_by**2).mean(axis=0) / np.diag(np.linalg.inv(M)))
+
+
+def drawn(world):
+    """Yield rooms and poses in them."""
+    p, waypoints, _, _ = Options(world=world, noise="wheel", localizer="match").setup()
+    batch = Batch(POSES, p, waypoints)
+    batch.seeds[:] = 9000 + np.arange(POSES)
+    batch.reset(np.ones(POSES, np.bool_), *batch.empty())
+    for field, frame, state in zip(batch.scenes.field, batch.scenes.field_frame, batch.numbers("body.true_state"), strict=True):
+        yield Room(None, field.copy(), frame.copy()), tuple(state[:3].tolist())
+
+
+@pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python")
+def test_at_rest_the_error_is_near_the_bound_of_the_scan():
+    """Of 300 scans a deviation is within 15 % of its true value but for one seed in 5,000."""
+    in_hall = ratio_at(make_room(hall()), (1.7, 2.1, 0.4), 3)
+    assert (in_hall < 1.3).all(), in_hall
+    assert (in_hall > 0.85).all(), f"{in_hall}: better than the bound, so the bound is wrong"
+    ratios = {
+        world: np.array([ratio_at(*place, seed) for seed, place in enumerate(drawn(world))])
+        for world in ("dense", "office", "corridor")
+    }
+    overall = np.sqrt(np.mean(np.square([*ratios.values()]), axis=(0, 1)))
+    assert (overall < 1.3).all(), overall
+    assert np.sqrt((ratios["office"] ** 2).mean(axis=0)).max() < 1.15
+    single = np.max([*ratios.values()])  # where a beam grazes the corner of a cell, the field is not linear within the noise
+    assert single < 1.8
