@@ -36,8 +36,10 @@ def _each(field, frame, points, noise, pose, q, off_by):
 def ratio_at(room, pose, seed):
     """Return the root mean square error of x, y and heading, in units of Censi's bound."""
     points, off_by = scan_of(room, pose, 60), np.empty((300, 3))
-    belief, scale = locate(Pose(*pose), (1e-3, 1e-3, 1e-3), Q)[0:3:2]
-    L = information(room.field, room.frame, points, points.shape[1], Guess(*pose, 0.0), belief, scale, Q)
+    start = locate(Pose(*pose), (1e-3, 1e-3, 1e-3), Q)
+    L = information(
+        room.field, room.frame, points, points.shape[1], Guess(*start.belief.mean[:3], 0.0), start.belief, start.scale, Q
+    )
     M = np.array([[L.xx, L.xy, L.xt], [L.xy, L.yy, L.yt], [L.xt, L.yt, L.tt]])
     noise = 0.01 * np.random.default_rng(seed).standard_normal((300, points.shape[1]))
     compiled(_each, "scans at rest")(room.field, room.frame, points, noise, np.array(pose), as_tuple(Q), off_by)
