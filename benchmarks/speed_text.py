@@ -20,8 +20,10 @@ def section(found: Mapping[str, Any], *elsewhere: Mapping[str, Any]) -> str:
     """
     config, machine, others = found["config"], found["machine"], found["used_by_others"]
     meanwhile = "" if others is None else f", of which other programs used {others:.1f} meanwhile"
+    newer = next((f"version {other['version']}" for other in elsewhere if other["version"] != found["version"]), None)
     lines = [
         "\n## Speed\n",
+        *([f"This is of version {found['version']}, which was slower; [{newer}](#by-processor) is below.\n"] if newer else []),
         "![Steps per second of ours and of other libraries, by size](benchmarks/speed.png)\n",
         f"`make bench-peers`: contenders take turns in {config['rounds']} rounds, and medians count. Ratios are to Gymnasium's",
         "CartPole, which has neither noise nor filter, in the same rounds. CPU seconds are those of all threads. Measured on",
@@ -48,10 +50,11 @@ def _by_processor(results: Sequence[Mapping[str, Any]]) -> list[str]:
     rows = [result["environments"] for result in results]
     names = [name for name, row in rows[-1].items() if row["by"] == "turtlebot_gym" and 1 in (row["threads"], row["size"])]
     titles = [
-        f"{processor(result['machine'])}, load {result['machine']['load_before']:.0f}, commit {result['commit'][:7]}"
+        f"version {result['version']} ({result['commit'][:7]}), {processor(result['machine'])}, load "
+        f"{result['machine']['load_before']:.0f}"
         for result in results
     ]
-    lines = ["One thread beside CartPole's one, as ratios of CPU seconds, by processor:\n"]
+    lines = ["### By processor\n", "One thread beside CartPole's one, as ratios of CPU seconds:\n"]
     lines += [f"| environment | {' | '.join(titles)} | least |", "|---" * (len(results) + 2) + "|"]
     for name in names:
         ratios = [row[name]["cpu_ratio"] if name in row else None for row in rows]

@@ -36,6 +36,13 @@ def test_the_page_states_the_least_of_the_processors(committed):
     assert f"| {name} | {cells} |" in speed_text.section(committed, other)
 
 
+@pytest.mark.parametrize(("version", "is_older"), [("0.0.1", True), (None, False)])
+def test_the_page_says_where_its_figures_are_older_than_others(committed, version, is_older):
+    other = check.read(BENCHMARKS / "speed_zen5.json")
+    section = speed_text.section(committed | {"version": version or other["version"]}, other)
+    assert ("This is of version 0.0.1, which was slower" in section) == is_older
+
+
 def test_the_page_names_a_peer_that_took_no_part(committed):
     section = speed_text.section(committed | {"peers": {"envpool": {"missing": "no wheel for Python 3.10."}}})
     assert "envpool took no part: no wheel for Python 3.10.\n" in section
