@@ -36,11 +36,12 @@ CASES = {
     "worn on a course": (make_parameters(SQUARE, noise=WORN), COURSE),
     "drawn": (DRAWN, GOAL),
     "drawn on a course": ([p._replace(task=SQUARE) for p in DRAWN], COURSE),
-    "slip": (make_parameters(noise="rough", filter="slip", delay=1), GOAL),
-    "slip on a course": (make_parameters(SQUARE, noise="rough", filter="slip"), COURSE),
+    "slip, quiet": (make_parameters(noise="documented", filter="slip"), GOAL),
+    "slip on a course": (make_parameters(SQUARE, noise="rough", filter="slip", delay=1), COURSE),
+    "slip, drawn": ([make_parameters(noise=("rough", "tutorial")[i % 2], filter="slip", delay=i % 4) for i in range(N)], GOAL),
 }
 """Parameters and waypoints, in the order of `CHOSEN`."""
-CHOSEN = (QUIET, QUIET, *SPECIALS, *SLIPPING)
+CHOSEN = (QUIET, QUIET, *SPECIALS, SLIPPING[0], SLIPPING[3], SLIPPING[4])
 
 
 def begun(parameters, number=N, waypoints=GOAL):

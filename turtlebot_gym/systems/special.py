@@ -126,21 +126,6 @@ _QUIET_COURSE = _ANY_COURSE._replace(
 )
 
 
-_GRIP, _SLIP = ([f"estimate.{mode}.{which}" for which in ("true", "high", "low")] for mode in ("gripping", "slipping"))
-_SLIPPING_COURSE = Special(
-    parameters=tuple(pair for pair in _SIMPLE if not pair[0].startswith("tuning.kind.")),
-    world=tuple((f"{each}.covariance.{entry}", 0.0) for each in (*_GRIP, *_SLIP) for entry in _WITH_TWIST),
-    same=(
-        *_WHEELS,
-        *_pairs("senses.odometry.twist", "body.command", "v", "omega"),
-        *(pair for each in _GRIP for pair in _pairs(f"{each}.mean", "body.command", "v", "omega")),
-        *(pair for each in _SLIP[1:] for pair in _pairs(f"{each}.mean", f"{_SLIP[0]}.mean", "v", "omega")),
-    ),
-    own=(),
-    name="by waypoints with a filter that models slip",
-)
-
-
 def _to_one_goal(special: Special) -> Special:
     return special._replace(waypoints=1, same=special.same + _ONE_GOAL, name=special.name.replace("by waypoints", "to a goal"))
 
@@ -158,9 +143,36 @@ SPECIALS = (
 )
 """The cases, each before those that it is a case of: the default, and several waypoints; slip, wrong wheels, lost measurements
 and delays; and these different in each environment. What differs is loaded for each environment, all else once for all."""
-SLIPPING = (_to_one_goal(_SLIPPING_COURSE), _SLIPPING_COURSE)
-"""The cases of the filter that models slip: its hypotheses have the twist of the odometry, all of it or the same share, so no
-covariance with it but in what they are merged into."""
+
+
+def _of_the_filter(path: str) -> bool:
+    return path.startswith(("estimate.", "tuning.kind."))
+
+
+def _with_slip(special: Special) -> Special:
+    """Return a case with the filter that models slip.
+
+    Its hypotheses have the twist of the odometry, all of it or the same share, so no covariance with it but in what they are
+    merged into.
+    """
+    grip, slip = ([f"estimate.{mode}.{which}" for which in ("true", "high", "low")] for mode in ("gripping", "slipping"))
+    return special._replace(
+        parameters=tuple(pair for pair in special.parameters if not _of_the_filter(pair[0])),
+        world=(
+            *(pair for pair in special.world if not _of_the_filter(pair[0])),
+            *((f"{each}.covariance.{entry}", 0.0) for each in (*grip, *slip) for entry in _WITH_TWIST),
+        ),
+        same=(
+            *(pair for pair in special.same if not _of_the_filter(pair[0])),
+            *(pair for each in grip for pair in _pairs(f"{each}.mean", "body.command", "v", "omega")),
+            *(pair for each in slip[1:] for pair in _pairs(f"{each}.mean", f"{slip[0]}.mean", "v", "omega")),
+        ),
+        name=f"{special.name} with a filter that models slip",
+    )
+
+
+SLIPPING = tuple(map(_with_slip, SPECIALS))
+"""The same cases with the filter that models slip."""
 
 
 _POSE, _TWIST = ("pose.x", "pose.y", "pose.theta"), ("twist.v", "twist.omega")
