@@ -30,7 +30,9 @@ _BLOCKED = 400
 _LEAP = 0.5
 """Distance that no robot drives in a step, m: it has been given another goal."""
 _PATIENCE, _LEFT = 4.0, 0.3
-"""Time, s, after which a robot is stuck that has not come so far from a place, m."""
+"""Time, s, after which a robot is stuck that has not come so far from a place, m ..."""
+_PAUSE, _STUCK = 1.2, 0.2
+"""... and time over which the speed is averaged, s, and mean share of the limit below which it is stuck at once."""
 _NEAREST = 0.3
 """Least distance of the point to steer to, m: VFH+ ignores obstacles behind it."""
 
@@ -46,6 +48,8 @@ class _Memory(NamedTuple):
     """Place that each robot has not left by `_LEFT` since, shape (n,) ..."""
     idle: NDArray[np.int64]
     """... for so many steps, shape (n,)."""
+    pace: NDArray[np.float64]
+    """Mean speed over `_PAUSE`, as a share of the limit, shape (n,)."""
     shares: NDArray[np.float64]
     """The newest scan, shape (n, `SECTORS`)."""
     frame: NDArray[np.complex128]
@@ -59,9 +63,12 @@ class _Memory(NamedTuple):
 
 
 _NEW: Any = tuple(
-    map(np.asarray, (np.int8(0), np.int8(0), complex(np.inf), 0, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0))
+    map(
+        np.asarray,
+        (np.int8(0), np.int8(0), complex(np.inf), 0, 1.0, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0),
+    )
 )
-_SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (), (), (SECTORS,), (2,), (2,), (), ())
+_SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (), (), (), (SECTORS,), (2,), (2,), (), ())
 """What a robot remembers at first."""
 
 
@@ -176,7 +183,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         due = memory.steps % max(round(self.period / self.dt), 1) == 0
         left = np.abs(place - memory.since) > _LEFT
         memory.since[left], memory.idle[:] = place[left], np.where(left, 0, memory.idle + 1)
-        self.stuck = stuck = due & (memory.idle * self.dt > _PATIENCE)
+        memory.pace[:] += (np.abs(o.v) - memory.pace) * self.dt / _PAUSE
+        self.stuck = stuck = due & ((memory.idle * self.dt > _PATIENCE) | (memory.pace < _STUCK))
         goals, targets = _pairs(memory.frame[:, 0]), _pairs(memory.target)
         reaches = CELL / np.maximum(0.1 * np.abs(omega), 0.01)  # farther places are blurred by the turn
         new = (shares != memory.shares).any(axis=-1)
@@ -184,7 +192,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
             memory.grid, memory.vain, scans, reaches, shares, new, _pairs(place), goals, due, stuck, self._stamp, self.preview,
             self.detour, self._unknown, targets,
         )  # fmt: skip
-        memory.idle[stuck] = 0
+        memory.idle[stuck], memory.pace[stuck] = 0, 1.0
         moved, turned = arc(v, omega, self.dt)
         memory.target[:], memory.shares[:] = targets @ (1.0, 1j), shares
         memory.pose[:, 0], memory.pose[:, 1] = place + heading * moved, heading * turned
