@@ -64,7 +64,8 @@ def test_the_limit_ends_with_its_block():
 @pytest.mark.parametrize("value", ["", "1", "16", "0", "two", "-1", "1.5"])
 def test_the_environment_variable_sets_the_limit_and_is_checked(value, run):
     def limit():
-        script = "from turtlebot_gym.compiled.threads import Threads; print(Threads.limit or 0)"
+        used = "Threads.acquire() and Threads.release()"
+        script = f"from turtlebot_gym.compiled.threads import Threads; {used}; print(Threads.limit or 0)"
         return run(script, **{VARIABLE: value})
 
     if value in ("", "1", "16"):
