@@ -198,3 +198,7 @@ def test_what_cannot_be_drawn_is_refused(maker):
     refused(lambda: maker(NAV, render_mode="rgb_array").unwrapped.render(), ".*before render", ResetNeeded)
     with pytest.warns(UserWarning, match="needs a render_mode"):
         assert maker(NAV).unwrapped.render() is None
+
+
+def test_there_is_no_truth_of_rooms_on_open_ground():
+    refused(vector().unwrapped.truth, "truth is of rooms")
