@@ -164,7 +164,10 @@ def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_ter
         process = start(tmp_path, program, environment={"PYTHONHASHSEED": seed}, stderr=subprocess.PIPE)
         printed, said = process.communicate(timeout=300)
         assert (printed.split(), said) == (expected, "")
-    assert [path.suffix for path in (tmp_path / "turtlebot_gym").iterdir()] == [".bin"]  # no lock, no part of a file
+        (file,) = (tmp_path / "turtlebot_gym").iterdir()
+        assert file.suffix == ".bin"  # no lock, no part of a file
+        assert file.stat().st_mtime > 1e9  # in use: the oldest are removed
+        os.utime(file, (1e9, 1e9))
 
 
 def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(here):
