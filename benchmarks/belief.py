@@ -75,7 +75,7 @@ class Config:
     trained: tuple[str, ...] = tuple(TRAINED)
     """What is observed in training, of `TRAINED`."""
     seeds: int = 5
-    """Number of trainings each."""
+    """Number of trainings each, at least 2."""
     steps: int = 1_000_000
     """Steps of each."""
     policy: tuple[str, ...] = ("vfh", f"vfh{TURNS}", "planner", "ppo-rooms")

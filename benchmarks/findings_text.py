@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import belief_text
+
 Results = Mapping[str, Any]
 FOLDER = Path(__file__).parent
 
@@ -23,6 +25,7 @@ def findings() -> str:
         *open_ground(study["comparisons"]),
         *rooms_lost(rooms["rows"]),
         among_people(people["rows"]),
+        f"* {belief_text.sentence(read('belief')['rows'])} [Training on the belief](#training-on-the-belief).",
         layer(rooms["rows"]),
         slippery(read("transfer")["policies"]),
         arrivals(study["false_arrivals"]),

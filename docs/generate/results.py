@@ -8,6 +8,7 @@ from pathlib import Path
 import mkdocs_gen_files
 
 sys.path.insert(0, "benchmarks")
+import belief_text
 import buildings_text
 import findings_text
 import speed_text
@@ -129,6 +130,7 @@ table(page, titles, layered(ROOMS["rows"]))
 print("## The 200 worlds of the BARN challenge\n", file=page)
 print(f"`make bench-barn`: {BARN['config']['episodes']} drives through each world; intervals are over worlds.\n", file=page)
 table(page, ("policy", "success, %", "collisions, %", "time-outs, %", "score, at most 0.5"), in_barn(BARN["mean"]))
+print(belief_text.section(findings_text.read("belief")), file=page)
 print(buildings_text.section(findings_text.read("buildings")), file=page)
 print("\n## The live graph\n", file=page)
 print(f"`make bench-ros`, on {LIVE['cores']} cores; one process per node, over real DDS.\n", file=page)
