@@ -8,6 +8,7 @@ import pty
 import re
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from types import FunctionType
 
@@ -236,3 +237,11 @@ def test_the_systems_that_are_compiled_ahead_have_loops_of_their_own():
     assert len(set(systems)) == len(SYSTEMS) - 1  # "nav" is a special case of "kalman"
     with pytest.raises(ValueError, match="system must be one of 'nav'"):
         fill_all(["open-ground"])
+    assert all(("fix" in options) == name.endswith("+fixes") for name, options in SYSTEMS.items())
+
+
+def test_to_compile_a_system_ahead_uses_the_loops_of_one_and_of_many_environments():
+    began = time.time()
+    fill_all(["kalman"])
+    used = {path.name.rpartition("-")[0] for path in store.folder().glob("*.bin") if path.stat().st_mtime > began - 0.01}
+    assert used >= {"resets-on-open-ground", "steps-on-open-ground", "steps-on-all-threads"}
