@@ -121,7 +121,8 @@ for name in ("torch", "stable_baselines3", "onnx", "gymnasium", "numba"):
 import numpy as np, onnxruntime
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 before = len(os.listdir("/proc/self/task"))
-actions = BundlePolicy({str(bundle)!r}, robot="burger", dt=0.1)(np.zeros((2, 13)))
+policy = BundlePolicy({str(bundle)!r}, robot="burger", dt=0.1)  # with which its threads would end
+actions = policy(np.zeros((2, 13)))
 print(len(os.listdir("/proc/self/task")) - before, actions.tolist())
 """
     done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=False)
