@@ -193,7 +193,7 @@ bench-people: $(READY)  ## among people who walk: geometry, a stop by rule, a st
 	$(RUN)python benchmarks/people.py
 
 bench-planner: $(READY)  ## rooms with a memory, and within the safety layer: the planner, and ppo-rooms (10 minutes; resumes)
-	$(RUN)python benchmarks/rooms_study.py --seeds 0 --keep --policy planner+safety planner \
+	$(RUN)python benchmarks/rooms_study.py --seeds 0 --keep --policy planner+safety \
 		--only dense office cellular corridor crowd --out $(OUT)/planner
 	cp $(OUT)/planner/rooms_study.json benchmarks/rooms_planner.json
 

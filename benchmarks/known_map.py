@@ -75,7 +75,7 @@ def main() -> None:
     for world in config.world:
         by_map = {}
         for known in (False, True):
-            envs = gym.make_vec(ROOMS, num_envs=config.episodes, world=world, info="full", localizer="match")
+            envs = gym.make_vec(ROOMS, num_envs=config.episodes, world=world, info="full", localizer="match", noise="wheel")
             by_map[known], _, p = drive(envs, Mapped(envs) if known else "planner+safety", config.seed)
             envs.close()
             e, other, limit = by_map[known], by_map[False], p.task.max_steps * p.dt
