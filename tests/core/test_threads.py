@@ -10,25 +10,28 @@ from turtlebot_gym.compiled import batch as module
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.packing import TILE
 from turtlebot_gym.compiled.threads import FIRST_TRIAL, LAST_TRIAL, TRIAL, VARIABLE, Pace, Threads, limited
-from turtlebot_gym.systems import make_parameters
-from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
+from turtlebot_gym.systems import Options
 
 
-def driven(steps=20):
-    """Return the bytes of a batch's results."""
-    batch = Batch(9 * TILE, make_parameters(SQUARE), SQUARE_WAYPOINTS)
+def driven(steps=20, task="square"):
+    """Return the bytes of a batch's results, of its first observations first."""
+    parameters, waypoints, plan, _ = Options(task=task).setup()
+    batch = Batch(9 * TILE, parameters, waypoints, plan=plan)
     batch.seeds[:] = np.arange(batch.num_envs)
-    batch.reset(np.ones(batch.num_envs, np.bool_), *batch.empty())
+    first = batch.empty()
+    batch.reset(np.ones(batch.num_envs, np.bool_), *first)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (steps, batch.num_envs, 2)).astype(np.float32)
-    return [[array.tobytes() for array in batch.step(action)] for action in actions]
+    return [[array.tobytes() for array in arrays] for arrays in (first, *map(batch.step, actions))]
 
 
+@pytest.mark.parametrize("task", ["square", "room"])  # in rooms a reset has work for all threads, too
 @pytest.mark.parametrize("threads", [1, 2, 1000, None])
-def test_the_limit_changes_no_bit(monkeypatch, threads):
-    serial = driven()
+def test_the_limit_changes_no_bit(monkeypatch, threads, task):
+    with limited(1):
+        serial = driven(task=task)
     monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
     with limited(threads):
-        assert driven() == serial
+        assert driven(task=task) == serial
 
 
 def test_one_thread_never_runs_in_parallel_and_more_are_numbas_for_as_long_as_they_run():
