@@ -101,6 +101,16 @@ def test_lock_step_in_offices_is_what_was_measured():
     assert not robot["plain, bare"]["contacts"] + robot["robot, bare"]["contacts"]
 
 
+def test_what_a_known_map_is_worth_is_what_was_measured():
+    page, results = " ".join((ROOT / "docs/concepts/rooms.md").read_text(encoding="utf-8").split()), measured("known_map")
+    (without, known), number = results["rows"], results["config"]["episodes"]
+    assert f"reaches {shown(known['success'])} % of the goals in {number} `office` rooms" in page
+    assert f"without the map {shown(without['success'])} %" in page
+    assert f"{shown(known['sooner'], '', 1.0, 2)} s sooner" in page
+    hit = [round(number * row["collision"]["value"]) for row in (known, without)]
+    assert f"in {hit[0]} and {hit[1]} rooms" in page
+
+
 def test_the_table_of_people_is_what_was_measured():
     results = measured("people")["rows"]
     for row, x in zip(rows_after("docs/concepts/rooms.md", "## People"), results, strict=True):
@@ -162,6 +172,13 @@ def test_the_tables_of_rooms_are_what_was_measured():
         wanted = [shown(vfh["success"]), shown(planner["success"]), shown(planner["collision"])]
         times = [f"{row['time']['value']:.1f}" for row in (vfh, planner)]
         assert cells == [*wanted, shown(planner["success_difference"], "+"), *times], world
+    planned |= {(row["setting"], row["policy"]): row for row in measured("rooms_planner_lidars")["rows"]}
+    for world, lidar, *cells in rows_after(page, "**Other LiDARs will do too.**"):
+        setting = f"{world}, {lidar}".replace("`", "")
+        vfh, planner = (planned[setting, policy] for policy in ("vfh", "planner+safety"))
+        times = [f"{row['time']['value']:.1f}" for row in (vfh, planner)]
+        assert cells == [shown(vfh["success"]), shown(planner["success"]), shown(planner["collision"]), *times], setting
+        tables += 1
     for world, *cells in rows_after(page, "**Learning gains from the layer.**"):
         bare, within = (planned[world.strip("`"), policy] for policy in ("ppo-rooms", "ppo-rooms+safety"))
         wanted = [shown(row[part]) for row in (bare, within) for part in ("success", "collision")]
@@ -185,7 +202,7 @@ def test_the_tables_of_rooms_are_what_was_measured():
             margin = f"{0.5 * unit * (figures['high'] - figures['low']):.{digits}f}"
             assert cell == f"{unit * figures['value']:.{digits}f}" + (f" ± {margin}" if float(margin) else ""), name
         tables += 1
-    assert tables == 8 + 7 + 4 + 7 + 6 + len(barn)
+    assert tables == 8 + 7 + 4 + 7 + 6 + 9 + len(barn)
 
 
 def hazards():
