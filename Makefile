@@ -197,10 +197,10 @@ bench-planner: $(READY)  ## rooms with a memory, and within the safety layer: th
 		--only dense office cellular corridor crowd --out $(OUT)/planner
 	cp $(OUT)/planner/rooms_study.json benchmarks/rooms_planner.json
 
-bench-planner-lidars: $(READY)  ## the planner within the safety layer with other LiDARs (6 minutes; resumes)
+bench-planner-lidars: $(READY)  ## the planner within the safety layer with other LiDARs (8 minutes; resumes)
 	$(RUN)python benchmarks/rooms_study.py --seeds 0 --policy planner+safety --out $(OUT)/planner_lidars \
 		--only 'dense, lds02' 'dense, a1' 'dense, ideal' 'office, lds02' 'office, a1' 'office, ideal' \
-		'cellular, lds02' 'cellular, a1' 'cellular, ideal'
+		'cellular, lds02' 'cellular, a1' 'cellular, ideal' 'corridor, lds02' 'corridor, a1' 'corridor, ideal'
 	cp $(OUT)/planner_lidars/rooms_study.json benchmarks/rooms_planner_lidars.json
 
 bench-known-map: $(READY)  ## offices with and without the localizer's map in the planner (2 minutes)

@@ -101,6 +101,19 @@ def test_lock_step_in_offices_is_what_was_measured():
     assert not robot["plain, bare"]["contacts"] + robot["robot, bare"]["contacts"]
 
 
+def test_what_the_layer_costs_on_the_node_is_what_was_measured():
+    results = measured("ros_layer")
+    figures = {figure["name"]: figure["value"] for figure in results["parts"]["layer"]["figures"]}
+    page = " ".join((ROOT / "docs/concepts/graph.md").read_text(encoding="utf-8").split())
+    for name, words in (
+        ("/odom to /cmd_vel with {}, p50", "delays the command by {:.1f} to {:.1f} ms"),
+        ("CPU of velocity_controller with {}, 10 commands a second", "takes {:.1f} to {:.1f} % of a core more"),
+    ):
+        more = [figures[name.format(f"{each}+safety")] - figures[name.format(each)] for each in ("vfh", "ppo-rooms", "planner")]
+        assert words.format(min(more), max(more)) in page
+    assert f"{results['config']['layer_seconds']:.0f} s each" in page
+
+
 def test_what_a_known_map_is_worth_is_what_was_measured():
     page, results = " ".join((ROOT / "docs/concepts/rooms.md").read_text(encoding="utf-8").split()), measured("known_map")
     (without, known), number = results["rows"], results["config"]["episodes"]
@@ -202,7 +215,7 @@ def test_the_tables_of_rooms_are_what_was_measured():
             margin = f"{0.5 * unit * (figures['high'] - figures['low']):.{digits}f}"
             assert cell == f"{unit * figures['value']:.{digits}f}" + (f" ± {margin}" if float(margin) else ""), name
         tables += 1
-    assert tables == 8 + 7 + 4 + 7 + 6 + 9 + len(barn)
+    assert tables == 8 + 7 + 4 + 7 + 6 + 12 + len(barn)
 
 
 def hazards():
