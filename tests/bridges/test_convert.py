@@ -53,7 +53,10 @@ def a_covariance(rng):
     return Covariance(*(root @ root.T)[np.triu_indices(5)].tolist())
 
 
-@pytest.mark.parametrize("theta", [0.0, 1e-9, -1e-9, 1e-300, 1.0, -2.0, math.pi / 2, -math.pi, math.nextafter(math.pi, 0.0)])
+@pytest.mark.parametrize(
+    "theta",
+    [0.0, 1e-9, -1e-9, 1e-300, 0.12487552222276889, 1.0, -2.0, math.pi / 2, -math.pi, math.nextafter(math.pi, 0.0)],
+)
 def test_headings_survive_the_quaternion(theta):
     for _ in range(50):  # and their neighbours
         assert _yaw_of(quaternion_of(theta)) == theta

@@ -29,6 +29,8 @@ class Conversion(NamedTuple):
 
 _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
 _PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
+_NORMS = tuple(1.0 + k * 2.0**-24 for k in range(33))
+"""Norms of a quaternion: near 1/8 rad the tangent has fewer bits than the angle, and none of norm 1 has some headings."""
 
 
 def _yaw_of(q: Quaternion) -> float:
@@ -52,12 +54,14 @@ def quaternion_of(yaw: float) -> Quaternion:
 def half_turn(yaw: float) -> tuple[float, float]:
     """Return the quaternion's z and w of the rotation about the vertical axis by a heading, rad.
 
-    Sine and cosine are rounded; if that would change the heading, both are moved by a few units in the last place until
-    `_yaw_of` returns the same number. So a heading in [-pi, pi) arrives as the same float at the other end of a topic.
+    Sine and cosine are rounded; if that would change the heading, both are moved by a few units in the last place, or the norm
+    by at most 2e-6, until `_yaw_of` returns the same number. So a heading in [-pi, pi) arrives as the same float at the other
+    end of a topic.
     """
     z, w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
     if yaw_of_rotation(w, 0.0, 0.0, z) != yaw and -math.pi <= yaw < math.pi:
-        z, w = next(((a, b) for a, b in _neighbours(z, w) if yaw_of_rotation(b, 0.0, 0.0, a) == yaw), (z, w))
+        near = (pair for norm in _NORMS for pair in _neighbours(norm * z, norm * w))
+        z, w = next(((a, b) for a, b in near if yaw_of_rotation(b, 0.0, 0.0, a) == yaw), (z, w))
     return z, w
 
 
