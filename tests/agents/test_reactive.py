@@ -242,6 +242,13 @@ def test_a_robot_inside_the_margins_of_two_posts_goes_on_between_them_down_to_th
     assert layered(1.0, 0.0, sight(shares=posts), least_margin=0.02, way_out=0.0)[0] == 0.0
 
 
+def test_a_robot_that_sways_turns_slowly_beside_a_wall():
+    near, far = sight(shares=wall_ahead(0.167)), sight(shares=wall_ahead(0.6))  # 0.03 m from the footprint
+    assert layered(0.0, 1.0, near, way_out=0.0)[1] == 1.0
+    assert layered(0.0, 1.0, far, sway=0.05, way_out=0.0)[1] == 1.0
+    assert 0.0 < layered(0.0, 1.0, near, sway=0.05, way_out=0.0)[1] <= 0.03 / 0.05 / BURGER.max_angular
+
+
 def least_clearance(drive, *, delay, blind=0.0, robots=300, steps=60, seed=0):
     """Return the least clearance of robots among posts, m, each of which starts where it could have stopped.
 

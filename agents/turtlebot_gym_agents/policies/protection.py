@@ -24,6 +24,8 @@ TURNS = np.linspace(-1.0, 1.0, 17)
 """Turning rates to try besides the commanded one, as shares of the limit."""
 TURNING = 0.3
 """Weight of a change of the turning rate, as a share of its limit, beside one of the speed."""
+SLOWEST = 0.2
+"""Turning rate that is admissible in any place, rad/s."""
 NEARER = 0.01
 """Way by which a robot inside a margin may come nearer to an obstacle in the reserve, m: the error of a range."""
 BLIND, NEAR = 0.18, 0.25
@@ -67,6 +69,8 @@ class SafetyLayer:
     """... and when it drives backwards, m ..."""
     least_margin: Annotated[float, NON_NEGATIVE] = 0.01
     """... and that it keeps in any case if the others are larger, m."""
+    sway: Annotated[float, NON_NEGATIVE] = 0.0
+    """Way by which the robot may come off its arc for each rad/s at which it turns, m: near obstacles it turns more slowly."""
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1
@@ -163,4 +167,7 @@ class SafetyLayer:
         margin = np.where(v < 0.0, self.margin_behind, self.margin)
         kept = np.maximum(np.abs(points) - self._robot.radius - NEARER, self.least_margin)
         radius = self._robot.radius + np.minimum(margin, kept)
-        return time_to_contact(points, v, omega, radius).min(axis=-1) >= self.reserve
+        sways = np.abs(omega[..., 0]) * self.sway > np.maximum(
+            np.abs(points).min(axis=-1) - self._robot.radius, SLOWEST * self.sway
+        )
+        return (time_to_contact(points, v, omega, radius).min(axis=-1) >= self.reserve) & ~sways
