@@ -37,7 +37,7 @@ def findings() -> str:
         rooms_won(rooms["rows"]),
         begun_with(read("from_policy")["tasks"]),
         memory(planner["rows"]),
-        reaction(people["rows"]),
+        *reaction(people["rows"]),
         missions(read("missions")["missions"]),
         stops(read("faults")["faults"]),
     ]
@@ -93,14 +93,14 @@ def among_people(rows: Sequence[Results]) -> str:
     )
 
 
-def reaction(rows: Sequence[Results]) -> str:
-    """Return with which LiDARs a stop that was learned beats the tuned rule by its whole interval."""
-    won = {row["lidar"]: row["success_minus_rule"] for row in rows if row.get("success_minus_rule", {"low": 0.0})["low"] > 0.0}
-    told = listed([f"`{lidar}` ({100.0 * gain['value']:+.1f} points)" for lidar, gain in won.items()])
-    return (
-        f"* **Among people a learned stop beats the tuned rule** in the same rooms with {told}; with the other LiDARs no "
-        "difference was found. [People](concepts/rooms.md#people)."
-    )
+def reaction(rows: Sequence[Results]) -> list[str]:
+    """Return with which LiDARs a stop that was learned beats the tuned rule by its whole interval; without one no finding."""
+    gains = [(f"`{row['lidar']}`", row["success_minus_rule"]) for row in rows if "success_minus_rule" in row]
+    won = [f"{lidar} ({100.0 * gain['value']:+.1f} points)" for lidar, gain in gains if gain["low"] > 0.0]
+    lost = [lidar for lidar, gain in gains if gain["high"] < 0.0]
+    others = f"it loses with {listed(lost)}" if lost else "with the other LiDARs no difference was found"
+    finding = f"* **Among people a learned stop beats the tuned rule** in the same rooms with {listed(won)}; {others}."
+    return [f"{finding} [People](concepts/rooms.md#people)."] if won else []
 
 
 def layer(rows: Sequence[Results]) -> str:

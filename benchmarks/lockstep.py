@@ -11,7 +11,7 @@ import os
 import resource
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -35,7 +35,7 @@ from lockstep_drives import (
 )
 from parts import measured
 from turtlebot_gym.drives import Drive, position_error
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.provenance import settings_of, write_json
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.bringup import room_metrics
 
@@ -192,7 +192,7 @@ def main() -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     result = measure(config)
     if config.json is not None:
-        write_json(config.json, result, config=asdict(config))
+        write_json(config.json, result, config=settings_of(config))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import islice, permutations
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,7 +30,7 @@ from ros_probe import FAR, GUARDED, PATIENCE, PERIOD, graph
 from turtlebot_gym import values
 from turtlebot_gym.values import STOP, Pose
 from turtlebot_gym_agents.policies.named import SAFETY
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.provenance import settings_of, write_json
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
 from turtlebot_gym_ros.nodes import MODES
@@ -259,7 +259,7 @@ def main() -> None:
             table.add_row(f"{part}: {name}", f"{value:.3g} {unit}", must, met, f"{before:.1f} to {after:.1f}")
     Console().print(table)
     if config.json is not None:
-        write_json(config.json, result, config=asdict(config))
+        write_json(config.json, result, config=settings_of(config))
 
 
 if __name__ == "__main__":

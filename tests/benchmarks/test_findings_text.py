@@ -34,9 +34,12 @@ def test_other_results_make_other_findings(read):
         kind["unsafe"] = 1
     for figure in read("ros")["parts"]["latency"]["figures"]:
         figure["value"] = 0.1
+    for row in read("people")["rows"]:
+        row["success_minus_rule"] = {"value": 0.0, "low": -0.1, "high": 0.1}
     read("from_policy")["tasks"]["Rooms"]["none"]["reached"] = 3
     text = findings_text.findings()
     assert "plain ones, of which 3 reach it" in text
     assert "learning sometimes pays" in text
     assert f"{len(read('faults')['faults'])} was unsafe" in text
+    assert "learned stop beats" not in text
     assert "The live graph keeps its limits" in text

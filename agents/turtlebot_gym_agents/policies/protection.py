@@ -165,9 +165,9 @@ class SafetyLayer:
         """Return whether no contact with points (..., n) is near on the arcs of actions (..., 2)."""
         v, omega = actions[..., :1] * self._robot.max_linear, actions[..., 1:] * self._robot.max_angular
         margin = np.where(v < 0.0, self.margin_behind, self.margin)
-        kept = np.maximum(np.abs(points) - self._robot.radius - NEARER, self.least_margin)
+        clearances = np.abs(points) - self._robot.radius
+        kept = np.maximum(clearances - NEARER, self.least_margin)
         radius = self._robot.radius + np.minimum(margin, kept)
-        sways = np.abs(omega[..., 0]) * self.sway > np.maximum(
-            np.abs(points).min(axis=-1) - self._robot.radius, SLOWEST * self.sway
-        )
-        return (time_to_contact(points, v, omega, radius).min(axis=-1) >= self.reserve) & ~sways
+        sway = np.abs(omega[..., 0]) * self.sway
+        stays = sway <= np.maximum(clearances.min(axis=-1), SLOWEST * self.sway)
+        return (time_to_contact(points, v, omega, radius).min(axis=-1) >= self.reserve) & stays
