@@ -75,7 +75,11 @@ class Probe:
                 stamp(message, self.lead)
             self._speakers[self.topic].publish(message)
         if self.pressed is not None:
-            self._button.publish(Bool(data=self.pressed))
+            self.press(self.pressed)
+
+    def press(self, pressed):
+        """Let the button say once whether it is pressed."""
+        self._button.publish(Bool(data=pressed))
 
     def _measure(self):
         scan = self.scan

@@ -4,7 +4,6 @@ All are real processes; the test is the robot, and the independent listener on `
 robot it hears zeros and nothing else, no other process ends, and once all is well again and enabled, the robot drives on.
 """
 
-import math
 import os
 import signal
 import subprocess
@@ -16,7 +15,7 @@ import pytest
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
-from std_msgs.msg import Bool, String
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros.base.qos import LATCHED
@@ -127,11 +126,6 @@ def robot(module_peer, wait_for, tmp_path_factory):
     robot.close()
 
 
-def bad_position(message):
-    message.pose.pose.position.x = math.nan
-    return message
-
-
 class Late:
     """Odometry that comes late, honestly stamped."""
 
@@ -143,27 +137,10 @@ class Late:
         return self.waiting.pop(0)[1] if self.waiting[0][0] <= time.monotonic() else None
 
 
-class Repeats:
-    """Odometry that says the same again and again, stamp included; and one that comes in the wrong order."""
-
-    def __init__(self, back):
-        self.last, self.back = None, back
-
-    def __call__(self, message):
-        self.last = self.last or message
-        self.last.header.stamp.sec -= self.back
-        self.back = 0
-        return self.last
-
-
 @pytest.mark.parametrize(
     "spoil",
-    [
-        lambda message: None,
-        Late(1.0),
-        *(pytest.param(each, marks=pytest.mark.nightly) for each in (bad_position, Repeats(1), Late(5.0))),
-    ],
-    ids=["stops", "late", "nan", "out of order", "very late"],
+    [lambda message: None, Late(1.0), pytest.param(Late(5.0), marks=pytest.mark.nightly)],
+    ids=["stops", "late", "very late"],
 )
 def test_invalid_odometry_stops_the_robot(robot, spoil):
     robot.drive()
@@ -284,176 +261,6 @@ def test_the_end_of_any_process_stops_the_robot_and_it_can_start_again(robot, na
         robot.processes[name].send_signal(signal.SIGCONT)
     else:
         assert robot.processes[name].wait(30) == (-signal.SIGKILL if number == signal.SIGKILL else 0)
-        robot.start(name)
-    robot.drive()
-
-
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.nightly), signal.SIGKILL])
-def test_a_guard_can_start_again(robot, number):
-    """A guard's own death is not covered: a killed one leaves the last command in force until the next one starts."""
-    robot.drive()
-    robot.processes["cmd_vel_guard"].send_signal(number)
-    robot.processes["cmd_vel_guard"].wait(30)
-    if number == signal.SIGTERM:
-        robot.wait_for(lambda: robot.speeds[-1] == 0.0)
-    else:
-        assert 0.0 not in robot.speeds
-    robot.start("cmd_vel_guard")
-    robot.drive()
-
-
-@pytest.mark.nightly
-def test_a_guard_that_was_suspended_sends_zeros_first(robot):
-    """Meanwhile the wheels held a command, of which nobody knows any more."""
-    robot.drive()
-    guard, controller = robot.processes["cmd_vel_guard"], robot.processes["velocity_controller"]
-    guard.send_signal(signal.SIGSTOP)
-    controller.kill()
-    controller.wait(30)
-    time.sleep(1.5)  # longer than zeros are sent after a last command
-    assert robot.speeds[-1] > 0.0
-    guard.send_signal(signal.SIGCONT)
-    robot.wait_for(lambda: robot.speeds[-1] == 0.0)
-    robot.start("velocity_controller")
-    robot.drive()
-
-
-class Sources:
-    """Two who command the guard at 20 Hz, beside the controller, which is suspended; and the times of what they send."""
-
-    def __init__(self, robot):
-        self.robot, self.on, self.sent = robot, True, []
-        self._speakers = [robot.peer.speak(f"cmd_vel_{name}", TwistStamped, 1) for name in ("in", "teleop")]
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
-
-    def _run(self):
-        while self.on:
-            for speaker in self._speakers:
-                message = TwistStamped()
-                message.twist.linear.x = 0.12
-                self.sent.append(time.time())
-                speaker.publish(message)
-            time.sleep(0.05)
-
-    def end(self):
-        self.on = False
-        self._thread.join()
-
-
-@pytest.fixture
-def alone(robot):
-    """The guard without the controller, and when each of its commands was published."""
-    robot.drive()
-    robot.processes["velocity_controller"].terminate()
-    assert robot.processes["velocity_controller"].wait(30) == 0
-    told = []
-
-    def hear(message, info):
-        told.append((info["source_timestamp"] * 1e-9, message.twist.linear.x))
-
-    subscription = robot.peer.node.create_subscription(TwistStamped, "cmd_vel", hear, 1000)
-    yield told
-    robot.peer.node.destroy_subscription(subscription)
-    robot.processes["cmd_vel_guard"].terminate()
-    assert robot.processes["cmd_vel_guard"].wait(30) == 0
-    for name in ("cmd_vel_guard", "velocity_controller"):
-        robot.start(name)
-    robot.drive()
-
-
-@pytest.mark.nightly
-def test_what_waited_for_a_suspended_guard_is_not_obeyed(robot, alone):
-    for duration in (0.3, 1.2, 1.7):
-        sources = Sources(robot)
-        robot.wait_for(lambda: alone and alone[-1][1] > 0.11)
-        robot.processes["cmd_vel_guard"].send_signal(signal.SIGSTOP)
-        time.sleep(0.4 * duration)
-        sources.end()
-        time.sleep(0.6 * duration)
-        robot.processes["cmd_vel_guard"].send_signal(signal.SIGCONT)
-        robot.wait_for(lambda: alone[-1][1] == 0.0)
-        time.sleep(0.5)
-        assert max(at for at, v in alone if v) <= sources.sent[-1] + 0.45
-
-
-@pytest.mark.nightly
-def test_a_short_press_counts_and_two_buttons_must_both_be_released(robot, alone):
-    buttons = [robot.peer.speak("emergency_stop", Bool, 1) for _ in range(2)]
-    pressed, over = [False, False], threading.Event()
-
-    def speak():
-        while not over.wait(0.1):
-            for button, state in zip(buttons, pressed, strict=True):
-                button.publish(Bool(data=state))
-
-    def enable():
-        return robot.peer.ask("cmd_vel_guard/enable", SetBool, SetBool.Request(data=True)).success
-
-    thread = threading.Thread(target=speak)
-    thread.start()
-    sources = Sources(robot)
-    try:
-        for _ in range(3):
-            robot.wait_for(enable)
-            robot.wait_for(lambda: alone and alone[-1][1] > 0.11)
-            time.sleep(0.3)
-            buttons[0].publish(Bool(data=True))
-            buttons[0].publish(Bool(data=False))
-            robot.wait_for(lambda: alone[-1][1] == 0.0)
-            pressed[1] = True
-            time.sleep(0.7)
-            assert not any(enable() for _ in range(5))
-            assert alone[-1][1] == 0.0
-            pressed[1] = False
-    finally:
-        over.set()
-        thread.join()
-        sources.end()
-        for button in buttons:
-            robot.peer.node.destroy_publisher(button)
-
-
-@pytest.mark.nightly
-def test_an_old_stamp_and_a_flood(robot, alone):
-    speaker = robot.peer.speak("cmd_vel_in", TwistStamped, 1)
-    robot.wait_for(speaker.get_subscription_count)
-    since = time.time()
-    for _ in range(10):
-        message = TwistStamped()
-        message.header.stamp = Time(nanoseconds=time.time_ns() - 60 * 10**9).to_msg()
-        message.twist.linear.x = 0.12
-        speaker.publish(message)
-        time.sleep(0.05)
-    assert all(v == 0.0 for at, v in alone if at > since)
-    message, since = TwistStamped(), time.time()
-    message.twist.linear.x = 0.12
-    while (now := time.time()) < since + 1.0:
-        speaker.publish(message)
-        time.sleep(0.0005)
-    robot.wait_for(lambda: alone[-1][1] == 0.0)
-    assert 1 <= sum(since < at <= now for at, v in alone) <= 50.0 * (now - since) + 3
-
-
-@pytest.mark.nightly
-def test_the_emergency_stop_stops_controller_and_guard(robot):
-    robot.drive()
-    emergency = robot.peer.speak("emergency_stop", Bool)
-    said = "stopping: emergency stop"
-    robot.wait_for(lambda: emergency.publish(Bool(data=True)) or any(state.data == said for state in robot.states))
-    robot.stops()
-    robot.check_alive()
-    for name in ("cmd_vel_guard", "velocity_controller"):
-
-        def enabled(name=name):
-            emergency.publish(Bool(data=False))
-            return robot.peer.ask(f"{name}/enable", SetBool, SetBool.Request(data=True)).success
-
-        robot.wait_for(enabled)
-    robot.wait_for(lambda: emergency.publish(Bool(data=False)) or robot.speeds[-1] > 0.09)
-    for name in ("cmd_vel_guard", "velocity_controller"):  # these two are waiting for a stop that is gone now
-        robot.processes[name].terminate()
-        assert robot.processes[name].wait(30) == 0
         robot.start(name)
     robot.drive()
 
