@@ -1,7 +1,5 @@
 """Filters beside the bound: good filters reach it, and the comparison distinguishes a wrong filter from a right one."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """What the command line imports: little for its help, torch only to train."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What environments are trained on: how observations are scaled, and what differs from environment to environment."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Our Adam is torch's, to the bit."""
 
-from __future__ import annotations
-
 import torch
 
 from turtlebot_gym_agents.training.optimizer import Adam

@@ -1,7 +1,5 @@
 """What commands write: tried before the work, never an input, and over a result only with --force."""
 
-from __future__ import annotations
-
 import os
 import sys
 from dataclasses import fields

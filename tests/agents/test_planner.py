@@ -1,7 +1,5 @@
 """The policy that plans: its grid, its ways, what it remembers, and that a batch may go on with some of its rows."""
 
-from __future__ import annotations
-
 import heapq
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Policies that avoid obstacles: what they see, when an arc meets it, and how they do in rooms."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

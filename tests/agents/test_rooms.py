@@ -1,7 +1,5 @@
 """Policies in rooms: trained, evaluated, and refused where they do not fit."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The adapter to Stable-Baselines3 beside SB3's own vector environment, row by row, and under SB3's wrappers."""
 
-from __future__ import annotations
-
 import copy
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """A policy that stands for people: what it sees of them, and what that is worth."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The benchmark from command to policy: its arithmetic, and that it compares the same work."""
 
-from __future__ import annotations
-
 import pytest
 
 import command_to_policy

@@ -6,8 +6,6 @@ Usage:
     python environments.py FOLDER [NAME ...]
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Wrapping, and a sine and cosine of our own, over the whole range that occurs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

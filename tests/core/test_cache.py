@@ -1,7 +1,5 @@
 """The cache of compiled functions: what a file is found by, who shares it, who waits for it, and what a terminal shows."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

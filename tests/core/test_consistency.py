@@ -1,7 +1,5 @@
 """The statistics that judge filters, and the bound on how good one can be."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

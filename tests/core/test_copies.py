@@ -1,7 +1,5 @@
 """A pickled environment goes on, after it is loaded, as the original does."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """The extended Kalman filter: its Jacobian, its covariance, its start, its gates, and measurements that are exact."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

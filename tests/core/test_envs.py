@@ -1,7 +1,5 @@
 """The environments as Gymnasium and Stable-Baselines3 see them."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

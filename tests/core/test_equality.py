@@ -4,8 +4,6 @@ The reference is the transition as plain Python on floats, driven by the actions
 are compared with scalar ones in `test_vector_contract`, and both with plain Python in `tests/golden`.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numba

@@ -1,7 +1,5 @@
 """Noise models and robots in files: what is written is read again, everywhere, and what is wrong is one line."""
 
-from __future__ import annotations
-
 import math
 import re
 import time

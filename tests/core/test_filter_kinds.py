@@ -3,8 +3,6 @@
 Their algebra is in `test_textbook_filter`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The filter as an object: the same steps as the functions', everything there to look at, and tunings by name."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Absolute fixes: the sensor's numbers, what each filter makes of one, and that a late one ends up where it belongs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The gyro and the filter that reads it: its numbers, in any order with fixes, and the same everywhere."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

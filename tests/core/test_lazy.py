@@ -1,7 +1,5 @@
 """What importing the package brings: all its names, and little else until they are used."""
 
-from __future__ import annotations
-
 import ast
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """The compiled loop: its rows, numba's cache, forks, and life without numba or Gymnasium."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Odometry: each of its errors on its own."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Filters and systems of one's own, by object or "module:name": in every environment, and refused with their place."""
 
-from __future__ import annotations
-
 import math
 import pickle
 

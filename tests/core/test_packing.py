@@ -1,7 +1,5 @@
 """Values in tiles: what is stored is loaded again, and the slices say where it lies."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

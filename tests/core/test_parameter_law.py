@@ -3,8 +3,6 @@
 A parameter that nothing read once passed every test of its own, was randomized in training and stood in the documentation.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 

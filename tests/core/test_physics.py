@@ -1,7 +1,5 @@
 """Open ground with a physics engine as its plant: the episode around it, alone, in an environment, and in a batch."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

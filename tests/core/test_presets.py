@@ -1,7 +1,5 @@
 """The tuning that is matched to a noise, every entry worked out by hand; names, values and mappings of presets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Every test states the rate at which perfect random numbers would fail it, and has a partner that shows that it can fail.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

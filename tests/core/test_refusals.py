@@ -1,7 +1,5 @@
 """Whatever environments, resets and steps are given, they accept it or answer with one line that names what is wrong."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """What a reset is given, and where episodes end: nothing of it is lost without a word."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

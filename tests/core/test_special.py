@@ -1,7 +1,5 @@
 """Special cases of parameters: their loop leaves out what is idle, and gives the bits of the loop for all cases."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

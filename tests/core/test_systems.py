@@ -1,7 +1,5 @@
 """Systems: another plant, sensor, filter or observation is a kernel put in, and still the same in plain Python and compiled."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

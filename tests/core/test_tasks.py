@@ -1,7 +1,5 @@
 """Tasks: starts and goals, what the policy observes, arrival and reward."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

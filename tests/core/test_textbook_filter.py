@@ -1,7 +1,5 @@
 """Every filter, step by step, is that of the textbooks: see `textbook`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

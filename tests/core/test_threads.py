@@ -1,7 +1,5 @@
 """How many threads a parallel loop uses: a limit that changes no bit."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 import pytest

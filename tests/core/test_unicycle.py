@@ -1,7 +1,5 @@
 """The robot: its limits, how it executes commands and how it moves."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

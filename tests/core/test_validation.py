@@ -1,7 +1,5 @@
 """The one rule for what users pass: what each kind of rule accepts, its sentence of refusal, and which field has which rule."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass, fields

@@ -1,7 +1,5 @@
 """What clients ask of a vector environment: beside `SyncVectorEnv`, bare and in Gymnasium's wrappers, and by the checker."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Wrappers: worked out by hand over a scripted environment, and row by row equal, scalar and vector, in every mode."""
 
-from __future__ import annotations
-
 from functools import partial, reduce
 
 import gymnasium as gym

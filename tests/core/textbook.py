@@ -1,7 +1,5 @@
 """Filters as textbooks have them: matrices in NumPy and mixtures of Gaussians, which share no code with the package."""
 
-from __future__ import annotations
-
 import math
 from copy import copy
 

@@ -6,8 +6,6 @@ prints one line for each finding and exits with 1 if there is any. Without paths
 and in docstrings, is not read.
 """
 
-from __future__ import annotations
-
 import ast
 import io
 import json

@@ -1,7 +1,5 @@
 """What the fuzz tests share: how many inputs, limits of time and memory for each, and what counts as an answer."""
 
-from __future__ import annotations
-
 import math
 import resource
 import signal

@@ -1,7 +1,5 @@
 """Whatever an environment is given, it works with finite numbers or answers with one line that names what is wrong."""
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import MISSING, fields

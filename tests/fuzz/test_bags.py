@@ -1,7 +1,5 @@
 """Whatever a bag holds, it is read, or refused with one line."""
 
-from __future__ import annotations
-
 import math
 import sys
 import tempfile

@@ -1,7 +1,5 @@
 """Whatever a file is that is given for a policy bundle, it drives with finite actions, or is refused with one line."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import tempfile

@@ -1,7 +1,5 @@
 """Every command does what its arguments ask, or says on one line what is wrong, with the exit code 2."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import tempfile

@@ -1,7 +1,5 @@
 """Whatever a YAML file or a table holds, it is read, or refused with one line."""
 
-from __future__ import annotations
-
 import json
 import math
 import tempfile

@@ -1,7 +1,5 @@
 """Whatever parameters a node is given, it is made, or refuses them with one line before it publishes anything."""
 
-from __future__ import annotations
-
 import atexit
 import tempfile
 from dataclasses import fields

@@ -3,8 +3,6 @@
 python tests/golden/api.py > tests/golden/api.json
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

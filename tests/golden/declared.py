@@ -3,8 +3,6 @@
 python tests/golden/declared.py > tests/golden/declared.json
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import MISSING, asdict, fields, is_dataclass

@@ -8,8 +8,6 @@ A change that is meant to leave results as they are must leave every hash as it 
 plain Python must give the same hash.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import itertools

@@ -1,7 +1,5 @@
 """Rooms whose fields are known, and exact scans of them."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

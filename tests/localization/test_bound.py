@@ -1,7 +1,5 @@
 """At rest the localizer's error is near the bound of the scan: 300 noisy scans of each of 25 poses, in four worlds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from localization_rooms import Room, hall, make_room, scan_of

@@ -1,7 +1,5 @@
 """Laws of the localizer."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

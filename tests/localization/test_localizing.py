@@ -1,7 +1,5 @@
 """A robot that localizes itself: the same compiled and in plain Python, and much nearer to the truth than its wheels."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, fields, replace
 
 import numpy as np

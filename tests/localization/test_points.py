@@ -1,7 +1,5 @@
 """A scan taken in motion, with exact odometry, gives the points of one taken at rest."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A robot that does not know where it is looks for its scan in the whole map, and follows the places that explain it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

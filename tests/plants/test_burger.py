@@ -1,7 +1,5 @@
 """The Burger's parameters: they check themselves, and each of them moves the robot."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import pytest

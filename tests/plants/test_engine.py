@@ -1,7 +1,5 @@
 """The laws of the Burger in MuJoCo: what follows from Newton, Coulomb and symmetry, in numbers worked out by hand."""
 
-from __future__ import annotations
-
 import math
 import sys
 from threading import Thread

@@ -1,7 +1,5 @@
 """Rooms that are drawn: always with a way through, never the same, and as their rules say."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

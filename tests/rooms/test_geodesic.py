@@ -1,7 +1,5 @@
 """Shortest ways, against scipy's Dijkstra on the same cells."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The LiDAR: when beams are measured, what they say, and what a policy is shown of them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Files of maps, read cell by cell as ``map_server`` reads them; what is wrong with one is one clear line."""
 
-from __future__ import annotations
-
 import shutil
 
 import gymnasium as gym

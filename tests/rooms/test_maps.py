@@ -1,7 +1,5 @@
 """Maps: their rays and distances against shapely and brute force, and drives on them."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

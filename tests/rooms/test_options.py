@@ -1,7 +1,5 @@
 """Options of reset: a world, a start and a goal for one episode."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

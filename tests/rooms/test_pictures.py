@@ -1,7 +1,5 @@
 """The picture of a room."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 

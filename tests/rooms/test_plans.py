@@ -1,7 +1,5 @@
 """Rooms that are given: floor plans, Gazebo worlds, and what is refused."""
 
-from __future__ import annotations
-
 import gzip
 import math
 from pathlib import Path

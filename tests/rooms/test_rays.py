@@ -1,7 +1,5 @@
 """Rays and distances against shapely, which knows none of our formulas, and against numbers that were worked out by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

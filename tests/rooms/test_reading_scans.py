@@ -1,7 +1,5 @@
 """A filter that reads the scan estimates after the robot has looked, in the same step: in plain Python and compiled alike."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

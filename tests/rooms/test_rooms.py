@@ -1,7 +1,5 @@
 """The environments of rooms: equal to the bit in plain Python, alone and in a batch; contact, reward and infos."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields, replace
 from functools import partial

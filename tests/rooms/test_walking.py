@@ -1,7 +1,5 @@
 """Circles that walk: straight on, or as people, who see the robot or not."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
