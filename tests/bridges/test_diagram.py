@@ -1,4 +1,4 @@
-"""The graph as a picture: what is declared is what is connected, and what is drawn can be read."""
+"""The graph as a picture and its state as a table: what is declared is what is connected, and all can be read."""
 
 import itertools
 
@@ -11,6 +11,7 @@ from rclpy.qos import qos_profile_sensor_data
 
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.diagram import PLACES, WORDS, Connection, connected, declared, draw
+from turtlebot_gym_ros.graph.status import _table
 from turtlebot_gym_ros.nodes import BLOCKS, MODES, NODES
 
 LOOP = MODES["autonomous"]
@@ -115,3 +116,25 @@ def test_nodes_that_nobody_knows_are_drawn_too():
     for connections, names in (({own}, {"my_planner", "velocity_controller"}), ({far}, {"talker", "listener"})):
         _, texts = drawn(frozenset(connections))
         assert names <= {text.get_text() for text in texts}
+
+
+LONG = "waits for /reference, for /estimate since 12.5 s, and for a listener on /cmd_vel: no step was answered since 3.25 s"
+REPORTS = {"velocity_controller": (1, LONG), "kalman_filter": (0, "ok"), "turtlebot_simulator": (3, "")}
+
+
+def test_a_pipe_has_a_line_for_each_node():
+    lines = _table(REPORTS, width=None)
+    assert lines == [
+        "node                 level    says",
+        f"velocity_controller  warning  {LONG}",
+        "kalman_filter        ok       ok",
+        "turtlebot_simulator  stale",
+    ]
+
+
+def test_a_narrow_terminal_wraps_between_words():
+    lines = _table(REPORTS, width=80)
+    assert max(map(len, lines)) <= 80
+    assert len(lines) > 4
+    assert " ".join(" ".join(lines[1:-2]).split()) == f"velocity_controller warning {LONG}"
+    assert all(line.startswith(30 * " ") for line in lines[2:-2])

@@ -21,34 +21,33 @@ def button(start, end, first=1, pressed=()):
     return [(start + 0.2 * k, first + k, k in pressed) for k in range(count)]
 
 
-def test_without_a_button_there_is_no_trouble():
-    assert EmergencyStop().trouble(50.0) == ""
-    assert EmergencyStop().trouble(0.0) == ""
-    assert EmergencyStop().refusal(50.0, publishers=2) == ""
+PRESSED, SILENT, FLOODED = (f"the emergency stop is {state}" for state in ("pressed", "silent", "flooded with messages"))
+LOST, ENDED = "a message of the emergency stop was lost", "an emergency stop has ended"
+SILENT_OF_2, SILENT_OF_3 = "1 of 2 emergency stops are silent", "1 of 3 emergency stops are silent"
+TROUBLES = {
+    "without a button": ((), {0.0: "", 50.0: ""}),
+    "a press that was released at 51.3": ([*button(50.0, 52.0), *button(50.1, 52.0, 300, pressed=(5,))], {51.9: ""}),
+    "a press lasts half a second": ([*button(50.0, 51.4), *button(50.1, 51.5, 300, pressed=(5,))], {51.59: PRESSED, 51.61: ""}),
+    "and with its end": ([(50.0, 1, True), (50.25, 2)], {50.5: PRESSED, 50.5625: "", 50.75: "", 50.8125: SILENT}),
+    "a button that is held": ([(50.0, 1, True), (50.2, 2, True), (50.3, 700)], {50.3: PRESSED}),
+    "one that was pressed, and is not heard": (
+        [(50.0, 1, True), (50.4, 700), (50.45, 2, True), (50.9, 701)], {50.94: PRESSED, 50.96: SILENT_OF_2},
+    ),
+    "one that falls silent": (button(50.0, 51.0), {51.29: "", 51.31: SILENT}),
+    "and is heard again": ([*button(50.0, 51.0), (52.0, 6)], {52.0: ""}),
+    "one of three": ([*button(50.0, 53.0, 9000), *button(50.07, 53.0, 5000), *button(50.13, 52.0, 7000)], {52.95: SILENT_OF_3}),
+    "one of two comes back": ([*button(50.0, 55.0), *button(50.07, 52.0, 400), *button(53.0, 55.0)], {54.9: ""}),
+    "many messages": ([(50.0 + 0.001 * k, k + 1) for k in range(50)], {50.1: ""}),
+    "a flood, which may hide a press": ([(50.0 + 0.001 * k, k + 1) for k in range(51)], {50.1: FLOODED}),
+    "a loss": ([(50.0, 7), (50.2, 9)], {50.2: LOST, 50.69: LOST}),
+    "a loss lasts half a second": ([(50.0, 7), (50.2, 9), (50.6, 10)], {50.71: ""}),
+}  # fmt: skip
 
 
-def test_a_press_lasts_half_a_second_for_all():
-    stop = play(*button(50.0, 52.0), *button(50.1, 52.0, 300, pressed=(5,)))  # pressed at 51.1, released at 51.3
-    assert stop.trouble(51.9) == ""
-    stop = play(*button(50.0, 51.4), *button(50.1, 51.5, 300, pressed=(5,)))
-    assert stop.trouble(51.59) == "the emergency stop is pressed"
-    assert stop.trouble(51.61) == ""
-
-
-def test_a_button_that_is_held_is_pressed():
-    stop = play((50.0, 1, True), (50.2, 2, True), (50.3, 700, False))
-    assert stop.trouble(50.3) == "the emergency stop is pressed"
-    stop = play((50.0, 1, True), (50.4, 700, False), (50.45, 2, True), (50.9, 701, False))
-    assert stop.trouble(50.94) == "the emergency stop is pressed"
-    assert stop.trouble(50.96) == "1 of 2 emergency stops are silent"  # it was pressed, and is not heard
-
-
-def test_one_button_that_falls_silent():
-    stop = play(*button(50.0, 51.0))
-    assert stop.trouble(51.29) == ""
-    assert stop.trouble(51.31) == "the emergency stop is silent"
-    stop.hear(False, now=52.0, number=6)
-    assert stop.trouble(52.0) == ""
+@pytest.mark.parametrize(("events", "troubles"), TROUBLES.values(), ids=TROUBLES)
+def test_the_trouble_with_buttons_is_said_as_long_as_it_lasts(events, troubles):
+    stop = play(*events)
+    assert {at: stop.trouble(at) for at in troubles} == troubles
 
 
 @pytest.mark.parametrize("offset", [0, 1, 2, 7, 1000])
@@ -56,8 +55,8 @@ def test_one_button_that_falls_silent():
 def test_one_of_two_that_falls_silent(offset, which):
     ends = [52.0, 53.0] if which else [53.0, 52.0]
     stop = play(*button(50.0, ends[0]), *button(50.07, ends[1], 1 + offset))
-    assert stop.trouble(52.95) == "1 of 2 emergency stops are silent"
-    assert stop.refusal(52.95, publishers=0) == "1 of 2 emergency stops are silent"
+    assert stop.trouble(52.95) == SILENT_OF_2
+    assert stop.refusal(52.95, publishers=0) == SILENT_OF_2
 
 
 @pytest.mark.parametrize("offset", [0, 1, 2, 7, 1000])
@@ -68,24 +67,11 @@ def test_two_that_go_on(offset):
     assert stop.refusal(53.0, publishers=3) == "1 of 3 publishers of the emergency stop are not heard"
 
 
-def test_three_of_which_one_falls_silent():
-    stop = play(*button(50.0, 53.0, 9000), *button(50.07, 53.0, 5000), *button(50.13, 52.0, 7000))
-    assert stop.trouble(52.95) == "1 of 3 emergency stops are silent"
-
-
 @pytest.mark.parametrize("gap", [0.1, 0.4, 3.0])
 def test_a_button_that_is_started_again_takes_its_own_place(gap):
     stop = play(*button(50.0, 52.0), *button(51.8 + gap, 54.0 + gap))
     assert stop.trouble(53.9 + gap) == ""
     assert stop.refusal(53.9 + gap, publishers=1) == ""
-
-
-def test_a_button_that_comes_back_among_two():
-    stop = play(*button(50.0, 55.0), *button(50.07, 52.0, 400), *button(53.0, 55.0))
-    assert stop.trouble(54.9) == ""
-
-
-LOST, ENDED = "a message of the emergency stop was lost", "an emergency stop has ended"
 
 
 @pytest.mark.parametrize("others", [(), (1,), (3000,), (700, 90)])
@@ -98,11 +84,10 @@ def test_a_gap_in_the_numbers_of_a_button_may_hide_a_press_and_makes_no_second_b
     assert len(stop._buttons) == 1 + len(others)
 
 
-def test_a_loss_lasts_half_a_second_and_needs_a_button():
-    stop = play((50.0, 7), (50.2, 9))
-    assert [stop.trouble(at) for at in (50.2, 50.69)] == [LOST, LOST]
+def test_the_end_of_a_button_is_noticed_by_its_count_and_a_loss_needs_a_button():
+    stop = EmergencyStop()
+    assert stop.refusal(50.0, publishers=2) == ""
     stop.hear(False, now=50.6, number=10)
-    assert stop.trouble(50.71) == ""
     for publishers in (1, 1, 2):
         stop.count(publishers, 50.8)
         assert stop.trouble(50.8) == ""
@@ -114,33 +99,28 @@ def test_a_loss_lasts_half_a_second_and_needs_a_button():
         assert stop.trouble(50.0) == ""
 
 
-def test_a_flood_may_hide_a_press():
-    for number, why in ((50, ""), (51, "the emergency stop is flooded with messages")):
-        assert play(*((50.0 + 0.001 * k, k + 1) for k in range(number))).trouble(50.1) == why
-
-
 def test_what_waited_comes_all_at_once_and_is_still_two():
     stop = EmergencyStop()
     for at, number, _ in sorted([*button(50.0, 52.0), *button(50.07, 52.0, 400)]):
         stop.hear(False, now=52.0, sent=at, number=number)
     assert stop.trouble(52.2) == ""
     stop.hear(False, now=52.4, number=11)
-    assert stop.trouble(52.5) == "1 of 2 emergency stops are silent"
+    assert stop.trouble(52.5) == SILENT_OF_2
 
 
 def test_age_is_that_of_what_was_sent():
     stop = EmergencyStop()
     stop.hear(False, now=60.0, sent=50.0, number=1)
-    assert stop.trouble(60.0) == "the emergency stop is silent"
+    assert stop.trouble(60.0) == SILENT
     stop.hear(False, now=60.1, sent=99.0, number=2)  # not in the future
     assert stop.trouble(60.59) == ""
-    assert stop.trouble(60.61) == "the emergency stop is silent"
+    assert stop.trouble(60.61) == SILENT
 
 
 def test_a_message_of_unknown_age_proves_no_more_than_that_there_is_a_button():
     stop = EmergencyStop()
     stop.hear(False, now=60.0, sent=-math.inf, number=1)
-    assert stop.trouble(60.0) == "the emergency stop is silent"
+    assert stop.trouble(60.0) == SILENT
     stop.hear(False, now=60.1, number=2)
     assert stop.trouble(60.1) == ""
 
@@ -149,7 +129,7 @@ def test_an_old_press_counts_from_when_it_is_heard():
     stop = EmergencyStop()
     stop.hear(True, now=60.0, sent=50.0, number=1)
     stop.hear(False, now=60.0, number=2)
-    assert stop.trouble(60.49) == "the emergency stop is pressed"
+    assert stop.trouble(60.49) == PRESSED
 
 
 def test_all_that_was_sent_before_has_been_heard_once_every_button_spoke_since():
@@ -181,14 +161,4 @@ def test_without_numbers_all_are_one(number):
         stop.hear(False, now=50.0 + 0.1 * k, number=number)
     assert stop.refusal(51.0, publishers=1) == ""
     assert stop.refusal(51.0, publishers=2) == "1 of 2 publishers of the emergency stop are not heard"
-    assert stop.trouble(51.41) == "the emergency stop is silent"
-
-
-def test_the_half_second_is_counted_with_its_end():
-    stop = EmergencyStop()
-    stop.hear(True, now=50.0, number=1)
-    stop.hear(False, now=50.25, number=2)
-    assert stop.trouble(50.5) == "the emergency stop is pressed"
-    assert stop.trouble(50.5625) == ""
-    assert stop.trouble(50.75) == ""
-    assert stop.trouble(50.8125) == "the emergency stop is silent"
+    assert stop.trouble(51.41) == SILENT

@@ -1,27 +1,28 @@
-"""The shell around small blocks: what it owns for all nodes, on real DDS."""
+"""The shell around small blocks: what it owns for all nodes, on real DDS, and two sources of one input."""
 
 import importlib.util
 import itertools
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 from bench import Mover, NoParameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.time import Time
 from std_msgs.msg import Empty, String
-from std_srvs.srv import Trigger
 
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, Input, On, Output, Shell
+from turtlebot_gym_ros import Every, On, Output, Shell
 from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.node.geometry import quaternion_of
+from turtlebot_gym_ros.nodes import load
 
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
 
@@ -116,40 +117,6 @@ def test_intervals_are_exact_and_gaps_reset(bench):
     bench.wait_for(lambda: bench.steps == count + 5)
     assert bench.block.intervals[count:] == [0.1, 0.3, 0.05, 0.0, 0.1]
     assert bench.block.resets == resets + 1
-
-
-def test_an_optional_input_is_none_and_one_that_is_given_once_is_gone(runner, peer, wait_for):
-    seen = []
-
-    class Listener:
-        inputs = {
-            "command": Input(topic="cmd_vel", type=Command, required=False, max_age=None),
-            "goal": Input(topic="extra", type=Command, required=False, max_age=None, once=True),
-        }
-        outputs = {}
-        trigger = Every(0.01)
-
-        def __init__(self, params):
-            pass
-
-        def reset(self):
-            seen.clear()
-
-        def step(self, dt, command, goal):
-            seen.append((command, goal))
-            return {}
-
-    runner.add(Shell(Listener, NoParameters, context=runner.context))
-    wait_for(lambda: (None, None) in seen)
-    held, once = peer.speak("cmd_vel", TwistStamped), peer.speak("extra", TwistStamped)
-    wait_for(lambda: held.get_subscription_count() and once.get_subscription_count())
-    held.publish(TwistStamped())
-    wait_for(lambda: seen[-1] == (STOP, None))
-    once.publish(TwistStamped())
-    wait_for(lambda: (STOP, STOP) in seen and seen[-1] == (STOP, None))
-    assert seen.count((STOP, STOP)) == 1
-    assert peer.ask("listener/reset", Trigger, Trigger.Request()).success
-    wait_for(lambda: seen and seen[0] == (None, None))
 
 
 def test_a_reset_of_the_plant_reaches_everybody(bench):
@@ -248,3 +215,60 @@ def test_a_plant_warns_of_strangers_that_obey_the_same_commands(runner, peer, wa
     assert said not in reports[-1].status[0].message
     peer.hear("cmd_vel", TwistStamped)
     wait_for(lambda: said in reports[-1].status[0].message)
+
+
+def speaker(peer, topic, kind, name):
+    """Publish a value each 50 ms from a node of its own; return its node and the publisher."""
+    other = type(peer)(peer.runner, name)
+    publisher = other.speak(topic, kind)
+
+    def speak():
+        message = kind()
+        message.header.frame_id, message.header.stamp = "odom", other.node.get_clock().now().to_msg()
+        getattr(message.pose, "pose", message.pose).orientation.w = 1.0
+        publisher.publish(message)
+
+    other.node.create_timer(0.05, speak)
+    return other
+
+
+@pytest.fixture
+def said(peer):
+    """Return the level and the text of the last report of a node."""
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+
+    def said(node, level):
+        return next((s.message for r in reversed(reports[-3:]) for s in r.status if s.name == node and s.level == level), "")
+
+    return said
+
+
+def test_of_two_odometries_none_counts_until_one_is_gone(runner, peer, another_runner, wait_for, said):
+    peer.runner = another_runner
+    block = load("kalman_filter")
+    runner.add(Shell(block, block.Params, context=runner.context))
+    estimates = peer.hear("estimate", Odometry)
+    wheels = speaker(peer, "odom", Odometry, "wheels")
+    wait_for(lambda: len(estimates) > 3)
+    rival = speaker(peer, "odom", Odometry, "rival")
+    error = partial(said, "/kalman_filter", DiagnosticStatus.ERROR)
+    wait_for(lambda: "/odom: /rival and /wheels publish it: refused until there is one." in error())
+    del estimates[:]
+    wait_for(lambda: "2 nodes publish /odom, where one may" in said("/kalman_filter", DiagnosticStatus.ERROR) or error())
+    assert not estimates
+    rival.close()
+    wait_for(lambda: len(estimates) > 3)
+    assert wheels.node is not None
+
+
+def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, wait_for, said):
+    peer.runner = another_runner
+    block = load("velocity_controller")
+    runner.add(Shell(block, block.Params, context=runner.context))
+    kinds = {"estimate": Odometry, "reference": PoseStamped, "next_reference": PoseStamped}
+    for topic, kind in kinds.items():
+        for name in ("first", "second"):
+            speaker(peer, topic, kind, f"{name}_{topic}")
+    for topic in kinds:
+        text = f"/{topic}: /first_{topic} and /second_{topic} publish it: which of them counts is undefined."
+        wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.WARN))

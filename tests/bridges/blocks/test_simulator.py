@@ -1,4 +1,4 @@
-"""The plant is the environment: the same transition, the same noise for the same seed and episode."""
+"""The plant is the environment: same transition, same noise for the same seed and episode; and a person at the keyboard."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from turtlebot_gym.presets import NOISES
 from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
-from turtlebot_gym_ros.blocks import TurtlebotSimulator
+from turtlebot_gym_ros.blocks import SimulatedTeleop, TurtlebotSimulator
 
 COMMANDS = [Command(*pair) for pair in np.random.default_rng(0).uniform(-3.0, 3.0, (200, 2)).tolist()]
 
@@ -73,3 +73,25 @@ def test_a_drawn_room_has_the_map_of_the_environments_localizer_anew_in_each_epi
 def test_goals_in_turn_need_a_world():
     with pytest.raises(ValueError, match="goals must be 0 without a world"):
         TurtlebotSimulator.Params(goals=2)
+
+
+AHEAD, LEFT, RIGHT, SPIN = Command(0.15, 0.0), Command(0.15, 0.8), Command(0.15, -0.8), Command(0.0, 1.5)
+
+
+@pytest.mark.parametrize("period", [0.1, 0.05, 0.02, 0.03])
+def test_it_follows_the_script_at_any_rate(period):
+    teleop = SimulatedTeleop(SimulatedTeleop.Params(period=period))
+    steps = round(30.0 / period)
+    commands = [teleop.step(period)["command"] for _ in range(steps)]
+    durations = {command: commands.count(command) * period for command in set(commands)}
+    expected = {AHEAD: 21.0, LEFT: 3.0, RIGHT: 3.0, SPIN: 3.0}
+    assert durations == {command: pytest.approx(seconds, abs=1.01 * period) for command, seconds in expected.items()}
+    order = [command for command, before in zip(commands, [None, *commands], strict=False) if command != before]
+    assert order == [AHEAD, LEFT, AHEAD, RIGHT, AHEAD, SPIN, AHEAD]
+    assert teleop.step(period) == {}  # the end: the robot is left to others
+    teleop.reset()
+    assert teleop.step(period) == {"command": AHEAD}
+
+
+def test_a_person_needs_no_enabling():
+    assert SimulatedTeleop.Params().start_enabled

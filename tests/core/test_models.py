@@ -1,0 +1,280 @@
+"""The models: angles over the whole range that occurs, the robot's limits, execution and motion, and each error of odometry."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy import stats
+
+from turtlebot_gym.models import angles
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.models.odometry import increment, measure, quantize
+from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, expected, limit, slips
+from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.values import Command, Pose
+
+EDGES = [k * math.pi / 4.0 for k in range(-16, 17)]
+NEAR = [math.nextafter(edge, side) for edge in EDGES for side in (-math.inf, math.inf)]
+RANDOM = np.random.default_rng(0).uniform(-50.0, 50.0, 20_000).tolist()
+
+
+@pytest.mark.parametrize("angles", [EDGES, NEAR, RANDOM], ids=["edges", "beside the edges", "random"])
+def test_wrap_stays_in_its_interval_and_on_the_circle(angles):
+    for angle in angles:
+        wrapped = wrap(angle)
+        assert -math.pi <= wrapped < math.pi
+        assert math.remainder(wrap(wrapped) - wrapped, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-15)
+        turns = (angle - wrapped) / (2.0 * math.pi)
+        assert turns == pytest.approx(round(turns), abs=1e-14)
+
+
+@pytest.mark.parametrize("reach", [math.pi / 4.0, math.pi, 50.0, 1e4, 99_999.0])
+def test_sincos_is_accurate_and_at_the_edges_of_its_quadrants_within_1(reach):
+    angles = [*np.random.default_rng(1).uniform(-reach, reach, 20_000).tolist(), *EDGES, *NEAR, 0.0, 5e-324, 1e-9]
+    ours = np.array([sincos(angle) for angle in angles])
+    np.testing.assert_allclose(ours, np.stack([np.sin(angles), np.cos(angles)], axis=1), rtol=0.0, atol=3e-16)
+    assert np.abs(ours).max() <= 1.0
+
+
+def test_sincos_is_odd_and_even():
+    for angle in RANDOM[:2000]:
+        if abs(abs(angle) * 2.0 / math.pi % 1.0 - 0.5) > 1e-9:  # on the border of two quadrants rounding may choose either
+            assert sincos(-angle) == (-sincos(angle)[0], sincos(angle)[1])
+
+
+def test_a_turn_is_360_degrees():
+    assert (angles.PI, angles.TWO_PI) == (3.141592653589793, 6.283185307179586)
+
+
+EULER, MIDPOINT = INTEGRATORS["euler"], INTEGRATORS["midpoint"]
+COMMANDS = [Command(*row) for row in np.random.default_rng(0).uniform(-4.0, 4.0, (500, 2)).tolist()]
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
+def test_limit_holds_every_limit_and_the_curvature(robot):
+    for command in COMMANDS:
+        limited = limit(command, robot)
+        v, omega = abs(limited.v), abs(limited.omega)
+        assert v <= robot.max_linear * (1.0 + 1e-15)
+        assert omega <= robot.max_angular * (1.0 + 1e-15)
+        assert v + omega * robot.wheel_separation / 2.0 <= robot.max_wheel * (1.0 + 1e-15)
+        # On the same path, in the same direction, and no slower than it must be.
+        assert limited.v * command.omega == pytest.approx(limited.omega * command.v, abs=1e-15)
+        assert limited.v * command.v >= 0.0
+        again = limit(limited, robot)
+        assert again == pytest.approx(limited, rel=1e-15)
+        wheel = (v + omega * robot.wheel_separation / 2.0) / robot.max_wheel
+        assert limited == command or max(v / robot.max_linear, omega / robot.max_angular, wheel) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "given", "expected"),
+    [
+        # The outer wheel would run at 0.2108 + 2.635 * 0.08 = 0.4216 m/s, and may at 0.2097.
+        ({}, (0.2108, 2.635), (0.2097 / 2.0, 2.635 * 0.2097 / 0.4216)),
+        ({"max_wheel": math.inf}, (0.2108, 2.635), (0.2108, 2.635)),
+        ({"reverse": False}, (-0.2, 1.0), (0.0, 1.0)),  # turns where it stands
+        ({"reverse": False}, (0.1, 1.0), (0.1, 1.0)),
+    ],
+)
+def test_limits_by_hand(changes, given, expected):
+    assert limit(Command(*given), replace(ROBOTS["burger"], **changes)) == pytest.approx(expected)
+
+
+def test_acceleration_is_limited_both_ways_and_reaches_its_aim():
+    robot = replace(ROBOTS["burger"], max_linear_acceleration=0.5, max_angular_acceleration=3.0)
+    command, seen = Command(0.0, 0.0), []
+    for _ in range(10):
+        command = accelerate(command, Command(0.2, -1.0), robot, 0.1)
+        seen.append(command)
+    assert seen[0] == pytest.approx((0.05, -0.3))
+    assert seen[3:] == [(pytest.approx(0.2), pytest.approx(-1.0))] * 7
+    assert accelerate(command, Command(0.0, 0.0), robot, 0.1) == pytest.approx((0.15, -0.7))
+    assert accelerate(command, Command(-9.0, 9.0), ROBOTS["burger"], 0.1) == (-9.0, 9.0)  # infinite: at once
+
+
+@pytest.mark.parametrize(("middle", "order"), [(EULER, 1), (MIDPOINT, 2)])
+def test_integrators_converge_to_the_arc_with_their_orders(middle, order):
+    v, omega, radius, errors = 0.2, 0.7, 0.2 / 0.7, []
+    exact = [radius * (math.sin(1.7) - math.sin(0.3)), radius * (math.cos(0.3) - math.cos(1.7)), 1.7]
+    for steps in (20, 40, 80):
+        pose = Pose(0.0, 0.0, 0.3)
+        for _ in range(steps):
+            pose = advance(pose, v, omega, 2.0 / steps, middle)
+        errors.append(np.abs(np.array(pose) - exact))
+    coarse, half, fine = (error[:2].max() for error in errors)
+    assert [np.log2(coarse / half), np.log2(half / fine)] == pytest.approx([order, order], abs=0.1)
+    assert errors[0].max() < (1e-3 if order == 2 else 0.1)
+
+
+def test_integrators_agree_on_straight_lines_and_turns_on_the_spot():
+    for v, omega in ((0.2, 0.0), (0.0, 1.5), (-0.1, 0.0)):
+        assert advance(Pose(1.0, 2.0, 0.5), v, omega, 0.1, EULER) == advance(Pose(1.0, 2.0, 0.5), v, omega, 0.1, MIDPOINT)
+    assert advance(Pose(1.0, 2.0, 3.1), 0.2, 1.0, 0.1, EULER) == pytest.approx(
+        (1.0 + 0.02 * math.cos(3.1), 2.0 + 0.02 * math.sin(3.1), 3.2 - 2.0 * math.pi)
+    )
+
+
+ALPHAS = ProcessNoise(alpha1=0.02, alpha2=0.003, alpha3=0.4, alpha4=0.05)
+
+
+def test_execution_noise_is_that_of_the_velocity_motion_model():
+    var_v, var_omega = execution_variances(Command(0.2, -1.5), ALPHAS, 0.1)
+    assert var_v == pytest.approx(0.02 * 0.04 + 0.003 * 2.25)
+    assert var_omega == pytest.approx(0.4 * 0.04 + 0.05 * 2.25)
+    executed = execute(Command(0.2, -1.5), ALPHAS, False, (2.0, -1.0), 0.1)
+    assert executed == pytest.approx((0.2 + 2.0 * math.sqrt(var_v), -1.5 - math.sqrt(var_omega)))
+    assert execute(Command(0.0, 0.0), ALPHAS, False, (3.0, 3.0), 0.1) == (0.0, 0.0)
+    slipping = execute(Command(0.2, -1.5), replace(ALPHAS, slip=0.4), True, (2.0, -1.0), 0.1)
+    assert slipping == pytest.approx((0.6 * executed.v, 0.6 * executed.omega))
+    wheels = replace(ALPHAS, scale=1.1, turn_scale=0.5, veer=0.3)
+    assert execute(Command(0.2, -1.5), wheels, False, (2.0, -1.0), 0.1) == pytest.approx(
+        (1.1 * executed.v, 1.1 * (0.5 * executed.omega + 0.3 * 0.2))
+    )
+    mean, *variances = expected(Command(0.2, -1.5), wheels, 0.1)
+    assert mean == pytest.approx((0.22, 1.1 * (-0.75 + 0.06)))
+    assert variances == pytest.approx((1.1**2 * var_v, 0.55**2 * var_omega))
+
+
+def spread(dt, runs=1500, metres=2.0):
+    """Return the variance of the distance covered after some metres of noisy driving, in steps of dt."""
+    rng = np.random.default_rng(int(1000 * dt))
+    command, steps = Command(0.2, 0.0), round(metres / 0.2 / dt)
+    draws = rng.normal(size=(runs, steps)).tolist()
+    distances = [sum(execute(command, ALPHAS, False, (draw, 0.0), dt).v for draw in run) * dt for run in draws]
+    return np.var(distances)
+
+
+def test_drift_per_metre_does_not_depend_on_the_control_rate():
+    # The variance over n runs is chi2(n) / n of the true one, alpha1 v^2 (0.1 s)^2 per 0.1 s: two tests of 10^-4.
+    expected = 0.02 * 0.04 * 0.1**2 * 100
+    low, high = np.divide(stats.chi2.interval(1.0 - 1e-4, df=1500), 1500)
+    for dt in (0.05, 0.2):
+        assert low < spread(dt) / expected < high
+    assert not low < 2.0 < high  # what leaving dt out of the variance would give at 0.2 s
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1])
+def test_bursts_of_slip_last_as_long_as_stated(dt):
+    """The chain's share of time and its bursts' mean length do not depend on dt."""
+    chain = ProcessNoise(slip=0.5, slip_start=0.02, slip_end=0.1)
+    draws = np.random.default_rng(3).random(200_000).tolist()
+    states, slipping = [], False
+    for draw in draws:
+        slipping = slips(slipping, chain, draw, dt)
+        states.append(slipping)
+    starts = int(np.sum(np.diff(np.array(states, int)) == 1))
+    # Bursts are geometric with mean 0.1 s / slip_end: the mean of n of them is normal with relative deviation below n^-1/2.
+    bound = stats.norm.isf(0.5e-4) / math.sqrt(starts)
+    assert sum(states) * dt / starts == pytest.approx(1.0, rel=bound)
+    assert np.mean(states) == pytest.approx(0.02 / 0.12, rel=2.0 * bound)
+    assert not any(slips(False, ProcessNoise(), draw, dt) for draw in (1e-12, 0.5, 1.0 - 1e-12))
+
+
+POSE, WHEELS = Pose(1.0, -2.0, 3.0), Pose(0.5, -1.5, 2.5)
+
+
+def read(noise, *, pose=POSE, position=(0.0, 0.0), heading=0.0, event=0.5):
+    return measure(pose, WHEELS, noise, position, heading, event)
+
+
+def test_headings_are_wrapped():
+    assert read(OdometryNoise(bias=(0.0, 0.0, 0.5))).theta == pytest.approx(3.5 - 2.0 * math.pi)
+    assert -math.pi <= read(OdometryNoise(quantization=(0.0, 1.0)), pose=Pose(0.0, 0.0, -3.1)).theta < math.pi
+
+
+def test_quantization_rounds_to_the_nearest_multiple():
+    for value in np.random.default_rng(0).uniform(-5.0, 5.0, 500).tolist():
+        rounded = quantize(value, 0.01)
+        assert abs(rounded - value) <= 0.005 + 1e-12
+        assert rounded / 0.01 == pytest.approx(round(rounded / 0.01), abs=1e-9)
+        assert quantize(value, 0.0) == value
+
+
+def test_increments_carry_a_pose_along_whatever_the_frame():
+    """Moving by increments equals moving in the frame of the odometry, for any offset between the frames."""
+    rng = np.random.default_rng(1)
+    offset = Pose(0.7, -0.4, 2.0)
+    path = [Pose(*row) for row in np.cumsum(rng.uniform(-0.3, 0.3, (50, 3)), axis=0).tolist()]
+
+    def placed(pose):
+        sine, cosine = sincos(offset.theta)
+        x, y = cosine * pose.x - sine * pose.y, sine * pose.x + cosine * pose.y
+        return Pose(offset.x + x, offset.y + y, offset.theta + pose.theta)
+
+    pose = placed(path[0])
+    for before, after in pairwise(path):
+        pose = increment(pose, before, after, sincos(pose.theta - before.theta))
+        expected = placed(after)
+        assert pose[:2] == pytest.approx(expected[:2], abs=1e-12)
+        assert math.remainder(pose.theta - expected.theta, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+
+
+# Numbers worked out by hand; nothing is symmetric in x, y and theta.
+
+SPIKED = {"R": (0.04, 0.04, 0.04), "bias": (0.3, 0.3, 0.0), "spike_probability": 0.4, "spike": 0.6, "quantization": (0.5, 0.5)}
+
+
+@pytest.mark.parametrize(
+    ("noise", "pose", "draws", "expected"),
+    [
+        ({}, POSE, ((0.7, 0.7), 0.7, 0.7), POSE),
+        # 1 + 0.1 + 0.2 * 0.5; 2 + 0.2 - 0.3 * 2; 0.5 + 0.3 + 0.4 * 0.25
+        ({"R": (0.04, 0.09, 0.16), "bias": (0.1, 0.2, 0.3)}, (1.0, 2.0, 0.5), ((0.5, -2.0), 0.25, 0.7), (1.2, 1.6, 0.9)),
+        ({"quantization": (0.25, 0.1)}, (1.3, -0.7, 0.44), ((0.0, 0.0), 0.0, 0.7), (1.25, -0.75, 0.4)),
+        # Noise, bias and spike come before the rounding: 1.5 -> 1.5, 1.1 -> 1.0, 1.6 -> 1.5.
+        (SPIKED, (1.0, 1.0, 1.0), ((1.0, -1.0), 0.0, 0.1), (1.5, 1.0, 1.5)),
+        ({"wheel": True}, POSE, ((0.0, 0.0), 0.0, 0.5), WHEELS),
+        ({"wheel": True, "R": (0.01,) * 3}, POSE, ((1.0, 0.0), 0.0, 0.5), (0.6, -1.5, 2.5)),
+    ],
+    ids=["none", "variances and biases", "resolutions", "in order", "wheels", "noise of wheels"],
+)
+def test_each_number_has_its_own_error(noise, pose, draws, expected):
+    assert measure(Pose(*pose), WHEELS, OdometryNoise(**noise), *draws) == pytest.approx(expected, rel=1e-12)
+
+
+def test_half_of_the_spikes_go_each_way():
+    # With 0.4 in all: below 0.2 up, from 0.2 to below 0.4 down.
+    noise = OdometryNoise(spike_probability=0.4, spike=0.7)
+    turns = [read(noise, pose=Pose(0.0, 0.0, 0.0), event=event).theta for event in (0.01, 0.19, 0.2, 0.21, 0.39, 0.4, 0.41)]
+    assert turns == [0.7, 0.7, -0.7, -0.7, -0.7, 0.0, 0.0]
+
+
+def test_an_increment_by_hand():
+    # The odometry goes 2 ahead and 1 to its left and turns by 0.3; the pose's frame is turned by 90 degrees against it.
+    got = increment(Pose(5.0, 6.0, 2.0), Pose(1.0, 1.0, 0.4), Pose(3.0, 2.0, 0.7), (1.0, 0.0))
+    assert got == pytest.approx((4.0, 8.0, 2.3), rel=1e-12)
+    wrapped = increment(Pose(0.0, 0.0, 3.0), Pose(0.0, 0.0, 3.0), Pose(0.0, 0.0, 3.5), (0.0, 1.0))
+    assert wrapped.theta == pytest.approx(3.5 - 6.283185307179586)
+
+
+# Drop-outs, in the environment: whoever reads the odometry then has the last one, all of it.
+
+
+def drive(noise, *, steps=40):
+    """Return what the odometry was after each step, and the true poses, of a robot that drives in a circle."""
+    world = gym.make("turtlebot_gym/TurtleBotSquare-v0", noise=noise)
+    _, info = world.reset(seed=3)
+    measured, true = [info["odometry"]], [info["true_state"]]
+    for _ in range(steps):
+        *_, info = world.step(np.array([0.5, 0.3], np.float32))
+        measured.append(info["odometry"])
+        true.append(info["true_state"])
+    world.close()
+    return np.array(measured), np.array(true)[:, :3]
+
+
+def test_measurements_are_lost_whole_or_not_at_all_and_as_often_as_stated():
+    # Without other noise what arrives is the true pose, and what does not is the one of the step before.
+    measured, true = drive(Noise(odometry=OdometryNoise(dropout_probability=0.3)), steps=500)
+    measured, true = measured[1:], true[1:]  # in the first step the robot has not moved yet
+    kept = (measured[1:] == measured[:-1]).all(axis=1)
+    np.testing.assert_array_equal(measured[1:][~kept], true[1:][~kept])
+    assert (np.ptp(true, axis=0) > 0.1).all()  # else keeping and measuring were the same
+    # binomial(499, 0.3): this fails for one seed in 10^4
+    assert stats.binomtest(int(kept.sum()), 499, 0.3).pvalue > 1e-4
+    assert stats.binomtest(int(kept.sum()), 499, 0.45).pvalue < 1e-4
