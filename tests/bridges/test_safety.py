@@ -23,8 +23,29 @@ def stops(safety, start, end, step=0.01):
 
 
 @pytest.mark.parametrize(("enabled", "why"), [(True, "no step yet"), (False, "not enabled")])
-def test_it_starts_silent_and_says_why(enabled, why):
-    assert Safety(enabled=enabled, blocked=0.5).state == f"silent: {why}"
+def test_it_starts_silent_and_says_why_and_a_stop_of_what_does_not_move_stays_silent(enabled, why):
+    safety = Safety(enabled=enabled, blocked=0.5)
+    assert safety.state == f"silent: {why}"
+    safety.stop("waits for /odom", now=5.0)
+    assert stops(safety, 5.0, 7.0) == []
+    if enabled:
+        assert safety.state == "silent: waits for /odom"
+        assert safety.enable(now=7.1, buttons=0) is None  # again, which changes nothing
+        assert safety.state == "silent: waits for /odom"
+    safety = active(now=5.0)
+    assert safety.enable(now=5.1, buttons=0) is None
+    assert safety.state == "active"
+
+
+@pytest.mark.parametrize("disable", [True, False])
+def test_a_stop_overtakes_a_step_and_it_goes_on_unless_it_was_disabled_which_no_plain_stop_ends(disable):
+    safety = active(now=5.0)
+    ticket = safety.begin(now=5.0)
+    safety.stop("a fault", now=5.1, disable=disable)
+    assert not safety.activate(ticket)
+    safety.stop("old input", now=5.2)
+    assert safety.enabled is not disable
+    assert safety.activate(safety.begin(now=5.3)) is not disable
 
 
 @pytest.mark.parametrize("disable", [True, False])
@@ -42,44 +63,6 @@ def test_a_stop_is_one_second_of_zeros_every_50_ms_and_then_silence(disable):
     assert safety.enabled is not disable
 
 
-def test_a_stop_of_what_does_not_move_is_silent():
-    safety = Safety(enabled=True, blocked=0.5)
-    safety.stop("waits for /odom", now=0.0)
-    assert safety.state == "silent: waits for /odom"
-    assert stops(safety, 0.0, 2.0) == []
-
-
-def test_it_goes_on_after_a_stop_only_if_it_was_not_disabled():
-    for disable in (True, False):
-        safety = active()
-        safety.stop("because", now=0.0, disable=disable)
-        assert safety.activate(safety.begin(now=0.1)) is not disable
-
-
-def test_the_result_of_a_step_that_was_overtaken_by_a_stop_is_dropped():
-    safety = active()
-    ticket = safety.begin(now=0.0)
-    safety.stop("because", now=0.1)
-    assert not safety.activate(ticket)
-    assert safety.activate(safety.begin(now=0.2))
-
-
-def test_a_plain_stop_enables_nobody():
-    safety = active(now=5.0)
-    safety.stop("a fault", now=5.1, disable=True)
-    safety.stop("old input", now=5.2)
-    assert not safety.enabled
-    assert not safety.activate(safety.begin(now=5.3))
-
-
-def test_the_reason_of_a_stop_stays_that_of_the_first():
-    safety = active(now=5.0)
-    safety.stop("a fault", now=5.1, disable=True)
-    stops(safety, 5.1, 6.5)
-    safety.stop("old input", now=7.0)
-    assert safety.state == "silent: a fault"
-
-
 def test_a_second_stop_does_not_prolong_the_zeros():
     safety = active(now=5.0)
     safety.stop("one", now=5.1)
@@ -95,16 +78,6 @@ def test_stops_at_exact_times():
     safety.tick(now=10.9375)
     assert not safety.tick(now=11.0)  # the second is over
     assert safety.state == "silent: because"
-
-
-def test_enabling_twice_changes_nothing():
-    safety = Safety(enabled=True, blocked=0.5)
-    safety.stop("waits for /odom", now=5.0)
-    assert safety.enable(now=5.1, buttons=0) is None
-    assert safety.state == "silent: waits for /odom"
-    safety = active(now=5.0)
-    assert safety.enable(now=5.1, buttons=0) is None
-    assert safety.state == "active"
 
 
 def test_a_blocked_step_is_a_fault():

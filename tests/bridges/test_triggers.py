@@ -31,34 +31,48 @@ def test_no_step_waits_for_the_next_call_where_the_first_call_was_the_latest():
     assert [len(list(grid.due_until(k * 100 * MS + int(late[k])))) for k in range(100)] == [1] * 100
 
 
-def test_steps_that_are_late_are_made_up_for():
-    grid = Grid(Every(0.1))
-    assert list(grid.due_until(0)) == [0]
-    assert list(grid.due_until(350 * MS)) == [100 * MS, 200 * MS, 300 * MS]
+def dated(steps):
+    """Return the stamps of simulated steps by the time in ns, from numbers of steps by the time in ms."""
+    return {at * MS: [] if k is None else [SECOND + k * 100 * MS] for at, k in steps.items()}
 
 
-@pytest.mark.parametrize("leap", [5_000_000_000, 1_100_000_000, -900_000_000, -5_000_000_000])
-def test_a_clock_that_leaps_makes_one_step(leap):
-    grid = Grid(Every(0.1))  # its next step is due 0.1 s later: a second from there on is a leap
-    assert list(grid.due_until(10_000_000_000)) == [10_000_000_000]
-    assert list(grid.due_until(10_000_000_000 + leap)) == [10_000_000_000 + leap]
+GRIDS = {
+    "steps that are late are made up for": (Grid, Every(0.1), {0: [0], 350 * MS: [100 * MS, 200 * MS, 300 * MS]}),
+    "due from 3/4 of a period before the stamp, another from 1/4": (
+        Grid,
+        Every(0.1),
+        {0: [0], 25 * MS: [], 25 * MS + 1: [100 * MS], 275 * MS: [200 * MS], 375 * MS + 1: [300 * MS, 400 * MS]},
+    ),
+    # The next step is due 0.1 s later: a second from there on is a leap, and the last one before is a nanosecond early.
+    "less than a second is no leap": (
+        Grid,
+        Every(0.1),
+        {10 * SECOND: [10 * SECOND], 9100 * MS + 1: [], 11100 * MS - 1: [10 * SECOND + k * 100 * MS for k in range(1, 12)]},
+    ),
+    **{
+        f"a leap by {leap} ms makes one step": (Grid, Every(0.1), {at: [at] for at in (10 * SECOND, 10 * SECOND + leap * MS)})
+        for leap in (5000, 1100, -900, -5000)
+    },
+    "simulated time runs faster": (
+        SimulatedGrid,
+        Every(0.1, speed=10.0),
+        {3 * SECOND + k * 10 * MS: [SECOND + k * 100 * MS] for k in range(3)},
+    ),
+    "without a speed it is real time, and a tenth of a period makes up for a late timer": (
+        SimulatedGrid, Every(0.1), dated({0: 0, 89: None, 90: 1, 179: None, 180: 2}),
+    ),
+    "it slows down where the machine cannot keep up": (
+        SimulatedGrid, Every(0.1, speed=10.0), dated({0: 0, 35: 1, 36: None, 40: None, 45: 2, 50: None, 55: 3}),
+    ),
+}  # fmt: skip
 
 
-def test_less_than_a_second_is_no_leap():
-    grid = Grid(Every(0.1))
-    assert list(grid.due_until(10_000_000_000)) == [10_000_000_000]
-    assert list(grid.due_until(9_100_000_001)) == []
-    made_up_for = list(grid.due_until(11_099_999_999))
-    assert made_up_for == [10_100_000_000 + k * 100_000_000 for k in range(11)]  # the last one a nanosecond early
-
-
-def test_a_step_is_due_from_three_quarters_of_a_period_before_its_stamp_and_another_from_one_quarter():
-    grid = Grid(Every(0.1))
-    assert list(grid.due_until(0)) == [0]
-    assert list(grid.due_until(25_000_000)) == []
-    assert list(grid.due_until(25_000_001)) == [100_000_000]
-    assert list(grid.due_until(275_000_000)) == [200_000_000]
-    assert list(grid.due_until(375_000_001)) == [300_000_000, 400_000_000]
+@pytest.mark.parametrize(("kind", "trigger", "due"), GRIDS.values(), ids=GRIDS)
+def test_a_grid_lets_a_block_run_at_these_stamps(kind, trigger, due):
+    grid = kind(trigger)
+    assert {now: list(grid.due_until(now)) for now in due} == due
+    if isinstance(grid, SimulatedGrid):
+        assert grid.present == max(stamp for stamps in due.values() for stamp in stamps)
 
 
 @given(first=st.integers(0, 19_999_999), late=st.lists(st.integers(0, 4_999_999), min_size=60, max_size=60))
@@ -69,25 +83,6 @@ def test_calls_at_regular_times_make_one_step_each_wherever_in_its_period_the_fi
     list(grid.due_until(first))
     counts = [len(list(grid.due_until(k * 20_000_000 + each))) for k, each in enumerate(late, 1)]
     assert counts in [[1] * k + [0] * (k < 60) + [1] * (59 - k) for k in range(61)]
-
-
-def test_simulated_time_runs_faster():
-    grid = SimulatedGrid(Every(0.1, speed=10.0))
-    stamps = [stamp for k in range(3) for stamp in grid.due_until(3 * SECOND + k * 10 * MS)]
-    assert stamps == [SECOND, SECOND + 100 * MS, SECOND + 200 * MS]
-    assert grid.present == stamps[-1]
-
-
-def test_simulated_time_without_a_speed_is_real_time_and_a_tenth_of_a_period_makes_up_for_a_late_timer():
-    grid = SimulatedGrid(Every(0.1))
-    assert [now for now in (0, 89, 90, 179, 180) if list(grid.due_until(now * MS))] == [0, 90, 180]
-
-
-def test_simulated_time_slows_down_where_the_machine_cannot_keep_up():
-    grid = SimulatedGrid(Every(0.1, speed=10.0))
-    taken = [now for now in (0, 35, 36, 40, 45, 50, 55) if list(grid.due_until(now * MS))]
-    assert taken == [0, 35, 45, 55]
-    assert grid.present == SECOND + 300 * MS
 
 
 def test_every_message_makes_a_step_and_its_interval_is_exact():
@@ -188,18 +183,12 @@ def test_messages_that_are_too_slow_for_the_period_are_told_from_drop_outs():
     assert rule.slow == slow
 
 
-def test_messages_half_as_slow_again_are_not_too_slow():
-    rule = Messages(On("estimate", period=0.1))
+@pytest.mark.parametrize(("trigger", "interval"), [(On("estimate", period=0.1), 150 * MS), (On("odometry"), 900 * MS)])
+def test_messages_half_as_slow_again_are_not_too_slow_nor_any_without_a_period(trigger, interval):
+    rule = Messages(trigger)
     for k in range(20):
-        rule.due(k * 150 * MS)
+        rule.due(k * interval)
         assert rule.slow is None
-
-
-def test_without_a_period_no_message_is_slow():
-    rule = Messages(On("odometry"))
-    for k in range(20):
-        rule.due(k * 900 * MS)
-    assert rule.slow is None
 
 
 @pytest.mark.parametrize(("period", "speed"), [(0.0, None), (-0.1, None), (math.nan, None), (0.1, -1.0), (0.1, math.inf)])
