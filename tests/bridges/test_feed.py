@@ -115,18 +115,39 @@ def test_what_ages_in_a_frame_of_the_robot_has_the_mount_of_its_sensor():
         assert frames == asked
 
 
-def test_an_input_is_awaited_and_then_old_half_a_second_after_it_came():
-    feed, _ = make()
-    assert feed.missing(100.0) == "waits for /robot/odom"
-    assert feed.take(100.0, 0) is None
-    assert feed.stamp is None
-    feed.accept("here", 100.0, 7)
-    assert feed.missing(100.5) is None
-    assert feed.take(100.5, 0) == "here"
-    assert feed.missing(100.5625) == "/robot/odom is older than 0.5 s"
-    assert feed.take(100.5625, 0) is None
-    feed.accept("there", 101.0, 8)
-    assert feed.take(101.0, 0) == "there"
+AWAITED, OLD = "waits for /robot/odom", "/robot/odom is older than {} s"
+MEASURED = Age(0.125, 0.25, True, "its header's stamp")
+
+
+@pytest.mark.parametrize(
+    ("options", "age", "before", "fresh", "late", "missing"),
+    [
+        ({}, None, AWAITED, 100.5, 100.5625, OLD.format(0.5)),
+        ({}, MEASURED, AWAITED, 100.25, 100.3125, OLD.format(0.5)),  # a value ages from its measurement
+        ({"required": False, "max_age": 2.0}, None, None, 102.0, 102.5, None),
+        ({"max_age": None}, None, AWAITED, 1e6, None, None),  # again and again: it is no event
+        ({"lock_step": True}, None, AWAITED, 1e6, None, None),
+    ],
+    ids=["as it is", "measured earlier", "optional", "without an age", "in lock-step"],
+)
+def test_an_input_is_awaited_then_given_until_it_is_old_and_awaited_again_after_a_reset(
+    options, age, before, fresh, late, missing
+):
+    feed, _ = make(**options)
+    assert (feed.missing(100.0), feed.take(100.0, 0), feed.stamp) == (before, None, None)
+    feed.accept("here", 100.0, 7, *([age] if age else []))
+    for _ in range(2):
+        assert (feed.missing(fresh), feed.take(fresh, 0), feed.stamp) == (None, "here", 7)
+    if late is not None:
+        assert (feed.missing(late), feed.take(late, 0)) == (missing, None)
+        feed.accept("there", late, 8)
+        assert feed.take(late, 0) == "there"
+    feed.forget()
+    assert (feed.missing(100.0), feed.stamp) == (before, None)
+    latched, _ = make(latched=True, **options)  # what is published once outlasts a reset
+    latched.accept("here", 100.0, 1)
+    latched.forget()
+    assert latched.missing(100.0) is None
 
 
 def message(*, sent, measured=None):
@@ -162,13 +183,6 @@ def test_a_message_is_judged_by_when_it_was_sent_and_measured_whenever_it_is_han
         assert feed.age(*message(**times), at).since(feed.declared.lasts) == age
 
 
-def test_a_value_ages_from_its_measurement():
-    feed, _ = make()
-    feed.accept("here", 100.0, 7, Age(0.125, 0.25, True, "its header's stamp"))
-    assert feed.missing(100.25) is None
-    assert feed.missing(100.3125) == "/robot/odom is older than 0.5 s"
-
-
 def test_a_command_rests_on_the_oldest_of_the_newest_required_measurements():
     estimate, scan, other = unconnected(), unconnected(lasts=0.25), unconnected(required=False)
     reference = unconnected(measured=False)
@@ -185,32 +199,6 @@ def test_a_command_rests_on_the_oldest_of_the_newest_required_measurements():
     assert resting_on(feeds, 99) == 7_500_000_000
 
 
-def test_an_optional_input_is_none_where_it_is_missing_or_old():
-    feed, _ = make(required=False, max_age=2.0)
-    assert feed.missing(100.0) is None
-    assert feed.take(100.0, 0) is None
-    feed.accept("here", 100.0, 7)
-    assert feed.take(102.0, 0) == "here"
-    assert feed.take(102.5, 0) is None
-    assert feed.missing(102.5) is None
-
-
-def test_an_input_without_an_age_holds_its_last_value():
-    feed, _ = make(max_age=None)
-    assert feed.missing(100.0) == "waits for /robot/odom"
-    feed.accept("here", 100.0, 7)
-    assert feed.missing(1e6) is None
-    assert feed.take(1e6, 0) == "here"
-    assert feed.take(1e6, 0) == "here"  # again: it is no event
-
-
-def test_in_lock_step_a_value_does_not_age():
-    feed, _ = make(lock_step=True)
-    feed.accept("here", 100.0, 7)
-    assert feed.take(1e6, 0) == "here"
-    assert feed.stamp == 7
-
-
 def test_what_is_given_once_is_gone_after_one_step():
     feed, _ = make(required=False, once=True)
     feed.accept("goal", 100.0, 7)
@@ -218,14 +206,6 @@ def test_what_is_given_once_is_gone_after_one_step():
     assert feed.take(100.1, 0) is None
     feed.accept("another", 100.2, 8)
     assert feed.take(100.2, 0) == "another"
-
-
-def test_after_a_reset_it_waits_for_a_new_value():
-    feed, _ = make()
-    feed.accept("here", 100.0, 7)
-    feed.forget()
-    assert feed.missing(100.0) == "waits for /robot/odom"
-    assert feed.stamp is None
 
 
 def test_a_refusal_is_news_until_a_message_is_accepted():
@@ -276,11 +256,3 @@ def test_a_value_belongs_to_the_step_of_its_stamp_and_a_rare_one_to_the_step_tha
     assert rare.step == 12
     rare.forget()
     assert rare.step is None
-
-
-@pytest.mark.parametrize("latched", [False, True])
-def test_what_is_published_once_outlasts_a_reset(latched):
-    feed, _ = make(latched=latched, max_age=None)
-    feed.accept(State(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 1)
-    feed.forget()
-    assert (feed.missing(1.0) is None) == latched
