@@ -104,7 +104,7 @@ def test_the_time_to_contact_is_that_of_a_search_along_the_arc():
 
 
 @pytest.mark.parametrize("omega", [0.0, 1e-300, 1e-12, 1.9e-9, 2.1e-9, 1e-7, 1e-5])
-def test_an_arc_may_be_as_straight_as_it_likes(omega):
+def test_an_arc_may_be_as_straight_as_it_likes_and_what_moves_across_or_not_at_all_meets_nothing(omega):
     near = points((1.0, 0.0, 0.2), (1.0, 0.1, 0.2), (1.0, 0.3, 0.2), (-1.0, 0.0, 0.2), (0.0, 1.0, 0.2))
     for sign in (1.0, -1.0):
         ahead = times_to_contact(near, Command(0.2, sign * omega), -0.05)
@@ -112,6 +112,10 @@ def test_an_arc_may_be_as_straight_as_it_likes(omega):
         assert (ahead[2:] > 1e4).all()
         back = times_to_contact(near, Command(-0.2, sign * omega), 0.0)
         assert back[3] == pytest.approx(4.0, rel=1e-4)
+        assert times_to_contact(points((0.0, 0.3, 0.15)), Command(sign * 0.2, 0.0), 0.0) == [math.inf]
+    outside = points((0.3, 0.0, 0.15), (0.0, 0.3, 0.15), (-0.2, -0.2, 0.15))
+    assert (times_to_contact(outside, STOP, 0.0) == math.inf).all()
+    assert (times_to_contact(outside, Command(0.0, 1.0), 0.0) == math.inf).all()
 
 
 @pytest.mark.parametrize("depth", [0.05, 0.0], ids=["inside", "at the edge"])
@@ -124,14 +128,6 @@ def test_from_inside_only_what_comes_nearer_is_contact(depth):
     beside = points((-0.1, 0.15 - depth, 0.15))
     assert times_to_contact(beside, Command(0.0, 1.0), -0.1) == [math.inf]
     assert times_to_contact(beside, Command(0.0, -1.0), -0.1) == [0.0]
-
-
-def test_what_moves_across_or_not_at_all_meets_no_point_outside():
-    outside = points((0.3, 0.0, 0.15), (0.0, 0.3, 0.15), (-0.2, -0.2, 0.15))
-    assert (times_to_contact(outside, STOP, 0.0) == math.inf).all()
-    assert (times_to_contact(outside, Command(0.0, 1.0), 0.0) == math.inf).all()
-    for v in (0.2, -0.2):
-        assert times_to_contact(points((0.0, 0.3, 0.15)), Command(v, 0.0), 0.0) == [math.inf]
 
 
 # What a scan says.
@@ -455,24 +451,17 @@ def test_poses_move_exactly_along_arcs_and_frames_are_inverse():
     np.testing.assert_allclose(out_of((1.0, 0.0, math.pi / 2.0), points((0.5, 0.0, 0.1))), points((1.0, 0.5, 0.1)), atol=1e-12)
 
 
-def test_something_too_near_all_round_lets_nothing_pass():
-    monitor = standing(body=BODY._replace(center_x=-0.03))
-    monitor.hear(wall(1.0)._replace(ranges=[-math.inf] * 360), sent=T)
-    assert {monitor.limit(command, T) for command in (Command(0.2, 0.0), Command(-0.2, 0.0), Command(0.0, 1.0))} == {STOP}
-    assert monitor.state == "stopped: an obstacle is in the stop zone"
-
-
-def test_what_the_robot_moved_since_the_scan_is_taken_off():
+@pytest.mark.parametrize(("seconds", "gap"), [(0.0, 0.5 - 0.04), (0.3, 0.5 - 0.07)])
+@pytest.mark.parametrize("given", [[T - 1.0], [T - 9.0, T]], ids=["once", "long ago, and again"])  # older ones are forgotten
+def test_what_the_robot_moved_since_the_scan_is_taken_off(seconds, gap, given):
     """At 0.1 m/s towards a wall; each moment in doubt counts, so the scan is up to 0.4 s older than when it was sent."""
-    limits = LIMITS._replace(error=0.0)
-    for seconds, gap in ((0.0, 0.5 - 0.04), (0.3, 0.5 - 0.07)):
-        monitor = standing(limits=limits)
-        monitor.told(Command(0.1, 0.0), T - 1.0)
-        monitor.hear(wall(0.65), sent=T)
-        allowed = monitor.limit(Command(1.0, 0.0), T + seconds)
-        assert allowed.v == pytest.approx(gap, rel=1e-3)
-        monitor.told(Command(-0.1, 0.0), T + seconds)  # and what moves away is taken off as well, from the nearest layer
-        assert monitor.limit(Command(1.0, 0.0), T + seconds + 0.1).v == pytest.approx(gap + 0.01, rel=1e-3)
+    monitor = standing(limits=LIMITS._replace(error=0.0))
+    for at in given:
+        monitor.told(Command(0.1, 0.0), at)
+    monitor.hear(wall(0.65), sent=T)
+    assert monitor.limit(Command(1.0, 0.0), T + seconds).v == pytest.approx(gap, rel=1e-3)
+    monitor.told(Command(-0.1, 0.0), T + seconds)  # and what moves away is taken off as well, from the nearest layer
+    assert monitor.limit(Command(1.0, 0.0), T + seconds + 0.1).v == pytest.approx(gap + 0.01, rel=1e-3)
 
 
 def test_a_turn_since_the_scan_turns_what_was_seen():
@@ -508,16 +497,8 @@ def test_the_history_is_long_enough_and_does_not_grow():
     assert monitor._times[0] <= T + 40.0 - 1.0
 
 
-def test_a_command_that_was_given_long_ago_still_moves_the_robot():
-    monitor = standing(limits=LIMITS._replace(error=0.0))
-    monitor.told(Command(0.1, 0.0), T - 9.0)
-    monitor.told(Command(0.1, 0.0), T)  # and what is older than that is forgotten
-    monitor.hear(wall(0.65), sent=T)
-    assert monitor.limit(Command(1.0, 0.0), T).v == pytest.approx(0.5 - 0.04, rel=1e-3)
-
-
-def test_only_a_fresh_scan_lets_anything_pass_and_turning_needs_one_too():
-    monitor, command = standing(), Command(0.0, 1.0)
+def test_only_a_fresh_scan_lets_anything_pass_turning_too_and_no_older_one_takes_its_place():
+    monitor, command = standing(body=BODY._replace(center_x=-0.03)), Command(0.0, 1.0)
     assert monitor.state == ""
     assert monitor.limit(command, T) == STOP
     assert monitor.state == "no scan has arrived"
@@ -525,16 +506,15 @@ def test_only_a_fresh_scan_lets_anything_pass_and_turning_needs_one_too():
     assert monitor.limit(command, T + 0.399) == command
     assert monitor.limit(command, T + 0.401) == STOP
     assert monitor.state == "the last scan is older than 0.4 s"
-
-
-def test_an_older_scan_does_not_take_the_place_of_a_newer_one():
-    monitor = standing()
-    monitor.hear(wall(0.16), sent=T)
-    monitor.hear(scan([2.0] * 8), sent=T - 0.1)
-    assert monitor.limit(Command(0.2, 0.0), T) == STOP
-    assert monitor.state == "stopped: an obstacle is in the stop zone"
-    monitor.hear(wall(0.3), sent=T)
-    assert 0.0 < monitor.limit(Command(0.2, 0.0), T).v < 0.2
+    near = wall(1.0)._replace(ranges=[-math.inf] * 360)  # something too near, all round
+    for blocked, commands in ((near, (AHEAD, BACK, command)), (wall(0.13), (AHEAD,))):
+        monitor = standing(body=BODY._replace(center_x=-0.03))
+        monitor.hear(blocked, sent=T)
+        monitor.hear(scan([2.0] * 8), sent=T - 0.1)
+        assert {monitor.limit(each, T) for each in commands} == {STOP}
+        assert monitor.state == "stopped: an obstacle is in the stop zone"
+    monitor.hear(wall(0.27), sent=T)
+    assert 0.0 < monitor.limit(AHEAD, T).v < 0.2
     assert monitor.state == "slowed down: an obstacle is ahead"
 
 

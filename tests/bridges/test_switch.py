@@ -82,10 +82,11 @@ def fakes(monkeypatch):
     return fakes
 
 
-def test_enabling_begins_anew_and_is_reported_at_once(fakes):
-    fakes.make(enabled=False)
+@pytest.mark.parametrize(("sees", "what"), [(False, "no obstacles"), (True, "only the obstacles that its LiDAR sees")])
+def test_enabling_begins_anew_is_reported_at_once_and_warns_of_what_it_does_not_see(fakes, sees, what):
+    fakes.make(enabled=False, sees=sees)
     assert fakes.states == ["silent: not enabled"]
-    warned = "enabled. It sees no obstacles: watch the robot while it is enabled."
+    warned = f"enabled. It sees {what}: watch the robot while it is enabled."
     assert fakes.ask(True) == (True, warned)
     assert fakes.states == ["silent: not enabled", "silent: no step yet"]
     assert fakes.restarts == 1
@@ -94,21 +95,9 @@ def test_enabling_begins_anew_and_is_reported_at_once(fakes):
     assert fakes.ask(True) == (True, warned)  # again: the block goes on
     assert fakes.states[2:] == ["active"]
     assert fakes.restarts == 1
-
-
-def test_whoever_is_enabled_but_waits_begins_anew_when_it_is_enabled_again(fakes):
-    """Its inputs may be refused because a clock was set meanwhile: then a person's word begins the comparison of clocks."""
-    fakes.make()
-    fakes.drive()
-    fakes.switch.stop("waits for /odom")
+    fakes.switch.stop("waits for /odom")  # perhaps since a clock was set: a person's word begins the comparison of clocks
     assert fakes.ask(True)[0]
-    assert fakes.restarts == 1
-
-
-def test_whoever_enables_one_that_sees_is_warned_of_what_it_does_not_see(fakes):
-    fakes.make(enabled=False, sees=True)
-    _, said = fakes.ask(True)
-    assert said == "enabled. It sees only the obstacles that its LiDAR sees: watch the robot while it is enabled."
+    assert fakes.restarts == 2
 
 
 def test_disabling_stops_at_once_and_leaves_the_robot_to_others_a_second_later(fakes):
@@ -165,25 +154,19 @@ def test_a_clock_that_is_set_makes_no_button_younger(fakes, forth, back, age):
     assert fakes.states[-1] == "stopping: the emergency stop is silent"
 
 
-@pytest.mark.parametrize("stopping", [False, True])
-def test_the_end_of_the_node_stops_what_moves(fakes, stopping):
+@pytest.mark.parametrize("moving", ["active", "stopping", None])
+def test_the_end_of_the_node_stops_what_moves_and_says_nothing_to_a_robot_that_does_not(fakes, moving):
     switch = fakes.make()
-    fakes.drive()
-    if stopping:
+    if moving:
+        fakes.drive()
+    if moving == "stopping":
         switch.stop("/odom is older than 0.5 s")
         fakes.zeros.clear()
     switch.close()
-    assert fakes.zeros == pytest.approx([100.0, 100.03, 100.06])  # more than one, since one may be lost
-    assert fakes.at < 100.1
-    assert fakes.states[-1] == "stopping: the node ends"
+    assert fakes.zeros == (pytest.approx([100.0, 100.03, 100.06]) if moving else [])  # several, since one may be lost
+    assert (100.0 < fakes.at < 100.1) if moving else fakes.at == 100.0
+    assert fakes.states[-1] == f"{'stopping' if moving else 'silent'}: the node ends"
     assert not switch.safety.enabled
-
-
-def test_the_end_of_a_node_that_does_not_move_says_nothing_to_the_robot(fakes):
-    fakes.make().close()
-    assert fakes.zeros == []
-    assert fakes.at == 100.0
-    assert fakes.states == ["silent: no step yet", "silent: the node ends"]
 
 
 # On real DDS, which numbers the messages.
