@@ -1,4 +1,4 @@
-"""The filter as an object, tunings by name, and filters that know of outliers, slip and scale; `test_textbook_filter`: algebra."""
+"""The filter as an object, tunings, and filters that know of outliers, slip and scale; algebra: `test_textbook_filter`."""
 
 import math
 from dataclasses import replace
