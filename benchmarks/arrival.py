@@ -125,7 +125,7 @@ def table(noise: str, found: dict[str, Any]) -> Table:
         false, later = row["false"], row["later"]
         drawn.add_row(
             name,
-            f"{100.0 * false.value:.1f} ({100.0 * false.low:.1f}, {100.0 * false.high:.1f})",
+            f"{false:.1%}",
             f"{later.value:.2f}",
             f"{100.0 * row['never']:.1f}",
         )

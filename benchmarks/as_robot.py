@@ -253,8 +253,8 @@ def main() -> None:
     print("In the live graph: {drives} drives, of which {same end} ended as without it.".format_map(result["live"]))
     for name, arm in list(result.items())[1:]:
         interval = Interval(**(arm.get("success") or arm))
-        text = "{:.1f} [{:.1f}, {:.1f}]".format(*(100.0 * value for value in interval[:3]))
-        table.add_row(name, text, *((str(arm["contacts"]), f"{arm['least clearance']:.3f}") if "contacts" in arm else ()))
+        cells = (str(arm["contacts"]), f"{arm['least clearance']:.3f}") if "contacts" in arm else ()
+        table.add_row(name, f"{interval:.1%}", *cells)
     Console().print(table)
     if config.json is not None:
         write_json(config.json, result, config=settings_of(config))

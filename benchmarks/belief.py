@@ -236,16 +236,12 @@ def main() -> None:
             continue
         rows += compared(setting, by_policy, config)
     for row in rows:
-        cells = [_cell(row[key], 1.0 if key == "an_hour" else 100.0) for key in FIGURES]
-        more = [_cell(row[f"minus_{other}"]["an_hour"]) if f"minus_{other}" in row else "" for other in ("truth", "vfh")]
+        cells = [format(row[key], ".1f" if key == "an_hour" else ".1%") for key in FIGURES]
+        more = [f"{row[f'minus_{other}']['an_hour']:.1f}" if f"minus_{other}" in row else "" for other in ("truth", "vfh")]
         table.add_row(row["setting"], row["policy"], *cells, *more, f"{row['speed_in_doubt']:.2f}")
     print_tables(table)
     if rows and config.json is not None:
         write_json(config.json, {"rows": rows}, config=settings_of(config))
-
-
-def _cell(number: Interval, scale: float = 1.0) -> str:
-    return "{:.1f} ({:.1f}, {:.1f})".format(*(scale * part for part in number))
 
 
 if __name__ == "__main__":

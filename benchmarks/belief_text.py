@@ -121,8 +121,7 @@ def chance(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def shown(number: Mapping[str, float], sign: str = "") -> str:
     """Return goals an hour with their interval."""
-    value, low, high = (f"{number[part]:{sign}.0f}" for part in ("value", "low", "high"))
-    return f"{value} ({low}, {high})"
+    return f"{Interval(**number):{sign}.0f}"
 
 
 def hourly(row: Mapping[str, Any], other: str) -> str:

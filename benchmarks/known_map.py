@@ -87,8 +87,8 @@ def main() -> None:
                 "sooner": metrics.mean((other.time - e.time)[both]),
             }
             rows.append({"world": world, "map": known, **row})
-            words = ("{:.1f} ({:.1f}, {:.1f})".format(*(100.0 * each for each in row["success"])), str(e.collision.sum()))
-            sooner = "{:+.2f} ({:+.2f}, {:+.2f})".format(*row["sooner"]) if known else ""
+            words = (f"{row['success']:.1%}", str(e.collision.sum()))
+            sooner = f"{row['sooner']:+.2f}" if known else ""
             table.add_row(world, "with the map" if known else "without", *words, f"{row['time'].value:.2f}", sooner)
     print_tables(table)
     if config.json is not None:

@@ -63,9 +63,8 @@ def main() -> None:
             summary = drive(policy, world, belief, config).summary()
             rows.append({"world": world, "policy": policy, "belief": belief, **{name: summary[name] for name in FIGURES}})
             goals, falsely, hourly, lost, collided = (summary[name] for name in FIGURES)
-            interval = f"{100.0 * goals.value:.0f} [{100.0 * goals.low:.0f}, {100.0 * goals.high:.0f}]"
             shares = (f"{100.0 * share.value:.0f}" for share in (lost, collided))
-            table.add_row(world, policy, belief, interval, f"{100.0 * falsely.value:.0f}", f"{hourly.value:.0f}", *shares)
+            table.add_row(world, policy, belief, f"{goals:.0%}", f"{100.0 * falsely.value:.0f}", f"{hourly.value:.0f}", *shares)
     print_tables(table)
     if config.json is not None:
         write_json(config.json, {"missions": rows}, config=settings_of(config))

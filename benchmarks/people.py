@@ -248,11 +248,9 @@ def main() -> None:
                 by_policy[name].append(kept(folder / f"{stem}.pickle", driven, *arguments))
             row = figures(by_policy[name])
             rows.append({"lidar": lidar, "policy": name, **row, **(gain(by_policy) if name == LEARNED else {})})
-            goals, contacts = (tuple(100.0 * bound for bound in row[key]) for key in ("success", "collision"))
-            shown = ("{:.1f} ({:.1f}, {:.1f})".format(*share) for share in (goals, contacts))
-            more = [100.0 * bound for bound in rows[-1].get("success_minus_rule", ())]
-            minus = "{:+.1f} ({:+.1f}, {:+.1f})".format(*more) if more else ""
-            table.add_row(lidar, name, *shown, f"{row['time_to_goal'].value:.1f}", minus)
+            more = rows[-1].get("success_minus_rule")
+            cells = (f"{row['success']:.1%}", f"{row['collision']:.1%}", f"{row['time_to_goal'].value:.1f}")
+            table.add_row(lidar, name, *cells, f"{more:+.1%}" if more else "")
     print_tables(table)
     if config.json is not None:
         write_json(config.json, {"rule": numbers, "training_cpu_s": spent, "rows": rows}, config=settings_of(config))

@@ -113,13 +113,9 @@ def card(task: str, config: Config, bundle: Path, rows: list[dict[str, Any]]) ->
         "|---|---|---|---|---|---|",
     ]
     for row in rows:
-        time, success = row["time"], tuple(100.0 * number for number in row["success"])
-        line = (
-            f"| {row['noise']} | {row['policy']} | {success[0]:.1f} ({success[1]:.1f}, {success[2]:.1f}) | {time.value:.2f} |"
-        )
+        line = f"| {row['noise']} | {row['policy']} | {row['success']:.1%} | {row['time'].value:.2f} |"
         if "ppo_minus_it" in row:
-            points = tuple(100.0 * number for number in row["success_difference"])
-            line += f" {_signed(row['ppo_minus_it'], 2)} | {_signed(points, 1)} |"
+            line += f" {row['ppo_minus_it']:+.2f} | {row['success_difference']:+.1%} |"
         else:
             line += " | |"
         lines.append(line)
@@ -133,11 +129,6 @@ def _verdicts(rows: list[dict[str, Any]]) -> list[str]:
         if "ppo_minus_it" in row:
             names_by_side[side(row["ppo_minus_it"])].append(f"`{row['policy']}` ({row['noise']})")
     return [f"{WORDS[sign]} the tuned {', '.join(names)}." for sign, names in names_by_side.items() if names]
-
-
-def _signed(interval: tuple[float, ...], digits: int) -> str:
-    value, low, high = (f"{number:+.{digits}f}" for number in interval)
-    return f"{value} ({low}, {high})"
 
 
 def main() -> None:

@@ -142,7 +142,7 @@ def table(rows: list[dict[str, Any]], config: Config) -> Table:
             f"{base['time_untuned'].value:.2f}",
             f"{base['time'].value:.2f}",
             f"{ppo['time'].value:.2f}",
-            f"{difference.value:+.2f} ({difference.low:+.2f}, {difference.high:+.2f})",
+            f"{difference:+.2f}",
             f"{row['p_holm']:.2g}",
             f"{100.0 * base['success'].value:.1f}, {100.0 * ppo['success'].value:.1f}",
             row["verdict"],

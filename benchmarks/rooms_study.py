@@ -194,7 +194,7 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
         "|---|---|---|---|---|---|",
     ]
     for row in listed:
-        shares = " | ".join(_percent(row[key]) for key in ("success", "collision", "timeout"))
+        shares = " | ".join(f"{row[key]:.1%}" for key in ("success", "collision", "timeout"))
         lines.append(f"| {row['setting']} | {row['policy']} | {shares} | {row['spl'].value:.3f} |")
     return "\n".join(lines) + "\n"
 
@@ -224,7 +224,7 @@ def main() -> None:
     for name in dict.fromkeys(row["setting"] for row in rows):
         shown.add_section()
         for line in (line for line in rows if line["setting"] == name):
-            cells = [_percent(line[key]) for key in ("success", "success_difference", "collision", "timeout")]
+            cells = [f"{line[key]:.1%}" for key in ("success", "success_difference", "collision", "timeout")]
             shown.add_row(name, line["policy"], *cells, f"{line['spl'].value:.3f}", f"{line['time'].value:.2f}")
     print_tables(shown)
     config.out.mkdir(parents=True, exist_ok=True)
@@ -236,11 +236,6 @@ def main() -> None:
     if shipped is not None:
         text.write_text(card(bundle, rows, config), encoding="utf-8")
     write_json(config.out / "rooms_study.json", {"rows": rows}, config=settings_of(config))
-
-
-def _percent(interval: Interval) -> str:
-    value, low, high = (100.0 * number for number in interval)
-    return f"{value:.1f} ({low:.1f}, {high:.1f})"
 
 
 if __name__ == "__main__":

@@ -28,7 +28,6 @@ from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.estimation import FORWARD, HOLD, TURN
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
-from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -184,18 +183,12 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
         policies.add_row(first["env"].removeprefix("turtlebot_gym/TurtleBot"), first["policy"], first["noise"], *counts, *cells)
     filters = Table("noise", "floor", "filter", "position, m", "over matched", "heading, rad", "NEES")
     for row in found["filters"]:
-        numbers = f"{row['position'].value:.3f}", shown(row["over_matched"]), f"{row['heading'].value:.3f}"
+        numbers = f"{row['position'].value:.3f}", f"{row['over_matched']:.2f}", f"{row['heading'].value:.3f}"
         filters.add_row(row["noise"], row["floor"], row["filter"], *numbers, f"{row['nees'].value:.1f}")
     drifts = Table("floor", "drift of wheel odometry, m per metre", "rad per metre")
     for row in found["drift"]:
-        drifts.add_row(row["floor"], shown(row["position"], 4), shown(row["heading"], 4))
+        drifts.add_row(row["floor"], f"{row['position']:.4f}", f"{row['heading']:.4f}")
     return [policies, filters, drifts]
-
-
-def shown(interval: Interval, digits: int = 2) -> str:
-    """Return a number with its interval."""
-    value, low, high = (f"{number:.{digits}f}" for number in interval)
-    return f"{value} ({low}, {high})"
 
 
 def main() -> None:

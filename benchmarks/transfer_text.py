@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from publish import between
+from turtlebot_gym_agents.evaluation.metrics import Interval
 
 FLOORS = ("unicycle", "grip", "slippery")
 RESULTS = Path(__file__).with_name("transfer.json")
@@ -50,7 +51,7 @@ def filters(rows: list[Mapping[str, Any]]) -> str:
         for floor in FLOORS:
             (one,) = (row for row in rows if (row["noise"], row["floor"], row["filter"]) == (noise, floor, name))
             cells.append(f"{one['position']['value']:.3f} m, {one['nees']['value']:.1f}")
-            over = "{value:.2f} ({low:.2f}, {high:.2f})".format(**one["over_matched"])
+            over = f"{Interval(**one['over_matched']):.2f}"
         lines.append(f"| {noise} | {name} | {' | '.join(cells)} | {over} |")
     return "\n".join(lines)
 
@@ -59,7 +60,7 @@ def drifts(rows: list[Mapping[str, Any]]) -> str:
     """Return a table of wheel odometry's drift."""
     lines = ["| | m per metre | rad per metre |", "|---|---|---|"]
     for row in rows:
-        cells = ["{value:.4f} ({low:.4f}, {high:.4f})".format(**row[key]) for key in ("position", "heading")]
+        cells = [f"{Interval(**row[key]):.4f}" for key in ("position", "heading")]
         what = "unicycle, noise `wheel`" if row["floor"] == "unicycle" else f"MuJoCo, {row['floor']}"
         lines.append(f"| {what} | {' | '.join(cells)} |")
     return "\n".join(lines)

@@ -13,15 +13,10 @@ import buildings_text
 import findings_text
 import speed_text
 from robustness_text import conditions, summary
+from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.policies.named import SAFETY
 
 TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
-
-
-def seconds(interval, sign=""):
-    """Return a time with its 95 % interval, s."""
-    value, low, high = (f"{interval[part]:{sign}.2f}" for part in ("value", "low", "high"))
-    return f"{value} ({low}, {high})"
 
 
 def folded(text):
@@ -35,12 +30,6 @@ def folded(text):
     return TABLE.sub(box, text)
 
 
-def percent(interval):
-    """Return a share with its 95 % interval, %."""
-    value, low, high = (f"{100.0 * interval[part]:.1f}" for part in ("value", "low", "high"))
-    return f"{value} ({low}, {high})"
-
-
 def table(page, titles, rows):
     """Write a table."""
     print(f"| {' | '.join(titles)} |\n{'|---' * len(titles)}|", file=page)
@@ -52,12 +41,13 @@ def compared(study):
     """Return the rows of the study on open ground."""
     for row in study["comparisons"]:
         ppo = row["ppo"]
-        yield row["scenario"], f"PPO, {ppo['trainings']} trainings", seconds(ppo["time"]), "", "", "", percent(ppo["success"])
+        times, shares = f"{Interval(**ppo['time']):.2f}", f"{Interval(**ppo['success']):.1%}"
+        yield row["scenario"], f"PPO, {ppo['trainings']} trainings", times, "", "", "", shares
         for baseline in row["baselines"]:
             beside = baseline["policy"] == row["compared_with"]
-            cells = (seconds(ppo["difference"], "+"), f"{row['p_holm']:.2g}") if beside else ("", "")
-            times = seconds(baseline["time"]), f"{baseline['time_untuned']['value']:.2f}"
-            yield "", baseline["policy"], *times, *cells, percent(baseline["success"])
+            cells = (f"{Interval(**ppo['difference']):+.2f}", f"{row['p_holm']:.2g}") if beside else ("", "")
+            times = f"{Interval(**baseline['time']):.2f}", f"{baseline['time_untuned']['value']:.2f}"
+            yield "", baseline["policy"], *times, *cells, f"{Interval(**baseline['success']):.1%}"
 
 
 def layered(rows):
@@ -67,20 +57,20 @@ def layered(rows):
         if "later" in row:
             pair = cells[setting, policy.removesuffix(SAFETY)], row
             shares = (f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in pair)
-            yield setting, policy.removesuffix(SAFETY), *shares, seconds(row["later"], "+")
+            yield setting, policy.removesuffix(SAFETY), *shares, f"{Interval(**row['later']):+.2f}"
 
 
 def in_rooms(rows):
     """Return the rows of the study in rooms."""
     for row in rows:
-        shares = (percent(row[name]) for name in ("success", "success_difference", "collision", "timeout"))
+        shares = (f"{Interval(**row[name]):.1%}" for name in ("success", "success_difference", "collision", "timeout"))
         yield row["setting"], row["policy"], *shares, f"{row['spl']['value']:.3f}", f"{row['time']['value']:.1f}"
 
 
 def in_barn(mean):
     """Return the rows of the worlds of BARN."""
     for policy, cells in mean.items():
-        shares = (percent(cells[name]) for name in ("success", "collision", "timeout"))
+        shares = (f"{Interval(**cells[name]):.1%}" for name in ("success", "collision", "timeout"))
         yield policy, *shares, f"{cells['barn']['value']:.3f}"
 
 

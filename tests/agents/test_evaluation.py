@@ -195,6 +195,11 @@ def test_wilsons_interval(successes, n):
     np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12)
 
 
+def test_an_interval_is_shown_with_its_ends():
+    interval = metrics.Interval(0.5, -0.25, 1.0)
+    assert (f"{interval:+.1f}", f"{interval:.0%}") == ("+0.5 (-0.2, +1.0)", "50 (-25, 100)")
+
+
 def test_the_interval_of_a_share_of_sums_ends_at_what_is_possible():
     given, reached = np.array([10.0, 11.0]), np.array([10.0, 9.0])
     assert metrics.ratio(reached, given).high > 1.0

@@ -6,6 +6,7 @@ from pages import ROOT, measured, rows_after
 
 from turtlebot_gym.drives.reading import FORMATS
 from turtlebot_gym.presets import make_robot
+from turtlebot_gym_agents.evaluation.metrics import Interval
 
 MEASURED = {
     "`tutorial`": "tutorial",
@@ -77,7 +78,7 @@ def test_the_table_of_missions_is_what_was_measured():
     units = {"false_goals": 100.0, "goals_an_hour": 1.0, "lost": 100.0}
     for row, x in zip(rows_after("docs/concepts/belief.md", "## Goals in turn"), results["missions"], strict=True):
         others = [f"{unit * x[name]['value']:.0f}" for name, unit in units.items()]
-        assert row == [x["world"], f"`{x['policy']}`", names[x["belief"]], shown(x["goals"], digits=0), *others]
+        assert row == [x["world"], f"`{x['policy']}`", names[x["belief"]], shown(x["goals"], ".0%"), *others]
     assert f"On {results['config']['missions']} missions" in (ROOT / "docs/concepts/belief.md").read_text(encoding="utf-8")
 
 
@@ -116,7 +117,7 @@ def test_what_a_known_map_is_worth_is_what_was_measured():
     (without, known), number = results["rows"], results["config"]["episodes"]
     assert f"reaches {shown(known['success'])} % of the goals in {number} `office` rooms" in page
     assert f"without the map {shown(without['success'])} %" in page
-    assert f"{shown(known['sooner'], '', 1.0, 2)} s sooner" in page
+    assert f"{shown(known['sooner'], '.2f')} s sooner" in page
     hit = [round(number * row["collision"]["value"]) for row in (known, without)]
     assert f"in {hit[0]} and {hit[1]} rooms" in page
 
@@ -154,9 +155,8 @@ def test_the_plan_for_a_cluster_is_what_was_measured():
     assert len(rows) == len(plan["planned"]["by_workers"])
 
 
-def shown(interval, sign="", unit=100.0, digits=1):
-    value, low, high = (f"{unit * interval[part]:{sign}.{digits}f}" for part in ("value", "low", "high"))
-    return f"{value} ({low}, {high})"
+def shown(interval, form=".1%"):
+    return format(Interval(**interval), form)
 
 
 def test_the_tables_of_rooms_are_what_was_measured():
@@ -173,7 +173,12 @@ def test_the_tables_of_rooms_are_what_was_measured():
     for name, cells in [*worlds, *lidars]:
         setting = name.removesuffix(", lds01")
         vfh, ppo = (by_setting[setting, policy] for policy in ("vfh", "ppo-rooms"))
-        wanted = [shown(vfh["success"]), shown(ppo["success"]), shown(ppo["collision"]), shown(ppo["success_difference"], "+")]
+        wanted = [
+            shown(vfh["success"]),
+            shown(ppo["success"]),
+            shown(ppo["collision"]),
+            shown(ppo["success_difference"], "+.1%"),
+        ]
         assert cells == wanted, name
         tables += 1
     planned = {(row["setting"], row["policy"]): row for row in measured("rooms_planner")["rows"]}
@@ -181,7 +186,7 @@ def test_the_tables_of_rooms_are_what_was_measured():
         vfh, planner = (planned[world.strip("`"), policy] for policy in ("vfh", "planner+safety"))
         wanted = [shown(vfh["success"]), shown(planner["success"]), shown(planner["collision"])]
         times = [f"{row['time']['value']:.1f}" for row in (vfh, planner)]
-        assert cells == [*wanted, shown(planner["success_difference"], "+"), *times], world
+        assert cells == [*wanted, shown(planner["success_difference"], "+.1%"), *times], world
     planned |= {(row["setting"], row["policy"]): row for row in measured("rooms_planner_lidars")["rows"]}
     for world, lidar, *cells in rows_after(page, "**Other LiDARs will do too.**"):
         setting = f"{world}, {lidar}".replace("`", "")
@@ -202,7 +207,7 @@ def test_the_tables_of_rooms_are_what_was_measured():
     for world, policy, *cells in rows_after(page, "**The safety layer is not free.**"):
         bare, safe = (by_setting[world.strip("`"), policy.strip("`") + end] for end in ("", "+safety"))
         shares = [f"{100.0 * figures[part]['value']:.1f}" for part in ("collision", "success") for figures in (bare, safe)]
-        assert cells == [*shares, shown(safe["later"], "+", 1.0, 2)], policy
+        assert cells == [*shares, shown(safe["later"], "+.2f")], policy
         tables += 1
     barn = measured("barn")["mean"]
     for name, *cells in rows_after(page, "**The 200 worlds of the BARN challenge**"):

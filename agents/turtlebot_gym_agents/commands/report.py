@@ -49,11 +49,11 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
         beside = [_number(s[name], 3 if name == "efficiency" else 2, brief=True) for name in MORE]
         driven.add_row(
             label,
-            "-" if evaluation.config.get("switch") == "time" else _percent(s["success"]),
+            "-" if evaluation.config.get("switch") == "time" else f"{s['success']:.1%}",
             _number(s["time_to_goal"], 2),
             _number(s["time"], 2),
             "" if evaluation is first else _number(paired(evaluation, first), 2),
-            *([*beside, _percent(s["false_arrival"])] if details else ()),
+            *([*beside, f"{s['false_arrival']:.1%}"] if details else ()),
         )
         estimate.add_row(label, *_errors(evaluation.episodes.estimate))
         odometry.add_row(label, *_errors(evaluation.episodes.odometry))
@@ -72,7 +72,7 @@ def _missions_table(evaluations: Mapping[str, Evaluation]) -> Table:
     )  # fmt: skip
     for label, evaluation in evaluations.items():
         s = evaluation.summary()
-        true, false, lost = (_percent(s[name]) for name in ("goals", "false_goals", "lost"))
+        true, false, lost = (f"{s[name]:.1%}" for name in ("goals", "false_goals", "lost"))
         table.add_row(label, true, false, _number(s["goals_an_hour"], 1), lost)
     return table
 
@@ -82,7 +82,7 @@ def _rooms_table(evaluations: Mapping[str, Evaluation], *, details: bool) -> Tab
     table = Table("", "collision, %", "time-out, %", "SPL", *more, title="in rooms")
     for label, evaluation in evaluations.items():
         s = evaluation.summary()
-        shares = (_percent(s[name]) for name in ("collision", "timeout"))
+        shares = (f"{s[name]:.1%}" for name in ("collision", "timeout"))
         shown = ("spl", "barn", "clearance", "clearance_5th") if details else ("spl",)
         table.add_row(label, *shares, *(_number(s[name], 3) for name in shown))
     return table
@@ -163,8 +163,3 @@ def _number(interval: Interval, digits: int, *, brief: bool = False) -> str:
         return "-"
     margin = 0.5 * (interval.high - interval.low)
     return f"{interval.value:.{digits}f}" + ("" if brief or not np.isfinite(margin) else f" ± {margin:.{digits}f}")
-
-
-def _percent(interval: Interval) -> str:
-    value, low, high = (100.0 * number for number in interval)
-    return f"{value:.1f} ({low:.1f}, {high:.1f})"

@@ -125,14 +125,13 @@ def _table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
         drawn.add_section()
         for name, result in {**row["policies"], **row["trainings"]}.items():
             many = f", {result['trainings']} trainings" if "trainings" in result else ""
-            low, high = 100.0 * result["success"].low, 100.0 * result["success"].high
             time, gap = result["time"], result["difference"]
             drawn.add_row(
                 *(str(row["setting"][option]).removeprefix("turtlebot_gym/") for option in varied),
                 f"{name}{many}",
-                f"{100.0 * result['success'].value:.1f} ({low:.1f}, {high:.1f})",
+                f"{result['success']:.1%}",
                 f"{time.value:.2f} ± {0.5 * (time.high - time.low):.2f}",
-                "" if name == row["compared_with"] else f"{gap.value:+.2f} ({gap.low:+.2f}, {gap.high:+.2f})",
+                "" if name == row["compared_with"] else f"{gap:+.2f}",
                 f"{result['p_holm']:.2g}" if "p_holm" in result else "",
             )
     return drawn

@@ -15,11 +15,15 @@ CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """An estimate with its 95 % interval; NaN without data."""
+    """An estimate with its 95 % interval; NaN without data. The format `.2f` gives `1.50 (1.40, 1.60)`, and `.1%` per cent."""
 
     value: float
     low: float
     high: float
+
+    def __format__(self, spec: str) -> str:
+        value, low, high = (format(number, spec).removesuffix("%") for number in self)
+        return f"{value} ({low}, {high})"
 
 
 class Errors(NamedTuple):
