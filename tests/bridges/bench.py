@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
+from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
@@ -16,6 +17,23 @@ from std_srvs.srv import SetBool
 from turtlebot_gym.values import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, Shell
 from turtlebot_gym_ros.base.qos import LATCHED
+
+
+def over_the_wire(message):
+    """Return a message as it arrives: written to bytes and read again."""
+    return deserialize_message(serialize_message(message), type(message))
+
+
+def odometry(seconds=None, *, x=0.0, theta=0.0, frame="odom", norm=1.0):
+    """Return odometry; its stamp is now, or a number of seconds."""
+    message = Odometry()
+    message.header.frame_id = frame
+    message.header.stamp = Time(nanoseconds=time.time_ns() if seconds is None else round(seconds * 1e9)).to_msg()
+    message.pose.pose.position.x = x
+    message.pose.pose.orientation.z = norm * math.sin(0.5 * theta)
+    message.pose.pose.orientation.w = norm * math.cos(0.5 * theta)
+    return message
+
 
 PATIENCE = 30.0
 """Longest wait for a state, s: far above what it takes, so that only a missing state fails."""
@@ -90,16 +108,10 @@ class Bench:
     def wait_for(self, what):
         return wait_for(what, self.patience)
 
-    def send(self, *, dt=0.1, theta=0.0, frame="odom", x=0.0, norm=1.0):
+    def send(self, *, dt=0.1, **fields):
         """Send odometry, dt after the last one by its stamp."""
         self.stamp += dt
-        message = Odometry()
-        message.header.frame_id = frame
-        message.header.stamp = Time(nanoseconds=round(self.stamp * 1e9)).to_msg()
-        message.pose.pose.position.x = x
-        message.pose.pose.orientation.z = norm * math.sin(0.5 * theta)
-        message.pose.pose.orientation.w = norm * math.cos(0.5 * theta)
-        self.odometry.publish(message)
+        self.odometry.publish(odometry(self.stamp, **fields))
 
     def drive(self):
         """Send odometry until it is matched and active, and until earlier messages have taken effect."""

@@ -208,28 +208,26 @@ def test_no_place_may_hold_what_is_no_number(part, at):
             conversion(Belief).read(filled(write(BELIEF), **{f"{part}_{at}": wrong}))
 
 
+R2, R3 = math.sqrt(0.5), math.sqrt(0.75)
+
+
 @pytest.mark.parametrize(
-    ("z", "w", "yaw"),
+    ("x", "y", "z", "w", "yaw"),
     [
-        (0.0, 1.0, 0.0),
-        (0.5, 0.8660254037844386, math.pi / 3.0),
-        (-0.5, 0.8660254037844386, -math.pi / 3.0),
-        (0.7071067811865476, 0.7071067811865476, math.pi / 2.0),
-        (0.8660254037844386, 0.5, 2.0 * math.pi / 3.0),
-        (-0.8660254037844386, -0.5, 2.0 * math.pi / 3.0),  # the same rotation
-        (1.0, 0.0, -math.pi),  # half a turn is -pi, never pi
-        (-1.0, 0.0, -math.pi),
+        (0.0, 0.0, 0.0, 1.0, 0.0),
+        (0.0, 0.0, 0.5, R3, math.pi / 3.0),
+        (0.0, 0.0, -0.5, R3, -math.pi / 3.0),
+        (0.0, 0.0, R2, R2, math.pi / 2.0),
+        (0.0, 0.0, R3, 0.5, 2.0 * math.pi / 3.0),
+        (0.0, 0.0, -R3, -0.5, 2.0 * math.pi / 3.0),  # the same rotation
+        (0.0, 0.0, 1.0, 0.0, -math.pi),  # half a turn is -pi, never pi
+        (0.0, 0.0, -1.0, 0.0, -math.pi),
+        # 90 degrees of yaw, then 60 degrees of pitch: q = (cos 45, 0, 0, sin 45) * (cos 30, 0, sin 30, 0), w first.
+        (-R2 * 0.5, R2 * 0.5, R2 * R3, R2 * R3, math.pi / 2.0),
     ],
 )
-def test_headings_of_well_known_rotations(z, w, yaw):
-    assert _yaw_of(Quaternion(x=0.0, y=0.0, z=z, w=w)) == pytest.approx(yaw, abs=1e-12)
-
-
-def test_a_heading_is_read_from_a_tilted_robot():
-    # 90 degrees of yaw, then 60 degrees of pitch: q = (cos 45, 0, 0, sin 45) * (cos 30, 0, sin 30, 0), w first.
-    c, s = 0.7071067811865476, 0.7071067811865476
-    cp, sp = 0.8660254037844386, 0.5
-    assert _yaw_of(Quaternion(x=-s * sp, y=c * sp, z=s * cp, w=c * cp)) == pytest.approx(math.pi / 2.0, abs=1e-12)
+def test_headings_of_well_known_rotations_level_and_tilted(x, y, z, w, yaw):
+    assert _yaw_of(Quaternion(x=x, y=y, z=z, w=w)) == pytest.approx(yaw, abs=1e-12)
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z", "w"])

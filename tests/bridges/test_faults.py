@@ -12,9 +12,9 @@ import threading
 import time
 
 import pytest
+from bench import odometry
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
-from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
@@ -57,7 +57,7 @@ class Robot:
         self.spoil = lambda message: message
         self._odometry = peer.speak("odom", Odometry)
         self.send = self._odometry.publish
-        self.made, self.measured = 0, 0.0
+        self.measured = 0.0
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -77,16 +77,11 @@ class Robot:
 
     def _run(self):
         while not self._over.wait(0.05):
-            message = Odometry()
-            message.header.frame_id = "odom"
-            self.made = time.time_ns()
-            message.header.stamp = Time(nanoseconds=self.made).to_msg()
+            made = time.time()
             self.x += 0.05 * (self.commands[-1].twist.linear.x if self.commands else 0.0)
-            message.pose.pose.position.x = self.x
-            message.pose.pose.orientation.w = 1.0
-            message = self.spoil(message)
+            message = self.spoil(odometry(made, x=self.x))
             if message is not None:
-                self.measured = self.made * 1e-9
+                self.measured = made
                 self.send(message)
 
     @property

@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from bench import odometry
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import ReliabilityPolicy
@@ -80,20 +81,12 @@ def test_messages_on_which_steps_depend_do_not_wait_for_others_and_some_wake_nob
     assert type(node.group) is kind
 
 
-def odometry(frame="odom"):
-    message = Odometry()
-    message.header.frame_id = frame
-    message.pose.pose.position.x = 1.5
-    message.pose.pose.orientation.w = 1.0
-    return message
-
-
 def test_a_message_in_another_frame_is_refused():
     feed, _ = make()
-    assert feed.read(odometry(), "odom") == (1.5, 0.0, 0.0, 0.0, 0.0)
+    assert feed.read(odometry(x=1.5), "odom") == (1.5, 0.0, 0.0, 0.0, 0.0)
     for other in ("map", "odom_combined"):
         with pytest.raises(ValueError, match=f"its frame is '{other}' instead of 'odom'"):
-            feed.read(odometry(other), "odom")
+            feed.read(odometry(frame=other), "odom")
     assert unconnected(Command).read(TwistStamped(), "odom") == (0.0, 0.0)  # a velocity is stated in the robot's own frame
 
 

@@ -88,20 +88,8 @@ def test_a_robot_whose_nodes_are_wrong_does_not_move(field_test, fault, refused)
     assert field_test(**fault)[refused] == REFUSED
 
 
-def unstamped(message):
-    message.header.stamp.sec = message.header.stamp.nanosec = 0
-
-
 def ahead(message):
     message.header.stamp.sec += 2
-
-
-def not_finite(message):
-    message.twist.twist.angular.z = math.nan
-
-
-def blind(message):
-    message.ranges = [math.nan] * len(message.ranges)
 
 
 def half_blind(message):
@@ -109,49 +97,19 @@ def half_blind(message):
     message.ranges = [math.nan] * half + list(message.ranges[half:])
 
 
-def without_increment(message):
-    message.angle_increment = 0.0
-
-
-def out_of_range(message):
-    message.ranges = [1e6 if n % 20 == 0 else distance for n, distance in enumerate(message.ranges)]
-
-
-def every(count, kept=1):
-    """Keep the first messages of so many."""
-    heard = []
-
-    def thin(message):
-        heard.append(message)
-        return (len(heard) - 1) % count >= kept
-
-    return thin
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize(
     ("topic", "spoil", "name", "verdict"),
-    [
-        ("odom", unstamped, "clock of /odom", REFUSED),
-        ("odom", ahead, "clock of /odom", REFUSED),
-        ("odom", not_finite, "odometry", REFUSED),
-        ("odom", every(10), "/odom", WARNING),
-        ("odom", every(17, kept=5), "/odom", WARNING),
-        ("scan", unstamped, "clock of /scan", REFUSED),
-        ("scan", blind, "scans", REFUSED),
-        ("scan", without_increment, "scans", REFUSED),
-        ("scan", half_blind, "scans", WARNING),
-        ("scan", out_of_range, "scans", FINE),
-    ],
+    [("odom", ahead, "clock of /odom", REFUSED), ("scan", half_blind, "scans", WARNING)],
 )
-def test_each_fault_of_what_a_driver_sends_is_named(field_test, peer, topic, spoil, name, verdict):
-    """The messages pass through the peer, which spoils them; it keeps one back where ``spoil`` returns true."""
+def test_a_fault_of_what_a_driver_sends_is_named(field_test, peer, topic, spoil, name, verdict):
+    """The messages pass through the peer, which spoils them; every fault: `test_field`."""
     kind = {"odom": Odometry, "scan": LaserScan}[topic]
     speaker = peer.speak(topic, kind, qos_profile_sensor_data if topic == "scan" else 10)
 
     def pass_on(message):
-        if not spoil(message):
-            speaker.publish(message)
+        spoil(message)
+        speaker.publish(message)
 
     peer.node.create_subscription(kind, f"sound/{topic}", pass_on, qos_profile_sensor_data)
     assert field_test(simulator=("-p", "world:=dense", "-r", f"{topic}:=sound/{topic}"))[name] == verdict

@@ -26,22 +26,10 @@ from turtlebot_gym_ros.robot.arbiter import Arbiter
 from turtlebot_gym_ros.robot.emergency import EmergencyStop
 
 KINDS = [
-    "send",
-    "teleop",
-    "drive",
-    "drive",
-    "flood",
-    "silence",
-    "button",
-    "end",
-    "press",
-    "release",
-    "enable",
-    "disable",
-    "suspend",
-]
-KINDS += ["backlog", "surprise", "jump", "button", "swallow"]
-KINDS += ["set_laptop", "lose", "odometry", "odometry", "stall", "hang", "hang", "repeat", "person"]
+    "send", "teleop", "drive", "drive", "flood", "silence", "button", "end", "press", "release", "enable", "disable", "suspend",
+    "backlog", "surprise", "jump", "button", "swallow", "set_laptop", "lose", "odometry", "odometry", "stall", "hang", "hang",
+    "repeat", "person",
+]  # fmt: skip
 EVENTS = st.tuples(st.sampled_from(KINDS), st.integers(0, 7), st.integers(0, 9))
 SCHEDULES = st.lists(EVENTS, min_size=4, max_size=16)
 

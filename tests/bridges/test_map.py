@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from bench import over_the_wire
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -34,10 +34,6 @@ VALUES = {0: 100, 254: 0, 205: -1}
 def hall(tmp_path, write_map):
     """The path of the map, turned by 0.7 rad."""
     return write_map(tmp_path, HALL, resolution=0.1, origin=list(ORIGIN))
-
-
-def over_the_wire(message):
-    return deserialize_message(serialize_message(message), type(message))
 
 
 def value_at(message, x, y):

@@ -3,21 +3,17 @@
 import signal
 import sys
 
-import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import String
-from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.base.names import absolute, prefix_of, remapping
 from turtlebot_gym_ros.graph import status
 
 STEPS = 300
-FIVE_MINUTES = 3000
-"""Steps of 0.1 s."""
 ROBOTS = ("robot1", "robot2")
 
 
@@ -67,32 +63,6 @@ def test_each_of_two_robots_in_lock_step_drives_its_own_episode_to_the_bit(compa
     assert apart(compare, drives, driven, STEPS) == {"robot1": 0.0, "robot2": 0.0}
     swapped = {"robot1": drives["robot2"], "robot2": drives["robot1"]}
     assert min(apart(compare, swapped, driven, STEPS).values()) > 0.01  # the comparison tells them apart
-
-
-@pytest.mark.slow
-def test_no_word_passes_between_two_robots_in_five_minutes(compare, drives, start):
-    driven = side_by_side(start, compare, drives, FIVE_MINUTES)
-    assert apart(compare, drives, driven, FIVE_MINUTES) == {"robot1": 0.0, "robot2": 0.0}
-
-
-@pytest.mark.nightly
-def test_two_robots_in_real_time_hear_their_own_odometry_only(compare, drives, start):
-    """Robot 2 is stopped while robot 1 drives: neither the stop nor the motion may be heard by the other."""
-    moving = start(drives["robot1"], "robot1", speed=1.0)
-    standing = start(drives["robot2"]._replace(noise="clean"), "robot2", speed=1.0)
-    ask = standing._recorder.node.create_client(SetBool, "velocity_controller/enable")
-    standing.wait_until(lambda graph: ask.service_is_ready())
-    future = ask.call_async(SetBool.Request(data=False))
-    standing.wait_until(lambda graph: future.done() and graph.latest["true_state"].v == 0.0)
-    place = standing.latest["true_state"]
-    began = moving.time
-    moving.wait_until(lambda graph: graph.time > began + 5.0)
-    assert moving.state == "active"  # robot 2's stop is not robot 1's
-    assert standing.state.startswith("silent")
-    assert standing.latest["true_state"][:2] == place[:2]
-    assert standing.latest["estimate"].belief.mean.x == pytest.approx(place.x, abs=0.02)
-    path = moving.trajectory().true_state
-    assert np.hypot(*(path[-1, :2] - path[0, :2])) > 0.1
 
 
 @pytest.mark.nightly

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rclpy.serialization import deserialize_message, serialize_message
+from bench import over_the_wire
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import LaserScan
@@ -21,10 +21,6 @@ from turtlebot_gym_ros.robot.collision import Scan as MonitorScan
 
 WAY = conversion(Scan)
 INF, NAN = np.float32(np.inf), np.float32(np.nan)
-
-
-def over_the_wire(message):
-    return deserialize_message(serialize_message(message), type(message))
 
 
 def a_message(beams=360, **changes):
@@ -152,9 +148,11 @@ def test_a_missing_beam_shows_no_more_room_than_one_that_returned_nothing(lost):
 
 
 @pytest.mark.parametrize("distance", [0.25, -0.125, math.inf, 0.0])
-def test_a_clearance_travels(distance):
+def test_a_clearance_travels_and_one_that_is_no_number_is_refused(distance):
     way = conversion(Clearance)
     assert way.read(over_the_wire(way.write(Clearance(distance), Header()))) == Clearance(distance)
+    with pytest.raises(ValueError, match="not a number"):
+        way.read(way.write(Clearance(math.nan), Header()))
 
 
 DRIVE = Path(__file__).parents[3] / "shared" / "data" / "turtlebot3"
@@ -220,12 +218,6 @@ def test_at_least_99_of_100_scans_of_a_driver_that_loses_beams_are_used(lost):
         monitor.hear(MonitorScan(message.ranges, scan.first, scan.increment, 0.0, 100.0, "base_scan"), sent=0.11 * at)
         used += monitor.limit(Command(0.2, 0.0), 0.11 * at) == Command(0.2, 0.0)
     assert used >= 297
-
-
-def test_a_clearance_that_is_no_number_is_refused():
-    way = conversion(Clearance)
-    with pytest.raises(ValueError, match="not a number"):
-        way.read(way.write(Clearance(math.nan), Header()))
 
 
 def test_obstacles_travel_as_markers():

@@ -6,6 +6,7 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from bench import odometry
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Pose as RosPose
 from geometry_msgs.msg import PoseArray, Quaternion
@@ -59,12 +60,7 @@ class Robot:
         wait_for(lambda: self._odom.get_subscription_count() == self._diagnostics.get_subscription_count() == 1)
 
     def at(self, seconds, x=0.0):
-        message = Odometry()
-        message.header.frame_id = "odom"
-        message.header.stamp = Time(nanoseconds=round(seconds * 1e9)).to_msg()
-        message.pose.pose.position.x = x
-        message.pose.pose.orientation.w = 1.0
-        self._odom.publish(message)
+        self._odom.publish(odometry(seconds, x=x))
 
     def rows(self, number):
         """Wait until a drive has so many rows, and return it."""

@@ -171,17 +171,7 @@ def test_each_field_changes_a_rollout(owner, name):
 )
 def test_each_number_of_the_parameters_changes_a_rollout(name, value):
     assert rollout(BASE) != rollout(BASE._replace(**{name: value}))
-    elsewhere = {
-        "robot",
-        "noise",
-        "tuning",
-        "task",
-        "reward",
-        "room",
-        "localizer",
-        "plant",
-        *SENSORS,
-    }  # by their own fields; three in folders
+    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "localizer", "plant"} | {*SENSORS}  # by their own fields
     assert set(Parameters._fields) == elsewhere | {"dt", "middle", "observed", "delay"}
 
 

@@ -86,16 +86,8 @@ def options_of(command):
 
 OPTIONS = {name: options_of(command) for name, command in COMMANDS.items() if name in BASES}
 FLAGS = {
-    "--details",
-    "--randomize",
-    "--resume",
-    "--allow-pickle",
-    "--allow-mismatch",
-    "--force",
-    "--training",
-    "--bias",
-    "--slip",
-}
+    "--details", "--randomize", "--resume", "--allow-pickle", "--allow-mismatch", "--force", "--training", "--bias", "--slip",
+}  # fmt: skip
 
 
 def code_of(run, argv):
@@ -141,19 +133,10 @@ def test_command_lines(name, data):
 POISON = {"bringup": ["--duration", "nan"], "waypoint_generator": ["--ros-args", "-p", "rat:=1"]}
 ROS_OPTIONS = {
     "bringup": [
-        "--speed",
-        "--policy",
-        "--robot",
-        "--noise",
-        "--waypoints",
-        "--world",
-        "--lidar",
-        "--seed",
-        "--figure",
-        "--json",
+        "--speed", "--policy", "--robot", "--noise", "--waypoints", "--world", "--lidar", "--seed", "--figure", "--json",
     ],
     "waypoint_generator": ["-p", "-r", "--params-file", "--log-level", "-x"],
-}
+}  # fmt: skip
 
 
 @fuzzed(15, 150, name=st.sampled_from(sorted(POISON)), data=st.data())

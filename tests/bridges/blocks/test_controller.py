@@ -88,3 +88,9 @@ def test_a_policy_with_memory_is_reset():
 
     controller(Remembers()).reset()
     assert [mask.tolist() for mask in Remembers.masks] == [True]
+
+
+def test_who_sees_needs_a_scan_of_the_last_half_second_and_nobody_else_hears_one():
+    scan = controller(policy="vfh").inputs["scan"]
+    assert (scan.topic, scan.required, scan.max_age) == ("scan", True, 0.5)
+    assert "scan" not in controller().inputs

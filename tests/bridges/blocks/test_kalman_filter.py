@@ -121,19 +121,12 @@ def test_the_noise_of_a_robots_measured_twist_costs_little():
     assert errors["wheels"] < 0.12
 
 
-def test_after_a_pause_whose_length_nobody_knows_it_begins_again():
-    node = estimator()
-    node.step(0.0, seen(1.0, 2.0, 3.0))
-    node.step(0.1, seen(1.0, 2.0, 3.0))
-    assert node.step(0.0, seen(-1.0, 0.0, 0.5)) == estimator().step(0.0, seen(-1.0, 0.0, 0.5))
-
-
-def test_a_reset_forgets_everything():
-    node = estimator()
+@pytest.mark.parametrize("forget", [lambda node: None, lambda node: node.reset()], ids=["pause", "reset"])
+def test_after_a_pause_whose_length_nobody_knows_and_a_reset_it_begins_again(forget):
+    node, elsewhere = estimator(), seen(-1.0, 0.0, 0.5, COMMAND)
     node.step(0.0, seen(1.0, 2.0, 3.0))
     node.step(0.1, seen(1.0, 2.0, 3.0, COMMAND))
-    node.reset()
-    elsewhere = seen(-1.0, 0.0, 0.5, COMMAND)
+    forget(node)
     assert node.step(0.0, elsewhere) == estimator().step(0.0, elsewhere)
 
 

@@ -33,14 +33,15 @@ def test_it_speaks_before_anybody_is_there():
     assert out == {"reference": SQUARE_WAYPOINTS[0], "following": SQUARE_WAYPOINTS[1]}
 
 
-def test_waypoints_are_taken_in_order_on_arrival():
-    node = generator()
-    reference(node, at(SQUARE_WAYPOINTS[0].x, SQUARE_WAYPOINTS[0].y))  # an episode's first estimate is not judged
-    for here, there in zip(SQUARE_WAYPOINTS, [*SQUARE_WAYPOINTS[1:], SQUARE_WAYPOINTS[-1]], strict=True):
+@pytest.mark.parametrize("laps", [1, 2])
+def test_waypoints_are_taken_in_order_on_arrival_in_each_lap(laps):
+    node, course = generator(laps=laps), laps * [*SQUARE_WAYPOINTS]
+    reference(node, at(course[0].x, course[0].y))  # an episode's first estimate is not judged, as in the environment
+    for here, there in zip(course, [*course[1:], course[-1]], strict=True):
         assert reference(node, at(here.x + 0.26, here.y)) == here
         assert reference(node) == here  # without an estimate nothing is reached
         assert reference(node, at(here.x + 0.24, here.y)) == there
-    assert node.step(0.1, at(0.0, 0.0), None)["following"] == SQUARE_WAYPOINTS[-1]  # the last one stays
+    assert node.step(0.1, at(0.0, 0.0), None)["following"] == course[-1]  # the last one stays
 
 
 def test_by_time_it_switches_at_the_environments_steps():
@@ -60,18 +61,6 @@ def test_by_time_a_lost_estimate_does_not_stop_the_clock():
     reference(node, at(0.0, 0.0))
     seen = [reference(node) for _ in range(40)]
     assert [seen.index(waypoint) for waypoint in SQUARE_WAYPOINTS[1:]] == [9, 19, 29]
-
-
-def test_laps():
-    node = generator(laps=2)
-    reference(node, at(0.0, 0.0))  # an episode's first estimate is not judged, as in the environment
-    order = []
-    for _ in range(20):
-        waypoint = reference(node)
-        order.append(waypoint)
-        reference(node, at(waypoint.x, waypoint.y))
-    assert order[:8] == [*SQUARE_WAYPOINTS, *SQUARE_WAYPOINTS]
-    assert set(order[8:]) == {SQUARE_WAYPOINTS[-1]}
 
 
 def test_waypoints_relative_to_the_start():
