@@ -11,6 +11,7 @@ from turtlebot_gym.compiled.loop import layout_of
 from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, packing
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
+from turtlebot_gym.values import senses_of
 
 
 class Inner(NamedTuple):
@@ -92,6 +93,7 @@ def test_dataclasses_become_tuples_with_the_same_attributes():
     assert (value[0].number, value[0].numbers, value[0].inner) == (1.0, (2.0, 3.0), Inner(4.0, True))
     assert list(flatten(value)) == [1.0, 2.0, 3.0, 4.0, 1.0, 5.0]
     assert type(as_tuple(Data(0.0, (), Inner(0.0, False)))) is type(value[0])  # one type for all: the loop is compiled once
+    assert senses_of(("odometry", "fix")) is senses_of(("odometry", "fix"))
 
 
 def test_parameters_and_worlds_have_a_place_each():
