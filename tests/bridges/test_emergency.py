@@ -39,6 +39,8 @@ TROUBLES = {
     "one of two comes back": ([*button(50.0, 55.0), *button(50.07, 52.0, 400), *button(53.0, 55.0)], {54.9: ""}),
     "many messages": ([(50.0 + 0.001 * k, k + 1) for k in range(50)], {50.1: ""}),
     "a flood, which may hide a press": ([(50.0 + 0.001 * k, k + 1) for k in range(51)], {50.1: FLOODED}),
+    "a number too far ahead is another button's": ([(50.0, 1), (50.2, 201), (50.3, 2), (50.4, 202)], {50.45: ""}),
+    "a loss of as many as a button can have sent": ([(50.0, 1), (50.2, 81)], {50.2: LOST}),
     "a loss": ([(50.0, 7), (50.2, 9)], {50.2: LOST, 50.69: LOST}),
     "a loss lasts half a second": ([(50.0, 7), (50.2, 9), (50.6, 10)], {50.71: ""}),
 }  # fmt: skip
@@ -93,6 +95,10 @@ def test_the_end_of_a_button_is_noticed_by_its_count_and_a_loss_needs_a_button()
         assert stop.trouble(50.8) == ""
     stop.count(1, 50.9)
     assert stop.trouble(51.0) == ENDED
+    for gap, why in ((0.5, ""), (0.6, "the emergency stop was not listened to for 0.6 s")):
+        stop = play((50.0, 7))
+        stop.wake(gap, 50.1)
+        assert stop.trouble(50.1) == why
     for why in (lambda stop: stop.wake(9.0, 50.0), lambda stop: stop.count(1, 50.0) or stop.count(0, 50.0)):
         stop = EmergencyStop()
         why(stop)

@@ -84,7 +84,8 @@ def fakes(monkeypatch):
 
 @pytest.mark.parametrize(("sees", "what"), [(False, "no obstacles"), (True, "only the obstacles that its LiDAR sees")])
 def test_enabling_begins_anew_is_reported_at_once_and_warns_of_what_it_does_not_see(fakes, sees, what):
-    fakes.make(enabled=False, sees=sees)
+    begun = []
+    fakes.make(enabled=False, sees=sees)._ages = SimpleNamespace(begin=lambda: begun.append(1))
     assert fakes.states == ["silent: not enabled"]
     warned = f"enabled. It sees {what}: watch the robot while it is enabled."
     assert fakes.ask(True) == (True, warned)
@@ -97,7 +98,7 @@ def test_enabling_begins_anew_is_reported_at_once_and_warns_of_what_it_does_not_
     assert fakes.restarts == 1
     fakes.switch.stop("waits for /odom")  # perhaps since a clock was set: a person's word begins the comparison of clocks
     assert fakes.ask(True)[0]
-    assert fakes.restarts == 2
+    assert fakes.restarts == len(begun) == 2
 
 
 def test_disabling_stops_at_once_and_leaves_the_robot_to_others_a_second_later(fakes):
