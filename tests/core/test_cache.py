@@ -169,6 +169,24 @@ def test_another_process_loads_what_one_has_compiled_and_is_silent_without_a_ter
         os.utime(file, (1e9, 1e9))
 
 
+OTHER = """
+import sys
+print("numba.np.arraymath" in sys.modules)
+
+def other(numbers):
+    return np.median(numbers)
+
+print(cache.compiled(other, "another function")(np.arange(5.0)))
+"""
+
+
+def test_a_function_from_the_cache_needs_little_of_numba_and_others_compile_after_it(tmp_path):
+    for expected in ([*COMPILED, "True", "2.0"], [*LOADED, "False", "2.0"]):
+        assert start(tmp_path, FUNCTION + OTHER).communicate(timeout=300)[0].split() == expected
+        (path,) = (tmp_path / "turtlebot_gym").glob("another*")
+        path.unlink()
+
+
 def test_a_change_of_what_a_function_does_not_use_leaves_it_in_the_cache(here):
     assert here() == COMPILED
     assert here("# one line more\n" + FUNCTION.replace("def double", "def unused(): pass\n@kernel\ndef double")) == LOADED

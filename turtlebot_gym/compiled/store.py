@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from numba.core.compiler import CompileResult
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 from numba.misc.appdirs import user_cache_dir
 
@@ -56,7 +57,7 @@ class Store:
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Return a compile result from its file; None, and a notice, if numba has to compile."""
-        target.refresh()
+        rtsys.initialize(target)  # machine code from a file needs no more; numba refreshes its context where it compiles
         path = self._path(signature, target.codegen())
         result = _load(path, target)
         if result is None:

@@ -42,10 +42,11 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     if not gaussian or not isinstance(done, spaces.Box) or not isinstance(seen, spaces.Box) or len(seen.shape) != 1:
         return lambda observations: model.predict(observations, deterministic=True)[0]
     policy.set_training_mode(False)
+    device = policy.device
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
         with torch.no_grad():
-            features = policy.pi_features_extractor(torch.as_tensor(observations, device=policy.device).float())
+            features = policy.pi_features_extractor(torch.as_tensor(observations, device=device).float())
             mean = policy.action_net(policy.mlp_extractor.forward_actor(features))
         return np.clip(mean.cpu().numpy(), done.low, done.high)
 
