@@ -85,7 +85,7 @@ test-kilted:  ## the ROS nodes on ROS 2 Kilted, in an environment of their own
 	$(KILTED)/bin/python -m pip install --quiet --disable-pip-version-check --constraint $(KILTED)/constraints.txt \
 		--editable '.[ros-kilted,deploy,dev]'
 	$(KILTED)/bin/python -m pytest -m "not slow" tests/bridges/test_guard.py tests/bridges/test_lockstep_graph.py \
-		tests/bridges/test_namespaces.py tests/bridges/test_discovery.py tests/bridges/test_convert.py
+		tests/bridges/test_namespaces.py tests/bridges/test_convert.py
 
 CLIENTS := .venv-clients
 

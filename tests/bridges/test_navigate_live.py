@@ -1,18 +1,125 @@
-"""Goals from RViz and from clients of navigate_to_pose, in a building of three rooms: real messages, processes and DDS."""
+"""The action navigate_to_pose: what its clients hear, with stand-ins and live."""
 
 import json
 import math
+import sys
 import time
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.node import Node
 from std_msgs.msg import Header
 
+from turtlebot_gym.values import Pose
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.node.errand import Failure
+from turtlebot_gym_ros.node import navigate
+from turtlebot_gym_ros.node.errand import Errand, Failure
+
+
+class StandInNavigateToPose:
+    """Stands in for nav2_msgs/action/NavigateToPose of Jazzy; the live tests have the real one."""
+
+    class Feedback(SimpleNamespace):
+        def __init__(self):
+            super().__init__(current_pose=PoseStamped(), number_of_recoveries=0)
+
+    class Result(SimpleNamespace):
+        def __init__(self):
+            super().__init__(error_code=0)
+
+
+class StandInServer:
+    """Stands in for rclpy's action server: it ends goals at once."""
+
+    def __init__(self, node, action, name, *, execute_callback, handle_accepted_callback, cancel_callback):
+        self.take, self.cancel, self.results = handle_accepted_callback, cancel_callback, []
+
+    def finish(self, handle, end):
+        self.results.append(end(handle))
+
+
+class StandInHandle(SimpleNamespace):
+    """Stands in for the handle of a goal in the map's frame, and notes what is called."""
+
+    def __init__(self, frame="map"):
+        goal = PoseStamped()
+        goal.header.frame_id, goal.pose.position.x = frame, 2.0
+        super().__init__(request=SimpleNamespace(pose=goal), heard=[], said=[])
+
+    def __getattr__(self, name):
+        return lambda *told: self.said.extend(told) if told else self.heard.append(name)
+
+
+class Planner:
+    """A block that takes any goal."""
+
+    def send(self, goal, *, awaited=False):
+        self.errand = Errand(goal=goal, awaited=awaited)
+        return self.errand
+
+    def cancel(self, errand):
+        errand.end("cancelled")
+
+
+def read(message):
+    if message.header.frame_id != "map":
+        raise ValueError(f"its frame is {message.header.frame_id!r} instead of 'map'")
+    return Pose(message.pose.position.x, 0.0, 0.0)
+
+
+@pytest.fixture
+def door(runner, monkeypatch):
+    module = ModuleType("nav2_msgs.action")
+    module.NavigateToPose = StandInNavigateToPose
+    monkeypatch.setitem(sys.modules, "nav2_msgs", ModuleType("nav2_msgs"))
+    monkeypatch.setitem(sys.modules, "nav2_msgs.action", module)
+    monkeypatch.setattr(navigate, "_Server", StandInServer)
+    node = Node("planner", context=runner.context)
+    yield navigate.NavigateToPose(node, Planner(), read, "map")
+    node.destroy_node()
+
+
+def test_a_client_hears_how_far_the_robot_is_and_that_it_has_arrived(door):
+    handle = StandInHandle()
+    door._server.take(handle)
+    errand = door._block.errand
+    assert (errand.goal, errand.awaited) == (Pose(2.0, 0.0, 0.0), True)
+    door.look()
+    assert not handle.said  # before the robot's pose is known
+    errand.time = 3.5
+    errand.at(Pose(0.5, 0.0, 0.0), 1.5)
+    door.look()
+    (told,) = handle.said
+    assert (told.current_pose.header.frame_id, told.current_pose.pose.position.x) == ("map", 0.5)
+    assert (told.navigation_time.sec, told.navigation_time.nanosec, told.distance_remaining) == (3, 500_000_000, 1.5)
+    errand.end("reached")
+    door.look()
+    door.look()
+    assert handle.heard == ["execute", "succeed"]
+    assert [result.error_code for result in door._server.results] == [0]
+
+
+def test_a_goal_in_another_frame_is_aborted_at_once(door):
+    handle = StandInHandle("odom")
+    door._server.take(handle)
+    assert handle.heard == ["execute", "abort"]
+    assert [result.error_code for result in door._server.results] == [Failure.NOT_LOCALIZED]
+
+
+def test_a_cancelled_goal_and_one_that_failed_end_as_such_each_with_its_own_client(door):
+    first, second = StandInHandle(), StandInHandle()
+    door._server.take(first)
+    door._block.errand.end("failed", Failure.OTHER, "another goal took its place")
+    door._server.take(second)
+    door._server.cancel(second)
+    door.look()
+    assert (first.heard, second.heard) == (["execute", "abort"], ["execute", "canceled"])
+    assert [result.error_code for result in door._server.results] == [Failure.OTHER, 0]
+
 
 pytestmark = pytest.mark.nightly
 CLIENT = Path(__file__).with_name("navigate_client.py")
