@@ -203,6 +203,11 @@ bench-planner-lidars: $(READY)  ## the planner within the safety layer with othe
 		'cellular, lds02' 'cellular, a1' 'cellular, ideal' 'corridor, lds02' 'corridor, a1' 'corridor, ideal'
 	cp $(OUT)/planner_lidars/rooms_study.json benchmarks/rooms_planner_lidars.json
 
+bench-planner-wheel: $(READY)  ## the same, bare too, with the noise of wheels that sway in turns (15 minutes; resumes)
+	$(RUN)python benchmarks/rooms_study.py --seeds 0 --keep --policy planner planner+safety --out $(OUT)/planner_wheel \
+		--episodes 500 --only 'dense, noise wheel' 'office, noise wheel' 'cellular, noise wheel' 'corridor, noise wheel'
+	cp $(OUT)/planner_wheel/rooms_study.json benchmarks/rooms_planner_wheel.json
+
 bench-known-map: $(READY)  ## offices with and without the localizer's map in the planner (2 minutes)
 	$(RUN)python benchmarks/known_map.py --world office
 

@@ -51,7 +51,7 @@ class Mapped:
     def __init__(self, envs: Any) -> None:
         self._envs, p = envs.unwrapped, envs.unwrapped.parameters
         self._planner = PlannerPolicy(p.robot, p.dt)
-        self._layer = SafetyLayer(self._planner, p.robot, p.dt)
+        self._layer = SafetyLayer(self._planner, p.robot, p.dt, noise=p.noise)
         self.keep = self._layer.keep
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:

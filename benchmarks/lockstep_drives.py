@@ -73,7 +73,7 @@ def episode(drive: SquareDrive, steps: int, *, number: int = 0) -> Drive:
         switch=drive.switch,
         laps=drive.laps,
     )
-    policy = make_policy(drive.policy, robot=drive.robot)
+    policy = make_policy(drive.policy, robot=drive.robot, noise=drive.noise)
     observation, info = env.reset(seed=drive.seed)
     for _ in range(number):
         observation, info = env.reset()
@@ -96,7 +96,7 @@ def live(drive: SquareDrive, steps: int, **options: Any) -> Drive:
 def room_episode(given: RoomDrive, steps: int = ROOM_STEPS) -> Drive:
     """Return the environment's episode, from its start to its end, after a number of steps at the latest."""
     options = given._asdict()
-    policy, seed = make_policy(options.pop("policy")), options.pop("seed")
+    policy, seed = make_policy(options.pop("policy"), noise=given.noise), options.pop("seed")
     if isinstance(policy, PolicyWithMemory):
         policy.reset(np.ones((), np.bool_))
     name = "Rooms" if given.goals is None else "Missions"

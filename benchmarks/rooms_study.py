@@ -51,6 +51,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
         for noise in ("documented", "rough")
         for observation in ("truth", "ekf", "odometry")
     },
+    **{f"{world}, noise wheel": {"world": world, "noise": "wheel"} for world in ("dense", "office", "cellular", "corridor")},
 }
 """Settings by name: arguments of the environment that differ from its defaults."""
 COMPARED_WITH = "vfh"

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import ROBOTS
+from turtlebot_gym.models.unicycle import execution_variances
+from turtlebot_gym.presets import NOISES
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.tasks import observe
 from turtlebot_gym.validation import rules
-from turtlebot_gym.values import Pose, State
+from turtlebot_gym.values import Command, Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import POLICIES, make_policy
-from turtlebot_gym_agents.policies.protection import SafetyLayer
+from turtlebot_gym_agents.policies.protection import CREEP, SURE, SafetyLayer
 from turtlebot_gym_agents.policies.sight import UNSEEN, arc, look, time_to_contact
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
@@ -240,20 +242,29 @@ def test_a_robot_inside_the_margins_of_two_posts_goes_on_between_them_down_to_th
     assert layered(1.0, 0.0, sight(shares=posts), least_margin=0.02, way_out=0.0)[0] == 0.0
 
 
-def test_a_robot_that_sways_turns_slowly_beside_a_wall():
+def test_a_robot_that_sways_leaves_a_wall_beside_which_it_may_not_turn_as_fast_as_it_wants():
     near, far = sight(shares=wall_ahead(0.167)), sight(shares=wall_ahead(0.6))  # 0.03 m from the footprint
-    assert layered(0.0, 1.0, near, way_out=0.0)[1] == 1.0
-    assert layered(0.0, 1.0, far, sway=0.05, way_out=0.0)[1] == 1.0
-    assert 0.0 < layered(0.0, 1.0, near, sway=0.05, way_out=0.0)[1] <= 0.03 / 0.05 / BURGER.max_angular
+    variance = NOISES["wheel"].process.alpha2
+    assert NOISES["rough"].process.alpha2 == 0.0 < variance
+    assert layered(0.0, 1.0, near, noise="rough").tolist() == [0.0, 1.0]
+    assert layered(0.0, 1.0, far, noise="wheel").tolist() == [0.0, 1.0]
+    most = 0.03 / (SURE * np.sqrt(variance * 0.1 * SafetyLayer.reserve))  # 0.1 s is the period to which noise refers
+    for dt in (0.05, 0.1):
+        for turn in (-1.0, 1.0):
+            away, slow = layered(0.0, turn, near, noise="wheel", dt=dt)
+            assert away == np.float32(-CREEP)
+            assert slow * BURGER.max_angular == pytest.approx(turn * most, rel=0.02)
+    assert layered(0.5, 0.1, near, noise="wheel", way_out=0.0)[0] >= 0.0  # one that wants to drive never turns back
 
 
-def least_clearance(drive, *, delay, blind=0.0, robots=300, steps=60, seed=0):
+def least_clearance(drive, *, delay, blind=0.0, noise="clean", robots=300, steps=60, seed=0):
     """Return the least clearance of robots among posts, m, each of which starts where it could have stopped.
 
     Args:
         drive: The policy, from observations to actions.
         delay: Steps by which commands are late.
         blind: Distance within which the LiDAR sees nothing, m.
+        noise: Name of the noise of the robots' speeds.
         robots: Number of robots.
         steps: Number of steps.
         seed: Seed of the posts.
@@ -273,6 +284,8 @@ def least_clearance(drive, *, delay, blind=0.0, robots=300, steps=60, seed=0):
         belief[:, 5:7] = commands[-1 - delay]
         commands.append(np.asarray(drive(np.column_stack([belief, shares, np.zeros(robots)]).astype(np.float32)), float))
         v, omega = commands[-1 - delay].T * np.array([[BURGER.max_linear], [BURGER.max_angular]])
+        variance, _ = execution_variances(Command(v, omega), NOISES[noise].process, 0.1)
+        v = v + np.sqrt(variance) * random.standard_normal(robots)
         for _ in range(10):
             step, turned = arc(v, omega, 0.01)
             at, heading = at + step * np.exp(1j * heading), heading + np.angle(turned)
@@ -306,6 +319,18 @@ def test_within_the_layer_nobody_touches_a_post_that_came_too_near_for_the_lidar
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) > 0.0
     monkeypatch.setattr(SafetyLayer, "_remembered", lambda self, rows: rows)
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) < -0.01
+
+
+@pytest.mark.parametrize("forward", [0.0, 0.5])
+def test_robots_that_sway_in_quick_turns_touch_a_post_only_within_a_layer_that_takes_their_motion_for_exact(forward):
+    """300 robots that turn at full rate for two seconds, on the spot and on an arc, with the noise `wheel`, a step late."""
+    turning = lambda rows: np.broadcast_to(np.float32([forward, 1.0]), (len(rows), 2))  # noqa: E731
+    allowing, exact = (
+        least_clearance(SafetyLayer(turning, lag=0.0, noise=noise), delay=1, noise="wheel", steps=20)
+        for noise in ("wheel", "clean")
+    )
+    assert allowing > 0.0
+    assert exact < -0.03
 
 
 def test_a_layer_that_admits_every_arc_is_noticed(monkeypatch):

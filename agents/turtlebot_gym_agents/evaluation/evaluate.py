@@ -197,7 +197,7 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
     parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     p: Parameters = parameters if isinstance(parameters, Parameters) else parameters[0]
     try:
-        driver = make_policy(policy, robot=p.robot, dt=p.dt, allow_mismatch=allow_mismatch)
+        driver = make_policy(policy, robot=p.robot, dt=p.dt, noise=p.noise, allow_mismatch=allow_mismatch)
     except Mismatch as error:
         raise Mismatch(f"{error} {ANYWAY}") from error
     if envs.spec is not None:

@@ -52,7 +52,7 @@ class Deployment:
         robot: A name in `turtlebot_gym.ROBOTS`, a file, or a robot; None for that on a bundle's card, else "burger".
         period: Control period, s; None for that on a bundle's card, else 0.1.
         filter: What `make_filter` takes, such as "matched", for a filter inside; None if poses come with a covariance.
-        noise: Noise of the odometry to which that filter is matched, as for `make_noise`.
+        noise: Noise to which that filter is matched, as for `make_noise`; a `SafetyLayer` allows for that of the motion.
         integrator: How that filter predicts, "euler" or "midpoint".
         lidar_yaw: Direction of the LiDAR's frame in the robot's frame, rad.
         lidar_beams: Number of beams that a scan must have; 0 for any.
@@ -82,22 +82,23 @@ class Deployment:
 
             card = BundlePolicy(bundle, robot=robot, dt=period).card
             robot, period = robot_of(card.robot) if robot is None else robot, card.dt if period is None else period
-        robot = "burger" if robot is None else robot
+        robot, noise = "burger" if robot is None else robot, make_noise(noise)
         self.robot = make_robot(robot)
         """The robot, whose limits a command keeps."""
         self.period = DT.check("period", REFERENCE_PERIOD if period is None else period)
         """Control period, s."""
-        self._policy = make_policy(str(policy), robot=robot, dt=self.period)
+        self._policy = make_policy(str(policy), robot=robot, dt=self.period, noise=noise)
         self.layout = layout_of(self._policy) or OBSERVATION_LAYOUT
         """Layout of the policy's observation; with 2 it needs scans, with 3 a localizer's evidence too."""
         if NON_NEGATIVE.check("safety_margin", safety_margin) and self.layout in SEEING:
-            margins = {"margin_behind": max(safety_margin, SafetyLayer.margin_behind), "least_margin": _LEAST_MARGIN}
-            self._policy = SafetyLayer(self._policy, self.robot, self.period, margin=safety_margin, **margins)
+            behind = max(safety_margin, SafetyLayer.margin_behind)
+            margins: dict[str, Any] = {"margin": safety_margin, "margin_behind": behind, "least_margin": _LEAST_MARGIN}
+            self._policy = SafetyLayer(self._policy, self.robot, self.period, noise=noise, **margins)
         self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
         """Pools a scan that was read into the sectors of the observation."""
         if filter is not None and self.layout == LOCATED_LAYOUT:
             raise ValueError(f"filter must be None for a policy of layout {LOCATED_LAYOUT}: it needs a localizer's evidence.")
-        self.filter = None if filter is None else _inside(make_filter(filter, make_noise(noise)), self.period, integrator)
+        self.filter = None if filter is None else _inside(make_filter(filter, noise), self.period, integrator)
         """The filter inside, with its belief; None without one."""
         self.observation: NDArray[np.float32] = np.zeros(SIZES[self.layout], np.float32)
         """Last observation of the policy, shape (n,) by its layout."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.own import failure, load_object
-from turtlebot_gym.parameters import REFERENCE_PERIOD
+from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import SEEING, SIZES
@@ -46,7 +46,12 @@ def bundle_of(name: str) -> Path | None:
 
 
 def make_policy(
-    name: str, *, robot: str | Robot = "burger", dt: float = REFERENCE_PERIOD, allow_mismatch: bool = False
+    name: str,
+    *,
+    robot: str | Robot = "burger",
+    dt: float = REFERENCE_PERIOD,
+    noise: str | Noise = "clean",
+    allow_mismatch: bool = False,
 ) -> Policy:
     """Return a policy by its name.
 
@@ -58,6 +63,7 @@ def make_policy(
             any of them in a `SafetyLayer`, and "+yield" lets it stand for people.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
+        noise: Noise of the motion, which a `SafetyLayer` allows for.
         allow_mismatch: Whether a bundle or a tuned baseline that was made for another robot or rate may drive. Its actions are
             shares of the robot's limits.
 
@@ -67,7 +73,7 @@ def make_policy(
     """
     if name.endswith(SAFETY):
         driver = make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt, allow_mismatch=allow_mismatch)
-        return SafetyLayer(driver, robot, dt)
+        return SafetyLayer(driver, robot, dt, noise=noise)
     if name.endswith(YIELD):
         driver = make_policy(name.removesuffix(YIELD), robot=robot, dt=dt, allow_mismatch=allow_mismatch)
         return Yielding(driver, Network.load(pretrained_folder() / "yield.npz"), robot, dt)

@@ -8,12 +8,14 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym.presets import make_robot
+from turtlebot_gym.models.unicycle import execution_variances
+from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
+from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, typed
+from turtlebot_gym.values import Command
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy, layout_of
 from turtlebot_gym_agents.policies.sight import DIRECTIONS, EDGE, HALF_SECTOR, UNSEEN, arc, look, require_sight, time_to_contact
@@ -24,10 +26,13 @@ TURNS = np.linspace(-1.0, 1.0, 17)
 """Turning rates to try besides the commanded one, as shares of the limit."""
 TURNING = 0.3
 """Weight of a change of the turning rate, as a share of its limit, beside one of the speed."""
-SLOWEST = 0.2
-"""Turning rate that is admissible in any place, rad/s."""
+SURE = 3.0
+"""Standard deviations of the motion's noise that must not lead to a contact."""
 NEARER = 0.01
-"""Way by which a robot inside a margin may come nearer to an obstacle in the reserve, m: the error of a range."""
+"""Way by which a robot inside a margin may come nearer to an obstacle in the reserve, m, and by which noise may move it in any
+place: the error of a range."""
+CREEP = 0.2
+"""Share of the highest speed at which a robot that only wants to turn, but may not as fast, leaves an obstacle."""
 BLIND, NEAR = 0.18, 0.25
 """Distances from the LiDAR, m: up to the first, no LiDAR for such robots may see anything, and an LDS-02 sees nothing below
 0.16 m; places up to the second are remembered."""
@@ -69,8 +74,9 @@ class SafetyLayer:
     """... and when it drives backwards, m ..."""
     least_margin: Annotated[float, NON_NEGATIVE] = 0.01
     """... and that it keeps in any case if the others are larger, m."""
-    sway: Annotated[float, NON_NEGATIVE] = 0.0
-    """Way by which the robot may come off its arc for each rad/s at which it turns, m: near obstacles it turns more slowly."""
+    noise: str | Noise = "clean"
+    """Noise of the motion, as for `turtlebot_gym.presets.make_noise`: where it moves the robot in turns, the robot turns more
+    slowly near obstacles, farther from them, or leaves them first."""
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1
@@ -85,10 +91,15 @@ class SafetyLayer:
         self.layout = layout_of(self.policy) or ROOM_LAYOUT
         """Layout of its observations."""
         self._robot = make_robot(self.robot)
+        variance, _ = execution_variances(Command(0.0, self._robot.max_angular), make_noise(self.noise).process, self.dt)
+        self._drift = variance * self.dt  # growth of the place's variance at the highest turning rate, m^2/s
+        self._sway = np.float64(SURE * np.sqrt(self._drift * self.reserve))
         self._guide = self.policy if isinstance(self.policy, PlannerPolicy) else PlannerPolicy(self._robot, self.dt)
         self._left, self._places = np.zeros(()), np.full(2 * SECTORS, UNSEEN, np.complex128)
+        self._spread = np.zeros(2 * SECTORS)  # variance of the places, m^2
         # No robot comes farther within the reserve.
-        self._reach = self._robot.radius + max(self.margin, self.margin_behind) + self._robot.max_linear * self.reserve
+        margin = max(self.margin, self.margin_behind, self._sway)
+        self._reach = self._robot.radius + margin + self._robot.max_linear * self.reserve
         if isinstance(self.policy, ShrinkingPolicy) or not isinstance(self.policy, PolicyWithMemory):
             self.keep = self._keep
 
@@ -96,7 +107,7 @@ class SafetyLayer:
         for policy in {self.policy, self._guide}:
             if isinstance(policy, ShrinkingPolicy):
                 policy.keep(mask)
-        self._left, self._places = self._left[mask], self._places[mask]
+        self._left, self._places, self._spread = self._left[mask], self._places[mask], self._spread[mask]
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
         for policy in {self.policy, self._guide}:
@@ -123,11 +134,12 @@ class SafetyLayer:
     def _remembered(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return observations in which obstacles that have come too near for the LiDAR are where they were.
 
-        Places are in the robot's frame; of each half of a sector, one is remembered.
+        Places are in the robot's frame; of each half of a sector, one is remembered. Those that noise makes uncertain count as
+        nearer.
         """
         v, omega = rows[..., 5:6] * self._robot.max_linear, rows[..., 6:7] * self._robot.max_angular
         (step, turn), (moved, turned) = (arc(v, omega, time) for time in (self.dt, rows[..., -1:] + self.lag))
-        places = (self._places - step) * np.conj(turn)
+        places, spread = (self._places - step) * np.conj(turn), self._spread + self._drift * rows[..., 6:7] ** 2 * self.dt
         there = places * turned + moved - self.lidar_x  # from the LiDAR, when it measured
         at, away = np.round(np.angle(there) / HALF_SECTOR).astype(np.int64), np.abs(there)
         sector = np.round(np.angle(there) / (2.0 * HALF_SECTOR)).astype(np.int64) % SECTORS
@@ -139,22 +151,29 @@ class SafetyLayer:
         self._places = (seen.reshape(*ranges.shape[:-1], -1) + self.lidar_x - moved) * np.conj(turned)
         # Of two in the same place the nearer one is kept.
         gone = tuple(part[np.argsort(-away[gone])] for part in np.nonzero(gone))
-        self._places[(*gone[:-1], at[gone] % (2 * SECTORS))] = places[gone]
-        filled = rows.copy()
-        np.minimum.at(filled, (*gone[:-1], sector[gone] - 1 - SECTORS), away[gone] / SIGHT)
+        half, self._spread = (*gone[:-1], at[gone] % (2 * SECTORS)), np.zeros_like(spread)
+        self._places[half], self._spread[half] = places[gone], spread[gone]
+        filled, nearer = rows.copy(), np.maximum(away - SURE * np.sqrt(spread), 0.0)
+        np.minimum.at(filled, (*gone[:-1], sector[gone] - 1 - SECTORS), nearer[gone] / SIGHT)
         return filled
 
     def _admissible(self, wish: NDArray[np.float32], points: NDArray[np.complex128]) -> NDArray[np.float32]:
         """Return the admissible actions nearest to others, shape (..., 2)."""
         action, points = wish.reshape(-1, 2).copy(), points.reshape(-1, points.shape[-1])
         away = np.abs(points)
+        first = np.take_along_axis(points, away.argmin(axis=-1)[:, None], axis=-1)
+        with np.errstate(divide="ignore"):  # without noise, any rate
+            most = np.maximum(np.abs(first) - self._robot.radius, NEARER) / self._sway
+        turns = (action[:, :1] == 0.0) & (np.abs(action[:, 1:]) > most)
+        action[:, :1] = np.where(turns, -CREEP * np.sign(first.real), action[:, :1])
+        action[:, 1:] = np.clip(action[:, 1:], -most, most)
         close = np.flatnonzero((away <= self._reach).any(axis=-1))
         nearest = np.argsort(away[close], axis=-1)[:, : (away <= self._reach).sum(axis=-1).max(initial=1)]
         there = np.take_along_axis(points[close], nearest, axis=-1)
         short = ~self._admits(action[close], there)
         close, there = close[short], there[short]
         wishes = action[close]
-        v, omega = wishes[:, :1] * SHARES, np.concatenate([wishes[:, 1:], np.tile(TURNS, (len(wishes), 1))], axis=-1)
+        v, omega = wishes[:, :1] * SHARES, np.concatenate([wishes[:, 1:], np.clip(TURNS, -most[close], most[close])], axis=-1)
         arcs = np.stack(np.broadcast_arrays(v[:, :, None], omega[:, None, :]), axis=-1).reshape(len(v), -1 if len(v) else 1, 2)
         change = np.abs(arcs - wishes[:, None]) @ (1.0, TURNING)
         change[~self._admits(arcs, there[:, None])] = np.inf
@@ -164,10 +183,7 @@ class SafetyLayer:
     def _admits(self, actions: NDArray[np.float32], points: NDArray[np.complex128]) -> NDArray[np.bool_]:
         """Return whether no contact with points (..., n) is near on the arcs of actions (..., 2)."""
         v, omega = actions[..., :1] * self._robot.max_linear, actions[..., 1:] * self._robot.max_angular
-        margin = np.where(v < 0.0, self.margin_behind, self.margin)
-        clearances = np.abs(points) - self._robot.radius
-        kept = np.maximum(clearances - NEARER, self.least_margin)
+        margin = np.maximum(np.where(v < 0.0, self.margin_behind, self.margin), self._sway * np.abs(actions[..., 1:]))
+        kept = np.maximum(np.abs(points) - self._robot.radius - NEARER, self.least_margin)
         radius = self._robot.radius + np.minimum(margin, kept)
-        sway = np.abs(omega[..., 0]) * self.sway
-        stays = sway <= np.maximum(clearances.min(axis=-1), SLOWEST * self.sway)
-        return (time_to_contact(points, v, omega, radius).min(axis=-1) >= self.reserve) & stays
+        return time_to_contact(points, v, omega, radius).min(axis=-1) >= self.reserve

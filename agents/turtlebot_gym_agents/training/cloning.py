@@ -54,7 +54,7 @@ def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *,
     assert config.from_policy is not None
     assert isinstance(model, OnPolicyAlgorithm)
     parameters = parameters_of(envs)
-    policy = make_policy(config.from_policy, robot=parameters.robot, dt=parameters.dt)
+    policy = make_policy(config.from_policy, robot=parameters.robot, dt=parameters.dt, noise=parameters.noise)
     require_layout(policy, config.from_policy, config.env)
     if is_new:
         clone(model, envs, policy, seed=CLONING_SEED + config.seed)

@@ -29,7 +29,7 @@ class Loop:
         self.filter = make(KalmanFilter, noise=noise)
         self.generator = make(WaypointGenerator, waypoints="room")
         lidar_parameters = {"lidar_yaw": LIDARS[lidar].yaw, "lidar_beams": LIDARS[lidar].beams}
-        self.controller = make(VelocityController, policy=policy, goal_tolerance=0.0, **lidar_parameters)
+        self.controller = make(VelocityController, policy=policy, noise=noise, goal_tolerance=0.0, **lidar_parameters)
         self.command, self.scan, self.at, self.stamp = None, None, 0, 0
         self.frozen = False
 
@@ -48,10 +48,10 @@ class Loop:
         return said
 
 
-def differences(loop, env, steps, policy):
+def differences(loop, env, steps, policy, noise):
     """Compare a loop with the environment over one episode, and return its outcome."""
     observation, info = env.reset()
-    policy = make_policy(policy)
+    policy = make_policy(policy, noise=noise)
     for _ in range(steps):
         said = loop.step()
         np.testing.assert_array_equal(loop.controller.deployment.observation, observation)
@@ -75,6 +75,7 @@ def differences(loop, env, steps, policy):
         ("dense", "a1", "rough", "vfh"),
         ("dense", "lds01", "tutorial", "bearing+safety"),
         ("office", "lds01", "tutorial", "planner+safety"),
+        ("office", "lds01", "wheel", "planner+safety"),
         *(pytest.param(world, "lds01", "tutorial", "vfh", marks=pytest.mark.nightly) for world in ROOMS if world != "office"),
         *(pytest.param("dense", lidar, "rough", "vfh", marks=pytest.mark.nightly) for lidar in LIDARS if lidar != "a1"),
     ],
@@ -85,7 +86,7 @@ def test_they_are_the_environment_to_the_bit(world, lidar, noise, policy):
     loop = Loop(world=world, lidar=lidar, noise=noise, seed=3, policy=policy)
     for block in (loop.plant, loop.filter, loop.generator, loop.controller):
         block.reset()  # the second episode
-    differences(loop, env, 80, policy)
+    differences(loop, env, 80, policy, noise)
 
 
 def test_a_contact_is_noticed_once_and_the_next_episode_forgets_it():

@@ -61,6 +61,8 @@ class VelocityController:
         """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, or "module:callable"."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
+        noise: str = "tutorial"
+        """Noise of the motion, for which the safety layer allows: a name in `turtlebot_gym.presets.NOISES`, or FILE.yaml."""
         period: Annotated[float, Range(0.001, 10.0, unit="s")] = 0.1
         """Period for which the policy was made, s. Slower estimates are an error."""
         goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
@@ -96,7 +98,7 @@ class VelocityController:
         self.trigger = On("estimate", period=params.period)
         self.deployment = Deployment(
             params.policy, robot=params.robot, period=params.period, lidar_yaw=params.lidar_yaw, lidar_beams=params.lidar_beams,
-            safety_margin=params.safety_margin,
+            safety_margin=params.safety_margin, noise=params.noise,
         )  # fmt: skip
         """The policy; it stores its last observation and action."""
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
