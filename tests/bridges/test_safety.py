@@ -147,6 +147,12 @@ def test_silence_is_judged_by_what_was_sent():
     safety.hear_emergency(False, now=7.4, sent=7.0)
     assert not safety.tick(now=7.499)
     assert safety.tick(now=7.501)
+    safety = active(now=7.0)
+    safety.hear_emergency(False, now=7.0)
+    assert not safety.tick(now=7.49)  # which shows that it listens, so that no press was missed until the next message
+    safety.hear_emergency(False, now=7.6, sent=7.45)
+    assert not safety.tick(now=7.6)
+    assert safety.enabled
 
 
 def test_an_emergency_stop_that_was_never_heard_is_not_needed():
