@@ -280,6 +280,17 @@ def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_mo
     assert monitor.limit(AHEAD, now).v > 0.0
 
 
+def test_a_wide_gap_is_solid_along_both_edges_as_far_as_it_counts():
+    body = BODY._replace(scan=MOUNT._replace(y=0.08))
+    view = view_of(with_gap(60.0, 0.0), body, LIMITS, reach=2.0, narrow=narrow_gap(body, LIMITS, 0.3), room=0.05)
+    for angle in np.radians([-29.0, 29.0]):  # of the first and of the last missing beam
+        border = collision._edge(np.array([angle]), body, LIMITS, 0.05).item()
+        for depth in np.arange(border, 1.9, 0.005):
+            x, y, radius = collision._points(np.array([angle]), np.array([depth]), body, LIMITS)
+            away = np.hypot(view.unknown[0] - x, view.unknown[1] - y)
+            assert (away + radius <= view.unknown[2] + 1e-9).any(), (angle, depth)
+
+
 def test_the_footprints_hold_the_bodies():
     """Corners of the bodies and of the wheels in the robots' URDF, m; to a millimetre."""
     corners = {
@@ -422,6 +433,8 @@ def test_the_speed_falls_with_the_distance_and_ends_at_the_slowest():
     assert at(SLOWEST + 1e-6).v == pytest.approx(0.01, abs=1e-5)
     assert at(SLOWEST - 1e-6) == STOP
     assert at(0.001, Command(0.0005, 0.0)) == Command(0.0005, 0.0)  # what is slow enough need not slow down
+    beside = points((0.0, 0.1504, 0.15))
+    assert limited(beside, Command(0.0005, 0.0), 0.0, LIMITS) == Command(0.0005, 0.0)  # nor is it for what it passes
     assert at(-0.01) == STOP
     assert at(-0.01, Command(-0.2, 0.0)) == pytest.approx((-0.04, 0.0))
     assert at(-0.01, Command(-0.2, 1.0)) == pytest.approx((-0.04, 0.2))
