@@ -1,7 +1,6 @@
 """Replay: on a drive without error there is none, and on real ones the filter beats both of its sources."""
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +22,6 @@ from turtlebot_gym_agents.evaluation.replay import (
     replayable,
 )
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "drives"))
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 PER_METRE = {"wifibot1.txt": 0.016, "wifibot2.txt": 0.027}

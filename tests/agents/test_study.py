@@ -1,7 +1,6 @@
 """The study: what it says follows from its numbers, losses first; what is published is what it says; and it resumes."""
 
 import json
-import sys
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -16,7 +15,6 @@ from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.provenance import plain
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))  # scripts, not a package
 pretrained, publish, robustness, rooms_study, scenarios, text = map(
     import_module, ("pretrained", "publish", "robustness", "rooms_study", "scenarios", "robustness_text")
 )

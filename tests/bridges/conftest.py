@@ -21,14 +21,11 @@ try:
 except ImportError:
     pytest.skip("needs the extra [ros]", allow_module_level=True)
 
+from bench import PATIENCE, Bench, wait_for
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
 from turtlebot_gym_ros.base.discovery import prepare
-
-sys.path.insert(0, str(Path(__file__).parent))
-from bench import PATIENCE, Bench, wait_for
-
 from turtlebot_gym_ros.base.process import Runner
 
 prepare()

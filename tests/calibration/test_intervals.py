@@ -1,13 +1,12 @@
 """Intervals, wrong models and kinds of odometry, by a simulator that shares no code: `benchmarks/calibration_intervals.py`."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated
 from turtlebot_gym.calibration import Estimate, calibrate, detect_kind
 from turtlebot_gym.calibration.calibrate import _capped
 from turtlebot_gym.calibration.coordinates import value_of
@@ -15,9 +14,6 @@ from turtlebot_gym.calibration.diagnosis import Verdict
 from turtlebot_gym.calibration.execution import _alphas, _fitted
 from turtlebot_gym.calibration.motions import motions_of
 from turtlebot_gym.calibration.regression import problem_of
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated
 
 ALPHAS = {"alpha1": 0.004, "alpha2": 0.003, "alpha3": 0.006, "alpha4": 0.005}
 USUAL = {"left": RADIUS, "right": RADIUS, "track": TRACK, "drift": 0.0, **ALPHAS}

@@ -1,14 +1,11 @@
-"""Where the oracles of these tests are, which are no tests; and programs in processes of their own."""
+"""Programs in processes of their own."""
 
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,6 @@
-"""What is not a test lies beside the tests, to be imported; `page` is each page in turn."""
-
-import sys
-from pathlib import Path
+"""Each page in turn."""
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 from pages import PAGES, ROOT
 
 

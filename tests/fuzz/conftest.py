@@ -1,9 +1,6 @@
-"""The fuzz tests' helpers, which are no tests, and the count of the inputs with the longest time and the most memory."""
+"""The count of the inputs with the longest time and the most memory."""
 
 import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -1,13 +1,11 @@
 """No rule, default or number of a preset has changed that was not meant to; `declared` writes them down."""
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
-sys.path.insert(0, str(Path(__file__).parent))
 
 import declared
 

@@ -2,14 +2,9 @@
 
 import json
 import random
-import sys
-from pathlib import Path
-
-import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 import golden
+import pytest
 
 CHOSEN = list(golden.combinations())
 KNOWN = json.loads(golden.HASHES.read_text())

@@ -1,12 +1,6 @@
 """Shared by the tests of the localizer."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from localization_rooms import hall, make_room, scan_of
 
 

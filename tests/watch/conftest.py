@@ -1,10 +1,6 @@
-"""Requirements of the viewer's tests: Bokeh, and Stable-Baselines3 for the view of a training; where drives are drawn."""
+"""Requirements of the viewer's tests: Bokeh, and Stable-Baselines3 for the view of a training."""
 
 import importlib.util
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "drives"))
 
 collect_ignore = [] if importlib.util.find_spec("bokeh") else ["test_view.py", "test_watching.py"]
 if not importlib.util.find_spec("stable_baselines3"):

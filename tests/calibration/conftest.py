@@ -1,6 +1,0 @@
-"""Where the drives to calibrate are drawn."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "drives"))
