@@ -25,7 +25,8 @@ from turtlebot_gym.calibration import calibrate
 from turtlebot_gym.calibration.coordinates import PARAMETERS, value_of
 from turtlebot_gym.drives import read
 from turtlebot_gym_agents.commands.console import progress
-from turtlebot_gym_agents.evaluation.calibration import judge, measured_log, simulated_log
+from turtlebot_gym_agents.evaluation.calibration import judge, simulated_log
+from turtlebot_gym_agents.evaluation.replay import replay
 from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
 
 RESULTS = {"coverage": "calibration.json", "recorded": "calibration_recorded.json"}
@@ -86,8 +87,9 @@ def calibrated(seed: int) -> dict[str, Any]:
     log = simulated_log(noise, seed=seed)
     began = time.process_time()
     calibration = calibrate(log, use_truth=False)
+    names = ("value", "low", "high", "unit", "is_profile", "is_determined")
     rows = {
-        name: {"true": true_value(noise, name)} | {key: value for key, value in asdict(estimate).items() if key != "remedy"}
+        name: {"true": true_value(noise, name)} | {key: getattr(estimate, key) for key in names}
         for name, estimate in calibration.estimates.items()
     }
     return {"seed": seed, "view": VIEW, "seconds": time.process_time() - began, "estimates": rows}
@@ -126,7 +128,8 @@ def recorded(config: Config) -> dict[str, Any]:
     drives = {name: read(config.data / name) for name in RECORDED}
     rows = {}
     for name, other in (RECORDED, RECORDED[::-1]):
-        calibration = calibrate(measured_log(drives[name], seed=1000, rate=math.inf))
+        measured = replay(drives[name], noise="documented", seed=1000, rate=math.inf).odometry
+        calibration = calibrate(replace(drives[name], odometry=measured))
         unbiased = replace(calibration.noise, odometry=replace(calibration.noise.odometry, bias=(0.0, 0.0, 0.0)))
         seeds = range(config.seed, config.seed + config.seeds)
         results = {

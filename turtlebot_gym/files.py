@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -110,14 +110,11 @@ def _from_json(text: str) -> Any:
     content = json.loads(text)
     level = [content]
     for _ in range(MAX_DEPTH):
-        level = [item for part in level if isinstance(part, (dict, list)) for item in _items(part)]
+        parts = (part.values() if isinstance(part, dict) else part for part in level if isinstance(part, (dict, list)))
+        level = [item for part in parts for item in part]
     if level:
         raise ValueError(_TOO_DEEP)
     return content
-
-
-def _items(part: dict[str, Any] | list[Any]) -> Iterable[Any]:
-    return part.values() if isinstance(part, dict) else part
 
 
 def _from_yaml(text: str) -> Any:

@@ -1,6 +1,7 @@
 """The command ``calibrate``: from a drive of the environment to a noise file, and what it is worth on recorded drives."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from turtlebot_gym.calibration import calibrate
 from turtlebot_gym.drives import read
 from turtlebot_gym.presets import WHEEL
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.evaluation.calibration import judge, measured_log, simulated_log
+from turtlebot_gym_agents.evaluation.calibration import judge, simulated_log
+from turtlebot_gym_agents.evaluation.replay import replay
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
@@ -96,7 +98,9 @@ def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, oth
     if not all((DATA / each).is_file() for each in RECORDED):
         pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drives in {DATA} are missing")
     drive = read(DATA / other)
-    found = calibrate(measured_log(read(DATA / name), seed=1000, rate=np.inf))
+    recorded = read(DATA / name)
+    measured = replay(recorded, noise="documented", seed=1000, rate=np.inf).odometry
+    found = calibrate(replace(recorded, odometry=measured))
     assert found.segment > 0.0
     after, before = (judge(drive, noise, range(2)) for noise in (found.noise, None))
     assert after.nees.mean() <= 4.0 < before.nees.mean()

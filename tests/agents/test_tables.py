@@ -139,10 +139,10 @@ def test_study():
 def test_calibrate():
     def number(value, high=None, **more):
         bounds = {"low": 0.9 * value, "high": high or 1.1 * value, "unit": "rad^2/m^2"}
-        return Estimate(**{"value": value, **bounds, "is_profile": True, "is_determined": True, **more})
+        return Estimate(**{"value": value, **bounds, "is_profile": True, **more})
 
     estimates = {name: number(0.00123456 * (1 + at)) for at, name in enumerate(PARAMETERS)}
-    estimates["R_theta"] = number(0.01, np.inf, is_determined=False, remedy="turn on the spot, both ways")
+    estimates["R_theta"] = number(0.01, np.inf, remedy="turn on the spot, both ways")
     calibration = SimpleNamespace(
         kind="pose", has_truth=True, segment=1.0, segments=123, integrator="euler", noise=make_noise("tutorial"),
         estimates=estimates, unknown={"bias": "a true pose"}, remarks=["3 rows dropped out"], measured=0,

@@ -225,7 +225,7 @@ def test_a_recorder_counts_from_the_first_step_whatever_it_hears_first(runner):
             assert recorder.time == 1.0
             np.testing.assert_array_equal(recorder.trajectory().time, [0.0, 1.0])
     finally:
-        recorder.close()
+        recorder.node.destroy_node()
 
 
 @pytest.mark.parametrize("lost", ["true_state", "odom", "estimate", "reference"])
@@ -239,7 +239,7 @@ def test_what_a_recorder_did_not_hear_in_real_time_is_nan_in_its_row(runner, los
             recorder._rows[k * 10**8] = {topic: value for topic, value in said.items() if k != 1 or topic != lost}
         drive = recorder.trajectory()
     finally:
-        recorder.close()
+        recorder.node.destroy_node()
     parts = {"true_state": ("true_state",), "odom": ("odometry", "command"), "estimate": ("estimate", "covariance")}
     for name in ("true_state", "odometry", "command", "estimate", "covariance", "reference"):
         rows = np.isnan(getattr(drive, name)).reshape(3, -1)

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cache
+from typing import Any
 
-from turtlebot_gym.calibration.motions import Array
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.cache import in_machine_code
 
 
-def _whiten(bands, white):
+@in_machine_code("regression of drives")
+def whiten(bands: Any, white: Any) -> float:
+    """Replace a covariance, in bands, by its Cholesky factor, whiten columns of numbers in place, and return the logarithm of
+    the determinant; LAPACK's banded routines take ten times as long for so few bands."""
     rows, columns = white.shape
     width = bands.shape[1]
     determinant = 0.0
@@ -31,10 +32,3 @@ def _whiten(bands, white):
                 for column in range(columns):
                     white[row + i, column] -= share * white[row, column]
     return determinant
-
-
-@cache
-def whitener() -> Callable[[Array, Array], float]:
-    """Return the loop that replaces a covariance, in bands, by its Cholesky factor, whitens columns of numbers in place, and
-    returns the logarithm of the determinant; LAPACK's banded routines take ten times as long for so few bands."""
-    return compiled(_whiten, "regression of drives")

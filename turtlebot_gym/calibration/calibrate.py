@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from turtlebot_gym.calibration.alignment import Frame, Shift, aligned
+from turtlebot_gym.calibration.alignment import NO_SHIFT, SAME_FRAME, Frame, Shift, aligned
 from turtlebot_gym.calibration.coordinates import ALPHAS, value_of, with_values
 from turtlebot_gym.calibration.diagnosis import Verdict
 from turtlebot_gym.calibration.estimates import ONLY_TRUTH, POSE, WHEELS, Estimate, by_innovations, by_truth, of_share
@@ -62,15 +62,15 @@ class Calibration:
     """Whether the truth was used; the innovations alone if not."""
     integrator: str
     """"euler" or "midpoint", whichever explains the motion better."""
-    segment: float
+    segment: float = 0.0
     """Length of the longest segments to which the alphas were fitted, m; 0 for row by row."""
-    segments: int
+    segments: int = 0
     """Number of those segments."""
-    delay: Shift
+    delay: Shift = NO_SHIFT
     """Time by which the motion lags behind the recorded twist, s."""
-    truth_delay: Shift
+    truth_delay: Shift = NO_SHIFT
     """Time by which the measured poses lag behind the truth, s."""
-    frame: Frame
+    frame: Frame = SAME_FRAME
     """Pose of the measured poses' frame in the truth's."""
     remarks: tuple[str, ...]
     """Remarks on the drive: what was left out, shifted or assumed."""
@@ -175,9 +175,7 @@ def calibrate(
     is_certain = longest == 0.0 or (scanned is not None and not verdict.is_correlated)
     noise = _wary(likeliest, estimates, started, is_certain=is_certain)
     verdict = _capped(verdict, estimates)
-    unknown = {} if has_truth and not frame.is_other else dict(ONLY_TRUTH)
-    if kind == WHEELS:
-        unknown = {}
+    unknown = {} if kind == WHEELS or (has_truth and not frame.is_other) else dict(ONLY_TRUTH)
     return Calibration(
         noise=noise,
         likeliest=likeliest,

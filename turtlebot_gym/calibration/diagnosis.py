@@ -33,7 +33,6 @@ SLOW, LEVER = 1e-3, 0.1
 """Speed below which the robot stands, m/s, and distance as which a turn by 1 rad counts, m."""
 FEWEST = 30
 """Fewest residuals to test."""
-AXES = ("ahead", "aside", "turn")
 
 
 class Verdict(NamedTuple):

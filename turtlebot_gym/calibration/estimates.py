@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -93,13 +93,16 @@ class Estimate:
     low: float
     """Ends of the 95 % interval."""
     high: float
-    unit: str
-    is_profile: bool
-    """Whether the interval comes from the profile likelihood, because the quadratic one is wrong."""
-    is_determined: bool
-    """Whether the drive determines the parameter."""
+    unit: str = ""
     remedy: str = ""
     """What would determine it, if the drive does not."""
+    is_profile: bool = False
+    """Whether the interval comes from the profile likelihood, because the quadratic one is wrong."""
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the drive determines the parameter."""
+        return not self.remedy
 
 
 def search(likelihood: Likelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
@@ -141,27 +144,33 @@ def estimates_of(
 ) -> dict[str, Estimate]:
     """Return values and intervals of parameters at the maximum of their likelihood."""
     likeliest = from_coordinates(start, names, fit.x)
-    upright = fit._replace(x=np.where([PARAMETERS[name].kind == PLAIN for name in names], fit.x, np.abs(fit.x)))
-    # Coordinates of variances have no sign: take the positive ones.
-    signs = np.where(upright.x == fit.x, 1.0, -1.0)
-    upright = upright._replace(
-        information=fit.information * np.outer(signs, signs), covariance=fit.covariance * np.outer(signs, signs)
-    )
+    values = {name: value_of(likeliest, name) for name in names}
+    return profiled(lambda x: likelihood(from_coordinates(start, names, x)), fit, values, has_truth=has_truth)
+
+
+def profiled(
+    likelihood: Callable[[NDArray[np.float64]], float], fit: Fit, values: Mapping[str, float], *, has_truth: bool
+) -> dict[str, Estimate]:
+    """Return the estimates of parameters, which are the first coordinates of a maximum, with their intervals.
+
+    Args:
+        likelihood: Of all coordinates.
+        fit: Its maximum.
+        values: The parameters there.
+        has_truth: Whether the drive has a truth.
+    """
+    # Coordinates of variances have no sign: take the positive ones; those beyond the parameters are roots of variances.
+    kinds = [PARAMETERS[name].kind for name in values] + [VARIANCE] * (len(fit.x) - len(values))
+    signs = np.where((fit.x < 0.0) & (np.array(kinds) != PLAIN), -1.0, 1.0)
+    both = np.outer(signs, signs)
+    fit = fit._replace(x=signs * fit.x, information=fit.information * both, covariance=fit.covariance * both)
     table = {}
-    for at, name in enumerate(names):
-        least = -math.inf if PARAMETERS[name].kind == PLAIN else 0.0
-        ends = interval(lambda x: likelihood(from_coordinates(start, names, x)), upright, at, least=least)
+    for at, (name, value) in enumerate(values.items()):
+        ends = interval(likelihood, fit, at, least=-math.inf if kinds[at] == PLAIN else 0.0)
         low, high = natural_interval(name, ends.low, ends.high)
-        remedy = remedy_of(name, upright.x[at], upright.deviations[at], low, high, has_truth=has_truth)
-        table[name] = Estimate(
-            value=value_of(likeliest, name),
-            low=low,
-            high=high,
-            unit=PARAMETERS[name].unit,
-            is_profile=ends.is_profile,
-            is_determined=not remedy,
-            remedy=remedy,
-        )
+        remedy = remedy_of(name, fit.x[at], fit.deviations[at], low, high, has_truth=has_truth)
+        unit, is_profile = PARAMETERS[name].unit, ends.is_profile
+        table[name] = Estimate(value=value, low=low, high=high, unit=unit, remedy=remedy, is_profile=is_profile)
     return table
 
 
@@ -187,15 +196,7 @@ def of_share(happened: int, among: int, remedy: str) -> Estimate:
     low = 0.0 if happened == 0 else float(posterior.ppf(tail))
     high = 1.0 if happened == among else float(posterior.ppf(1.0 - tail))
     share = happened / among if among else 0.0
-    return Estimate(
-        value=share,
-        low=low,
-        high=high,
-        unit="",
-        is_profile=False,
-        is_determined=among >= 100,
-        remedy="" if among >= 100 else remedy,
-    )
+    return Estimate(value=share, low=low, high=high, remedy="" if among >= 100 else remedy)
 
 
 class Fitted(NamedTuple):
@@ -245,20 +246,16 @@ def _variance(errors: NDArray[np.float64], known_variance: float) -> Estimate:
     n, variance = len(errors), float(errors.var(ddof=1))
     low, high = (n - 1) * variance / stats.chi2.ppf([0.5 + 0.5 * LEVEL, 0.5 - 0.5 * LEVEL], n - 1)
     value, low, high = (max(float(each) - known_variance, 0.0) for each in (variance, low, high))
-    is_clear = low > 0.0 and high - low < 4.0 * CLEAR * value
-    remedy = "" if is_clear else "record for longer"
-    return Estimate(value=value, low=low, high=high, unit="m^2", is_profile=False, is_determined=is_clear, remedy=remedy)
+    remedy = "" if low > 0.0 and high - low < 4.0 * CLEAR * value else "record for longer"
+    return Estimate(value=value, low=low, high=high, unit="m^2", remedy=remedy)
 
 
 def _mean(errors: NDArray[np.float64]) -> Estimate:
     """Return the mean of normal errors, with the interval by Student."""
     n, mean = len(errors), float(errors.mean())
     half = float(stats.t.ppf(0.5 + 0.5 * LEVEL, n - 1)) * float(errors.std(ddof=1)) / math.sqrt(n)
-    is_clear = half < 2.0 * FINE["bias_x"]
-    remedy = "" if is_clear else "record for longer"
-    return Estimate(
-        value=mean, low=mean - half, high=mean + half, unit="m", is_profile=False, is_determined=is_clear, remedy=remedy
-    )
+    remedy = "" if half < 2.0 * FINE["bias_x"] else "record for longer"
+    return Estimate(value=mean, low=mean - half, high=mean + half, unit="m", remedy=remedy)
 
 
 def _of_headings(errors: NDArray[np.float64], odometry: OdometryNoise, known_variance: float) -> float:

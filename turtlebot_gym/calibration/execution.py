@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from turtlebot_gym.calibration.coordinates import ALPHAS, PARAMETERS, natural_interval, with_values
+from turtlebot_gym.calibration.coordinates import ALPHAS, PARAMETERS, with_values
 from turtlebot_gym.calibration.diagnosis import Verdict, diagnose
-from turtlebot_gym.calibration.estimates import FINE, Estimate, Likelihood, estimates_of, remedy_of, search
-from turtlebot_gym.calibration.fit import LEVEL, Fit, Z, interval, maximize
+from turtlebot_gym.calibration.estimates import FINE, Estimate, Likelihood, estimates_of, profiled, remedy_of, search
+from turtlebot_gym.calibration.fit import LEVEL, Fit, Z, maximize
 from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, segment_rows
 from turtlebot_gym.calibration.motions import Array, Motions, motions_of
 from turtlebot_gym.calibration.regression import (
@@ -176,19 +176,7 @@ def _alphas(problem: Problem, fit: Fit) -> dict[str, Estimate]:
         return problem.solve(roots).likelihood
 
     fit = maximize(likelihood, fit.x, fit.deviations)
-    signs = np.where(fit.x < 0.0, -1.0, 1.0)  # roots of variances have no sign: take the positive ones
-    both = np.outer(signs, signs)
-    fit = fit._replace(x=np.abs(fit.x), information=fit.information * both, covariance=fit.covariance * both)
-    table = {}
-    for at, name in enumerate(ALPHAS):
-        ends = interval(likelihood, fit, at, least=0.0)
-        low, high = natural_interval(name, ends.low, ends.high)
-        remedy = remedy_of(name, fit.x[at], fit.deviations[at], low, high, has_truth=True)
-        table[name] = Estimate(
-            value=float(fit.x[at] ** 2), low=low, high=high, unit=PARAMETERS[name].unit, is_profile=ends.is_profile,
-            is_determined=not remedy, remedy=remedy,
-        )  # fmt: skip
-    return table
+    return profiled(likelihood, fit, dict(zip(ALPHAS, (fit.x**2).tolist(), strict=False)), has_truth=True)
 
 
 def _linear_estimates(linear: Array, covariance: Array, *, blocks: int = 0) -> dict[str, Estimate]:
@@ -199,9 +187,7 @@ def _linear_estimates(linear: Array, covariance: Array, *, blocks: int = 0) -> d
         low, high = value - quantile * deviation, value + quantile * deviation
         remedy = remedy_of(name, value, deviation, low, high, has_truth=True)
         unit = PARAMETERS[name].unit if name in PARAMETERS else UNITS[name]
-        table[name] = Estimate(
-            value=value, low=low, high=high, unit=unit, is_profile=False, is_determined=not remedy, remedy=remedy
-        )
+        table[name] = Estimate(value=value, low=low, high=high, unit=unit, remedy=remedy)
     return table
 
 

@@ -75,18 +75,15 @@ def fit_gyro(drive: Drive) -> GyroFit:
     # An uncertain walk widens the bias: as far as it would be with the walk's upper end.
     deviation = max(deviation, fits[int(np.searchsorted(WALKS, inside[-1]))][1])
     walk, clear = float(WALKS[best]), bool(inside[-1] - inside[0] < 4.0 * CLEAR * WALKS[best])
-    rate, unit = "rad/s", "(rad/s)^2"
     estimates = {
-        "bias": Estimate(
-            value=bias, low=bias - Z * deviation, high=bias + Z * deviation, unit=rate, is_profile=False, is_determined=True
-        ),
+        "bias": Estimate(value=bias, low=bias - Z * deviation, high=bias + Z * deviation, unit="rad/s"),
         "variance": Estimate(
-            value=variance, low=variance / (1.0 + off), high=variance / max(1.0 - off, 0.1), unit=unit, is_profile=False,
-            is_determined=off < 2.0 * CLEAR, remedy="" if off < 2.0 * CLEAR else REMEDY,
+            value=variance, low=variance / (1.0 + off), high=variance / max(1.0 - off, 0.1), unit="(rad/s)^2",
+            remedy="" if off < 2.0 * CLEAR else REMEDY,
         ),
         "bias_walk": Estimate(
             value=walk, low=float(inside[0]), high=float(inside[-1]), unit="rad/s/sqrt(s)", is_profile=True,
-            is_determined=clear, remedy="" if clear else REMEDY,
+            remedy="" if clear else REMEDY,
         ),
     }  # fmt: skip
     return GyroFit(ImuNoise(variance=variance, bias_deviation=math.hypot(bias, deviation), bias_walk=walk), estimates, by_truth)

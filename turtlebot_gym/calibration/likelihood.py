@@ -14,14 +14,12 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.ekf import predict
@@ -108,6 +106,7 @@ def _surest(hypotheses: Hypotheses, weights: Three) -> Belief:
     return hypotheses.high if weights[1] > 0.5 else (hypotheses.low if weights[2] > 0.5 else hypotheses.true)
 
 
+@in_machine_code("likelihood of drives")
 def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, middle):
     rows, total, running, alone = len(time), 0.0, False, False
     hypotheses, weights = begin(Pose(0.0, 0.0, 0.0), tuning)
@@ -142,11 +141,6 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, middl
     return total
 
 
-@cache
-def _loop() -> Callable[..., float]:
-    return compiled(_of_innovations, "likelihood of drives")
-
-
 def tuning_of(noise: Noise) -> FilterTuning:
     """Return the tuning that the likelihood assumes: the noise, without floors."""
     odometry = noise.odometry
@@ -166,4 +160,4 @@ def innovations(rows: Rows, noise: Noise, *, middle: float) -> float:
         noise: Noise of the execution and of the poses. For true poses, its R says how well they are known.
         middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
     """
-    return _loop()(*rows, as_tuple(tuning_of(noise)), noise.odometry.bias, middle)
+    return _of_innovations(*rows, as_tuple(tuning_of(noise)), noise.odometry.bias, middle)

@@ -22,16 +22,7 @@ TURN = 2.0 * math.pi
 
 
 def check(drive: Drive, robot: Robot, where: str) -> None:
-    """Refuse a drive whose units are wrong, or in which nothing moves.
-
-    Args:
-        drive: The drive.
-        robot: Robot whose speed limits say which speeds are possible.
-        where: The file, for messages.
-
-    Raises:
-        ValueError: If a speed is impossible, a heading is in degrees, or the robot stands; the message says what to do.
-    """
+    """Refuse a drive whose units are wrong, as `require_units` does, or in which nothing moves, with a `ValueError`."""
     if len(drive) < FEWEST:
         why = "".join(f"; {remark}" for remark in drive.remarks)
         raise ValueError(f"{where}: only {len(drive)} rows are good, too few to calibrate; {FEWEST} are needed{why}.")

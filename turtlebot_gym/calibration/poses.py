@@ -8,9 +8,8 @@ covariances, one for positions and one for headings, are fitted too, and so is t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ from turtlebot_gym.calibration.execution import FEWEST, Execution, at_axle
 from turtlebot_gym.calibration.fit import Fit
 from turtlebot_gym.calibration.likelihood import tuning_of
 from turtlebot_gym.calibration.regression import JUMP, MOST, ROUNDS
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.estimation.ekf import predict
@@ -110,6 +109,7 @@ def _calmed(belief: Belief, share: float) -> Belief:
     ))  # fmt: skip
 
 
+@in_machine_code("likelihood of poses")
 def _of_poses(time, twist, poses, whiteners, due, joined, noise, tuning, marker, spread, middle, white):
     total, running = 0.0, False
     nowhere = Covariance(WIDE, 0.0, 0.0, 0.0, 0.0, WIDE, 0.0, 0.0, 0.0, WIDE, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -133,18 +133,13 @@ def _of_poses(time, twist, poses, whiteners, due, joined, noise, tuning, marker,
     return total
 
 
-@cache
-def _loop() -> Callable[..., float]:
-    return compiled(_of_poses, "likelihood of poses")
-
-
 def _innovations(rows: Poses, model: Noise, integrator: str) -> tuple[float, Array]:
     """Return the log-likelihood of poses under a model of `FITTED`, and their white innovations, shape (T, 3), NaN for none."""
     R, white = model.odometry.R, np.full((len(rows.time), 3), np.nan)
     spread = max(math.sqrt(R[0]), LEAST), max(math.sqrt(R[2]), LEAST)
     tuning = as_tuple(tuning_of(Noise(process=model.process)))
     middle = choose("integrator", integrator, INTEGRATORS)
-    return _loop()(*rows, tuning, model.odometry.bias, spread, middle, white), white
+    return _of_poses(*rows, tuning, model.odometry.bias, spread, middle, white), white
 
 
 def _likelihood(rows: Poses, integrator: str) -> Likelihood:

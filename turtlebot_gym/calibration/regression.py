@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from turtlebot_gym.calibration.banded import whitener
+from turtlebot_gym.calibration.banded import whiten
 from turtlebot_gym.calibration.motions import Array, Motions
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 
@@ -158,7 +158,7 @@ def _solve(model: _Model, variances: Array, guess: Array, prior: Array) -> Regre
     bands = np.tensordot(variances, model.parts[: len(variances)], axes=1)
     bands[:, 0] += model.resolution**2
     white = np.column_stack([model.rest(guess).reshape(-1), model.X])
-    determinant = whitener()(bands, white)
+    determinant = whiten(bands, white)
     if not math.isfinite(determinant):
         raise ValueError("the covariance is singular.")
     z, W = white[:, 0], white[:, 1:]

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import least_squares
 
-from turtlebot_gym.calibration.alignment import NO_SHIFT, SAME_FRAME
 from turtlebot_gym.calibration.calibrate import Calibration
 from turtlebot_gym.calibration.coordinates import ALPHAS, PARAMETERS, value_of, with_values
 from turtlebot_gym.calibration.diagnosis import Verdict
@@ -150,11 +149,6 @@ def calibrate_by_tape(legs: Sequence[Leg], *, start: Noise = WHEEL) -> Calibrati
         kind=WHEELS,
         has_truth=False,
         integrator="midpoint",
-        segment=0.0,
-        segments=0,
-        delay=NO_SHIFT,
-        truth_delay=NO_SHIFT,
-        frame=SAME_FRAME,
         remarks=tuple(dict.fromkeys(remark for leg in legs for remark in leg.drive.remarks)),
         drive=legs[0].drive,
         measured=numbers,
@@ -163,10 +157,7 @@ def calibrate_by_tape(legs: Sequence[Leg], *, start: Noise = WHEEL) -> Calibrati
 
 def _estimate(fit: _Fit, at: int, remedy: str) -> Estimate:
     value, off = float(fit.wheels[at]), Z * math.sqrt(fit.covariance[at, at])
-    unit = PARAMETERS[NAMES[at]].unit
-    return Estimate(
-        value=value, low=value - off, high=value + off, unit=unit, is_profile=False, is_determined=not remedy, remedy=remedy
-    )
+    return Estimate(value=value, low=value - off, high=value + off, unit=PARAMETERS[NAMES[at]].unit, remedy=remedy)
 
 
 def _require_likely(leg: Leg, path: Steps) -> None:

@@ -9,15 +9,17 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, wraps
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from turtlebot_gym import kernel
 from turtlebot_gym.kernel import HAS_NUMBA
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 _LLVM_OPTIONS = ("-memory-check-merge-threshold=4000",)
 """LLVM proves with one check per group of addresses that a tile does not overlap the parameters, but stops grouping
@@ -79,6 +81,16 @@ def _compilers() -> str:
     sources = [Path(module.__file__ or "").read_text("utf-8") for module in (kernel, kernel.intrinsics)]  # nobody calls them
     parts = (*_LLVM_OPTIONS, options.OPT, options.LOOP_VECTORIZE, options.SLP_VECTORIZE, options.BOUNDSCHECK, *sources)
     return f"{numba.__version__} {llvmlite.__version__} {sys.implementation.cache_tag} {parts}"
+
+
+def in_machine_code(name: str) -> Callable[[F], F]:
+    """Decorate a function that is `compiled` at its first call: numba is not imported before."""
+
+    def decorate(function: F) -> F:
+        make = cache(lambda: compiled(function, name))
+        return wraps(function)(lambda *arguments: make()(*arguments))  # type: ignore[return-value]
+
+    return decorate
 
 
 def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False) -> Callable[..., Any]:

@@ -127,7 +127,8 @@ class Engine:
         with self._lock:
             self._mujoco.mj_setState(self._model, self._data, np.array(physics), self._kept)
             for command, rest in zip(commands, (steps - lead, lead), strict=True):
-                self._set(command)
+                rim, radius = 0.5 * command.omega * self._burger.wheel_separation, self._burger.wheel_radius
+                self._data.ctrl[:] = (command.v - rim) / radius, (command.v + rim) / radius
                 while rest > 0:
                     count = min(rest, reading)
                     angles = self._angles()
@@ -137,10 +138,6 @@ class Engine:
                     wheels = advance(wheels, twist.v, twist.omega, time, _MIDDLE)
                     rest -= count
             return _Driven(self._truth(), wheels, twist, self._read())
-
-    def _set(self, command: Command) -> None:
-        rim = 0.5 * command.omega * self._burger.wheel_separation
-        self._data.ctrl[:] = (command.v - rim) / self._burger.wheel_radius, (command.v + rim) / self._burger.wheel_radius
 
     def _angles(self) -> tuple[float, float]:
         left, right = self._data.qpos[7:9].tolist()

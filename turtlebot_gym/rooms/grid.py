@@ -91,6 +91,19 @@ class GridMap:
         return field
 
 
+def charted(scene: Scene, cut: int = 0) -> GridMap:
+    """Return the map of a drawn room that a localizer has, of which its field says which cells are occupied.
+
+    Args:
+        scene: The room.
+        cut: Width of the border that is left out, cells.
+    """
+    (rows, columns), (x, y, cosine, sine, side) = scene.field.shape, scene.field_frame.tolist()
+    inside = scene.field[cut : rows - cut, cut : columns - cut]
+    corner = Pose(x + cut * side * (cosine - sine), y + cut * side * (sine + cosine), math.atan2(sine, cosine))
+    return GridMap(cells=np.where(inside < 0.0, OCCUPIED, FREE).astype(np.int8), resolution=side, origin=corner)
+
+
 def grid_of(message: Any) -> GridMap:
     """Return the map of a ``nav_msgs/OccupancyGrid``; its resolution is the shortest decimal nearest to that of the message.
 

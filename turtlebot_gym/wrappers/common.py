@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.models.random import MAX_SEED, SENSOR, episode_key, normals, sub_key
 from turtlebot_gym.validation import Range
 
@@ -143,7 +142,7 @@ class Sensor:
         # Normal numbers are drawn in pairs.
         draws = np.empty((len(self._seeds), self._draws + self._draws % 2))
         if self._draws:
-            _filler()(self._seeds, self._episodes, self._steps, draws)
+            _fill(self._seeds, self._episodes, self._steps, draws)
         draws = draws[0, : self._draws] if alone else draws[:, : self._draws]
         numbers, shape = ask(self._measure, info, draws), (*draws.shape[:-1], len(self.low))
         if numbers.shape != shape:
@@ -158,13 +157,9 @@ def _seeds_of(seed: Any, rows: int) -> list[int | None]:
     return [seed + row for row in range(rows)] if isinstance(seed, (int, np.integer)) else list(seed)
 
 
+@in_machine_code("noise of wrappers")
 def _fill(seeds, episodes, steps, draws):
     for row in range(len(seeds)):
         key = sub_key(episode_key(int(seeds[row]), int(episodes[row])), SENSOR)
         for stream in range(draws.shape[1] // 2):
             draws[row, 2 * stream], draws[row, 2 * stream + 1] = normals(key, int(steps[row]), stream)
-
-
-@cache
-def _filler() -> Callable[..., None]:
-    return compiled(_fill, "noise of wrappers")

@@ -129,15 +129,7 @@ class TransitionReward(_RowsWrapper, RecordConstructorArgs):
 class AppendSensor(_RowsWrapper, RecordConstructorArgs):
     """Append the values of an additional sensor to the observations, see `turtlebot_gym.wrappers.AppendSensor`.
 
-    Args:
-        env: See there; environments of this package have more infos with ``info="full"``.
-        measure: See there; called for all rows at once.
-        low: See there.
-        high: See there.
-        draws: See there.
-
-    Raises:
-        ValueError: As there.
+    Its function is called for all rows at once; environments of this package have more infos with ``info="full"``.
     """
 
     def __init__(self, env: VectorEnv, measure: Callable[..., Any], *, low: ArrayLike, high: ArrayLike, draws: int = 0) -> None:
@@ -173,15 +165,7 @@ class AppendSensor(_RowsWrapper, RecordConstructorArgs):
 
 
 class SmoothAction(_RowsWrapper, RecordConstructorArgs):
-    """Pass actions through a first-order low-pass filter, see `turtlebot_gym.wrappers.SmoothAction`.
-
-    Args:
-        env: See there.
-        share: See there.
-
-    Raises:
-        ValueError: As there.
-    """
+    """Pass actions through a first-order low-pass filter, see `turtlebot_gym.wrappers.SmoothAction`."""
 
     def __init__(self, env: VectorEnv, share: float) -> None:
         RecordConstructorArgs.__init__(self, share=share)

@@ -65,6 +65,8 @@ SPACES: dict[str, dict[str, BaseDistribution]] = {
     "td3": {**_COMMON, **_NETWORK, **_OFF_POLICY, "noise_std": FloatDistribution(0.05, 0.5)},
 }
 """Search space of each algorithm: names of hyper-parameters, with a dot if nested, and their ranges."""
+_PRUNER = optuna.pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=1)
+_FINISHED = (TrialState.COMPLETE, TrialState.PRUNED)
 
 
 def tune(
@@ -105,7 +107,7 @@ def tune(
     for name, number in (("trials", trials), ("generation", 1 if generation is None else generation)):
         whole(name, number, 1, 1_000_000)
     study = _open_study(folder, storage, config, {} if generation is None else {"generation": generation})
-    while (finished := len(_finished(study))) < trials:
+    while (finished := len(study.get_trials(states=_FINISHED))) < trials:
         progress(finished)
         if generation is None:
             _try_next(study, config, space)
@@ -136,7 +138,7 @@ def _try_generation(
     **placed: Any,
 ) -> None:
     """Run what is missing of a generation, up to a total number of trials."""
-    finished = _finished(study)
+    finished = study.get_trials(states=_FINISHED)
     number, done = divmod(len(finished), size)
     before = sorted(finished, key=lambda trial: trial.number)[: number * size]
     # An interrupted generation is drawn again from the same seed, and those of its trials that are done are left out.
@@ -170,7 +172,7 @@ class Trial:
     def run(self) -> Result:
         """Train until the end, or until the trial is pruned."""
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        study = optuna.create_study(direction="maximize", pruner=_pruner())
+        study = optuna.create_study(direction="maximize", pruner=_PRUNER)
         study.add_trials([_restored(trial) for trial in self.earlier])
         trial = study.ask()
         with unpacked(self.training.files) as places:
@@ -191,7 +193,7 @@ def _open_study(folder: Path, storage: str | None, config: TrainingConfig, more:
             storage=_storage(storage or f"sqlite:///{folder / 'study.db'}"),
             load_if_exists=True,
             direction="maximize",
-            pruner=_pruner(),
+            pruner=_PRUNER,
         )
     except (OSError, ImportError, SQLAlchemyError, optuna.exceptions.OptunaError) as error:
         raise ValueError(f"storage must be a file or the URL of a database, got {storage!r}: {error}") from error
@@ -209,15 +211,6 @@ def _storage(name: str) -> optuna.storages.BaseStorage | str:
         return name
     Path(name).parent.mkdir(parents=True, exist_ok=True)
     return JournalStorage(JournalFileBackend(name))
-
-
-def _pruner() -> optuna.pruners.BasePruner:
-    return optuna.pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=1)
-
-
-def _finished(study: optuna.Study) -> list[FrozenTrial]:
-    """Return the trials that ended regularly."""
-    return study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
 
 
 class _Sampler(optuna.samplers.TPESampler):

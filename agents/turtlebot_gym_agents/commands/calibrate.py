@@ -14,8 +14,7 @@ import tyro
 from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
-from turtlebot_gym_agents.commands.placed import Placed
-from turtlebot_gym_agents.commands.recorded import Recorded
+from turtlebot_gym_agents.commands.recorded import Placed, Recorded
 from turtlebot_gym_agents.outputs import Output
 from turtlebot_gym_agents.provenance import write_json
 
@@ -174,7 +173,7 @@ def _result_of(fitted: Calibration) -> dict[str, object]:
     return plain | {
         "noise": asdict(fitted.noise),
         "likeliest": asdict(fitted.likeliest),
-        "estimates": {name: asdict(estimate) for name, estimate in fitted.estimates.items()},
+        "estimates": {name: asdict(each) | {"is_determined": each.is_determined} for name, each in fitted.estimates.items()},
         "unknown": fitted.unknown,
         "verdict": fitted.verdict._asdict(),
         "delay": fitted.delay._asdict(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import codecs
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -181,22 +181,17 @@ def print_tables(*tables: Table, keys: int | None = None) -> None:
 
 def write_anywhere(*streams: Any) -> None:
     """Let streams write what their encoding lacks in ASCII, so that no result is lost behind its work."""
-    codecs.register_error("turtlebot_gym", lambda error: (_in_ascii(error), error.end))  # type: ignore[attr-defined]
+
+    def in_ascii(error: Any) -> str:
+        return "".join("+-" if sign == "\u00b1" else "?" for sign in error.object[error.start : error.end])
+
+    codecs.register_error("turtlebot_gym", lambda error: (in_ascii(error), error.end))  # type: ignore[attr-defined]
     for stream in streams:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="turtlebot_gym")
-
-
-def _in_ascii(error: Any) -> str:
-    return "".join("+-" if sign == "\u00b1" else "?" for sign in error.object[error.start : error.end])
 
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure; its folder is created if missing."""
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
-
-
-def columns_of(pairs: Sequence[str]) -> dict[str, str]:
-    """Return the columns of a table by quantity, given as QUANTITY=COLUMN."""
-    return {name: column for name, _, column in (pair.partition("=") for pair in pairs)}

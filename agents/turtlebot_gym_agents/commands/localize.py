@@ -12,8 +12,7 @@ import tyro
 
 from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
-from turtlebot_gym_agents.commands.placed import Placed
-from turtlebot_gym_agents.commands.recorded import Recorded
+from turtlebot_gym_agents.commands.recorded import Placed, Recorded
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:

@@ -59,7 +59,7 @@ def _print(entries: Sequence[dict[str, Any]]) -> None:
         "setting", "entry", "success or goals, %", "time*, s", "collision, %", "lost, % of the time", "estimate off by, m",
         title=protocol.FORMAT, caption="with 95 % intervals; * failures count as the time limit",
     )  # fmt: skip
-    for name in protocol.names_in(entries):
+    for name in protocol.SETTINGS:
         table.add_section()
         for entry in entries:
             if row := entry["rows"].get(name):
@@ -67,7 +67,8 @@ def _print(entries: Sequence[dict[str, Any]]) -> None:
                 shares = (_ends(part, 1, 100.0) for part in (reached, row.get("collision"), row.get("lost")))
                 success, collision, lost = shares
                 error = _ends(row["estimate_position_mean"], 3)
-                table.add_row(name, protocol.label_of(entry), success, _ends(row["time"], 2), collision, lost, error)
+                made = ", ".join(filter(None, map(entry["entry"].get, ("policy", "filter", "localizer"))))
+                table.add_row(name, made, success, _ends(row["time"], 2), collision, lost, error)
     print_tables(table, keys=2)
 
 

@@ -1,12 +1,19 @@
-"""The options of every command that reads recordings."""
+"""The options of every command that reads recordings, or localizes one in a map."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from turtlebot_gym.topics import Topics
-from turtlebot_gym_agents.commands.console import columns_of
+
+if TYPE_CHECKING:
+    from turtlebot_gym.drives.drive import Drive
+    from turtlebot_gym.rooms.grid import GridMap
+    from turtlebot_gym_agents.evaluation.by_map import Place
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,5 +30,41 @@ class Recorded:
 
     def reading(self) -> dict[str, Any]:
         """Return the options of `turtlebot_gym.drives.read`."""
+        columns = {name: column for name, _, column in (pair.partition("=") for pair in self.columns)}
         truth = None if self.truth in ("auto", "none") else self.truth
-        return {"topics": self.topics, "columns": columns_of(self.columns), "truth": truth}
+        return {"topics": self.topics, "columns": columns, "truth": truth}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed:
+    """How a recording is localized."""
+
+    localizer: str = "robot"
+    """Assumptions: robot, match, or a file of them (FILE.toml)."""
+    lidar: str = "lds01"
+    """LiDAR preset that match assumes."""
+    hits: bool = True
+    """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
+    start: tuple[float, float, float] | None = None
+    """Pose in the map at the first row, to 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
+
+    def place(self, map: Path, drive: Drive, name: Path) -> tuple[GridMap, Place]:
+        """Return a map, and the place of a drive in it."""
+        from turtlebot_gym.drives.drive import known
+        from turtlebot_gym.localization.tuning import make_localizer
+        from turtlebot_gym.rooms.lidar import LIDARS
+        from turtlebot_gym.rooms.maps import read_map
+        from turtlebot_gym.validation import choose
+        from turtlebot_gym.values import Pose
+        from turtlebot_gym_agents.evaluation.by_map import Place
+
+        tuning, grid = make_localizer(self.localizer, choose("lidar", self.lidar, LIDARS)), read_map(map).map
+        assert grid is not None
+        rows = np.flatnonzero(known(drive.truth))
+        if self.start is not None:
+            return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, Pose(*self.start))
+        if not len(rows):
+            raise ValueError(f"{name} holds no truth: --start must say where in the map the drive begins.")
+        first = int(rows[0])
+        start, R = Pose(*drive.truth[first].tolist()), (0.01, 0.01, 0.001)
+        return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, start, R, first)

@@ -41,7 +41,8 @@ def fitted(table: Table, width: int, *, keys: int | None = None) -> list[Table]:
     if not needs or _total([need.whole for need in needs]) <= width:
         return [table]
     if keys is None:
-        keys = 1 + next((at for at, column in enumerate(table.columns[1:]) if _is_of_numbers(column)), 0)
+        cells = [[Text.from_markup(str(cell)).plain for cell in column.cells] for column in table.columns[1:]]
+        keys = 1 + next((at for at, texts in enumerate(cells) if all(map(_is_number, texts))), 0)
     needs[:keys] = _key_needs(table.columns[:keys], width - max((need.least + BETWEEN for need in needs[keys:]), default=0))
     groups = _groups([need.least for need in needs], keys, width)
     parts = []
@@ -76,10 +77,6 @@ def _key_needs(columns: Sequence[Column], width: int) -> list[_Need]:
 
 def _is_number(text: str) -> bool:
     return _NUMBERS.fullmatch(text) is not None
-
-
-def _is_of_numbers(column: Column) -> bool:
-    return all(_is_number(Text.from_markup(str(cell)).plain) for cell in column.cells)
 
 
 def _total(widths: Sequence[int]) -> int:

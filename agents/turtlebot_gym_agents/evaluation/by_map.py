@@ -7,9 +7,7 @@ revolution, from where the wheels' errors in beams before and after it cancel.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.calibration import Calibration, calibrate
 from turtlebot_gym.calibration.poses import Scanned
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.localization.alone import alone
@@ -62,6 +60,7 @@ class Mapped(NamedTuple):
     """Where in them the drive's rows are, shape (T,)."""
 
 
+@in_machine_code("poses of single scans")
 def _each_alone(
     time: Any, odometry: Any, rows: Any, at: Any, last: Any, ranges: Any, beams: Any, timing: Any, field: Any, frame: Any,
     q: Any, starts: Any, scale: Any, poses: Any, covariances: Any, fits: Any,
@@ -85,11 +84,6 @@ def _each_alone(
             k += 1
 
 
-@cache
-def _loop() -> Callable[..., Any]:
-    return compiled(_each_alone, "poses of single scans")
-
-
 def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Mapped:
     """Return a drive with the poses of its scans as truth, for `calibrate`.
 
@@ -111,7 +105,7 @@ def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Ma
     row = nearest(recorded.time[where], middle)
     number = len(recorded.rows)
     poses, covariances, fits = np.empty((number, 3)), np.empty((number, 3, 3)), np.empty(number)
-    _loop()(
+    _each_alone(
         recorded.time, recorded.odometry, recorded.rows, where[row].astype(np.int64), recorded.last,
         recorded.ranges, directions(recorded.angles), Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max),
         field, frame, as_tuple(tuning), course.poses, course.scale, poses, covariances, fits,

@@ -59,11 +59,6 @@ def simulated_log(
     )
 
 
-def measured_log(drive: Drive, *, noise: str | Noise = "documented", seed: int = 0, rate: float = 10.0) -> Drive:
-    """Return a recorded drive with measured poses generated from its true ones, as in `replay`."""
-    return replace(drive, odometry=replay(drive, noise=noise, seed=seed, rate=rate).odometry)
-
-
 class _Judged(NamedTuple):
     """Accuracy and consistency of a filter on a drive, for each seed."""
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drives.drive import Drive, heading_error, known, position_error
 from turtlebot_gym.estimation.consistency import nees
@@ -69,6 +67,7 @@ class Course(NamedTuple):
     """Share by which ranges are too long, at the end."""
 
 
+@in_machine_code("localizer of recordings")
 def _follow(
     time: Any, odometry: Any, rows: Any, last: Any, ranges: Any, beams: Any, timing: Any, field: Any, frame: Any, q: Any,
     located: Any, first: int, course: Any, states: Any,
@@ -104,11 +103,6 @@ STATES = {"tracking": TRACKING, "unsure": UNSURE, "lost": LOST}
 """States of a localizer by name."""
 
 
-@cache
-def _follower() -> Callable[..., Any]:
-    return compiled(_follow, "localizer of recordings")
-
-
 def localize(
     recorded: Recorded,
     field: NDArray[np.float32],
@@ -134,7 +128,7 @@ def localize(
     q: Any = as_tuple(tuning)
     course, states = np.full((len(time), 10), np.nan), np.zeros(len(time), np.int64)
     timing = Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max)
-    located = _follower()(
+    located = _follow(
         time, recorded.odometry, recorded.rows, recorded.last, recorded.ranges, directions(recorded.angles), timing, field,
         frame, q, locate(start, R, q), first, course, states,
     )  # fmt: skip

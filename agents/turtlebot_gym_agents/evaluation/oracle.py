@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.rooms.geodesic import UNREACHED, cell_of, centre_of, extent
@@ -48,7 +46,7 @@ class Oracle:
         """Return actions (N, 2); the observations are ignored."""
         scenes, states, goals = self._envs.truth()
         targets = np.empty((len(states), 2))
-        _finder()(scenes, states, goals, self._p.robot.radius + KEPT, targets)
+        _find_targets(scenes, states, goals, self._p.robot.radius + KEPT, targets)
         moved, turned = arc(states[:, 3], states[:, 4], self._p.dt)
         # Into the body frame, as complex numbers.
         to = (targets - states[:, :2]) @ np.array([1.0, 1j]) * np.exp(-1j * states[:, 2])
@@ -89,6 +87,7 @@ def _is_clear(scene, x, y, to_x, to_y, distance):
     return nearest >= distance
 
 
+@in_machine_code("targets of the oracle")
 def _find_targets(scenes, states, goals, distance, targets):
     for index in range(len(states)):
         scene = scene_at(scenes, index)
@@ -96,8 +95,3 @@ def _find_targets(scenes, states, goals, distance, targets):
         targets[index] = goals[index, :2]
         if not _is_clear(scene, x, y, goals[index, 0], goals[index, 1], distance):
             _follow(scene, x, y, distance, targets[index])
-
-
-@cache
-def _finder() -> Callable[..., None]:
-    return compiled(_find_targets, "targets of the oracle")

@@ -6,7 +6,7 @@ beside these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -111,14 +111,3 @@ def read_entry(path: Path) -> dict[str, Any]:
         given = content.get("format") if isinstance(content, dict) else content
         raise ValueError(f"{path}: it must be an entry of {FORMAT}, got {shown(given)}.")
     return content
-
-
-def label_of(entry: dict[str, Any]) -> str:
-    """Return what a table calls an entry."""
-    told = entry["entry"]
-    return ", ".join(str(part) for part in (told["policy"], told["filter"], told["localizer"]) if part)
-
-
-def names_in(entries: Sequence[dict[str, Any]]) -> list[str]:
-    """Return the settings that some entry has, in the protocol's order."""
-    return [name for name in SETTINGS if any(name in entry["rows"] for entry in entries)]

@@ -75,27 +75,41 @@ def _figures(envs: VectorEnv, policy: Policy, *, seed: int = EVALUATION_SEED) ->
     return {"success": float(success.mean()), "return": float(returns.mean()), "steps_to_end": float(steps.mean())}
 
 
-class CheckpointCallback(BaseCallback):
+class Callback(BaseCallback):
+    """A callback that acts between rollouts and lets every step go on.
+
+    Args:
+        seconds: Least time between two actions, extended if one would take more than a twentieth of the time.
+    """
+
+    def __init__(self, *, seconds: float = 0.0) -> None:
+        super().__init__()
+        self._seconds, self._due = seconds, 0.0
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _wait_after(self, begun: float) -> None:
+        """Set when the next action is due, after one that began at a monotonic time, s, and has ended now."""
+        now = time.monotonic()
+        self._due = now + max(self._seconds, 20.0 * (now - begun))
+
+
+class CheckpointCallback(Callback):
     """Save the model at intervals and at the end, including the replay buffer of algorithms that have one.
 
     Args:
         path: The file, replaced atomically. The replay buffer is beside it, see `model.replay_path`.
-        seconds: Least time between two checkpoints, extended if saving would take more than a twentieth of the time.
+        seconds: Least time between two checkpoints, see `Callback`.
     """
 
     def __init__(self, path: Path, *, seconds: float = 5.0) -> None:
-        super().__init__()
-        self._path = path
-        self._seconds = seconds
-        self._due = 0.0
-        self._saved = 0
+        super().__init__(seconds=seconds)
+        self._path, self._saved = path, 0
 
     def _on_training_start(self) -> None:
-        self._due = time.monotonic() + self._seconds
+        self._wait_after(time.monotonic())
         self._saved = self.num_timesteps
-
-    def _on_step(self) -> bool:
-        return True
 
     def _on_rollout_start(self) -> None:
         if time.monotonic() >= self._due and self.num_timesteps > self._saved:
@@ -108,9 +122,7 @@ class CheckpointCallback(BaseCallback):
         begun = time.monotonic()
         save_checkpoint(self.model, self._path)
         self._saved = self.num_timesteps
-        ended = time.monotonic()
-        # Saving takes at most a twentieth of the time.
-        self._due = ended + max(self._seconds, 20.0 * (ended - begun))
+        self._wait_after(begun)
 
 
 class EvaluationCallback(BaseCallback):
@@ -135,11 +147,7 @@ class EvaluationCallback(BaseCallback):
         go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
     ) -> None:
         super().__init__()
-        self._envs = envs
-        self._every = every
-        self._path = path
-        self._seed = seed
-        self._go_on = go_on
+        self._envs, self._every, self._path, self._seed, self._go_on = envs, every, path, seed, go_on
         self._next = every
         self.stopped = False
         """Whether `go_on` has ended the training."""
@@ -190,7 +198,7 @@ class EvaluationCallback(BaseCallback):
         return {"steps": float(self.model.num_timesteps), **_figures(self._envs, policy_of(self.model), seed=self._seed)}
 
 
-class RecordCallback(BaseCallback):
+class RecordCallback(Callback):
     """Write what a run depends on into its folder when it begins, and the bundle of its best model when it ends.
 
     Args:
@@ -209,9 +217,6 @@ class RecordCallback(BaseCallback):
         self._folder.mkdir(parents=True, exist_ok=True)
         replace_json(self._folder / "config.json", self._record)
 
-    def _on_step(self) -> bool:
-        return True
-
     def _on_training_end(self) -> None:
         seconds = round(time.monotonic() - self._begun, 1)
         about = {**self._record, "steps": self.num_timesteps, "seconds": seconds, "evaluation": self._judge.best}
@@ -229,8 +234,7 @@ class ProgressCallback(BaseCallback):
 
     def __init__(self, total: int, *, label: str = "training") -> None:
         super().__init__()
-        self._total = total
-        self._label = label
+        self._total, self._label = total, label
         self._success: deque[bool] = deque(maxlen=200)
         self._progress = Progress(
             TextColumn("{task.description}"),

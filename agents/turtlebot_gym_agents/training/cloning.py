@@ -25,6 +25,7 @@ from torch import nn
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import require_layout
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory
+from turtlebot_gym_agents.training.callbacks import Callback
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.model import parameters_of
 from turtlebot_gym_agents.training.optimizer import Adam
@@ -114,7 +115,7 @@ def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, seen: tor
             optimizer.step()
 
 
-class WarmUpCallback(BaseCallback):
+class WarmUpCallback(Callback):
     """Let the critic alone learn at first.
 
     Args:
@@ -125,16 +126,7 @@ class WarmUpCallback(BaseCallback):
         super().__init__()
         self._steps = steps
 
-    def _on_training_start(self) -> None:
-        self._learn(self.num_timesteps >= self._steps)
-
-    def _on_step(self) -> bool:
-        return True
-
     def _on_rollout_start(self) -> None:
-        self._learn(self.num_timesteps >= self._steps)
-
-    def _learn(self, actions: bool) -> None:
         assert isinstance(self.model.policy, ActorCriticPolicy)
         for parameter in _actor(self.model.policy):
-            parameter.requires_grad_(actions)
+            parameter.requires_grad_(self.num_timesteps >= self._steps)

@@ -259,7 +259,9 @@ def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
     """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
     content = dict(hyper)
     if isinstance(content.get("policy_kwargs"), dict):
-        content["policy_kwargs"] = _write_keywords(content["policy_kwargs"])
+        given = hyper["policy_kwargs"].items()
+        words = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in given)
+        content["policy_kwargs"] = f"dict({', '.join(words)})"
     with replacing(path) as beside:
         beside.write_text(yaml.safe_dump({env: content}, sort_keys=False, width=128), encoding="utf-8")
 
@@ -284,12 +286,6 @@ def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, 
     elif hyper["n_envs"] > 1 and "episode" in str(hyper.get("train_freq")):
         raise ValueError(f"train_freq must be in steps where n_envs is more than 1, got {hyper['train_freq']!r}.")
     return hyper
-
-
-def _write_keywords(keywords: Mapping[str, Any]) -> str:
-    """Return text that `_read_keywords` reads back, and that the zoo evaluates to the same."""
-    written = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in keywords.items())
-    return f"dict({', '.join(written)})"
 
 
 def _read_keywords(text: str) -> dict[str, Any]:

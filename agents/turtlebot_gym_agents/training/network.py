@@ -95,15 +95,6 @@ def write_checked(
     return difference
 
 
-class _Clipped(nn.Module):
-    def __init__(self, network: nn.Module) -> None:
-        super().__init__()
-        self.network = network
-
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        return torch.clamp(self.network(observation), -1.0, 1.0)
-
-
 def program_of(network: nn.Module, size: int) -> ModelProto:
     """Return a network with clipped actions as ONNX, by torch's exporter."""
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
@@ -113,7 +104,7 @@ def program_of(network: nn.Module, size: int) -> ModelProto:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # torch's exporter uses deprecated parts of torch
             program = torch.onnx.export(
-                _Clipped(network).eval(),
+                nn.Sequential(network, nn.Hardtanh()).eval(),  # clips to [-1, 1]
                 (torch.zeros(2, size),),
                 input_names=["observation"],
                 output_names=["action"],

@@ -9,10 +9,10 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import KVWriter
 
 from turtlebot_gym_agents.provenance import provenance
+from turtlebot_gym_agents.training.callbacks import Callback
 from turtlebot_gym_agents.training.config import TrainingConfig
 
 PROJECT = "turtlebot-gym"
@@ -21,7 +21,7 @@ RUN_FILE = "wandb-run"
 """File in a training's folder with its run's id, which a resumed training reads."""
 
 
-class WandbCallback(BaseCallback):
+class WandbCallback(Callback):
     """Send what Stable-Baselines3 logs, TensorBoard's curves, to a run of Weights & Biases.
 
     wandb reads its own environment variables: with ``WANDB_MODE=offline`` nothing leaves the machine, and ``wandb sync``
@@ -54,9 +54,6 @@ class WandbCallback(BaseCallback):
         for name, best in (("return", "max"), ("success", "max"), ("steps_to_end", "min")):
             self._run.define_metric(f"eval/{name}", summary=best)
         self.logger.output_formats.append(_Writer(self._run))
-
-    def _on_step(self) -> bool:
-        return True
 
     def _on_training_end(self) -> None:
         formats = self.logger.output_formats

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import time
 
-from stable_baselines3.common.callbacks import BaseCallback
-
 from turtlebot_gym.drives import Drive, Growing
-from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, policy_of
+from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, Callback, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.watch import record_episode
 from turtlebot_gym_agents.watch.server import Server
 
-SHARE = 20.0
-"""Inverse of the largest share of the time that episodes may take."""
 
-
-class WatchCallback(BaseCallback):
+class WatchCallback(Callback):
     """Drive the same episode with the current policy now and then, and serve the newest drive to browsers.
 
     Args:
         config: Configuration of the training.
-        seconds: Least time between two episodes.
+        seconds: Least time between two episodes, see `Callback`.
         port: Port on this machine; 0 for any free port.
     """
 
     def __init__(self, config: TrainingConfig, *, seconds: float = 5.0, port: int = 5006) -> None:
-        super().__init__()
-        self._config, self._seconds, self._port = config, seconds, port
-        self._due = 0.0
+        super().__init__(seconds=seconds)
+        self._config, self._port = config, port
         self.server: Server | None = None
         """Server of the view during training."""
 
@@ -43,12 +37,8 @@ class WatchCallback(BaseCallback):
         label = f"after {self.num_timesteps:,} steps"
         config = self._config
         drive = record_episode(policy_of(self.model), env=config.env, seed=EVALUATION_SEED, label=label, **config.options)
-        ended = time.monotonic()
-        self._due = ended + max(self._seconds, SHARE * (ended - begun))
+        self._wait_after(begun)
         return drive
-
-    def _on_step(self) -> bool:
-        return True
 
     def _on_rollout_start(self) -> None:
         if time.monotonic() >= self._due:

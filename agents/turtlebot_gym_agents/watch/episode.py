@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,12 +17,11 @@ from turtlebot_gym.drives import Drive, Seen, Surroundings, read
 from turtlebot_gym.localization.hypotheses import followed
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.charting import BORDER
-from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap, charted
 from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Parameters, Snapshot, system_of
-from turtlebot_gym.topics import Topics
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.evaluation.replay import replay, replayable
@@ -73,36 +72,16 @@ def record_episode(
     return _episode(rows, p, label=name, grid=grid, chart=chart)
 
 
-def read_recorded(
-    path: str | Path,
-    *,
-    topics: Topics | None = None,
-    columns: Mapping[str, str] | None = None,
-    truth: str | Path | None = None,
-    label: str | None = None,
-    lidar: str = "lds01",
-    **options: Any,
-) -> Drive:
+def read_recorded(path: str | Path, *, noise: str = "documented", **options: Any) -> Drive:
     """Read a recorded drive; over one of wheels and truth alone, the filter is run.
 
     Args:
         path: A recording, see `turtlebot_gym.drives.read`.
-        topics: As there.
-        columns: As there.
-        truth: As there.
-        label: Label in the view; by default the name of the file.
-        lidar: As there.
-        **options: For a drive in which no pose was measured, passed to `evaluation.replay.replay`.
-
-    Raises:
-        OSError: If the file cannot be read.
-        ValueError: If the file holds no drive; the message says what is missing.
-        ImportError: If the file is a bag and rosbags is missing.
+        noise: Noise of the filter's measurements, see `evaluation.replay.replay`.
+        **options: As for `turtlebot_gym.drives.read`, with its errors.
     """
-    drive = read(path, topics=topics, columns=columns, truth=truth, label=label, lidar=lidar)
-    if drive.has_truth and not drive.has_odometry:
-        return replay(replayable(drive), **options)
-    return drive
+    drive = read(path, **options)
+    return replay(replayable(drive), noise=noise) if drive.has_truth and not drive.has_odometry else drive
 
 
 def _scene_of(envs: VectorEnv) -> Scene | None:
@@ -198,8 +177,4 @@ def _chart_of(scene: Scene | None, p: Parameters) -> GridMap | None:
     """Return the map by which a robot localizes itself in a drawn room; None for none."""
     if scene is None or not p.localizer or p.room.rules.kind == GIVEN:
         return None
-    x, y, cosine, sine, side = scene.field_frame.tolist()
-    cut = BORDER - 1  # of the border one cell is drawn
-    cells = np.where(scene.field < 0.0, OCCUPIED, FREE).astype(np.int8)[cut:-cut, cut:-cut]
-    corner = Pose(x + cut * side * (cosine - sine), y + cut * side * (sine + cosine), math.atan2(sine, cosine))
-    return GridMap(cells=cells, resolution=side, origin=corner)
+    return charted(scene, BORDER - 1)  # of the border one cell is drawn

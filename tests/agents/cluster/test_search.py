@@ -202,7 +202,7 @@ def test_two_jobs_of_the_script_share_a_journal(tmp_path):
     assert [job.wait() for job in jobs] == [0, 0]
     storage = JournalStorage(JournalFileBackend(str(tmp_path / "shared" / "study.journal")))
     study = optuna.load_study(study_name="turtlebot-gym", storage=storage)
-    finished = module._finished(study)
+    finished = study.get_trials(states=module._FINISHED)
     assert 4 <= len(finished) <= 5  # both may have been at their last one
     assert len({str(trial.params) for trial in finished}) == len(finished)
     assert [(tmp_path / "shared" / f"job-{job}" / "best.yaml").is_file() for job in range(2)].count(True) >= 1

@@ -36,7 +36,7 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
     """
     declared = {item.name: item for owner in params for item in fields(owner)}
     kinds = {name: kind for owner in params for name, kind in get_type_hints(owner).items()}
-    texts = {name: text for owner in params for name, text in _descriptions(owner).items()}
+    texts = {name: text for owner in params for name, text in descriptions(owner).items()}
     constraints = {name: rule for owner in params for name, rule in rules(owner).items()}
     given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
     for name in given:
@@ -79,7 +79,7 @@ def _converted(name: str, value: Any, kind: type) -> Any:
     return value
 
 
-def _descriptions(params: type) -> dict[str, str]:
+def descriptions(params: type) -> dict[str, str]:
     """Return the docstring under each field of a class, on one line; empty if the source is not available."""
     try:
         (made,) = ast.parse(dedent(inspect.getsource(params))).body

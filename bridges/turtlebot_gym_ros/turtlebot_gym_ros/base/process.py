@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from threading import Thread
-from typing import Any, NoReturn, Protocol
+from typing import Any, NoReturn
 
 import rclpy
 from rclpy.context import Context
@@ -29,14 +29,6 @@ LAST_WORD = 4.0
 SETTLE = 0.3
 """Time in which the announcements of nodes that end at the same moment usually arrive, s."""
 _ENDINGS = (signal.SIGINT, signal.SIGTERM)
-
-
-class _Runnable(Protocol):
-    """What a `Runner` runs: a node, or an object around one, whose ``close`` then also destroys it."""
-
-    def close(self) -> None:
-        """Publish what is left to publish."""
-        ...
 
 
 class Runner:
@@ -63,16 +55,19 @@ class Runner:
         options = SignalHandlerOptions.NO
         rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
         self._executor = executor(context=self.context)
-        self._running: list[_Runnable] = []
+        self._running: list[Any] = []
         self._closing = False
         self._thread = Thread(target=self._spin, name="executor", daemon=True)
         self.failed: Callable[[], None] = lambda: None
         """Called if the thread ends with an error, after which no node runs any more."""
 
-    def add(self, runnable: _Runnable) -> None:
-        """Add a node; it runs at once if the runner has started."""
+    def add(self, runnable: Any) -> None:
+        """Add a node, or an object with one; it runs at once if the runner has started.
+
+        If it has a ``close``, that publishes what is left to publish, and of an object it also destroys the node.
+        """
         self._running.append(runnable)
-        self._executor.add_node(_node_of(runnable))
+        self._executor.add_node(getattr(runnable, "node", runnable))
 
     def start(self) -> None:
         """Start the thread."""
@@ -97,16 +92,13 @@ class Runner:
         if self._thread.is_alive():
             self._thread.join(0.5)
         for runnable in reversed(self._running):
-            runnable.close()
-            if isinstance(runnable, Node):
-                runnable.destroy_node()
+            if hasattr(runnable, "close"):
+                runnable.close()
+            if isinstance(runnable, Node) or not hasattr(runnable, "close"):
+                getattr(runnable, "node", runnable).destroy_node()
         self._running.clear()
         if self.context.ok():
             self.context.shutdown()
-
-
-def _node_of(runnable: Any) -> Node:
-    return runnable if isinstance(runnable, Node) else runnable.node
 
 
 def refuse(error: BaseException) -> int:
@@ -151,7 +143,7 @@ def _endings_wait() -> Iterator[Callable[..., bool]]:
 
 
 def run(
-    make: Callable[[Context], _Runnable],
+    make: Callable[[Context], Any],
     argv: Sequence[str] | None = None,
     *,
     in_thread: bool = False,

@@ -12,7 +12,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import MujocoBurger, make_plant
-from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
+from turtlebot_gym.rooms.grid import GridMap, charted
 from turtlebot_gym.rooms.lidar import DRIVERS, Lidar, beams_by
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, as_sent, obstacles_of
 from turtlebot_gym.rooms.worlds import require_a_way
@@ -211,7 +211,7 @@ class TurtlebotSimulator:
             }
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # other nodes handle the waypoints
         self._draws_map = bool(p.localizer) and not (plan and plan.map)
-        self._map = _drawn_map(self._episode.scene) if self._draws_map else (plan.map if plan else None)
+        self._map = charted(self._episode.scene) if self._draws_map else (plan.map if plan else None)
         if self._map:
             self.outputs = {**MAP_OUTPUTS, **self.outputs}  # first, since a localizer waits for it
         if plan:
@@ -233,7 +233,7 @@ class TurtlebotSimulator:
         """Begin the next episode."""
         self._episode.reset()
         if self._draws_map:
-            self._map = _drawn_map(self._episode.scene)
+            self._map = charted(self._episode.scene)
         self._uncertainty.reset()
         self._waiting.clear()
         self._begun = False
@@ -286,10 +286,3 @@ class TurtlebotSimulator:
         if at % SHOWN_EVERY == 0:
             said["obstacles"] = obstacles_of(episode.scene)
         return said
-
-
-def _drawn_map(scene: Any) -> GridMap:
-    """Return the map of a drawn room that the environment's localizer has, of which its field says which cells are occupied."""
-    x, y, cosine, sine, resolution = scene.field_frame.tolist()
-    cells = np.where(scene.field < 0.0, OCCUPIED, FREE)
-    return GridMap(cells=cells, resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))

@@ -11,12 +11,14 @@ import textwrap
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from turtlebot_gym import __version__, make_robot
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
+from turtlebot_gym_ros.base.parameters import descriptions
 from turtlebot_gym_ros.base.process import Runner, refuse
 from turtlebot_gym_ros.blocks.simulator import SPEECHES
 from turtlebot_gym_ros.field.findings import REFUSED, Finding, passed
@@ -31,15 +33,7 @@ WORDS = """It says before each motion what the robot will do, and waits for your
 emergency stop are alive and a press has stopped the guard. Ctrl-C stops the robot, and the report is written all the same."""
 
 
-NUMBERS = (
-    ("seconds", 5.0, "time to listen before anything moves, s"),
-    ("distance", 1.0, "straight to measure, m"),
-    ("turn", 360.0, "turn to measure, degrees"),
-    ("side", 1.0, "side of the square, m; like the other drives, 0 leaves it out"),
-    ("duration", 120.0, "length of the calibration drive, s"),
-    ("tape", 0.005, "half of the 95 %% interval of a distance, m"),
-    ("protractor", 2.0, "half of the 95 %% interval of a turn, degrees"),
-)
+NUMBERS = {item.name: item.default for item in fields(Field) if isinstance(item.default, float)}
 """Options that are numbers, with their defaults: fields of `Field`."""
 
 
@@ -87,7 +81,9 @@ def parser() -> argparse.ArgumentParser:
     options.add_argument("--noise", default="wheel", help="with --simulate: noise of the robot, a preset or FILE.yaml")
     options.add_argument("--yes", action="store_true", help="agree to every motion without being asked")
     options.add_argument("--answers", type=Path, help="YAML or JSON file: a_straight, a_turn and square, as measured")
-    for name, default, text in NUMBERS:
+    texts = descriptions(Field)
+    for name, default in NUMBERS.items():
+        text = texts.get(name, "").replace("%", "%%")
         options.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default {default:g})")
     return options
 
@@ -96,7 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the test, write the report, and return 0 if nothing was refused, else 1."""
     options = parser().parse_args(argv)
     folder = options.out or Path(time.strftime("field-test-%Y-%m-%dT%H-%M-%S"))
-    numbers = {name: getattr(options, name) for name, *_ in NUMBERS}
+    numbers = {name: getattr(options, name) for name in NUMBERS}
     try:
         make_robot(options.robot)
         answers: Any = load(options.answers) if options.answers else {}

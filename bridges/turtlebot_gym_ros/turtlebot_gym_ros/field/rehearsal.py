@@ -82,10 +82,6 @@ class Rehearsed:
             return math.degrees(turned(poses))
         return math.dist(poses[0][:2], poses[-1][:2])
 
-    def close(self) -> None:
-        """Destroy the node."""
-        self.node.destroy_node()
-
 
 class _Button(Node):
     """An emergency stop whose state comes line by line from the standard input: 1 for pressed."""
@@ -103,9 +99,6 @@ class _Button(Node):
     def _listen(self) -> None:
         for line in sys.stdin:
             self._pressed = line.strip() == "1"
-
-    def close(self) -> None:
-        """Say nothing more."""
 
 
 @contextmanager

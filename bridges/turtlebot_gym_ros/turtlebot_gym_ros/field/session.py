@@ -93,10 +93,6 @@ class Listener:
         finally:
             self.node.destroy_client(client)
 
-    def close(self) -> None:
-        """Destroy the node."""
-        self.node.destroy_node()
-
 
 def _end(info: Any) -> End:
     qos = info.qos_profile

@@ -43,13 +43,13 @@ class Field:
     folder: Path
     """Folder of the report; the bag and the noise file are beside it."""
     seconds: float = 5.0
-    """Time to listen, s."""
+    """Time to listen before anything moves, s."""
     distance: float = 1.0
     """Straight to measure, m."""
     turn: float = 360.0
     """Turn to measure, degrees."""
     side: float = 1.0
-    """Side of the square, m."""
+    """Side of the square, m; like the other drives, 0 leaves it out."""
     duration: float = 120.0
     """Length of the calibration drive, s."""
     tape: float = 0.005

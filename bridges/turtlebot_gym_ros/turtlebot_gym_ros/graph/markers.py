@@ -7,7 +7,8 @@ this node is gone.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from functools import partial
 
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA, Header
@@ -16,7 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from turtlebot_gym.plotting import BLACK, GREEN, VERMILLION
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
-from turtlebot_gym_ros.node.convert import register
+from turtlebot_gym_ros.node.convert import register, unread
 from turtlebot_gym_ros.node.geometry import quaternion_of
 from turtlebot_gym_ros.node.rooms import marker
 
@@ -35,8 +36,7 @@ def _color(html: str, opacity: float = 1.0) -> ColorRGBA:
     return ColorRGBA(r=red, g=green, b=blue, a=opacity)
 
 
-def _marker(header: Header, name: str, kind: int, scale: Sequence[float], color: ColorRGBA) -> Marker:
-    return marker(header, name, kind, scale, color, lifetime=LIFETIME)
+_marker = partial(marker, lifetime=LIFETIME)
 
 
 def _place(marker: Marker, pose: Pose) -> Marker:
@@ -68,8 +68,4 @@ def _scene_to_message(scene: Scene, header: Header) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def _refuse(message: MarkerArray) -> Scene:
-    raise ValueError("markers are for viewers and cannot be read back")
-
-
-register(Scene, MarkerArray, _refuse, _scene_to_message, in_world=True)
+register(Scene, MarkerArray, unread, _scene_to_message, in_world=True)

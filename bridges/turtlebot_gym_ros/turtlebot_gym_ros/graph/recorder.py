@@ -205,10 +205,6 @@ class Recorder:
             return np.arange(len(stamps), dtype=np.float64) * ((stamps[1] - stamps[0]) / 1e9)
         return np.array([(stamp - stamps[0]) / 1e9 for stamp in stamps])
 
-    def close(self) -> None:
-        """Destroy the node."""
-        self.node.destroy_node()
-
 
 def _columns(row: dict[str, Any]) -> dict[str, Any]:
     """Return the columns of a drive in a row of values by topic."""

@@ -77,10 +77,6 @@ class Watcher:
         """
         return self._begun.wait(timeout)
 
-    def close(self) -> None:
-        """Destroy the node."""
-        self.node.destroy_node()
-
     def _hear(self, topic: str) -> Callable[[Any], None]:
         def hear(message: Any) -> None:
             try:

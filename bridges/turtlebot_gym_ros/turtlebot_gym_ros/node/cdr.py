@@ -89,14 +89,6 @@ class _Reader:
         return SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds), frame_id=self.text())
 
 
-def _read_odometry(data: _Reader) -> SimpleNamespace:
-    return _odometry(data.header(), data.text(), data.numbers(_ODOMETRY, 8))
-
-
-def _read_twist(data: _Reader) -> SimpleNamespace:
-    return SimpleNamespace(header=data.header(), twist=_twist(data.numbers(_TWIST, 8)))
-
-
 def _read_diagnostics(data: _Reader) -> SimpleNamespace:
     head, status = data.header(), []
     for _ in range(data.count()):
@@ -127,10 +119,6 @@ def _write_odometry(message: Any) -> bytes:
     return _aligned(_with_text(_begin(message.header), message.child_frame_id), 8) + _ODOMETRY.pack(*numbers)
 
 
-def _write_twist(message: Any) -> bytes:
-    return _aligned(_begin(message.header), 8) + _TWIST.pack(*_SPEEDS(message.twist))
-
-
 def _write_diagnostics(message: Any) -> bytes:
     data = _aligned(_begin(message.header), 4) + _COUNT.pack(len(message.status))
     for status in message.status:
@@ -142,13 +130,13 @@ def _write_diagnostics(message: Any) -> bytes:
 
 
 _READERS: dict[type, Callable[[_Reader], SimpleNamespace]] = {
-    Odometry: _read_odometry,
-    TwistStamped: _read_twist,
+    Odometry: lambda data: _odometry(data.header(), data.text(), data.numbers(_ODOMETRY, 8)),
+    TwistStamped: lambda data: SimpleNamespace(header=data.header(), twist=_twist(data.numbers(_TWIST, 8))),
     DiagnosticArray: _read_diagnostics,
 }
 _WRITERS: dict[type, Callable[[Any], bytes]] = {
     Odometry: _write_odometry,
-    TwistStamped: _write_twist,
+    TwistStamped: lambda message: _aligned(_begin(message.header), 8) + _TWIST.pack(*_SPEEDS(message.twist)),
     DiagnosticArray: _write_diagnostics,
 }
 KINDS = frozenset(_READERS)

@@ -236,10 +236,11 @@ def _register_correction() -> None:
         to.x, to.y, made.transform.rotation = x, y, quaternion_of(theta)
         return TFMessage(transforms=[made])
 
-    register(Correction, TFMessage, _unread, write, in_world=True)
+    register(Correction, TFMessage, unread, write, in_world=True)
 
 
-def _unread(message: Any) -> Any:
+def unread(message: Any) -> Any:
+    """Refuse messages that only others read."""
     raise ValueError("no node takes it as an input")
 
 
@@ -303,7 +304,7 @@ register(
     in_world=True,
 )
 register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
-register(Located, PoseWithCovarianceStamped, _unread, _located_to_message, in_world=True)
-register(Places, PoseArray, _unread, _places_to_message, in_world=True)
+register(Located, PoseWithCovarianceStamped, unread, _located_to_message, in_world=True)
+register(Places, PoseArray, unread, _places_to_message, in_world=True)
 register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
 _register_correction()
