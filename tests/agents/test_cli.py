@@ -135,12 +135,15 @@ REFUSED = [
     (["train", "--wandb", "--store", "kept"], "leave out --cluster and --store"),
     (["evaluate", "--workers", "2"], "workers is an option of a cluster: add --cluster local."),
     (["evaluate", "--cluster", "auto", "--workers", "2"], "workers is for the cluster 'local', not for 'auto'"),
-    (["evaluate", "--cluster", "local", "--workers", "0"], "workers must be positive, got 0."),
-    (["benchmark", "--rounds", "0"], "rounds must be positive, got 0."),
-    (["benchmark", "--seconds", "nan"], "seconds must be positive and below 60, got nan."),
-    (["benchmark", "--busy", "-1"], "busy must not be negative, got -1."),
+    (["evaluate", "--cluster", "local", "--workers", "0"], "workers must be a whole number of at least 1, got 0."),
+    (["benchmark", "--rounds", "0"], "rounds must be a whole number of at least 1, got 0."),
+    (["benchmark", "--seconds", "nan"], "seconds must be a number above 0 and below 60, got nan."),
+    (["benchmark", "--busy", "-1"], "busy must be a whole number of at least 0, got -1."),
     (["benchmark", "--num-envs", "64", "64"], "num_envs must be different numbers from 2 on, got (64, 64)."),
-    *((["benchmark", "--tolerance", value], f"tolerance must be in [0, 1), got {value}.") for value in ("1.0", "nan")),
+    *(
+        (["benchmark", "--tolerance", value], f"tolerance must be a number of at least 0 and below 1, got {value}.")
+        for value in ("1.0", "nan")
+    ),
     (["benchmark", "--check", "no/such.json"], "no/such.json"),
     (["benchmark", "--check", "a.json", "--against", "."], "check and against exclude each other."),
     (["tune-baseline", "--policy", "ppo-nav"], "policy must be one of 'proportional', 'bearing', 'corner', 'polar', "),
@@ -148,8 +151,8 @@ REFUSED = [
     (["tune-baseline", "--tries", "0"], "tries must be a whole number of at least 1, got 0"),
     (["replay", "no/such/file.csv"], "no/such/file.csv"),
     (["video", "--fps", "30"], "fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50"),
-    (["video", "--out", "a.mp4", "--fps", "0"], "fps must be a positive whole number, got 0"),
-    (["video", "--speed", "nan"], "speed must be positive and finite, got nan"),
+    (["video", "--out", "a.mp4", "--fps", "0"], "fps must be a whole number of at least 1, got 0"),
+    (["video", "--speed", "nan"], "speed must be a positive number from 1e-15 to 1e+09, got nan"),
     (["video", "--width", "641"], "width must be an even whole number from 160 to 640, got 641"),
 ]
 

@@ -83,9 +83,9 @@ def test_bounds_of_a_mean_are_those_of_the_tables():
 @pytest.mark.parametrize(
     ("degrees", "runs", "false_alarm", "message"),
     [
-        (0, 5, 0.1, "degrees and runs must be at least 1, got 0 and 5."),
-        (5, 0, 0.1, "degrees and runs must be at least 1, got 5 and 0."),
-        *((5, 5, rate, f"false_alarm must be between 0 and 1, got {rate}.") for rate in (0.0, 1.0, math.nan)),
+        (0, 5, 0.1, "degrees must be a whole number of at least 1, got 0."),
+        (5, 0, 0.1, "runs must be a whole number of at least 1, got 0."),
+        *((5, 5, rate, f"false_alarm must be a number above 0 and below 1, got {rate}.") for rate in (0.0, 1.0, math.nan)),
     ],
 )
 def test_bounds_refuse_nonsense(degrees, runs, false_alarm, message):

@@ -205,7 +205,7 @@ def test_a_name_that_is_not_this_machines_is_not_served(host):
 
 def test_what_is_no_port_and_a_taken_one_are_refused():
     for port in (-1, 65_536):
-        with pytest.raises(ValueError, match="port must be from 0 to 65535"):
+        with pytest.raises(ValueError, match="port must be a whole number from 0 to 65535"):
             Server([], title="", live=False, port=port)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

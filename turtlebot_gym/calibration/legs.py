@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from turtlebot_gym.calibration.calibrate import detect_kind
 from turtlebot_gym.calibration.estimates import WHEELS
 from turtlebot_gym.drives import Drive, known
 from turtlebot_gym.models.angles import wrap_all
+from turtlebot_gym.validation import POSITIVE, typed
 
 Array = NDArray[np.float64]
 
@@ -39,15 +40,13 @@ class Leg:
     """... and to the left, m."""
     turn: float = math.nan
     """Turn in all, to the left, rad."""
-    place_deviation: float = TAPE
+    place_deviation: Annotated[float, POSITIVE] = TAPE
     """Standard deviation of a measured distance, x or y, m."""
-    heading_deviation: float = PROTRACTOR
+    heading_deviation: Annotated[float, POSITIVE] = PROTRACTOR
     """Standard deviation of a measured turn, and of the frame of x and y, rad."""
 
     def __post_init__(self) -> None:
-        for name in ("place_deviation", "heading_deviation"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be positive and finite, got {getattr(self, name)!r}.")
+        typed(self, "")
         if not np.isfinite(self.measured).any():
             raise ValueError("distance, x, y or turn must be measured, got none of them.")
 

@@ -5,7 +5,6 @@ Environments and nodes call a filter's functions; the objects are for interactiv
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from turtlebot_gym.estimation.mixture import MIXTURE, SLIP
 from turtlebot_gym.estimation.scale import SCALE
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman
-from turtlebot_gym.validation import choose, refusal
+from turtlebot_gym.validation import POSITIVE, choose, refusal
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 _UPPER = np.triu_indices(5)
@@ -101,7 +100,7 @@ class KalmanFilter:
         if mean.shape != (5,) or not np.isfinite(mean).all():
             raise ValueError(f"state must be 5 finite numbers, got {state!r}.")
         self.tuning = tuning
-        self.dt, self._middle = _interval(dt), choose("integrator", integrator, INTEGRATORS)
+        self.dt, self._middle = POSITIVE.check("dt", dt), choose("integrator", integrator, INTEGRATORS)
         P = entries(np.diag(tuning.P0) if covariance is None else covariance)
         self._filter = filter_of(tuning)
         self._rules = tuning.kind if isinstance(tuning.kind, Kalman) else Kalman()
@@ -226,9 +225,3 @@ def jacobians(states: ArrayLike, *, dt: float, middle: float) -> NDArray[np.floa
     F[:, [0, 1, 2], [0, 1, 2]] = 1.0
     F[:, 0, 2:], F[:, 1, 2:], F[:, 2, 4] = moved[:, :3], moved[:, 3:], dt
     return F
-
-
-def _interval(dt: float) -> float:
-    if not 0.0 < dt < math.inf:
-        raise ValueError(f"dt must be positive and finite, got {dt!r}.")
-    return float(dt)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.models.random import MAX_SEED, SENSOR, episode_key, normals, sub_key
-from turtlebot_gym.validation import Range
+from turtlebot_gym.validation import Range, whole
 
 _MOST = 32
 """Most draws in a step: two from each of 16 streams."""
@@ -103,8 +103,7 @@ class Sensor:
         self.low, self.high = (np.atleast_1d(np.asarray(bound, np.float32)) for bound in (low, high))
         if self.low.shape != self.high.shape or self.low.ndim != 1 or not (self.low <= self.high).all():
             raise ValueError(f"low and high must be numbers of a sensor, low at most high, got {low!r} and {high!r}.")
-        if not 0 <= draws <= _MOST:
-            raise ValueError(f"draws must be from 0 to {_MOST}, got {draws!r}.")
+        whole("draws", draws, 0, _MOST)
         bottom, top = np.concatenate([box.low, self.low]), np.concatenate([box.high, self.high])
         self.space = spaces.Box(bottom.astype(np.float32), top.astype(np.float32))
         """Space of the longer observations."""

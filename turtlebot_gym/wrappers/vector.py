@@ -16,6 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.envs.common import of_rows
+from turtlebot_gym.validation import choose, whole
 from turtlebot_gym.wrappers.common import SHARE, Moment, Sensor, Transition, ask, doubled, moment, require_box
 
 
@@ -204,13 +205,10 @@ class FrameStackObservation(_RowsWrapper, RecordConstructorArgs):
     def __init__(self, env: VectorEnv, stack_size: int, *, padding_type: str = "reset") -> None:
         RecordConstructorArgs.__init__(self, stack_size=stack_size, padding_type=padding_type)
         super().__init__(env)
-        if not (isinstance(stack_size, (int, np.integer)) and stack_size > 0):
-            raise ValueError(f"stack_size must be a positive whole number, got {stack_size!r}.")
-        if padding_type not in ("reset", "zero"):
-            raise ValueError(f"padding_type must be 'reset' or 'zero', got {padding_type!r}.")
+        stack_size = whole("stack_size", stack_size, 1)
         box = require_box(env.single_observation_space, "observation")
-        self._repeats = padding_type == "reset"
-        self.single_observation_space = batch_space(box, int(stack_size))
+        self._repeats = choose("padding_type", padding_type, {"reset": True, "zero": False})
+        self.single_observation_space = batch_space(box, stack_size)
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
         self._frames = np.zeros((env.num_envs, stack_size, *box.shape), box.dtype)
 

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.extras import installing
+from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.cluster.units import Result, Unit, Workers, difference, origin, run
 
 RETRIES = 3
@@ -58,8 +59,8 @@ def workers_on(cluster: str, *, workers: int | None = None, memory: int = 0) -> 
     """
     if workers is not None and cluster != "local":
         raise ValueError(f"workers is for the cluster 'local', not for {cluster!r}: it has as many as its nodes have cores.")
-    if workers is not None and not workers > 0:
-        raise ValueError(f"workers must be positive, got {workers}.")
+    if workers is not None:
+        whole("workers", workers, 1)
     library, extra = ("joblib", "agents") if cluster == "local" else ("ray", "cluster")
     if find_spec(library) is None:
         raise ImportError(f"The cluster {cluster!r} needs {library}: {installing(extra)}.")

@@ -13,6 +13,7 @@ from typing import Annotated
 import tyro
 
 from turtlebot_gym.extras import installing
+from turtlebot_gym.validation import Range, whole
 from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress
 from turtlebot_gym_agents.outputs import FOLDER
 
@@ -78,14 +79,10 @@ class Benchmark(Writing):
     def _check_options(self) -> None:
         if not self.num_envs or min(self.num_envs) < 2 or len({*self.num_envs}) < len(self.num_envs):
             raise ValueError(f"num_envs must be different numbers from 2 on, got {self.num_envs}.")
-        if self.rounds < 1:
-            raise ValueError(f"rounds must be positive, got {self.rounds}.")
-        if not 0.0 < self.seconds < 60.0:
-            raise ValueError(f"seconds must be positive and below 60, got {self.seconds}.")
-        if self.busy < 0:
-            raise ValueError(f"busy must not be negative, got {self.busy}.")
-        if self.tolerance is not None and not 0.0 <= self.tolerance < 1.0:
-            raise ValueError(f"tolerance must be in [0, 1), got {self.tolerance}.")
+        whole("rounds", self.rounds, 1)
+        whole("busy", self.busy)
+        Range(0.0, 60.0, open_low=True, open_high=True).check("seconds", self.seconds)
+        Range(0.0, 1.0, open_high=True).check("tolerance", self.tolerance or 0.0)
         if self.check is not None and self.against is not None:
             raise ValueError("check and against exclude each other.")
 

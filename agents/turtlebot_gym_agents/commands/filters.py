@@ -9,6 +9,7 @@ from pathlib import Path
 
 import tyro
 
+from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.recorded import Recorded
@@ -99,8 +100,7 @@ class Replay(Writing, Recorded, _REPLAYED):
 
         if not self.files:
             raise ValueError("At least one FILE must be given.")
-        if not self.seeds > 0:
-            raise ValueError(f"seeds must be positive, got {self.seeds}.")
+        whole("seeds", self.seeds, 1)
         drives = {path: replayable(read(path, **self.reading())) for path in self.files}
         for remark in (remark for drive in drives.values() for remark in drive.remarks):
             print(remark, file=sys.stderr)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.extras import installing
+from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.commands.console import File, JsonFile, Placement, Setting, Writing, needs, print_tables, progress
 from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.outputs import FOLDER
@@ -86,8 +87,7 @@ class Train(Placement, _Learned):
     def run(self) -> None:
         from turtlebot_gym_agents.training.config import require_no_run
 
-        if not self.seeds > 0:
-            raise ValueError(f"seeds must be positive, got {self.seeds}.")
+        whole("seeds", self.seeds, 1)
         self._require_tracking()
         self.require_cluster()
         seeds = range(self.seed, self.seed + self.seeds)

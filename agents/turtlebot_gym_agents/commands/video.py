@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ from PIL import Image
 
 from turtlebot_gym.envs.rendering import HEADER, SIDE
 from turtlebot_gym.systems import Parameters
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import POSITIVE, choose, whole
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.outputs import require_file
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
@@ -75,10 +74,8 @@ def record(
     write = choose(f"The suffix of {path}", path.suffix.lower(), {".gif": _write_gif, ".mp4": _write_mp4})
     require_known(env, seed)
     require_file(path)
-    if not 0.0 < speed < math.inf:
-        raise ValueError(f"speed must be positive and finite, got {speed!r}.")
-    if not (isinstance(fps, int) and fps > 0):
-        raise ValueError(f"fps must be a positive whole number, got {fps!r}.")
+    POSITIVE.check("speed", speed)
+    whole("fps", fps, 1)
     if not (isinstance(width, int) and MIN_WIDTH <= width <= SIDE and width % 2 == 0):
         raise ValueError(f"width must be an even whole number from {MIN_WIDTH} to {SIDE}, got {width!r}.")
 

@@ -25,7 +25,7 @@ from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
 from turtlebot_gym.plotting import PURPLE, legend_below, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import choose, whole
+from turtlebot_gym.validation import POSITIVE_OR_INFINITE, choose, whole
 from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 
@@ -131,8 +131,7 @@ def replay(
     Raises:
         ValueError: If an argument is unknown or out of its range.
     """
-    if not rate > 0.0:
-        raise ValueError(f"rate must be positive, got {rate!r}.")
+    POSITIVE_OR_INFINITE.check("rate", rate)
     whole("seed", seed, 0, MAX_SEED)
     in_force = replace(make_noise(noise), process=process)
     tuning, middle = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)

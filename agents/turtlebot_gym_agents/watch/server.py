@@ -26,6 +26,7 @@ from tornado.ioloop import IOLoop
 from tornado.routing import Matcher, Rule, RuleRouter
 
 from turtlebot_gym.drives import Drive, Growing
+from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.watch.view import View, fill
 
 EVERYWHERE = ("", "0.0.0.0")
@@ -77,8 +78,7 @@ class Server:
     """
 
     def __init__(self, drives: Sequence[Growing], *, title: str, live: bool, host: str = "localhost", port: int = 5006) -> None:
-        if not 0 <= port < 2**16:
-            raise ValueError(f"port must be from 0 to {2**16 - 1}, got {port!r}.")
+        whole("port", port, 0, 2**16 - 1)
         self._drives, self._title, self._live, self._host, self._port = drives, title, live, host, port
         self._ready = Event()
         self._error: BaseException | None = None

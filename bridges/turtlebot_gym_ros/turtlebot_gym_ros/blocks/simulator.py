@@ -22,7 +22,7 @@ from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
-from turtlebot_gym_ros.node.block import Aged, Every, Input, Nis, Output
+from turtlebot_gym_ros.node.block import PERIOD, Aged, Every, Input, Nis, Output
 
 THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
 """Topics from a step's odometry to the command that answers it, in order."""
@@ -103,7 +103,7 @@ class TurtlebotSimulator:
         """External pose sensor, on ``pose_fix``: "none", a name in `turtlebot_gym.presets.FIXES`, or a FILE.yaml."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
-        period: Annotated[float, Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")] = 0.1
+        period: Annotated[float, PERIOD] = 0.1
         """Period of the odometry and of the simulation, s."""
         speed: Annotated[float, Range(0.0, 1000.0, open_high=True)] = 1.0
         """Speed as a multiple of real time; at any but 1 the simulator publishes ``clock``. In lock-step this is the upper

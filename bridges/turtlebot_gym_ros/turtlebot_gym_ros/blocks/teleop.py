@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from turtlebot_gym.validation import Range, typed
+from turtlebot_gym.validation import typed
 from turtlebot_gym.values import STOP, Command
-from turtlebot_gym_ros.node.block import Every, Output
+from turtlebot_gym_ros.node.block import PERIOD, Every, Output
 
 SCRIPT = (
     (5.0, Command(0.15, 0.0)),
@@ -33,7 +33,7 @@ class SimulatedTeleop:
     class Params:
         """Parameters of the scripted person."""
 
-        period: Annotated[float, Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")] = 0.1
+        period: Annotated[float, PERIOD] = 0.1
         """Period of the commands, s."""
         start_enabled: bool = True
         """Whether to drive at once, without a call of ``~/enable``."""

@@ -19,7 +19,7 @@ from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arr
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, shown, typed
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.blocks.ways import Ways
-from turtlebot_gym_ros.node.block import Every, Input, Output
+from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output
 from turtlebot_gym_ros.node.errand import Errand, Failure
 
 MAP_FRAME = "map"
@@ -72,7 +72,7 @@ class WaypointGenerator:
         """Time without an estimate, or without coming nearer, after which an action's goal is given up, s."""
         time_limit: Annotated[float, NON_NEGATIVE.of("s")] = 600.0
         """Time after which an action's goal is given up, s; 0 for no limit."""
-        period: Annotated[float, Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")] = 0.1
+        period: Annotated[float, PERIOD] = 0.1
         """Period of publishing, s."""
 
         def __post_init__(self) -> None:

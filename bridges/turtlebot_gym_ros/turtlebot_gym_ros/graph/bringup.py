@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from turtlebot_gym.drives import Drive, heading_error, position_error
+from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.plotting import tutorial_figure
 from turtlebot_gym.presets import FIXES, NOISES
@@ -21,6 +22,7 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.tasks import ROOM, arrived
+from turtlebot_gym.validation import POSITIVE_OR_INFINITE, whole
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.base.process import refuse
@@ -32,8 +34,6 @@ from turtlebot_gym_ros.nodes import MODES
 if TYPE_CHECKING:
     from turtlebot_gym_ros.graph.watch import View
 
-MAX_SEED = 2**63
-"""Upper limit of seeds, since ROS parameters have 64 bits."""
 REACHED = 0.3
 """Distance within which a waypoint counts as reached, m."""
 
@@ -140,10 +140,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     watch, port, force = (options.pop(name) for name in ("watch", "port", "force"))
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     try:
-        if not duration > 0.0:
-            raise ValueError(f"--duration must be positive, got {duration!r}.")
-        if not 0 <= given.get("seed", 0) < MAX_SEED:
-            raise ValueError(f"--seed must be from 0 to {MAX_SEED - 1}, got {given['seed']}.")
+        POSITIVE_OR_INFINITE.check("--duration", duration)
+        whole("--seed", given.get("seed", 0), 0, MAX_SEED)
         written = [("--figure", figure, FIGURE), ("--json", report, JSON)]
         require_outputs([output for output in written if output[1] is not None], inputs=given.values(), force=force)
     except (ValueError, OSError) as error:

@@ -15,7 +15,7 @@ from turtlebot_gym.drives import Drive
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING
 from turtlebot_gym.tasks import OBSERVATION_LAYOUT
-from turtlebot_gym.validation import choose
+from turtlebot_gym.validation import Range, choose
 from turtlebot_gym_agents.policies import layout_of, make_policy
 from turtlebot_gym_agents.policies.fit import require_task
 from turtlebot_gym_ros.base.frames import Common
@@ -94,8 +94,8 @@ class Graph:
         self._in_processes = processes
         self._domain = domain
         self._autonomous = mode == "autonomous"
-        if speed is not None and not 0.0 < speed < 1e3:
-            raise ValueError(f"speed must be positive and below 1000, or None, got {speed!r}.")
+        if speed is not None:
+            Range(0.0, 1e3, open_low=True, open_high=True).check("speed", speed)
         self._lock_step = self._autonomous and speed != 1.0
         pace = float(speed or (0.0 if self._autonomous else 1.0))
         if speech := SPEECHES.get(parameters.get("speaks_as", "none")):

@@ -9,8 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+from turtlebot_gym.validation import Range
 from turtlebot_gym.values import Covariance, Pose
 from turtlebot_gym_ros.base.frames import Mount
+
+PERIOD = Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")
+"""What the period of a block may be."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,10 +141,8 @@ class Every:
     """Topics from a plant's outputs to its inputs, with value types, for reports of nodes that do not answer."""
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.period < 1e3 or not (self.speed is None or 0.0 <= self.speed < 1e3):
-            raise ValueError(
-                f"Every: period and speed must be positive and below 1000, got {self.period!r} and {self.speed!r}."
-            )
+        PERIOD.check("period", self.period)
+        Range(0.0, 1e3, open_high=True).check("speed", self.speed or 0.0)
 
 
 @dataclass(frozen=True)
