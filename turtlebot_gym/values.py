@@ -22,6 +22,9 @@ class Pose(NamedTuple):
     """Heading, rad, in [-pi, pi)."""
 
 
+ORIGIN = Pose(0.0, 0.0, 0.0)
+
+
 class Command(NamedTuple):
     """Planar twist in the body frame, as commanded."""
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -24,9 +24,10 @@ from turtlebot_gym.drives.alignment import interpolated
 from turtlebot_gym.drives.clocks import continued, increasing
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
 from turtlebot_gym.drives.tables import LARGEST, first_lines
-from turtlebot_gym.models.angles import wrap, wrap_all
+from turtlebot_gym.models.angles import wrap_all
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.values import Pose
+from turtlebot_gym.values import ORIGIN, Pose
 
 SICK = 80.0
 """Range from which a reading means that nothing returned, m."""
@@ -68,8 +69,9 @@ def read_carmen(path: Path, *, label: str) -> Drive:
             broken, first = broken + 1, first or number
     remarks = [f"{path}: {broken} lines cannot be read, first line {first}: left out"] if broken else []
     scans = [line for line in lines if line.laser]
-    places = np.array([_relative(line.laser, line.odometry) for line in scans if line.laser]).reshape(-1, 3)
-    mount = Pose(0.0, 0.0, 0.0)
+    lasers = [(Pose(*line.odometry), Pose(*line.laser)) for line in scans if line.laser]
+    places = np.array([increment(ORIGIN, at, laser, _sincos(-at.theta)) for at, laser in lasers]).reshape(-1, 3)
+    mount = ORIGIN
     if len(places) and (np.abs(places - np.median(places, axis=0)) < ON_THE_ROBOT).mean() > 0.99:
         mount = Pose(*np.median(places, axis=0).tolist())
     elif scans and not any(line.true for line in lines):
@@ -107,7 +109,7 @@ def read_carmen_arrays(path: Path, *, label: str) -> Drive:
     ]
     bad = int((~good).sum())
     remarks = [f"{path}: {bad} of {len(good)} rows are not finite: left out"] if bad else []
-    return _of_poses(path, lines, mount=Pose(0.0, 0.0, 0.0), label=label, remarks=remarks)
+    return _of_poses(path, lines, mount=ORIGIN, label=label, remarks=remarks)
 
 
 def _parsed(words: list[str]) -> Iterable[_Line]:
@@ -162,20 +164,6 @@ def _scan(ranges: NDArray[np.float32], first: float, increment: float, longest: 
     )
 
 
-def _relative(pose: tuple[float, float, float], base: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return a pose in the frame of another one."""
-    x, y, sine, cosine = pose[0] - base[0], pose[1] - base[1], math.sin(base[2]), math.cos(base[2])
-    return cosine * x + sine * y, cosine * y - sine * x, wrap(pose[2] - base[2])
-
-
-def _composed(base: Sequence[float], pose: Pose) -> Pose:
-    """Return a pose given in the frame of another one."""
-    sine, cosine = math.sin(base[2]), math.cos(base[2])
-    return Pose(
-        base[0] + cosine * pose.x - sine * pose.y, base[1] + sine * pose.x + cosine * pose.y, wrap(base[2] + pose.theta)
-    )
-
-
 def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remarks: list[str]) -> Drive:
     """Return a drive whose rows are poses that the wheels add up, with truth and scans by the same clock.
 
@@ -212,12 +200,17 @@ def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remark
     )
     scans = [(at, lines[at]) for at in range(len(lines)) if lines[at].scan]
     first = np.searchsorted(time, times[[at for at, _ in scans]]).tolist()
-    seen = (
-        Seen(row, _composed(line.odometry, mount), line.scan, float(times[at] - time[0]), mount, Pose(*line.odometry))
-        for (at, line), row in zip(scans, first, strict=True)
-        if line.scan and row < len(rows)
-    )
+    seen = []
+    for (at, line), row in zip(scans, first, strict=True):
+        if line.scan and row < len(rows):
+            robot = Pose(*line.odometry)
+            lidar = increment(robot, ORIGIN, mount, _sincos(robot.theta))
+            seen.append(Seen(row, lidar, line.scan, float(times[at] - time[0]), mount, robot))
     return replace(drive, scans=tuple(seen))
+
+
+def _sincos(angle: float) -> tuple[float, float]:
+    return math.sin(angle), math.cos(angle)
 
 
 def _spaced(time: NDArray[np.float64], wanted: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -73,6 +73,8 @@ def sense(pose: Pose, wheels: Pose, twist: Command, before: Odometry, noise: Odo
 def increment(pose: Pose, before: Pose, after: Pose, sincos_turn: tuple[float, float]) -> Pose:
     """Move a pose as the odometry moved from ``before`` to ``after``.
 
+    So it changes frames, too: if ``pose`` in one frame is ``before`` in another, ``after`` is what is returned.
+
     Args:
         pose: The pose to move.
         before: Odometry at the start of the interval.

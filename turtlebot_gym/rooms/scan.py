@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.beams import Beams, beams_of
-from turtlebot_gym.models.angles import TWO_PI, sincos, wrap, yaw_of_rotation
+from turtlebot_gym.models.angles import TWO_PI, sincos, yaw_of_rotation
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT, UNKNOWN, Driver, Lidar, fill
 from turtlebot_gym.rooms.scene import Scene
-from turtlebot_gym.values import Pose, State
+from turtlebot_gym.values import ORIGIN, Pose, State
 
 _CUBE, _CYLINDER, _LINE_STRIP = 1, 3, 4
 """Types of ``visualization_msgs/Marker`` in a room."""
@@ -82,9 +83,7 @@ class Obstacles(NamedTuple):
 
 def mounted(state: State, lidar: Lidar) -> Pose:
     """Return the pose of a LiDAR's frame on a robot."""
-    sine, cosine = sincos(state.theta)
-    x, y = state.x + lidar.x * cosine - lidar.y * sine, state.y + lidar.x * sine + lidar.y * cosine
-    return Pose(x, y, wrap(state.theta + lidar.yaw))
+    return increment(Pose(*state[:3]), ORIGIN, Pose(lidar.x, lidar.y, lidar.yaw), sincos(state.theta))
 
 
 def obstacles_of(scene: Scene) -> Obstacles:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import write_parameters
+from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES
@@ -16,7 +18,7 @@ from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
-from turtlebot_gym_ros.blocks.credible import Credible, Seat, bounded
+from turtlebot_gym_ros.blocks.credible import Credible, bounded
 from turtlebot_gym_ros.node.block import Aged
 
 COMMAND = Command(0.15, 0.4)
@@ -208,8 +210,7 @@ def test_no_fix_knows_more_than_a_millimetre():
 
 
 def test_odometry_after_a_person_moved_the_robot_is_turned_and_shifted_as_a_whole():
-    seat = Seat(Pose(1.0, 2.0, 0.3), Pose(-4.0, 5.0, 1.7))
-    moved = seat(Odometry(Pose(1.5, 1.2, -0.4), STOP, True)).pose
+    moved = increment(Pose(-4.0, 5.0, 1.7), Pose(1.0, 2.0, 0.3), Pose(1.5, 1.2, -0.4), sincos(1.4))
     place = complex(-4.0, 5.0) + (complex(1.5, 1.2) - complex(1.0, 2.0)) * cmath.exp(1.4j)
     assert moved == pytest.approx((place.real, place.imag, 1.0))
 

@@ -121,22 +121,3 @@ class Gate:
 def bounded(fix: Fix) -> Fix:
     """Return a fix with variances of at least `LEAST_VARIANCE`."""
     return fix._replace(R=tuple(max(variance, LEAST_VARIANCE) for variance in fix.R))
-
-
-class Seat:
-    """The transform from odometry's poses to those of a robot that a person has put elsewhere."""
-
-    def __init__(self, odometry: Pose, pose: Pose) -> None:
-        self._turn = wrap(pose.theta - odometry.theta)
-        self._cosine, self._sine = math.cos(self._turn), math.sin(self._turn)
-        x, y = self._turned(odometry)
-        self._x, self._y = pose.x - x, pose.y - y
-
-    def _turned(self, pose: Pose) -> tuple[float, float]:
-        return self._cosine * pose.x - self._sine * pose.y, self._sine * pose.x + self._cosine * pose.y
-
-    def __call__(self, odometry: Odometry) -> Odometry:
-        """Return odometry as from where the person said that the robot is."""
-        x, y = self._turned(odometry.pose)
-        pose = Pose(x + self._x, y + self._y, wrap(odometry.pose.theta + self._turn))
-        return odometry._replace(pose=pose)

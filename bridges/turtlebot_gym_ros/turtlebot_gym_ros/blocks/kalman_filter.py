@@ -9,12 +9,14 @@ from typing import Annotated, Any
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
+from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import Range, choose, typed
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, senses_of
-from turtlebot_gym_ros.blocks.credible import Credible, Gate, Seat, bounded
+from turtlebot_gym_ros.blocks.credible import Credible, Gate, bounded
 from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
 
 REMEMBERED = depth_of(0.01)
@@ -121,7 +123,7 @@ class KalmanFilter:
         self._time = 0.0
         self._unused = 0.0
         self._last_fix: tuple[Fix, float] | None = None
-        self._seat: Seat | None = None
+        self._seat: tuple[Pose, Pose] | None = None  # the odometry and where the person said that the robot is, at one time
         self._credible.begin(None)
         self._gate.forget()
         self.notice = None
@@ -148,7 +150,9 @@ class KalmanFilter:
         self._accept("odometry")
         dt, self._unused = dt + self._unused, 0.0
         now = odometry._replace(twist=self._executed(odometry, command))
-        now = self._seat(now) if self._seat else now
+        if self._seat:
+            read, there = self._seat
+            now = now._replace(pose=increment(there, read, now.pose, sincos(there.theta - read.theta)))
         senses = _SENSES(now, no_fix())
         after = self._filter.start(senses, tuning) if begins else self._advance(senses, dt)
         self._gate.remember(self._time, after.belief)
@@ -181,7 +185,7 @@ class KalmanFilter:
         else:
             time = self._time
             self.reset()
-            self._time, self._seat = time, Seat(odometry.pose, seat.pose)
+            self._time, self._seat = time, (odometry.pose, seat.pose)
             return replace(self._tuning, R=bounded(seat).R, from_origin=False)
         return self._tuning
 

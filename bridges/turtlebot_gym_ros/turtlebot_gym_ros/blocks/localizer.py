@@ -15,6 +15,7 @@ from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, Located
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points
 from turtlebot_gym.localization.tuning import make_localizer
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_filter, make_noise
 from turtlebot_gym.rooms.grid import GridMap
@@ -24,7 +25,7 @@ from turtlebot_gym.rooms.scan import EDGE, Scan
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.localizing import drift_of
 from turtlebot_gym.validation import Names, Range, typed
-from turtlebot_gym.values import Fix, Odometry, Pose
+from turtlebot_gym.values import ORIGIN, Fix, Odometry, Pose
 from turtlebot_gym_ros.node.block import Aged, Correction, Input, Nis, On, Output, Places
 
 TRAIL = 64
@@ -257,13 +258,7 @@ class Localizer:
         evidence = Nis(located.nis, located.fits, located.weight)
         said = places | {"pose": located, "nis": evidence, "estimate": Estimate(located.belief, located.nis, 0.0)}
         if self._params.publish_tf:
-            said["tied"] = Aged(Correction(_between(located, odometry.pose), self._params.odom_frame), -AHEAD)
+            mean, wheels = located.belief.mean, odometry.pose
+            frame = increment(Pose(*mean[:3]), wheels, ORIGIN, sincos(wrap(mean.theta - wheels.theta)))
+            said["tied"] = Aged(Correction(frame, self._params.odom_frame), -AHEAD)
         return said
-
-
-def _between(located: Located, wheels: Pose) -> Pose:
-    """Return the pose of the odometry's frame in the map's."""
-    mean = located.belief.mean
-    theta = wrap(mean.theta - wheels.theta)
-    sine, cosine = sincos(theta)
-    return Pose(mean.x - cosine * wheels.x + sine * wheels.y, mean.y - sine * wheels.x - cosine * wheels.y, theta)

@@ -11,13 +11,14 @@ from typing import Annotated, Any
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.files import load
-from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, shown, typed
-from turtlebot_gym.values import Pose
+from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_ros.blocks.ways import Ways
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output
 from turtlebot_gym_ros.node.errand import Errand, Failure
@@ -180,8 +181,8 @@ class WaypointGenerator:
         if not self._poses:
             if estimate is None or self._in_room or self._rests:
                 return {}
-            origin = estimate.belief.mean
-            self._poses = [_compose(Pose(origin.x, origin.y, origin.theta), pose) for pose in self._waypoints]
+            here = Pose(*estimate.belief.mean[:3])
+            self._poses = [increment(here, ORIGIN, pose, sincos(here.theta)) for pose in self._waypoints]
         last = int(len(self._poses) * self._laps) - 1
         if self._is_done_with(dt, estimate) and self._visited < last:
             self._visited += 1
@@ -211,16 +212,6 @@ class WaypointGenerator:
             return steps > 0 and due(steps, self._visited, self._task, dt)
         reference = self._poses[self._visited % len(self._poses)]
         return estimate is not None and believed_to_arrive(estimate.belief.mean, reference, self._task)
-
-
-def _compose(origin: Pose, relative: Pose) -> Pose:
-    """Transform a relative pose into the world frame."""
-    sine, cosine = sincos(origin.theta)
-    return Pose(
-        origin.x + cosine * relative.x - sine * relative.y,
-        origin.y + sine * relative.x + cosine * relative.y,
-        wrap(origin.theta + relative.theta),
-    )
 
 
 def _load_waypoints(path: str) -> list[Pose]:
