@@ -190,7 +190,10 @@ def stepped(reward):
         (lambda: vector.FrameStackObservation(envs(), 2, padding_type="one"), "padding_type must be one of 'reset', 'zero'"),
         (lambda: wrappers.AppendSensor(Echo(), compass, low=1.0, high=0.0), "low and high must be numbers of a sensor"),
         (lambda: wrappers.AppendSensor(Echo(), compass, low=[1.0], high=[2.0, 3.0]), "low and high must be numbers"),
-        (lambda: wrappers.AppendSensor(Echo(), compass, low=0.0, high=1.0, draws=33), "draws must be a whole number from 0 to 32"),
+        (
+            lambda: wrappers.AppendSensor(Echo(), compass, low=0.0, high=1.0, draws=33),
+            "draws must be a whole number from 0 to 32",
+        ),
         (
             lambda: vector.AppendSensor(envs(), lambda info, draws: info["distance"], low=0.0, high=1.0).reset(),
             r"measure must return shape \(2, 1\), as low and high say, got \(2,\)",
