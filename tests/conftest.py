@@ -5,6 +5,9 @@ Also the comparison of a batch with plain Python, and files of maps, for tests o
 
 import os
 import socket
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -97,3 +100,18 @@ def write_map():
 def pytest_unconfigure():
     """Release the domain."""
     _CLAIM.close()
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory):
+    """The folder of the built documentation; that in the variable SITE if there is one."""
+    if built := os.environ.get("SITE"):
+        return Path(built).resolve()
+    pytest.importorskip("mkdocs", reason="needs the extra [docs]")
+    from pages import ROOT, environment
+
+    folder = tmp_path_factory.mktemp("site")
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    done = subprocess.run(build, cwd=ROOT, env=environment(), capture_output=True, text=True)
+    assert (done.returncode, done.stdout + done.stderr) == (0, "")
+    return folder

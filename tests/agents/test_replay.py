@@ -2,10 +2,10 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from drawing import recorded
 
 from turtlebot_gym.drives import Drive, read
 from turtlebot_gym.models.unicycle import advance
@@ -22,16 +22,8 @@ from turtlebot_gym_agents.evaluation.replay import (
     replayable,
 )
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 PER_METRE = {"wifibot1.txt": 0.016, "wifibot2.txt": 0.027}
-
-
-def recorded(name: str) -> Drive:
-    path = DATA / name
-    if not path.is_file():
-        pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drive {path} is missing")
-    return replayable(read(path))
 
 
 def perfect_drive(rows: int = 600, *, scale: float = 1.0, integrator: float = 0.5) -> Drive:
@@ -173,7 +165,7 @@ def test_bad_arguments_are_named(options, word):
 
 @pytest.mark.parametrize("name", RECORDED)
 def test_real_wheels_drift_as_stated(name):
-    drive = recorded(name)
+    drive = replayable(read(recorded(name)))
     position, _ = drift(dead_reckoning(drive), drive.truth, *_segments(drive.truth, 1.0))
     assert round(position.mean(), 3) == PER_METRE[name]
     late = replace(drive, twist=np.roll(drive.twist, 1, axis=0))  # the other reading of the rows
@@ -185,7 +177,7 @@ def test_real_wheels_drift_as_stated(name):
 def test_the_filter_knows_more_than_its_sources_on_real_drives(name):
     # Over 100 other seeds the filter's errors were 0.0263 m and 0.0175 rad on the first drive, 0.0239 m and 0.0143 rad on the
     # second; means of 20 vary by 0.0006 m and 0.0006 rad. One set of seeds in 400 would miss the bound of the first.
-    result = replay_seeds(recorded(name), range(20), noise="documented")
+    result = replay_seeds(replayable(read(recorded(name))), range(20), noise="documented")
     assert result.filter.position_mean.mean() <= 0.028
     assert result.filter.heading_mean.mean() <= 0.022
     assert abs(result.raw.position_mean.mean() - 0.065) < 0.0015  # it varies by 0.0004
@@ -194,7 +186,7 @@ def test_the_filter_knows_more_than_its_sources_on_real_drives(name):
 
 def test_a_filter_that_trusts_the_wheels_does_not_pass_on_real_drives():
     # The bounds of the test before can be missed: a filter matched to wheels without noise ignores its measurements.
-    result = replay_seeds(recorded(RECORDED[0]), range(5), noise="documented", process=ProcessNoise())
+    result = replay_seeds(replayable(read(recorded(RECORDED[0]))), range(5), noise="documented", process=ProcessNoise())
     assert result.filter.position_mean.mean() > 0.035
     assert result.filter.heading_mean.mean() > 0.03
 

@@ -2,11 +2,11 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bench import over_the_wire
+from drawing import recorded
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import LaserScan
@@ -155,14 +155,9 @@ def test_a_clearance_travels_and_one_that_is_no_number_is_refused(distance):
         way.read(way.write(Clearance(math.nan), Header()))
 
 
-DRIVE = Path(__file__).parents[3] / "shared" / "data" / "turtlebot3"
-
-
 def recorded_scans():
     """The scans of a real TurtleBot3, 62.7 s on 549 turns of its LDS-02, with their stamps."""
-    if not DRIVE.is_dir():
-        pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drive {DRIVE} is missing")
-    with AnyReader([DRIVE], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+    with AnyReader([recorded("turtlebot3")], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         scans = reader.messages([each for each in reader.connections if each.topic == "/scan"])
         return [reader.deserialize(data, connection.msgtype) for connection, _, data in scans]
 

@@ -10,8 +10,6 @@ import json
 import os
 import re
 import shlex
-import subprocess
-import sys
 import threading
 from pathlib import Path
 from typing import NamedTuple
@@ -96,19 +94,6 @@ class Seen(NamedTuple):
     formulas: int
     dollars: bool
     ground: dict[str, str]
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The folder of the built site."""
-    if os.environ.get("SITE"):
-        return Path(os.environ["SITE"]).resolve()
-    folder = tmp_path_factory.mktemp("site")
-    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    quiet = {"DISABLE_MKDOCS_2_WARNING": "true", "NO_MKDOCS_2_WARNING": "true"}
-    done = subprocess.run(build, cwd=ROOT, env={**os.environ, **quiet}, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return folder
 
 
 @pytest.fixture(scope="module")

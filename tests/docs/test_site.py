@@ -1,20 +1,16 @@
 """The documentation builds without a warning, its links hold, and the names in it exist."""
 
 import json
-import os
 import re
 import shlex
-import subprocess
-import sys
 from html.parser import HTMLParser
 from importlib import import_module
-from pathlib import Path
 from pkgutil import walk_packages
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
 
 import pytest
-from pages import ROOT, blocks_of, environment, parsed
+from pages import ROOT, blocks_of, parsed
 
 import turtlebot_gym
 
@@ -28,20 +24,6 @@ from turtlebot_gym_ros.nodes import NODES
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
 FLAGS = json.loads((ROOT / "tests" / "golden" / "api.json").read_text(encoding="utf-8"))["commands"]
 API = ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros")
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    """The built documentation; that in the folder SITE if this variable names one."""
-    if built := os.environ.get("SITE"):
-        return Path(built)
-    pytest.importorskip("mkdocs", reason="needs the extra [docs]")
-    folder = tmp_path_factory.mktemp("site")
-    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    done = subprocess.run(build, cwd=ROOT, env=environment(), capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout + done.stderr == ""
-    return folder
 
 
 @pytest.fixture(scope="module")

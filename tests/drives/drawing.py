@@ -1,12 +1,23 @@
-"""Drives whose noise is known, and drives as tables."""
+"""Drives whose noise is known, drives as tables, and recorded ones."""
+
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from turtlebot_gym.drives import Drive, Seen, Surroundings
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 
 COLUMNS = ("true_state", "odometry", "estimate", "covariance", "reference", "command", "twist", "nis", "clearance", "level")
+
+
+def recorded(name):
+    """Return the path of a recording; without it, the test is skipped."""
+    path = Path(__file__).parents[3] / "shared" / "data" / name
+    if not path.exists():
+        pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drive {path} is missing")
+    return path
 
 
 def draw(

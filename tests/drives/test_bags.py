@@ -3,12 +3,11 @@
 import math
 import shutil
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import rosbag_messages as ros
-from drawing import draw
+from drawing import draw, recorded
 from rosbag_messages import ODOMETRY, POINT, POSE, TF, TRANSFORM, TWIST, Plugin, header, make, odometry, point, pose, write_bag
 
 from turtlebot_gym.drives import read
@@ -311,10 +310,7 @@ def test_a_bag_of_odometry_alone_knows_no_more(tmp_path):
 
 
 def test_the_bag_of_a_real_turtlebot3_says_what_is_odd_in_it():
-    folder = Path(__file__).parents[3] / "shared" / "data" / "turtlebot3"
-    if not folder.is_dir():
-        pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drive {folder} is missing")
-    drive = read(folder)
+    drive = read(recorded("turtlebot3"))
     assert len(drive) == 1254
     assert len(drive.scans) >= 548
     assert drive.scans[0].mount == pytest.approx((-0.032, 0.0, 0.0))

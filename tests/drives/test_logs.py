@@ -1,16 +1,14 @@
 """Logs of other projects: what was driven is read from what was written."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from drawing import draw
+from drawing import draw, recorded
 
 from turtlebot_gym.drives import read
 from turtlebot_gym_agents.evaluation.replay import replay_seeds, replayable
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
 AHEAD = 0.25  # where the laser stands, m
 ARC = [(0.0, 0.0, 0.0), (math.sin(0.2), 1.0 - math.cos(0.2), 0.2), (math.sin(0.6), 1.0 - math.cos(0.6), 0.6)]
 """Poses on a circle of 1 m, after 0, 0.5 and 1.5 s."""
@@ -128,10 +126,7 @@ def test_a_robot_of_mrclam_has_its_truth_beside_it(tmp_path):
 
 @pytest.mark.parametrize(("name", "left_out"), [("aces", 0), ("intel", 1612)])
 def test_a_real_building_is_read_and_replayed(name, left_out):
-    path = DATA / "carmen" / f"{name}.npz"
-    if not path.is_file():
-        pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drive {path} is missing")
-    drive = read(path)
+    drive = read(recorded(f"carmen/{name}.npz"))
     assert len(drive.scans) > 7000
     assert sum("does not increase" in remark for remark in drive.remarks) == bool(left_out)
     assert all(f"{left_out} of " in remark for remark in drive.remarks)
