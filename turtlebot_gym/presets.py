@@ -151,6 +151,11 @@ def _slip(noise: Noise) -> FilterTuning:
     return _of_kind(replace(steady, process=replace(process, **_EXACT)), kind)
 
 
+def _scale(noise: Noise) -> FilterTuning:
+    """Return the matched tuning of the filter that estimates the executed share of a twist: `estimation.scale`."""
+    return _of_kind(matched(noise), Scale())
+
+
 def _gyro(noise: Noise, imu: Any) -> FilterTuning:
     """Return the matched tuning of the filter that reads a gyro, for its noise, a `systems.imu.ImuNoise`: `estimation.gyro`."""
     if not imu:
@@ -167,7 +172,7 @@ FILTERS: dict[str, Callable[..., FilterTuning]] = {
     "gated": _gated,
     "mixture": _mixture,
     "slip": _slip,
-    "scale": lambda noise: _of_kind(matched(noise), Scale()),
+    "scale": _scale,
     "gyro": _gyro,
 }
 """Filter tunings by name, as functions of the noise in use; `gyro` also takes that of the gyro."""
