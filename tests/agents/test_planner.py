@@ -14,6 +14,7 @@ from turtlebot_gym_agents.policies import grid, make_policy
 from turtlebot_gym_agents.policies.grid import CELL, OCCUPIED, SIDE
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import ShrinkingPolicy
+from turtlebot_gym_agents.policies.sight import Motion
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 NOTHING = np.ones(SECTORS)
@@ -59,19 +60,18 @@ def test_the_cheapest_way_is_dijkstras():
 
 def test_machine_code_is_plain_python_to_the_bit():
     random, policy = np.random.default_rng(3), PlannerPolicy()
-    compiled, plain = (
-        [np.zeros((2, SIDE, SIDE), np.int8), np.zeros((2, SIDE, SIDE), np.int8), np.zeros((2, 2))] for _ in range(2)
-    )
+    compiled, plain = ([*(np.zeros((2, SIDE, SIDE), np.int8) for _ in range(3)), np.zeros((2, 2))] for _ in range(2))
     for _ in range(5):
         scans, shares = random.uniform(-2.0, 2.0, (2, 3)), np.minimum(random.uniform(0.1, 1.3, (2, SECTORS)), 1.0)
         places, goals, yes = random.uniform(-2.0, 2.0, (2, 2)), random.uniform(-9.0, 9.0, (2, 2)), np.ones(2, np.bool_)
-        for function, (seen, vain, targets) in ((grid.advance(), compiled), (grid._advance, plain)):
-            reaches, numbers = np.array([3.4, 2.0]), (policy._stamp, 2.0, 1.15, 6)
-            function(seen, vain, scans, reaches, shares, yes, places, goals, yes, yes, *numbers, targets)
+        for function, (seen, vain, ways, targets) in ((grid.advance(), compiled), (grid._advance, plain)):
+            reaches, numbers = np.array([3.4, 2.0]), (policy._stamp, 2.0, 1.15, 6, 4)
+            function(seen, vain, ways, scans, reaches, shares, yes, places, goals, yes, yes, *numbers, targets)
         for one, other in zip(compiled, plain, strict=True):
             np.testing.assert_array_equal(one, other)
     assert (compiled[0] >= OCCUPIED).sum() > 50
     assert compiled[1].any()
+    assert compiled[2].any()
 
 
 def test_a_place_is_occupied_where_beams_end_and_free_again_when_they_pass():
@@ -143,9 +143,43 @@ def test_a_way_leads_where_the_ground_was_seen_to_be_free_if_another_is_hardly_s
         seen, target = np.zeros((SIDE, SIDE), np.int8), np.zeros(2)
         seen[SIDE // 2 : SIDE // 2 + 2, SIDE // 2 + 10] = grid.CERTAIN
         seen[SIDE // 2 + side * np.arange(2, 9), SIDE // 2 : SIDE // 2 + 20] = grid.FREED
-        vain, stamp = np.zeros_like(seen), PlannerPolicy()._stamp
-        grid.plan(seen, vain, False, 0.0, 0.1, 2.0, 0.1, stamp, 4.0, 1.0, 6, target)
+        vain, ways, stamp = np.zeros_like(seen), np.zeros_like(seen), PlannerPolicy()._stamp
+        grid.plan(seen, vain, ways, False, 0.0, 0.1, 2.0, 0.1, stamp, 4.0, 1.0, 6, 4, target)
         assert np.sign(target[1] - 0.1) == side
+
+
+def test_of_two_ways_the_last_one_is_kept_until_the_other_is_much_shorter_or_the_robot_is_stuck():
+    """A wall is ahead, as long on the left as on the right, and is then seen to be longer where the way leads past it."""
+    stamp, target = PlannerPolicy()._stamp, np.zeros(2)
+    for grows, habit, stuck, changes in ((1, 0, False, True), (1, 4, False, False), (8, 4, False, True), (1, 4, True, True)):
+        seen, vain, ways = (np.zeros((SIDE, SIDE), np.int8) for _ in range(3))
+        seen[SIDE // 2 - 8 : SIDE // 2 + 8, SIDE // 2 + 10] = grid.CERTAIN
+        sides = []
+        for _ in range(2):
+            grid.plan(seen, vain, ways, stuck, 0.0, 0.02, 2.0, 0.02, stamp, 4.0, 1.0, 4, habit, target)
+            sides.append(np.sign(target[1]))
+            end = SIDE // 2 + 8 if sides[0] > 0 else SIDE // 2 - 8 - grows
+            seen[end : end + grows, SIDE // 2 + 10] = grid.CERTAIN
+        assert (sides[0] != sides[1]) == changes
+
+
+def test_the_motion_since_a_scan_is_by_the_speeds_of_then():
+    """The robot drove, turned to the left for 0.2 s, then to the right, and is about to stand."""
+    motion = Motion(0.1, 0.1)
+    motion.reset(np.array([True]))
+    for v, omega in ((0.2, 0.0), (0.0, 2.0), (0.0, 2.0), (0.0, -1.0), (0.0, 0.0)):
+        motion.note(np.array([v]), np.array([omega]))
+    for time, moved, turned in ((0.05, 0.0, -0.05), (0.2, 0.0, 0.1), (0.35, 0.01, 0.3)):
+        there, heading = motion.over(np.array([time]))
+        assert np.abs(there) == pytest.approx(moved)
+        assert np.angle(heading) == pytest.approx(turned)
+
+
+@pytest.mark.parametrize(("ages", "beams"), [([0.0, 0.1, 0.0], [0.1, 0.2, 0.1]), ([0.2, 0.3, 0.2], [0.1, 0.2, 0.1])])
+def test_beams_are_as_old_whether_a_scan_is_stamped_with_its_first_or_its_last(ages, beams):
+    motion = Motion(0.1, 0.1)
+    motion.note(np.array([0.0]), np.array([1.0]))
+    assert [np.angle(motion.since(np.array([age]))[1])[0] for age in ages] == pytest.approx(beams)
 
 
 def test_a_map_is_seen_from_the_beginning():

@@ -185,7 +185,7 @@ def test_every_tunable_number_changes_what_a_policy_does(name):
         for _ in range(6):  # brake tells where clear is small: the others are drawn
             others = {key: random.uniform(each.low, each.high) for key, each in kind.ranges().items()}
             one, other = (kind(**(others | {number: end})) for end in (span.low, span.high))
-            for policy in (one, other):
+            for policy in (one, other) * 4:
                 policy(rows[::-1])  # for a memory
             changes.append(np.abs(one(rows) - other(rows)).max())
         assert max(changes) > 0.01, number

@@ -132,14 +132,15 @@ def _line_costs(weights, row: float, column: float, to_row: float, to_column: fl
 
 @kernel
 def plan(
-    grid, vain, stuck: bool, x: float, y: float, goal_x: float, goal_y: float, stamp, preview: float, detour: float,
-    unknown: int, target,
+    grid, vain, ways, stuck: bool, x: float, y: float, goal_x: float, goal_y: float, stamp, preview: float, detour: float,
+    unknown: int, habit: int, target,
 ) -> None:  # fmt: skip
     """Write the point to steer to: the farthest one of the way to which a straight line is hardly dearer; NaN for the goal.
 
     Args:
         grid: Evidence, as for `see`.
         vain: Number of vain attempts to enter each cell, shape (`SIDE`, `SIDE`), int8; changed.
+        ways: 1 for the cells of the last way and their neighbours, of the same shape, int8; replaced by the new way's.
         stuck: Whether the robot does not get on.
         x: The robot's place, m.
         y: m.
@@ -149,6 +150,7 @@ def plan(
         preview: Length of the way that is looked at, m.
         detour: The straight line may cost so many times what the way costs, and a cell's more.
         unknown: Weight of a cell that was never seen, at least `FREE`.
+        habit: By how many sixteenths a cell costs more that is not of the last way, unless the robot is stuck.
         target: Output, x and y, m.
     """
     i, j = min(max(_cell(y), 0), SIDE - 1), min(max(_cell(x), 0), SIDE - 1)
@@ -170,15 +172,24 @@ def plan(
     for a, b in np.argwhere(vain > 0):
         if top <= a <= bottom and left <= b <= right:
             weights[a - top, b - left] += _VAIN * int(vain[a, b])
+    if not stuck and ways.any():
+        for a in range(top, bottom + _PAD + 1):
+            for b in range(left, right + _PAD + 1):
+                if not (0 <= a < SIDE and 0 <= b < SIDE and ways[a, b] > 0):
+                    weights[a - top, b - left] += weights[a - top, b - left] * habit // 16
+    ways[:] = 0
     weights[0], weights[-1], weights[:, 0], weights[:, -1] = 0, 0, 0, 0
     width, cells = weights.shape[1], int(preview / CELL) + 1
     start, goal = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
     costs, following = cheapest_way(weights.ravel(), width, start, goal)
     way, here, n = np.empty(cells, np.int64), start, 0
-    while n < cells and here != goal:
+    while here != goal:
         here = following[here]
-        way[n] = here
-        n += 1
+        if n < cells:
+            way[n] = here
+            n += 1
+        a, b = here // width + top, here % width + left
+        ways[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = 1
     if stuck and n > 3:
         a, b = way[2] // width + top, way[2] % width + left
         area = vain[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2]
@@ -195,14 +206,14 @@ def plan(
 
 
 def _advance(
-    grids, vain, scans, reaches, shares, new, places, goals, due, stuck, stamp, preview, detour, unknown, targets
+    grids, vain, ways, scans, reaches, shares, new, places, goals, due, stuck, stamp, preview, detour, unknown, habit, targets
 ) -> None:
     for n in range(len(grids)):
         if new[n]:
             see(grids[n], scans[n, 0], scans[n, 1], scans[n, 2], shares[n], reaches[n])
         if due[n]:
             x, y, goal_x, goal_y = places[n, 0], places[n, 1], goals[n, 0], goals[n, 1]
-            plan(grids[n], vain[n], stuck[n], x, y, goal_x, goal_y, stamp, preview, detour, unknown, targets[n])
+            plan(grids[n], vain[n], ways[n], stuck[n], x, y, goal_x, goal_y, stamp, preview, detour, unknown, habit, targets[n])
 
 
 @cache

@@ -23,7 +23,7 @@ from turtlebot_gym_agents.policies.reactive import (
     SightRange,
     VectorFieldHistogramPolicy,
 )
-from turtlebot_gym_agents.policies.sight import Sight, arc, require_sight
+from turtlebot_gym_agents.policies.sight import Motion, Sight, arc, look, require_sight
 
 _BLOCKED = 400
 """Weight of a cell in which the robot would touch something; finite, since it may stand there by its evidence."""
@@ -44,6 +44,8 @@ class _Memory(NamedTuple):
     """Evidence for obstacles, shape (n, `SIDE`, `SIDE`)."""
     vain: NDArray[np.int8]
     """Number of vain attempts to enter a cell, shape (n, `SIDE`, `SIDE`)."""
+    ways: NDArray[np.int8]
+    """Whether the last way led through a cell or past it, shape (n, `SIDE`, `SIDE`)."""
     since: NDArray[np.complex128]
     """Place that each robot has not left by `_LEFT` since, shape (n,) ..."""
     idle: NDArray[np.int64]
@@ -65,10 +67,10 @@ class _Memory(NamedTuple):
 _NEW: Any = tuple(
     map(
         np.asarray,
-        (np.int8(0), np.int8(0), complex(np.inf), 0, 1.0, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0),
+        (*(np.int8(0),) * 3, complex(np.inf), 0, 1.0, 0.0, (np.inf, 1.0 + 0j), (0.0, 1.0 + 0j), complex(np.nan), 0),
     )
 )
-_SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (), (), (), (SECTORS,), (2,), (2,), (), ())
+_SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (SIDE, SIDE), (), (), (), (SECTORS,), (2,), (2,), (), ())
 """What a robot remembers at first."""
 
 
@@ -77,8 +79,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     """Remember what was seen, and steer by VFH+ to a point of the cheapest way to the goal.
 
     Where every direction leads into its margin, only the robot's own radius counts. The defaults are the best of 40 tries in
-    the world "office", but for ``margin``, which is the safety layer's, ``lag``, which an LDS-02 needs shorter, ``doubt`` and
-    ``period``.
+    the world "office", but for ``margin``, which is the safety layer's, ``lag``, ``doubt``, ``habit`` and ``period``.
 
     The grid of 16 m moves with the robot, in the frame of the poses; unknown cells are free. A way costs more near obstacles
     and where nothing was seen. The point is the farthest one in ``preview`` to which a straight line costs hardly more than the
@@ -97,6 +98,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     """How many times the way's cost a straight line to the point may have."""
     doubt: Annotated[float, NON_NEGATIVE, Range(0.0, 1.5)] = 0.5
     """By how many times a cell costs more that was never seen."""
+    habit: Annotated[float, NON_NEGATIVE, Range(0.0, 1.0)] = 0.25
+    """By how many times a cell costs more that is not of the last way, so that a robot does not turn round for every scan."""
     period: Annotated[float, POSITIVE, Range(0.1, 1.0)] = 0.3
     """Time between plans, s."""
     ahead: Ahead = 0.0
@@ -116,7 +119,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         near = np.round(FREE * self.fear * np.clip(1.0 - (away - self.blocked) / self.berth, 0.0, 1.0))
         self._unknown = round(FREE * (1.0 + self.doubt))
         self._stamp = np.where(away < self.blocked, _BLOCKED, FREE + near).astype(np.int32)
-        self._memory = self._forgotten(0)
+        self._memory, self._motion = self._forgotten(0), Motion(self.dt, self.lag)
         self.stuck: NDArray[np.bool_] = np.zeros((), np.bool_)
         """Whether each robot has not got on of late, which is asked when it plans."""
 
@@ -127,6 +130,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     def reset(self, mask: NDArray[np.bool_]) -> None:
         """Forget everything where an episode begins."""
         super().reset(mask)
+        self._motion.reset(np.ravel(mask))
         rows = np.ravel(mask)
         if len(rows) != len(self._memory.steps):
             self._memory = self._forgotten(len(rows))
@@ -135,6 +139,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
 
     def keep(self, mask: NDArray[np.bool_]) -> None:
         super().keep(mask)
+        self._motion.keep(mask)
         self._memory = _Memory._make(part[mask] for part in self._memory)
 
     def know(self, row: int, occupied: NDArray[np.complex128], free: NDArray[np.complex128]) -> None:
@@ -152,8 +157,17 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
 
     def _look(self, observations: ArrayLike) -> Sight:
         """Return a policy's view, with the point to steer to in the place of the goal."""
-        to = super()._look(observations)
-        point = self._point(require_sight(observations).reshape(to.goal.size, -1)).reshape(to.goal.shape)
+        seen = require_sight(observations)
+        rows = seen.reshape(-1, seen.shape[-1])
+        if len(rows) != len(self._memory.steps):
+            self._memory, self._motion = self._forgotten(len(rows)), Motion(self.dt, self.lag)
+        self._motion.note(rows[:, 5] * self._robot.max_linear, rows[:, 6] * self._robot.max_angular)
+        shaped: Any = (
+            part.reshape(seen.shape[:-1] + part.shape[1:])
+            for part in look(rows, self._robot, self.dt, self.lag, motion=self._motion)
+        )
+        to = Sight(*shaped)
+        point = self._point(rows).reshape(to.goal.shape)
         self.stuck = self.stuck.reshape(to.goal.shape)
         away = np.abs(point)
         farther = point * (np.maximum(away, _NEAREST) / np.maximum(away, 1e-9))
@@ -166,8 +180,6 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
 
     def _point(self, rows: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return the point to steer to when the next command acts, in the body frame, shape (n,); NaN for the goal."""
-        if len(rows) != len(self._memory.steps):
-            self._memory = self._forgotten(len(rows))
         memory = self._memory
         o: Any = Observation(*rows[:, : len(Observation._fields)].T)
         heading = o.cos_turn - 1j * o.sin_turn  # in the goal's frame
@@ -175,10 +187,10 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         self._anchor(place, heading)
         place, heading = memory.frame[:, 0] + memory.frame[:, 1] * place, memory.frame[:, 1] * heading
         v, omega = o.v * self._robot.max_linear, o.omega * self._robot.max_angular
-        # By the LiDAR, a scan is stamped at its beginning or at its end: when it is new, its beams are 0.1 s old on average.
-        moved, turned = arc(-v, -omega, np.maximum(rows[:, -1], 0.2) - 0.1)
-        there = place + heading * moved
-        scans = np.stack([there.real, there.imag, np.angle(heading * turned)], axis=-1)
+        moved, turned = self._motion.since(rows[:, -1])
+        then = heading * np.conj(turned)
+        there = place - then * moved
+        scans = np.stack([there.real, there.imag, np.angle(then)], axis=-1)
         shares = rows[:, len(Observation._fields) : -1]
         due = memory.steps % max(round(self.period / self.dt), 1) == 0
         left = np.abs(place - memory.since) > _LEFT
@@ -189,8 +201,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         reaches = CELL / np.maximum(0.1 * np.abs(omega), 0.01)  # farther places are blurred by the turn
         new = (shares != memory.shares).any(axis=-1)
         advance()(
-            memory.grid, memory.vain, scans, reaches, shares, new, _pairs(place), goals, due, stuck, self._stamp, self.preview,
-            self.detour, self._unknown, targets,
+            memory.grid, memory.vain, memory.ways, scans, reaches, shares, new, _pairs(place), goals, due, stuck, self._stamp,
+            self.preview, self.detour, self._unknown, round(16.0 * self.habit), targets,
         )  # fmt: skip
         memory.idle[stuck], memory.pace[stuck] = 0, 1.0
         moved, turned = arc(v, omega, self.dt)
@@ -214,7 +226,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         frame[leap, 0] = (expected - frame[:, 1] * place)[leap]
         for n in np.flatnonzero(np.maximum(np.abs(expected.real), np.abs(expected.imag)) > 0.25 * SIDE * CELL):
             rows, columns = round(expected[n].imag / CELL), round(expected[n].real / CELL)
-            memory.grid[n], memory.vain[n] = (shifted(part[n], rows, columns) for part in (memory.grid, memory.vain))
+            for part in (memory.grid, memory.vain, memory.ways):
+                part[n] = shifted(part[n], rows, columns)
             for part in (frame[n, :1], memory.pose[n, :1], memory.target[n : n + 1], memory.since[n : n + 1]):
                 part -= CELL * (columns + 1j * rows)
 

@@ -18,7 +18,17 @@ from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, typed
 from turtlebot_gym.values import Command
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy, layout_of
-from turtlebot_gym_agents.policies.sight import DIRECTIONS, EDGE, HALF_SECTOR, UNSEEN, arc, look, require_sight, time_to_contact
+from turtlebot_gym_agents.policies.sight import (
+    DIRECTIONS,
+    EDGE,
+    HALF_SECTOR,
+    UNSEEN,
+    Motion,
+    arc,
+    look,
+    require_sight,
+    time_to_contact,
+)
 
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.0])
 """Shares of the commanded speed to try."""
@@ -80,7 +90,7 @@ class SafetyLayer:
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1
-    """Mean age of the beams beyond the stated age of the scan, s."""
+    """Half the time of a revolution, s; on average, beams are older than their scan's stamp by it, or younger, see `Motion`."""
     way_out: Annotated[float, NON_NEGATIVE] = 12.0
     """Time for which geometry steers after the policy's wish has stopped the robot, s."""
 
@@ -95,6 +105,7 @@ class SafetyLayer:
         self._drift = variance * self.dt  # growth of the place's variance at the highest turning rate, m^2/s
         self._sway = np.float64(SURE * np.sqrt(self._drift * self.reserve))
         self._guide = self.policy if isinstance(self.policy, PlannerPolicy) else PlannerPolicy(self._robot, self.dt)
+        self._motion = Motion(self.dt, self.lag)
         self._left, self._places = np.zeros(()), np.full(2 * SECTORS, UNSEEN, np.complex128)
         self._spread = np.zeros(2 * SECTORS)  # variance of the places, m^2
         # No robot comes farther within the reserve.
@@ -107,20 +118,25 @@ class SafetyLayer:
         for policy in {self.policy, self._guide}:
             if isinstance(policy, ShrinkingPolicy):
                 policy.keep(mask)
+        self._motion.keep(mask)
         self._left, self._places, self._spread = self._left[mask], self._places[mask], self._spread[mask]
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
         for policy in {self.policy, self._guide}:
             if isinstance(policy, PolicyWithMemory):
                 policy.reset(mask)
+        self._motion.reset(np.asarray(mask))
         self._left = np.where(mask, 0.0, self._left)
         self._places = np.where(np.asarray(mask)[..., None], UNSEEN, self._places)
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 50)."""
         seen = np.asarray(observations, np.float32)
-        rows = self._remembered(require_sight(seen).astype(np.float32))
-        points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x).points
+        rows = require_sight(seen).astype(np.float32)
+        v, omega = np.moveaxis(rows[..., 5:7].astype(np.float64), -1, 0)
+        self._motion.note(v * self._robot.max_linear, omega * self._robot.max_angular)
+        rows = self._remembered(rows)
+        points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x, motion=self._motion).points
         told = np.concatenate([seen[..., : -SECTORS - 1], rows[..., -SECTORS - 1 :]], axis=-1)  # in the policy's own layout
         wish = np.clip(np.asarray(self.policy(told), np.float32), -1.0, 1.0)
         guided = wish if self._guide is self.policy else self._guide(rows)
@@ -137,8 +153,8 @@ class SafetyLayer:
         Places are in the robot's frame; of each half of a sector, one is remembered. Those that noise makes uncertain count as
         nearer.
         """
-        v, omega = rows[..., 5:6] * self._robot.max_linear, rows[..., 6:7] * self._robot.max_angular
-        (step, turn), (moved, turned) = (arc(v, omega, time) for time in (self.dt, rows[..., -1:] + self.lag))
+        step, turn = arc(rows[..., 5:6] * self._robot.max_linear, rows[..., 6:7] * self._robot.max_angular, self.dt)
+        moved, turned = (part[..., None] for part in self._motion.since(rows[..., -1].astype(np.float64)))
         places, spread = (self._places - step) * np.conj(turn), self._spread + self._drift * rows[..., 6:7] ** 2 * self.dt
         there = places * turned + moved - self.lidar_x  # from the LiDAR, when it measured
         at, away = np.round(np.angle(there) / HALF_SECTOR).astype(np.int64), np.abs(there)

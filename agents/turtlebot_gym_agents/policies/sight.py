@@ -22,6 +22,10 @@ DIRECTIONS = np.exp(2j * np.pi * np.arange(SECTORS) / SECTORS)
 """The middles of the sectors, as unit vectors; shape (`SECTORS`,)."""
 EDGE = np.exp(1j * HALF_SECTOR)
 """From the middle of a sector to its edge."""
+_TRAIL = 0.5
+"""Time over which a robot's speeds are remembered, s: the age of its oldest scans."""
+_REVOLUTION = 0.1
+"""Least time that a LiDAR for robots of this size takes for a revolution, s."""
 UNSEEN = 1e3
 """Distance of the point that represents a sector without an obstacle, m."""
 
@@ -37,10 +41,66 @@ class Sight(NamedTuple):
     """Turning rate until then, shape (...), rad/s."""
 
 
-def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges: bool = False, lidar_x: float = 0.0) -> Sight:
+class Motion:
+    """What each robot's speeds were, by which it has moved since a scan: in bends not at its current ones.
+
+    Speeds that are observed hold until the next observation; those before the first one are taken to be the same. A scan is
+    stamped with the time of its first or of its last beam: of its last, if it was ever younger than a revolution takes.
+
+    Args:
+        dt: Control interval, s.
+        lag: Half the time of a revolution, s.
+    """
+
+    def __init__(self, dt: float, lag: float) -> None:
+        self._dt, self._lag = dt, lag
+        self._times = dt * np.arange(max(round(_TRAIL / dt), 1))
+        self._speeds, self._youngest = np.full((len(self._times) + 1, 2), np.nan), np.full((), np.inf)
+
+    def reset(self, mask: NDArray[np.bool_]) -> None:
+        """Forget everything where an episode begins."""
+        self._youngest = np.where(mask, np.inf, self._youngest)
+        self._speeds = np.where(np.asarray(mask)[..., None, None], np.nan, self._speeds)
+
+    def keep(self, mask: NDArray[np.bool_]) -> None:
+        """Drop the rows where the mask is false."""
+        self._speeds, self._youngest = self._speeds[mask], self._youngest[mask]
+
+    def since(self, age: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return place and heading in the frame of the pose when the beams of a scan of this age were measured, on average."""
+        self._youngest = np.minimum(self._youngest, age)
+        return self.over(np.maximum(age + np.where(self._youngest < _REVOLUTION, self._lag, -self._lag), 0.0))
+
+    def over(self, time: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return place and heading in the frame of the pose some time ago, s; the oldest speeds held before too."""
+        parts = np.maximum(time[..., None] - self._times, 0.0)
+        parts[..., :-1] = np.minimum(parts[..., :-1], self._dt)
+        steps, turns = arc(self._speeds[..., 1:, 0], self._speeds[..., 1:, 1], parts)
+        moved, turned = np.zeros(time.shape, np.complex128), np.ones(time.shape, np.complex128)
+        for k in range(len(self._times)):
+            moved, turned = steps[..., k] + turns[..., k] * moved, turns[..., k] * turned
+        return moved, turned
+
+    def note(self, v: NDArray[np.float64], omega: NDArray[np.float64]) -> None:
+        """Remember the speeds until the next observation, m/s and rad/s."""
+        now = np.stack([v, omega], axis=-1)[..., None, :]
+        before = np.where(np.isnan(self._speeds[..., :-1, :]), now, self._speeds[..., :-1, :])
+        self._speeds = np.concatenate([now, before], axis=-2)
+
+
+def look(
+    observations: ArrayLike,
+    robot: Robot,
+    dt: float,
+    lag: float,
+    *,
+    edges: bool = False,
+    lidar_x: float = 0.0,
+    motion: Motion | None = None,
+) -> Sight:
     """Return a policy's view.
 
-    A scan is old, and the robot has moved since its measurement, approximately at its current speeds.
+    A scan is old, and the robot has moved since its measurement, without a memory approximately at its current speeds.
 
     Args:
         observations: Shape (..., 50), layout 2, or (..., 54), layout 3.
@@ -49,6 +109,7 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
         lag: Mean age of the beams beyond the stated age of the scan, s.
         edges: Whether to place an obstacle at both edges of its sector too, which makes three points for each.
         lidar_x: Place of the LiDAR ahead of the axle, m.
+        motion: What is remembered of the robot's motion; then ``lag`` is not used.
 
     Raises:
         ValueError: If the observations have another layout.
@@ -56,7 +117,11 @@ def look(observations: ArrayLike, robot: Robot, dt: float, lag: float, *, edges:
     rows = require_sight(observations)
     shares, age = rows[..., len(Observation._fields) : -1], rows[..., -1]
     v, omega = rows[..., 5] * robot.max_linear, rows[..., 6] * robot.max_angular
-    moved, turned = arc(v, omega, age + lag + dt)
+    if motion is None:
+        moved, turned = arc(v, omega, age + lag + dt)
+    else:
+        (before, bent), (step, turn) = motion.since(age), arc(v, omega, dt)
+        moved, turned = before + bent * step, bent * turn
     points = np.where(shares < 1.0, shares * SIGHT, UNSEEN) * DIRECTIONS
     if edges:
         points = np.concatenate([points * EDGE, points, points * np.conj(EDGE)], axis=-1)
