@@ -8,7 +8,9 @@ from bench import odometry
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import ReliabilityPolicy
-from sensor_msgs.msg import LaserScan
+from rclpy.serialization import serialize_message
+from rclpy.time import Time
+from sensor_msgs.msg import LaserScan, TimeReference
 from std_msgs.msg import Header
 
 from turtlebot_gym.rooms.scan import Scan
@@ -23,10 +25,14 @@ from turtlebot_gym_ros.node.feed import Feed, resting_on
 class FakeNode:
     """A node as far as an input knows it: it notes what is subscribed to, in a namespace."""
 
-    def create_subscription(self, kind, topic, hear, qos, *, callback_group, qos_overriding_options, raw):
+    def __init__(self):
+        self.hears, self.publishers = {}, 1
+
+    def create_subscription(self, kind, topic, hear, qos, *, callback_group, qos_overriding_options=None, raw=False):
         self.kind, self.hear, self.qos = kind, hear, qos
         self.group, self.overridable = callback_group, qos_overriding_options
-        return SimpleNamespace(topic_name=f"/robot/{topic}")
+        self.hears[kind, topic] = hear
+        return SimpleNamespace(topic_name=f"/robot/{topic}", get_publisher_count=lambda: self.publishers)
 
 
 def unconnected(kind=State, *, lock_step=False, headers=True, group=Swift, mount=lambda frame: None, **options):
@@ -143,6 +149,17 @@ def test_an_input_is_awaited_then_given_until_it_is_old_and_awaited_again_after_
     assert latched.missing(100.0) is None
 
 
+def test_where_one_may_publish_two_are_one_too_many_and_bytes_are_read_as_messages():
+    feed, node = make(sole=True)
+    feed.accept("here", 100.0, 7)
+    assert feed.missing(100.0) is None
+    node.publishers = 2
+    assert feed.missing(100.0) == "2 nodes publish /robot/odom, where one may"
+    message = odometry(1.0, x=1.5)
+    assert feed.open(message) is message
+    assert feed.read(feed.open(serialize_message(message)), "odom") == (1.5, 0.0, 0.0, 0.0, 0.0)
+
+
 def message(*, sent, measured=None):
     """Return odometry that was sent and measured at times, s, with its info: it arrives at once."""
     nanoseconds = round(sent * 1e9)
@@ -237,14 +254,17 @@ def test_a_value_belongs_to_the_step_of_its_stamp_and_a_rare_one_to_the_step_tha
     feed, _ = make()
     feed.accept("here", 0.0, 7)
     assert feed.step == 7
-    rare = unconnected(State, lock_step=True)
+    rare, node, told = unconnected(State, lock_step=True), FakeNode(), []
     rare.declared = replace(rare.declared, lock_step="newest")
+    rare.connect(node, "hear", lambda: told.append(rare.step))
     assert rare.step is None
     rare.accept("here", 0.0, 7)
     assert rare.step is None
     for newest, step in ((7, 10), (7, 11), (9, None)):
-        rare._newest = (step or 12, newest)
+        header = Header(stamp=Time(nanoseconds=step or 12).to_msg())
+        node.hears[TimeReference, "odom/newest"](TimeReference(header=header, time_ref=Time(nanoseconds=newest).to_msg()))
         assert rare.step == step
+    assert told == [10, 11, None]
     rare.accept("there", 0.0, 9)
     assert rare.step == 12
     rare.forget()
