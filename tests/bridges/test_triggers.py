@@ -192,6 +192,7 @@ def test_messages_half_as_slow_again_are_not_too_slow_nor_any_without_a_period(t
 
 
 @pytest.mark.parametrize(("period", "speed"), [(0.0, None), (-0.1, None), (math.nan, None), (0.1, -1.0), (0.1, math.inf)])
-def test_a_period_is_positive(period, speed):
-    with pytest.raises(ValueError, match="positive"):
+def test_a_period_is_positive_and_a_speed_no_negative_number(period, speed):
+    rule = "period must be a number above 0" if speed is None else "speed must be a number of at least 0 and below 1000"
+    with pytest.raises(ValueError, match=f"^{rule}"):
         Every(period, speed)
