@@ -1,5 +1,7 @@
 """How many threads a parallel loop uses: a limit that changes no bit."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.packing import TILE
 from turtlebot_gym.compiled.threads import FIRST_TRIAL, LAST_TRIAL, TRIAL, VARIABLE, Pace, Threads, limited
 from turtlebot_gym.systems import Options
+from turtlebot_gym.tasks import SQUARE
 
 
 def driven(steps=20, task="square"):
@@ -104,6 +107,22 @@ def test_a_change_of_the_machine_is_noticed():
         made, _ = paced(pace, busy, 2 * LAST_TRIAL)
         assert made.count(True) <= FIRST_TRIAL + 20 * TRIAL
         assert not pace.parallel
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("longest", [0, TILE, -1], ids=["first", "of another tile", "last"])
+def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_step(monkeypatch, threads, longest):
+    monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
+    parameters, waypoints, *_ = Options(task=replace(SQUARE, max_steps=3)).setup()
+    batch = Batch(9 * TILE - 5, parameters, waypoints)
+    actions, others = np.zeros((batch.num_envs, 2), np.float32), np.ones(batch.num_envs, np.bool_)
+    batch.reset(others, *batch.empty())
+    others[longest] = False
+    with limited(threads):
+        batch.step(actions)
+        batch.reset(others, *batch.empty())
+        told = [batch.is_flagged() for _ in range(3) if batch.step(actions)]
+    assert told == [False, True, True]
 
 
 @pytest.mark.parametrize("why", ["the pace chose it", "numba has one"])

@@ -70,7 +70,7 @@ class Batch:
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
-        self._keys = np.zeros((n_tiles, TILE + 1), np.int64)
+        self._keys = np.zeros((n_tiles, TILE + 2), np.int64)
         self._keys[:, TILE] = np.arange(n_tiles)
         self._tiles = aligned(n_tiles * layout.world.size * TILE).reshape(n_tiles, -1)
         self._plan = plan
@@ -79,6 +79,8 @@ class Batch:
         self._addresses: dict[str, int] = {}
         """Of the loops that a parallel loop calls, for the present scenes and this process."""
         self._pace = Pace()
+        self._parts = 1
+        """Parts of the last step's tiles, each for a thread."""
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
         self._first = self._tiles[0]
@@ -213,20 +215,20 @@ class Batch:
         parallel = self._around is not None and self._parallel and Threads.acquire()
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         try:
-            self._run("reset", parallel, mask, begins, self.seeds, self.episodes, *state)
+            self._run("reset", Threads.count() if parallel else 1, mask, begins, self.seeds, self.episodes, *state)
         finally:
             if parallel:
                 Threads.release()
 
-    def _run(self, name: str, parallel: bool, *arguments: Any) -> None:
-        """Run a loop over all tiles, on one thread or on all."""
+    def _run(self, name: str, parts: int, *arguments: Any) -> None:
+        """Run a loop over all tiles in some parts, each on a thread."""
         loop = getattr(self._loops, name)
-        if not parallel or Threads.count() == 1:
+        if parts == 1:
             loop(*arguments)
             return
         if name not in self._addresses:
             self._addresses[name] = address_of(loop, *arguments)
-        parallel_loop(name)(self._addresses[name], Threads.count(), *arguments)
+        parallel_loop(name)(self._addresses[name], parts, *arguments)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`: new, or old ones without other references.
@@ -253,7 +255,8 @@ class Batch:
         observations, outcomes = self.empty()
         if self.num_envs > 1 and not actions.flags.carray:  # the loop would be compiled anew for each kind of array
             actions = actions.copy()
-        if not self._parallel:
+        if not self._parallel or Threads.limit == 1 or Threads.count() == 1:
+            self._parts = 1
             self._loops.step(
                 actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
             )  # fmt: skip
@@ -262,13 +265,21 @@ class Batch:
         parallel, start = self._pace.parallel, time.perf_counter()
         shared = parallel and Threads.acquire()
         try:
-            self._run("step", shared, actions, *state)
+            self._parts = Threads.count() if shared else 1
+            self._run("step", self._parts, actions, *state)
         finally:
             if shared:
                 Threads.release()
         if shared or not parallel:  # otherwise the pace's choice was not tried
             self._pace.tell(time.perf_counter() - start)
         return observations, outcomes
+
+    def is_flagged(self) -> bool:
+        """Return whether the last step has set a flag of any environment: success, termination or truncation."""
+        parts, last = self._parts, len(self._keys)
+        if parts == 1:
+            return self._keys[-1, TILE + 1] > 0
+        return any(self._keys[(part + 1) * last // parts - 1, TILE + 1] > 0 for part in range(parts))
 
     def numbers(self, path: str) -> NDArray[np.float64]:
         """Return a copy of one part of all worlds by dotted path, such as "body.true_state": (N, k), or (N,) for a number."""

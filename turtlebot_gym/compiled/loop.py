@@ -18,12 +18,15 @@ from turtlebot_gym.compiled.packing import LINE, TILE, Packing, as_tuple, packin
 from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, prefer_wide, scratch
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.systems import System, step_of
+from turtlebot_gym.systems import Outcome, System, step_of
 from turtlebot_gym.systems.episode import start_outcome
 from turtlebot_gym.systems.late import late_fixes
 from turtlebot_gym.systems.special import GENERAL, Special
 from turtlebot_gym.values import STOP, Pose
 
+_SUCCESS = Outcome._fields.index("is_success")
+FLAGS = slice(_SUCCESS, _SUCCESS + 3)
+"""The rows of success, termination and truncation in an outcome."""
 _LARGE = 250_000
 """Numbers in the tiles of a thread from which on they are fetched ahead: 2 MB, about a core's own cache."""
 
@@ -49,7 +52,7 @@ class _Loops(NamedTuple):
 
     layout: _Layout
     step: Callable[..., None]
-    """Advances the environments of some tiles; the last number among the keys of a tile is the tile's own."""
+    """Advances some tiles. After the keys of a tile come its own number, and how many flags are set in it and those before."""
     reset: Callable[..., None]
     """Begins episodes of some environments in some tiles, or writes their current observations again."""
 
@@ -245,9 +248,10 @@ def _do_nothing() -> None:
     """Stand for `prefer_wide` in plain Python."""
 
 
-def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
+def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
     _, _, outcome, observation, at_outcome, at_action, size = layout_of(system, special)
+    first_flag, end_of_flags = FLAGS.start, FLAGS.stop
     work_tile = (_drive_tile_of if system.reads_scan else _advance_tile_of)(system, special)
     seen = system.surroundings.seen if system.surroundings else 0
     n_outcome, n_observation = outcome.size, observation.size
@@ -256,7 +260,7 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., N
 
     @kernel
     def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
-        """Advance the ``count`` environments of a tile whose first environment is ``first``."""
+        """Advance the ``count`` environments of a tile whose first environment is ``first``; return how many flags are set."""
         widen()
         scratch = scratch_of(size)
         asked, shown = actions[first : first + count], observations[first : first + count]
@@ -271,6 +275,11 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., N
             column = outcomes[k][first : first + count]
             for lane in range(count):
                 column[lane] = scratch[at_outcome + k * TILE + lane]
+        flagged = 0
+        for k in range(first_flag, end_of_flags):
+            for lane in range(count):
+                flagged += scratch[at_outcome + k * TILE + lane] != 0.0
+        return flagged
 
     return step_tile
 
@@ -318,6 +327,7 @@ def _loops_of(system: System, special: Special) -> _Loops:
     many = _LARGE // (layout.world.size * TILE)
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
+        flagged = 0
         for at in range(len(tiles)):
             number = keys[at, TILE]
             origin = ahead + (number * width if len(parameters) > ahead + width else 0)
@@ -327,7 +337,10 @@ def _loops_of(system: System, special: Special) -> _Loops:
                 following = tiles[min(at + 1, len(tiles) - 1)]
                 for place in range(0, len(following), LINE):
                     fetch(following, place)
-            step_tile(number * TILE, count, actions, tile, own, parameters, origin, waypoints, observations, outcomes, scenes)
+            flagged += step_tile(
+                number * TILE, count, actions, tile, own, parameters, origin, waypoints, observations, outcomes, scenes
+            )
+            own[TILE + 1] = flagged
 
     def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         for at in range(len(tiles)):

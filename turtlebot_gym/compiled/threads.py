@@ -10,6 +10,9 @@ from contextlib import contextmanager
 
 from turtlebot_gym.kernel import HAS_NUMBA
 
+if HAS_NUMBA:
+    from numba import get_num_threads as _numbas_threads
+
 VARIABLE = "TURTLEBOT_GYM_THREADS"
 """Environment variable that limits the threads of a parallel loop."""
 
@@ -56,9 +59,7 @@ class Threads:
     @classmethod
     def count(cls) -> int:
         """Return the number of threads of the parallel loop that the caller may run."""
-        import numba
-
-        return numba.get_num_threads()
+        return _numbas_threads()  # pyright: ignore[reportPossiblyUnboundVariable]  # without numba no loop is parallel
 
     @classmethod
     def release(cls) -> None:

@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from turtlebot_gym.compiled.loop import FLAGS
 from turtlebot_gym.envs.common import (
     NUMBERS,
     PARTS,
@@ -40,8 +41,6 @@ MOST = 2**24
 """Most environments in one."""
 
 _REWARD, _DISTANCE, _SUCCESS = map(Outcome._fields.index, ("reward", "distance", "is_success"))
-_FLAGS = slice(_SUCCESS, _SUCCESS + 3)
-"""The rows of success, termination and truncation: one comparison of all takes half the time of three."""
 
 
 class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]):
@@ -109,6 +108,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._done = np.zeros(num_envs, np.bool_)
+        self._is_any_over = False
         self._everywhere = np.ones(num_envs, np.bool_)  # the mask of each key in each step, so nobody may write to it
         self._everywhere.flags.writeable = False
         self._begun = False
@@ -167,6 +167,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._begin(mask, observations, outcomes, asked)
         self._begun = True
         self._done[mask] = False
+        self._is_any_over = np.count_nonzero(self._done) > 0
         return observations, self._info(outcomes, outcomes[_SUCCESS] != 0.0, mask)
 
     def _entropy(self) -> int:
@@ -202,8 +203,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             raise InvalidAction(f"Environment {bad}: an action must be finite, got {values[bad]}.")
         if not self._begun:
             raise ResetNeeded("Call reset() before step().")
-        ended = self._done
-        is_any_over = np.count_nonzero(ended) > 0  # in a tenth of the time of `any`
+        ended, is_any_over = self._done, self._is_any_over
         if self._mode is AutoresetMode.DISABLED and is_any_over:
             raise Error(
                 f"Environment {int(np.argmax(ended))}: its episode has ended, and autoreset is disabled: "
@@ -212,10 +212,16 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         observations, outcomes = batch.step(values)
         if self._mode is AutoresetMode.NEXT_STEP and is_any_over:
             self._begin_next(ended, observations, outcomes)
-        flags = outcomes[_FLAGS] != 0.0
+        # Rows without flags, which are most steps of a few thousand environments, need no look at their numbers. One comparison
+        # of all three rows takes half the time of three.
+        is_flagged = is_any_over or batch.is_flagged()
+        flags = outcomes[FLAGS] != 0.0 if is_flagged else np.zeros((3, self.num_envs), np.bool_)
         rewards, is_success, terminated, truncated = outcomes[_REWARD], flags[0], flags[1], flags[2]
-        self._done = done = terminated | truncated
-        if self._mode is not AutoresetMode.SAME_STEP or not np.count_nonzero(done):
+        if is_flagged:
+            self._done = terminated | truncated
+            self._is_any_over = np.count_nonzero(self._done) > 0  # in a tenth of the time of `any`
+        done = self._done
+        if self._mode is not AutoresetMode.SAME_STEP or not self._is_any_over:
             return observations, rewards, terminated, truncated, self._info(outcomes, is_success)
         final = {"final_obs": of_rows(done, observations), "_final_obs": done.copy()}
         final |= {"final_info": self._info(outcomes, is_success, done), "_final_info": done.copy()}
@@ -253,6 +259,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     ) -> dict[str, Any]:
         """Return infos of all environments; those outside a mask are zeros."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": is_success}
+        if mask is None and self._told.is_empty:  # the usual case, in half the time
+            return infos | {"_distance": self._everywhere, "_is_success": self._everywhere}
         if not self._told.is_empty:
             infos |= self._told.now()
         if mask is not None:

@@ -24,7 +24,7 @@ from turtlebot_gym.estimation.ekf import correct_position, innovation, predict
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import Variances, absorb, innovation_variance, inverse_of, of_heading, wrapped
 from turtlebot_gym.kernel import algebra, kernel, sqrt
-from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.angles import wrap, wrap_once
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Mixture, Slip
 from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
 
@@ -90,9 +90,9 @@ def exp_minus(q: float) -> float:
 def merge(one: Belief, other: Belief, share: float) -> Belief:
     """Return the Gaussian with the moments of a mixture; ``other`` has the weight ``share``."""
     a, b, P, Q = one.mean, other.mean, one.covariance, other.covariance
-    x, y, t, v, w = b.x - a.x, b.y - a.y, wrap(b.theta - a.theta), b.v - a.v, b.omega - a.omega
+    x, y, t, v, w = b.x - a.x, b.y - a.y, wrap_once(b.theta - a.theta), b.v - a.v, b.omega - a.omega
     rest, both = 1.0 - share, share * (1.0 - share)
-    mean = State(a.x + share * x, a.y + share * y, wrap(a.theta + share * t), a.v + share * v, a.omega + share * w)
+    mean = State(a.x + share * x, a.y + share * y, wrap_once(a.theta + share * t), a.v + share * v, a.omega + share * w)
     covariance = Covariance(
         rest * P.xx + share * Q.xx + both * x * x,
         rest * P.xy + share * Q.xy + both * x * y,
@@ -136,7 +136,7 @@ def _turned(belief: Belief, turn: float) -> Belief:
 @kernel
 def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
     """Return a belief for each explanation of the first heading, and their probabilities."""
-    belief = ekf.initialize(z, tuning).belief
+    belief = wrapped(ekf.initialize(z, tuning).belief)
     spike = 0.0 if tuning.from_origin else tuning.kind.spike
     half = 0.5 * tuning.kind.spike_probability
     return Hypotheses(belief, _turned(belief, -spike), _turned(belief, spike)), (
