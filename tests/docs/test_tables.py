@@ -118,8 +118,23 @@ def test_what_a_known_map_is_worth_is_what_was_measured():
     assert f"reaches {shown(known['success'])} % of the goals in {number} `office` rooms" in page
     assert f"without the map {shown(without['success'])} %" in page
     assert f"{shown(known['sooner'], '.2f')} s sooner" in page
-    hit = [round(number * row["collision"]["value"]) for row in (known, without)]
-    assert f"in {hit[0]} and {hit[1]} rooms" in page
+    assert known["collision"]["value"] == without["collision"]["value"] == 0.0
+    assert "s sooner. Neither touched anything." in page
+
+
+def test_the_table_of_a_robot_that_sways_is_what_was_measured():
+    page, results = "docs/concepts/rooms.md", measured("rooms_planner_wheel")
+    driven, touched = {(row["setting"], row["policy"]): row for row in results["rows"]}, 0
+    table = rows_after(page, "**Near obstacles, a robot that sways")
+    for world, policy, *cells in table:
+        pair = [driven[f"{world.strip('`')}, noise wheel", policy.strip("`") + end] for end in ("", "+safety")]
+        touched += round(results["config"]["episodes"] * pair[1]["collision"]["value"])
+        assert cells == [shown(row[part]) for row in pair for part in ("success", "collision")] + [
+            shown(pair[1]["later"], "+.2f")
+        ]
+    assert f"In these {len(table) * results['config']['episodes']:,} drives {touched} touched" in (ROOT / page).read_text(
+        "utf-8"
+    )
 
 
 def test_the_table_of_people_is_what_was_measured():
