@@ -29,7 +29,7 @@ from turtlebot_gym.rooms.field import field_of_hits
 from turtlebot_gym.rooms.grid import BESIDE
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.console import print_tables
-from turtlebot_gym_agents.evaluation.localize import FAR, Course, Recorded, errors_of, localize
+from turtlebot_gym_agents.evaluation.localize import FAR, KNOWN, Course, Place, Recorded, errors_of, localize
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -207,7 +207,7 @@ def run(building: Building, charts: dict[tuple[float, bool], Chart], condition: 
     judged = slice(odd, None, 2) if condition.halves else slice(None)
     start, first = Pose(*drive.reference[0]), int(drive.rows[0])
     began = time.process_time()
-    course = localize(drive.recorded, *charts[at], tuning_of(condition), start, first=first)
+    course = localize(drive.recorded, Place(*charts[at], tuning_of(condition), start, KNOWN, first))
     return figures(course, drive, judged, time.process_time() - began)
 
 

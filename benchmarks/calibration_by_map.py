@@ -41,7 +41,8 @@ from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, beams_by
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.systems import Options
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
-from turtlebot_gym_agents.evaluation.by_map import Place, by_map, calibrate_by_map
+from turtlebot_gym_agents.evaluation.by_map import by_map, calibrate_by_map
+from turtlebot_gym_agents.evaluation.localize import KNOWN, Place
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -116,7 +117,7 @@ def halves(path: Path) -> dict[str, Any]:
     drive, map_of = read(path), chart(load(path), 0.05)
     drive = drive[int(np.flatnonzero(known(drive.truth))[0]) :]
     half, start = len(drive) // 2, Pose(*drive.truth[0].tolist())
-    place = Place(map_of.field, map_of.frame, ROBOT, start, (0.01, 0.01, 0.001))
+    place = Place(map_of.field, map_of.frame, ROBOT, start, KNOWN)
     found = calibrate_by_map(drive[:half], place, kind="wheel")
     mapped = by_map(drive, place, found.likeliest.process)
     localizer = mapped.course.poses[mapped.where], mapped.course.covariances[mapped.where]

@@ -15,7 +15,7 @@ from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.evaluation.localize import localize, recorded_of
+from turtlebot_gym_agents.evaluation.localize import KNOWN, Place, localize, recorded_of
 
 buildings = pytest.importorskip("buildings")
 
@@ -41,7 +41,7 @@ def stretch():
 
 def follow(stretch, start, recorded=None):
     drive, chart = stretch
-    return localize(recorded or drive.recorded, chart.field, chart.frame, ROBOT, start)
+    return localize(recorded or drive.recorded, Place(*chart, ROBOT, start, KNOWN))
 
 
 def test_the_belief_stays_with_the_reference(stretch):
@@ -70,7 +70,7 @@ def after_one_scan(stretch, off):
     drive, chart = stretch
     errors = []
     for row, true in zip(drive.rows[::6].tolist(), drive.reference[::6], strict=True):
-        pose = localize(drive.recorded, chart.field, chart.frame, ROBOT, Pose(*(true + off)), first=row).poses[row]
+        pose = localize(drive.recorded, Place(*chart, ROBOT, Pose(*(true + off)), KNOWN, row)).poses[row]
         errors.append((position_error(pose, true), heading_error(pose, true)))
     return np.array(errors).T
 

@@ -47,12 +47,13 @@ class Localize(Writing, Placed, Recorded):
         drive = read(self.file, **self.reading())
         for remark in drive.remarks:
             print(remark, file=sys.stderr)
-        grid, (field, frame, tuning, start, R, first) = self.place(self.map, drive, self.file)
+        grid, place = self.place(self.map, drive, self.file)
         rows = np.flatnonzero(known(drive.truth))
         recorded, where = recorded_of(drive)
-        course = localize(recorded, field, frame, tuning, start, R, int(where[first]))
-        states = {name: float(np.mean(course.states[where[first] :] == state)) for name, state in STATES.items()}
-        judged = rows[rows >= first]
+        first = int(where[place.first])
+        course = localize(recorded, place._replace(first=first))
+        states = {name: float(np.mean(course.states[first:] == state)) for name, state in STATES.items()}
+        judged = rows[rows >= place.first]
         errors = errors_of(course, where[judged], drive.truth[judged]) if len(judged) else {}
         table = Table("", "", title=f"{self.file.name} in {self.map.name}, {course.scans} scans")
         for name, figure in errors.items():

@@ -13,7 +13,7 @@ from turtlebot_gym.topics import Topics
 if TYPE_CHECKING:
     from turtlebot_gym.drives.drive import Drive
     from turtlebot_gym.rooms.grid import GridMap
-    from turtlebot_gym_agents.evaluation.by_map import Place
+    from turtlebot_gym_agents.evaluation.localize import Place
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class Placed:
         from turtlebot_gym.rooms.maps import read_map
         from turtlebot_gym.validation import choose
         from turtlebot_gym.values import Pose
-        from turtlebot_gym_agents.evaluation.by_map import Place
+        from turtlebot_gym_agents.evaluation.localize import KNOWN, Place
 
         tuning, grid = make_localizer(self.localizer, choose("lidar", self.lidar, LIDARS)), read_map(map).map
         assert grid is not None
@@ -66,5 +66,5 @@ class Placed:
         if not len(rows):
             raise ValueError(f"{name} holds no truth: --start must say where in the map the drive begins.")
         first = int(rows[0])
-        start, R = Pose(*drive.truth[first].tolist()), (0.01, 0.01, 0.001)
-        return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, start, R, first)
+        start = Pose(*drive.truth[first].tolist())
+        return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, start, KNOWN, first)

@@ -21,31 +21,14 @@ from turtlebot_gym.drives import Drive
 from turtlebot_gym.localization.alone import alone
 from turtlebot_gym.localization.localizer import TRACKING
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
-from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import sincos, wrap, wrap_all
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.values import Pose
-from turtlebot_gym_agents.evaluation.localize import TRAIL, Course, clocked, localize, recorded_of
+from turtlebot_gym_agents.evaluation.localize import TRAIL, Course, Place, clocked, localize, recorded_of
 
 CLEAR = 0.05
 """Standard deviation of a pose up to which it counts, m and rad: along a corridor a scan says nothing."""
-
-
-class Place(NamedTuple):
-    """A map, and where in it a drive starts."""
-
-    field: NDArray[np.float32]
-    """Distances to the surfaces of the map, see `rooms.field`."""
-    frame: NDArray[np.float64]
-    """Their frame."""
-    tuning: LocalizerTuning
-    start: Pose
-    """The pose at the first row."""
-    R: tuple[float, float, float] = (0.02, 0.02, 0.02)
-    """Variances of that pose; m^2, m^2, rad^2."""
-    first: int = 0
-    """The first row; scans before it are left out."""
 
 
 class Mapped(NamedTuple):
@@ -95,12 +78,12 @@ def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Ma
     Raises:
         ValueError: If the drive has no odometry or no scans.
     """
-    field, frame, tuning, start, R, first = place
+    field, frame, tuning, first = place.field, place.frame, place.tuning, place.first
     recorded, where = recorded_of(drive)
     recorded = clocked(recorded)
     if wheels is not None:
         recorded = recorded._replace(odometry=corrected(recorded.odometry, wheels))
-    course = localize(recorded, field, frame, tuning, start, R, int(where[first]))
+    course = localize(recorded, place._replace(first=int(where[first])))
     middle = recorded.last - 0.5 * recorded.interval * (recorded.ranges.shape[1] - 1)
     row = nearest(recorded.time[where], middle)
     number = len(recorded.rows)

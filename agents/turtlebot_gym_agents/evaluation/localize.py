@@ -27,6 +27,10 @@ STILL, UNTURNED = 0.02, 0.01
 """Way and turn since the last scan up to which a scan says nothing new, m and rad: it is left out."""
 
 
+KNOWN = (0.01, 0.01, 0.001)
+"""Variances of a start that is a true pose; m^2, m^2, rad^2."""
+
+
 class Recorded(NamedTuple):
     """What a localizer sees of a recording of T rows and S scans."""
 
@@ -48,6 +52,22 @@ class Recorded(NamedTuple):
     """Position of the LiDAR on the robot, m."""
     range_max: float = FAR
     """Greatest range that is used, m."""
+
+
+class Place(NamedTuple):
+    """A map, and where in it a drive starts."""
+
+    field: NDArray[np.float32]
+    """Distances to the surfaces of the map, see `rooms.field`."""
+    frame: NDArray[np.float64]
+    """Their frame."""
+    tuning: LocalizerTuning
+    start: Pose
+    """The pose at the first row."""
+    R: tuple[float, float, float] = (0.02, 0.02, 0.02)
+    """Variances of that pose; m^2, m^2, rad^2."""
+    first: int = 0
+    """The first row; rows and scans before it are left out."""
 
 
 class Course(NamedTuple):
@@ -103,34 +123,16 @@ STATES = {"tracking": TRACKING, "unsure": UNSURE, "lost": LOST}
 """States of a localizer by name."""
 
 
-def localize(
-    recorded: Recorded,
-    field: NDArray[np.float32],
-    frame: NDArray[np.float64],
-    tuning: LocalizerTuning,
-    start: Pose,
-    R: tuple[float, float, float] = (0.01, 0.01, 0.001),
-    first: int = 0,
-) -> Course:
-    """Return the beliefs of a localizer that sees a recording.
-
-    Args:
-        recorded: The recording.
-        field: Distances to the surfaces of the map, see `rooms.field`.
-        frame: Their frame.
-        tuning: The localizer.
-        start: The pose at the first row.
-        R: Variances of that pose; m^2, m^2, rad^2.
-        first: The first row; those before are NaN.
-    """
+def localize(recorded: Recorded, place: Place) -> Course:
+    """Return the beliefs of a localizer that sees a recording; those before the place's first row are NaN."""
     recorded = clocked(recorded)
     time = recorded.time
-    q: Any = as_tuple(tuning)
+    q: Any = as_tuple(place.tuning)
     course, states = np.full((len(time), 10), np.nan), np.zeros(len(time), np.int64)
     timing = Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max)
     located = _follow(
-        time, recorded.odometry, recorded.rows, recorded.last, recorded.ranges, directions(recorded.angles), timing, field,
-        frame, q, locate(start, R, q), first, course, states,
+        time, recorded.odometry, recorded.rows, recorded.last, recorded.ranges, directions(recorded.angles), timing,
+        place.field, place.frame, q, locate(place.start, place.R, q), place.first, course, states,
     )  # fmt: skip
     a, b, c, d, e, f = course[:, 3:9].T
     covariances = np.stack((a, b, c, b, d, e, c, e, f), axis=1).reshape(-1, 3, 3)
