@@ -58,6 +58,7 @@ CASES: dict[str, dict[str, Any]] = {
     "map off by 5 cm": {"rules": {"map_error": 0.05}},
     "bursts of slip": {"noise": wheels(slip=0.5, slip_start=0.01, slip_end=0.2)},
     "wheels 5 % too large": {"noise": wheels(scale=1.05)},
+    "wheels that turn by 20 % more": {"noise": wheels(turn_scale=1.2)},
     "three times the noise": {"noise": THRICE},
     "three times the noise, told": {"noise": THRICE, "filter": matched_filter(THRICE)},
 }
