@@ -166,6 +166,25 @@ def test_beams_in_any_order_say_the_same(in_hall):
     np.testing.assert_allclose(found(room, mixed, start).belief.mean, found(room, points, start).belief.mean, atol=1e-10)
 
 
+def test_where_wheels_drift_during_a_scan_older_beams_say_less_and_the_newest_as_much(in_hall):
+    room, pose, points = in_hall
+    start, older = locate(Pose(*pose), KNOWN, Q), points.copy()
+
+    def said(of, drift):
+        return full(information(room.field, room.frame, of, of.shape[1], at(pose), start.belief, start.scale, Q, drift))[0]
+
+    assert np.linalg.eigvalsh(said(points, 0.0) - said(points, 1e-3)).min() > -1e-6
+    np.testing.assert_array_equal(said(points[:, -1:].copy(), 1e-3), said(points[:, -1:].copy(), 0.0))
+    half, turn = points.shape[1] // 2, 0.02  # the older half was seen before the robot turned further than its wheels say
+    c, s = math.cos(turn), math.sin(turn)
+    older[:4, :half] = np.vstack((c * points[0] - s * points[1], s * points[0] + c * points[1],
+                                  c * points[2] - s * points[3], s * points[2] + c * points[3]))[:, :half]  # fmt: skip
+    drifted = locate(Pose(*pose), WIDE, Q)._replace(turn_drift=turn**2)
+    aware, unaware = (scan(drifted, room.field, room.frame, older, points.shape[1], Q, (0.0, sweep)) for sweep in (2.0, 0.0))
+    assert off(aware, pose)[1] < 0.8 * off(unaware, pose)[1]
+    assert aware.belief.covariance.tt > unaware.belief.covariance.tt
+
+
 def test_standing_still_never_gains_more_than_the_map_knows(in_hall):
     room, pose, points = in_hall
     located = locate(Pose(*pose), WIDE, Q)

@@ -128,9 +128,9 @@ def test_each_assumption_changes_the_belief():
         options = Options(world={**asdict(ROOMS["dense"]), "unmapped": 0.5}, noise="wheel", localizer=tuning)
         p, waypoints, plan, _ = options.setup()
         batch, beliefs = Batch(2, p._replace(noise=replace(p.noise, process=slipping)), waypoints, plan=plan), []
-        batch.seeds[:] = 3
+        batch.seeds[:] = 4
         batch.reset(np.ones(2, np.bool_), *batch.empty())
-        for step in range(60):
+        for step in range(120):
             batch.step(np.full((2, 2), (0.4, 1.0 if step % 30 < 15 else -1.0), np.float32))
             beliefs.append(batch.world(0).estimate)
         return beliefs

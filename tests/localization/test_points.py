@@ -37,7 +37,7 @@ def off(interval, lidar=LIDAR):
     for at in (1, 2):
         remember(trail, at * DT, POSES[at])
     timing = Timing(2.0 * DT, interval, lidar.x, lidar.y, lidar.range_max)
-    number = to_points(scene.ranges[1], scene.beams, 0, 1, timing, trail, points)
+    number = to_points(scene.ranges[1], scene.beams, 0, timing, trail, points)
     assert number == lidar.beams
     x, y, theta = POSES[-1]
     c, s = math.cos(theta), math.sin(theta)
@@ -53,13 +53,26 @@ def test_without_the_times_of_the_beams_they_do_not():
     assert off(0.0).max() > 0.1
 
 
-def test_beams_without_a_measurement_and_those_too_many_are_left_out():
+@pytest.mark.parametrize(
+    ("turn", "most", "used"),
+    [(0, 2, [2.0]), (1, 2, [1.0, 3.0]), (2, 2, [2.0]), (0, 3, [1.0, 2.0, 3.0]), (5, 9, [1.0, 2.0, 3.0])],
+)
+def test_the_beams_are_spread_over_those_with_a_measurement(turn, most, used):
     ranges = np.array([1.0, np.nan, np.inf, 0.0, -1.0, 9.5, 2.0, 3.0], np.float32)
-    trail, points = np.zeros((2, 4)), np.empty((5, 2))
+    trail, points = np.zeros((2, 4)), np.empty((5, most))
     timing = Timing(0.0, 0.0, 0.0, 0.0, 9.0)
-    number = to_points(ranges, directions(np.linspace(0.0, 3.0, 8)), 0, 1, timing, trail, points)
-    assert number == 2
-    np.testing.assert_array_equal(points[4], [1.0, 2.0])
+    number = to_points(ranges, directions(np.linspace(0.0, 3.0, 8)), turn, timing, trail, points)
+    np.testing.assert_array_equal(points[4, :number], used)
+
+
+def test_scans_in_turn_use_all_beams():
+    ranges, points, used = np.arange(1.0, 361.0, dtype=np.float32), np.empty((5, 20)), set()
+    for turn in range(18):
+        timing = Timing(0.0, 0.0, 0.0, 0.0, 400.0)
+        assert to_points(ranges, directions(np.zeros(360)), turn, timing, np.zeros((2, 4)), points) == 20
+        np.testing.assert_array_equal(np.diff(points[4]), 18.0)
+        used |= set(points[4].tolist())
+    assert len(used) == 360
 
 
 @pytest.mark.parametrize(("rate", "dt", "poses"), [(5.0, 0.1, 4), (10.0, 0.1, 3), (0.5, 0.1, 22)])
@@ -70,10 +83,10 @@ def test_a_trail_reaches_back_to_the_first_beam(rate, dt, poses):
     assert _trail(p) == poses
 
 
-def test_a_scan_does_not_show_a_third_of_the_drift_in_its_sweep_and_all_since_its_end():
+def test_the_odometry_counts_its_intervals_since_a_scan_and_during_it():
     trail = np.zeros((3, 4))
     trail[:, 0] = 0.5, 0.4, 0.3
-    assert swept(Timing(0.5, 0.0, 0.0, 0.0, 9.0), 90, trail) == 0.0  # measured now, and at once
-    assert swept(Timing(0.5, 0.2 / 90, 0.0, 0.0, 9.0), 90, trail) == pytest.approx(2.0 / 3.0)
-    assert swept(Timing(0.45, 0.0, 0.0, 0.0, 9.0), 90, trail) == pytest.approx(0.5)
-    assert swept(Timing(0.5, 0.01, 0.0, 0.0, 9.0), 90, np.zeros((3, 4))) == 0.0
+    assert swept(Timing(0.5, 0.0, 0.0, 0.0, 9.0), 90, trail) == (0.0, 0.0)  # measured now, and at once
+    assert swept(Timing(0.5, 0.2 / 90, 0.0, 0.0, 9.0), 90, trail) == pytest.approx((0.0, 2.0))
+    assert swept(Timing(0.45, 0.0, 0.0, 0.0, 9.0), 90, trail) == pytest.approx((0.5, 0.0))
+    assert swept(Timing(0.5, 0.01, 0.0, 0.0, 9.0), 90, np.zeros((3, 4))) == (0.0, 0.0)

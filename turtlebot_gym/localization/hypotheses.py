@@ -181,7 +181,15 @@ def _follow(
 
 @kernel
 def look(
-    located: Located, bank: Any, field: Any, frame: Any, points: Any, number: int, wheels: Pose, q: Any, unseen: float = 0.0
+    located: Located,
+    bank: Any,
+    field: Any,
+    frame: Any,
+    points: Any,
+    number: int,
+    wheels: Pose,
+    q: Any,
+    unseen: tuple[float, float] = (0.0, 0.0),
 ) -> Located:
     """Condition the belief on a scan; where the place is in doubt, look for it in the whole map too, and follow what is found.
 
@@ -194,7 +202,7 @@ def look(
         number: Number of points.
         wheels: The odometry at the present pose.
         q: A `LocalizerTuning`.
-        unseen: Number of moves whose drift the scan does not show, see `points.swept`.
+        unseen: Number of moves since the scan and during it, see `points.swept`.
     """
     in_doubt, since = located.misfits >= q.patience, int(located.misfits - q.patience)
     is_hypothesis = located.belief.covariance.xx < FAR if since == 0 else bank[MOST, LOG_WEIGHT] > NONE
@@ -228,9 +236,8 @@ def correct_by_scan(
         frame: Their frame.
         q: A `LocalizerTuning`.
     """
-    every = max(-(-len(ranges) // int(q.beams)), 1)
     points = np.empty((5, int(q.beams)))
-    number = to_points(ranges, beams, int(located.scans) % every, every, timing, trail, points)
+    number = to_points(ranges, beams, int(located.scans), timing, trail, points)
     mean = located.belief.mean
     fetch_ends(field, frame, points, number, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
     wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))

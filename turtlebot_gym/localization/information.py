@@ -104,13 +104,13 @@ def _look_back(room: Any, k: int, field: Any, frame: Any, at: Guess, q: Any) -> 
 
 
 @kernel
-def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: Any) -> None:
+def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: Any, drift: float) -> None:
     """Write the derivatives of a beam's residual by heading and scale, its weight, and whether it fits; 0 in the unknown."""
     known, d, gx, gy = room[_KNOWN + k] != 0.0, float(room[_D + k]), float(room[_GX + k]), float(room[_GY + k])
     along, length, c, wide = float(room[_ALONG + k]), float(room[_LENGTH + k]), sixth.column, q.gate * q.gate
     deviation = max(q.deviation, q.deviation_share * length)
-    R = along * along * deviation * deviation + q.grain * q.grain
     gt, gs = gy * float(room[_TO_X + k]) - gx * float(room[_TO_Y + k]), -along * length
+    R = along * along * deviation * deviation + q.grain * q.grain + gt * gt * drift
     S = R + gx * gx * P.xx + gy * gy * P.yy + gt * gt * P.tt + gs * gs * sixth.variance + 2.0 * (
         gx * gy * P.xy + gx * gt * P.xt + gy * gt * P.yt + gs * (gx * c.x + gy * c.y + gt * c.theta)
     )  # fmt: skip
@@ -130,7 +130,7 @@ def fetch_ends(field: Any, frame: Any, points: Any, number: int, at: Guess) -> N
 
 @kernel
 def information(
-    field: Any, frame: Any, points: Any, number: int, at: Guess, belief: Belief, sixth: Sixth, q: Any
+    field: Any, frame: Any, points: Any, number: int, at: Guess, belief: Belief, sixth: Sixth, q: Any, drift: float = 0.0
 ) -> Information:
     """Return the information of a scan at a guess.
 
@@ -145,6 +145,7 @@ def information(
         belief: Prior belief, whose covariance widens the weights.
         sixth: Prior of the ranges' scale.
         q: A `LocalizerTuning`.
+        drift: Variance of the heading by the wheels since the first beam was measured, rad^2: older beams say less.
     """
     sine, cosine = sincos(at.theta)
     stretch = 1.0 / (1.0 + at.scale) - 1.0
@@ -171,7 +172,7 @@ def information(
             if room[_BEYOND + k] != 0.0:
                 _look_back(room, k, field, frame, at, q)
         for k in range(some):
-            _rate(room, k, belief.covariance, sixth, q)
+            _rate(room, k, belief.covariance, sixth, q, drift * (number - 1 - first - k) / number)
         for k in range(some):
             gx, gy, gt, gs = float(room[_GX + k]), float(room[_GY + k]), float(room[_GT + k]), float(room[_GS + k])
             weight, d = float(room[_WEIGHT + k]), float(room[_D + k])

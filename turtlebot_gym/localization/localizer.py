@@ -51,6 +51,11 @@ CALM = 40.0
 """Scans for which the localizer does not look elsewhere again once it has seen that it is right."""
 SURE = 0.95
 """Weight from which on the best hypothesis is believed."""
+SHARED = 3.0
+"""Factor of the drift since a beam was measured, where beams count the less the older they are: they share that drift."""
+HIDDEN = 0.25
+"""Share of the drift during a scan that remains: the mean of a random walk differs from its end by a third of the walk's
+variance, that of beams that count the more the newer they are by less."""
 TRACKING, UNSURE, LOST = 0, 1, 2
 """States of a localizer, see `state_of`."""
 
@@ -164,7 +169,16 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
 
 @kernel
 def descend(
-    field: Any, frame: Any, points: Any, number: int, prior: Belief, scale: Sixth, at: Guess, bias: tuple[float, float], q: Any
+    field: Any,
+    frame: Any,
+    points: Any,
+    number: int,
+    prior: Belief,
+    scale: Sixth,
+    at: Guess,
+    bias: tuple[float, float],
+    q: Any,
+    drift: float = 0.0,
 ) -> Descent:
     """Return the belief conditioned on a scan, linearized anew at each step from a start on; unchanged with too few beams.
 
@@ -178,10 +192,11 @@ def descend(
         at: The start.
         bias: Variances of the scan's position and heading by what is wrong with the map, m^2 and rad^2.
         q: A `LocalizerTuning`.
+        drift: See `information`.
     """
     end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0)
     for _ in range(int(q.iterations)):
-        L = information(field, frame, points, number, end.at, prior, scale, q)
+        L = information(field, frame, points, number, end.at, prior, scale, q, drift)
         if L.used < LEAST_BEAMS:
             return Descent(prior, scale, at, 0.0, 0.0, 0.0, L.used)
         belief, sixth, nis, freedom = condition(prior, scale, end.at, blurred(L, bias[0], bias[1]))
@@ -205,7 +220,7 @@ def _widened(belief: Belief, position: float, heading: float) -> Belief:
 
 @kernel
 def _best_descent(
-    field: Any, frame: Any, points: Any, number: int, located: Located, bias: tuple[float, float], q: Any
+    field: Any, frame: Any, points: Any, number: int, located: Located, bias: tuple[float, float], q: Any, drift: float
 ) -> Descent:
     """Return the descent from the prediction, or where that is in doubt a better one from a start around it."""
     near, scale = located.belief, located.scale
@@ -216,7 +231,7 @@ def _best_descent(
     while k < count:  # one place from which the descent is called: machine code for each would take long to compile
         if k >= 0:
             start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
-        end = descend(field, frame, points, number, near if k < 0 else wide, scale, start, bias, q)
+        end = descend(field, frame, points, number, near if k < 0 else wide, scale, start, bias, q, drift)
         in_doubt = k >= 0 or end.fits < q.doubt or end.nis > q.gate * q.gate * end.freedom
         if k < 0:
             best = end
@@ -234,7 +249,9 @@ def _best_descent(
 
 
 @kernel
-def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: Any, unseen: float = 0.0) -> Located:
+def scan(
+    located: Located, field: Any, frame: Any, points: Any, number: int, q: Any, unseen: tuple[float, float] = (0.0, 0.0)
+) -> Located:
     """Condition the belief on a scan.
 
     Args:
@@ -244,16 +261,18 @@ def scan(located: Located, field: Any, frame: Any, points: Any, number: int, q: 
         points: The scan, see `points.to_points`, as seen from the present pose.
         number: Number of points.
         q: A `LocalizerTuning`.
-        unseen: Number of moves whose drift the scan does not show, see `points.swept`.
+        unseen: Number of moves since the scan and during it, whose drift it does not show, see `points.swept`.
     """
     take = max(FRESH * (1.0 - located.taken), LEAST_TAKE)
     bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
-    end = _best_descent(field, frame, points, number, located, bias, q)
+    since, during = unseen
+    end = _best_descent(field, frame, points, number, located, bias, q, SHARED * during * located.turn_drift)
     if end.freedom == 0.0:  # too few beams on known ground: it says nothing
         return located
     bad = 0.7 * q.doubt  # below this share no start has explained the scan
     loose = q.loosen * q.loosen * max(1.0 - end.fits / bad, 0.0) if bad > 0.0 else 0.0
-    drift, turn_drift = 0.5 * unseen * located.way_drift, unseen * located.turn_drift
+    hidden = since + HIDDEN * during
+    drift, turn_drift = 0.5 * hidden * located.way_drift, hidden * located.turn_drift
     belief = wrapped(_widened(end.belief, loose + drift, 0.25 * loose + turn_drift))
     surprise = end.nis / end.freedom
     # Where beams do not fit, the map surprises and not the wheels.

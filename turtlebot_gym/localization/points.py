@@ -51,27 +51,35 @@ def rest(trail: Any, time: float, pose: Pose) -> None:
 
 
 @kernel
-def to_points(ranges: Any, beams: Any, first: int, every: int, timing: Timing, trail: Any, points: Any) -> int:
-    """Write the points of every so many beams of a scan, and return their number.
+def to_points(ranges: Any, beams: Any, turn: int, timing: Timing, trail: Any, points: Any) -> int:
+    """Write a scan's beams, at most as many as there is room for, in the order of their measurement; return their number.
 
-    Beams without a measurement are left out: NaN, infinite, not positive, beyond the range.
+    They are evenly spread over those with a measurement; the others are NaN, infinite, not positive, or beyond the range.
 
     Args:
         ranges: Shape (B,), m.
         beams: Directions in the robot's frame, shape (2 or more, B): cosine and sine.
-        first: Number of the first beam to use.
-        every: Number of beams from one to the next.
+        turn: Number of the scan: the beams of the next one lie between those of this one.
         timing: When and where they were measured.
         trail: The odometry, see `remember`; a beam older than that counts as measured at its oldest pose.
-        points: Output, shape (5, n), see `X`; further beams are left out.
+        points: Output, shape (5, n), see `X`.
     """
-    number, k, used = len(ranges), len(trail) - 2, 0
+    number, k, used, measured = len(ranges), len(trail) - 2, 0, 0
+    for beam in range(number):
+        measured += 1 if 0.0 < float(ranges[beam]) <= timing.range_max else 0
+    most = min(points.shape[1], measured)
+    every = max(-(-measured // max(most, 1)), 1)
+    due = measured - most * (1 + (turn + every // 2) % every)  # those of scan 0 in the middle of their shares
     now_x, now_y = trail[0, 1], trail[0, 2]
     now_sine, now_cosine = sincos(trail[0, 3])
-    for beam in range(first, number, every):
+    for beam in range(number):
         length = float(ranges[beam])
-        if not 0.0 < length <= timing.range_max or used == points.shape[1]:
+        if not 0.0 < length <= timing.range_max:
             continue
+        due += most
+        if due < measured:
+            continue
+        due -= measured
         time = timing.last - timing.interval * (number - 1 - beam)
         while k > 0 and trail[k, 0] < time:
             k -= 1
@@ -92,11 +100,10 @@ def to_points(ranges: Any, beams: Any, first: int, every: int, timing: Timing, t
 
 
 @kernel
-def swept(timing: Timing, beams: int, trail: Any) -> float:
-    """Return the number of the odometry's intervals whose drift a scan does not show, as if it were seen from where it was.
+def swept(timing: Timing, beams: int, trail: Any) -> tuple[float, float]:
+    """Return the number of the odometry's intervals since the end of a scan, and during it.
 
-    Its beams are brought to the present pose by the odometry, with the odometry's drift since then. The mean of a random walk
-    over a sweep differs from its end by a third of the walk's variance in that time.
+    Its beams are brought to the present pose by the odometry, with the odometry's drift since then, which they do not show.
 
     Args:
         timing: When the beams were measured.
@@ -104,8 +111,8 @@ def swept(timing: Timing, beams: int, trail: Any) -> float:
         trail: The odometry, see `remember`.
     """
     passed = trail[0, 0] - trail[1, 0]
-    since = max(trail[0, 0] - timing.last, 0.0) + timing.interval * beams / 3.0
-    return since / passed if passed > 0.0 else 0.0
+    per_second = 1.0 / passed if passed > 0.0 else 0.0
+    return max(trail[0, 0] - timing.last, 0.0) * per_second, timing.interval * beams * per_second
 
 
 def directions(angles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -56,7 +56,7 @@ class LocalizerTuning:
     """... and per turn, m per rad: a mount that is not known, a turn about another point."""
     turn_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the heading, rad per root of m ..."""
-    turn_step: Annotated[float, NON_NEGATIVE] = 0.1
+    turn_step: Annotated[float, NON_NEGATIVE] = 0.05
     """... and as a share of a step's turn."""
     widening: Annotated[float, Range(1.0, 1e4)] = 1000.0
     """Largest factor of the wheels' variances, which grow until scans surprise no more than they should; 1 for none."""

@@ -58,7 +58,7 @@ def _each_alone(
             remember(trail, time[row], now)
         while k < len(rows) and rows[k] <= row:
             when = Timing(last[k], timing.interval, timing.x, timing.y, timing.range_max)
-            number = to_points(ranges[k], beams, 0, 1, when, trail, points)
+            number = to_points(ranges[k], beams, 0, when, trail, points)
             start = Pose(starts[row, 0], starts[row, 1], starts[row, 2])
             pose, fits[k] = alone(field, frame, points, number, start, scale, q, covariances[k])
             then = Pose(odometry[at[k], 0], odometry[at[k], 1], odometry[at[k], 2])

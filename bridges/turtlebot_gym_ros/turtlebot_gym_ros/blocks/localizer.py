@@ -209,8 +209,7 @@ class Localizer:
             return located  # the next odometry says from where it was seen
         assert self._grid is not None
         self._measured, ranges, q = stamp, scan.value.ranges, self._q
-        every = max(-(-len(ranges) // q.beams), 1)
-        number = to_points(ranges, beams, int(located.scans) % every, every, timing, self._trail, self._points)
+        number = to_points(ranges, beams, int(located.scans), timing, self._trail, self._points)
         unseen, points = swept(timing, len(ranges), self._trail), self._points
         after = look(located, self._bank, self._field, self._grid.frame, points, number, self._wheels(), q, unseen)
         if after.scans > located.scans:
