@@ -65,21 +65,21 @@ def to_points(ranges: Any, beams: Any, turn: int, timing: Timing, trail: Any, po
         points: Output, shape (5, n), see `X`.
     """
     number, k, used, measured = len(ranges), len(trail) - 2, 0, 0
+    those = np.empty(number, np.int64)  # with a measurement; found without a branch: a processor guesses those wrongly
     for beam in range(number):
+        those[measured] = beam
         measured += 1 if 0.0 < float(ranges[beam]) <= timing.range_max else 0
     most = min(points.shape[1], measured)
     every = max(-(-measured // max(most, 1)), 1)
-    due = measured - most * (1 + (turn + every // 2) % every)  # those of scan 0 in the middle of their shares
+    first = (turn + every // 2) % every  # that of scan 0 in the middle of its share
     now_x, now_y = trail[0, 1], trail[0, 2]
     now_sine, now_cosine = sincos(trail[0, 3])
-    for beam in range(number):
+    for part in range(most):
+        place = first + (part * measured + most - 1) // most
+        if place >= measured:
+            break
+        beam = those[place]
         length = float(ranges[beam])
-        if not 0.0 < length <= timing.range_max:
-            continue
-        due += most
-        if due < measured:
-            continue
-        due -= measured
         time = timing.last - timing.interval * (number - 1 - beam)
         while k > 0 and trail[k, 0] < time:
             k -= 1
