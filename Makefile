@@ -180,10 +180,10 @@ bench-estimation: $(READY)  ## filters beside the bound that no filter can pass,
 bench-arrival: $(READY)  ## when a robot should believe that it has arrived: rules side by side (2 minutes)
 	$(RUN)python benchmarks/arrival.py
 
-bench-localization: $(READY)  ## the localizer in rooms: errors, honesty, wrong maps and wheels, speed (10 minutes)
+bench-localization: $(READY)  ## the localizer in rooms: errors, honesty, wrong maps and wheels, speed (2 minutes)
 	$(RUN)python benchmarks/localization.py
 
-bench-missions: $(READY)  ## goals in turn for ten minutes: on wheels, localized, and on the truth (10 minutes)
+bench-missions: $(READY)  ## goals in turn for ten minutes: on wheels, localized, and on the truth (2 minutes)
 	$(RUN)python benchmarks/missions.py
 
 bench-belief: $(READY)  ## trainings on the truth, on wheels and on the localizer, all driven on its belief (40 minutes; resumes)

@@ -142,9 +142,9 @@ def buildings(results: Results) -> str:
     without = sum(max(shares) == 0.0 for shares in lost.values())
     half = lost["50 % people"]
     return (
-        f"* **People on half of the beams lose the localizer** in real buildings, for {percent(min(half))} and "
-        f"{percent(max(half))} of the time. In {without} of {len(lost)} conditions it is never lost. [Real "
-        "buildings](#real-buildings)."
+        f"* **People on half of the beams lose the localizer** in {sum(share > 0.0 for share in half)} of {len(half)} real "
+        f"buildings, for {percent(max(half))} of the key frames. In {without} of {len(lost)} conditions it is never lost. "
+        "[Real buildings](#real-buildings)."
     )
 
 
