@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import platform
-import signal
 import sys
 import textwrap
 import time
@@ -25,7 +24,7 @@ from turtlebot_gym_ros.field.findings import REFUSED, Finding, passed
 from turtlebot_gym_ros.field.processes import processes
 from turtlebot_gym_ros.field.rehearsal import Rehearsed, button, guards, simulated
 from turtlebot_gym_ros.field.report import MARKS, page, shown
-from turtlebot_gym_ros.field.session import Listener
+from turtlebot_gym_ros.field.session import Listener, be_interruptible
 from turtlebot_gym_ros.field.shared import Field, Person
 from turtlebot_gym_ros.field.steps import walk
 
@@ -103,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         folder.mkdir(parents=True)
     except (ValueError, OSError) as error:
         return refuse(error)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    be_interruptible()
     seen: list[Finding] = []
     print(textwrap.fill(WORDS, 100))
     with ExitStack() as ending:

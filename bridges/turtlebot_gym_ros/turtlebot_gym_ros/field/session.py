@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -99,6 +101,27 @@ def _end(info: Any) -> End:
     return End(info.node_name, info.topic_type, qos.reliability == ReliabilityPolicy.RELIABLE)
 
 
+_interrupted = Event()
+
+
+def be_interruptible() -> None:
+    """Let SIGINT and SIGTERM raise KeyboardInterrupt, and note it: one that is raised within a destructor is lost."""
+    _interrupted.clear()
+    for ending in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(ending, _interrupt)
+
+
+def _interrupt(*_: object) -> None:
+    _interrupted.set()
+    raise KeyboardInterrupt
+
+
+def go_on() -> None:
+    """Raise KeyboardInterrupt if it was noted: call it before and during motions."""
+    if _interrupted.is_set():
+        raise KeyboardInterrupt
+
+
 def wait_for(condition: Callable[[], Any], timeout: float = PATIENCE) -> bool:
     """Wait until a condition holds, at most a time in s, and return whether it does."""
     until = time.monotonic() + timeout
@@ -177,6 +200,7 @@ def _follow(state: Callable[[], str], passes: Callable[[], bool], timeout: float
     """Wait until a drive is done, and return why it was not, or an empty text."""
     until, alive = time.monotonic() + timeout, time.monotonic()
     while (now := time.monotonic()) < until:
+        go_on()
         what = state()
         if what in ("silent: done", "stopping: done"):
             return ""

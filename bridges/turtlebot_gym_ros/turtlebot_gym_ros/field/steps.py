@@ -21,7 +21,7 @@ from turtlebot_gym_ros.field import findings
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
 from turtlebot_gym_ros.field.measured import MeasuredDrive
 from turtlebot_gym_ros.field.processes import processes
-from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, enable, wait_for
+from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, enable, go_on, wait_for
 from turtlebot_gym_ros.field.shared import Field, drive_since, ends_of, poses_since, relative, turned
 
 NOISE = "noise.yaml"
@@ -256,6 +256,7 @@ def walk(at: Field, seen: list[Finding], report: Callable[[Finding], Any] = lamb
     """Take all steps, and add their findings to ``seen`` as they come; on an interruption they stay there."""
     needed: list[str] = []
     for step in STEPS:
+        go_on()
         if step.amount and not getattr(at, step.amount):
             new = [Finding(step.name, SKIPPED, f"Left out: --{step.amount} is 0.")]
         elif step.needs_robot and (missing := _missing(needed, seen)):
