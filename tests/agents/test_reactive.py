@@ -257,6 +257,11 @@ def test_a_robot_that_sways_leaves_a_wall_beside_which_it_may_not_turn_as_fast_a
     assert layered(0.5, 0.1, near, noise="wheel", way_out=0.0)[0] >= 0.0  # one that wants to drive never turns back
 
 
+def test_a_layer_within_another_policy_allows_for_the_noise_too():
+    alone, stopping = (make_policy(f"vfh+safety{within}", noise="wheel") for within in ("", "+yield"))
+    assert alone.noise == stopping.policy.noise == "wheel"
+
+
 def least_clearance(drive, *, delay, blind=0.0, noise="clean", robots=300, steps=60, seed=0):
     """Return the least clearance of robots among posts, m, each of which starts where it could have stopped.
 
@@ -317,7 +322,7 @@ def test_within_the_layer_nobody_touches_a_post_from_where_a_stop_was_possible(d
 def test_within_the_layer_nobody_touches_a_post_that_came_too_near_for_the_lidar(delay, monkeypatch):
     """An LDS-02 sees nothing below 0.16 m; without a memory of such posts the robots touch them."""
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) > 0.0
-    monkeypatch.setattr(SafetyLayer, "_remembered", lambda self, rows: rows)
+    monkeypatch.setattr(SafetyLayer, "_remembered", lambda self, rows, *since: rows)
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) < -0.01
 
 

@@ -210,6 +210,7 @@ def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remark
 
 
 def _sincos(angle: float) -> tuple[float, float]:
+    """Return sine and cosine of any angle: `models.angles.sincos` holds for less than 1e5 rad, which a log may exceed."""
     return math.sin(angle), math.cos(angle)
 
 

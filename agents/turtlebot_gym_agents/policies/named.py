@@ -72,10 +72,10 @@ def make_policy(
         ImportError: If the policy is a bundle and onnxruntime is missing.
     """
     if name.endswith(SAFETY):
-        driver = make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt, allow_mismatch=allow_mismatch)
+        driver = make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt, noise=noise, allow_mismatch=allow_mismatch)
         return SafetyLayer(driver, robot, dt, noise=noise)
     if name.endswith(YIELD):
-        driver = make_policy(name.removesuffix(YIELD), robot=robot, dt=dt, allow_mismatch=allow_mismatch)
+        driver = make_policy(name.removesuffix(YIELD), robot=robot, dt=dt, noise=noise, allow_mismatch=allow_mismatch)
         return Yielding(driver, Network.load(pretrained_folder() / "yield.npz"), robot, dt)
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)

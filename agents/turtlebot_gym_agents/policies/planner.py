@@ -162,12 +162,12 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         if len(rows) != len(self._memory.steps):
             self._memory, self._motion = self._forgotten(len(rows)), Motion(self.dt, self.lag)
         self._motion.note(rows[:, 5] * self._robot.max_linear, rows[:, 6] * self._robot.max_angular)
+        since = self._motion.since(rows[:, -1])
         shaped: Any = (
-            part.reshape(seen.shape[:-1] + part.shape[1:])
-            for part in look(rows, self._robot, self.dt, self.lag, motion=self._motion)
+            part.reshape(seen.shape[:-1] + part.shape[1:]) for part in look(rows, self._robot, self.dt, self.lag, since=since)
         )
         to = Sight(*shaped)
-        point = self._point(rows).reshape(to.goal.shape)
+        point = self._point(rows, *since).reshape(to.goal.shape)
         self.stuck = self.stuck.reshape(to.goal.shape)
         away = np.abs(point)
         farther = point * (np.maximum(away, _NEAREST) / np.maximum(away, 1e-9))
@@ -178,8 +178,16 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         blocked = super()._blocked(to, margin)
         return np.where(blocked.all(axis=-1, keepdims=True), super()._blocked(to, 0.0), blocked)
 
-    def _point(self, rows: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return the point to steer to when the next command acts, in the body frame, shape (n,); NaN for the goal."""
+    def _point(
+        self, rows: NDArray[np.float64], moved: NDArray[np.complex128], turned: NDArray[np.complex128]
+    ) -> NDArray[np.complex128]:
+        """Return the point to steer to when the next command acts, in the body frame, shape (n,); NaN for the goal.
+
+        Args:
+            rows: Observations.
+            moved: Place as from when the beams were measured ...
+            turned: ... and heading.
+        """
         memory = self._memory
         o: Any = Observation(*rows[:, : len(Observation._fields)].T)
         heading = o.cos_turn - 1j * o.sin_turn  # in the goal's frame
@@ -187,7 +195,6 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         self._anchor(place, heading)
         place, heading = memory.frame[:, 0] + memory.frame[:, 1] * place, memory.frame[:, 1] * heading
         v, omega = o.v * self._robot.max_linear, o.omega * self._robot.max_angular
-        moved, turned = self._motion.since(rows[:, -1])
         then = heading * np.conj(turned)
         there = place - then * moved
         scans = np.stack([there.real, there.imag, np.angle(then)], axis=-1)

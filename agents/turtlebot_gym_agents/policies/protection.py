@@ -135,8 +135,9 @@ class SafetyLayer:
         rows = require_sight(seen).astype(np.float32)
         v, omega = np.moveaxis(rows[..., 5:7].astype(np.float64), -1, 0)
         self._motion.note(v * self._robot.max_linear, omega * self._robot.max_angular)
-        rows = self._remembered(rows)
-        points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x, motion=self._motion).points
+        since = self._motion.since(rows[..., -1].astype(np.float64))
+        rows = self._remembered(rows, *since)
+        points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x, since=since).points
         told = np.concatenate([seen[..., : -SECTORS - 1], rows[..., -SECTORS - 1 :]], axis=-1)  # in the policy's own layout
         wish = np.clip(np.asarray(self.policy(told), np.float32), -1.0, 1.0)
         guided = wish if self._guide is self.policy else self._guide(rows)
@@ -147,14 +148,21 @@ class SafetyLayer:
         action[out] = self._admissible(guided[out], points[out])
         return action
 
-    def _remembered(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _remembered(
+        self, rows: NDArray[np.float32], moved: NDArray[np.complex128], turned: NDArray[np.complex128]
+    ) -> NDArray[np.float32]:
         """Return observations in which obstacles that have come too near for the LiDAR are where they were.
 
         Places are in the robot's frame; of each half of a sector, one is remembered. Those that noise makes uncertain count as
         nearer.
+
+        Args:
+            rows: Observations.
+            moved: Place as from when the beams were measured ...
+            turned: ... and heading.
         """
         step, turn = arc(rows[..., 5:6] * self._robot.max_linear, rows[..., 6:7] * self._robot.max_angular, self.dt)
-        moved, turned = (part[..., None] for part in self._motion.since(rows[..., -1].astype(np.float64)))
+        moved, turned = moved[..., None], turned[..., None]
         places, spread = (self._places - step) * np.conj(turn), self._spread + self._drift * rows[..., 6:7] ** 2 * self.dt
         there = places * turned + moved - self.lidar_x  # from the LiDAR, when it measured
         at, away = np.round(np.angle(there) / HALF_SECTOR).astype(np.int64), np.abs(there)

@@ -96,7 +96,7 @@ def look(
     *,
     edges: bool = False,
     lidar_x: float = 0.0,
-    motion: Motion | None = None,
+    since: tuple[NDArray[np.complex128], NDArray[np.complex128]] | None = None,
 ) -> Sight:
     """Return a policy's view.
 
@@ -109,7 +109,7 @@ def look(
         lag: Mean age of the beams beyond the stated age of the scan, s.
         edges: Whether to place an obstacle at both edges of its sector too, which makes three points for each.
         lidar_x: Place of the LiDAR ahead of the axle, m.
-        motion: What is remembered of the robot's motion; then ``lag`` is not used.
+        since: Place and heading now, as from when the beams were measured, see `Motion.since`; then ``lag`` is not used.
 
     Raises:
         ValueError: If the observations have another layout.
@@ -117,10 +117,10 @@ def look(
     rows = require_sight(observations)
     shares, age = rows[..., len(Observation._fields) : -1], rows[..., -1]
     v, omega = rows[..., 5] * robot.max_linear, rows[..., 6] * robot.max_angular
-    if motion is None:
+    if since is None:
         moved, turned = arc(v, omega, age + lag + dt)
     else:
-        (before, bent), (step, turn) = motion.since(age), arc(v, omega, dt)
+        (before, bent), (step, turn) = since, arc(v, omega, dt)
         moved, turned = before + bent * step, bent * turn
     points = np.where(shares < 1.0, shares * SIGHT, UNSEEN) * DIRECTIONS
     if edges:
