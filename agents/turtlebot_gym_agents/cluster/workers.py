@@ -79,7 +79,13 @@ def _local_results(units: Iterable[tuple[str, Unit]], workers: int) -> Iterator[
 
     missing, reason = dict(units), ""
     for _ in range(1 + RETRIES):
-        parallel: Any = Parallel(workers, return_as="generator_unordered", batch_size=1)  # pyright: ignore[reportArgumentType]
+        parallel: Any = Parallel(
+            workers,
+            return_as="generator_unordered",  # pyright: ignore[reportArgumentType]
+            batch_size=1,  # pyright: ignore[reportArgumentType]
+            initializer=signal.signal,  # Ctrl-C reaches all, and is the command's: an idle worker would print a traceback
+            initargs=(signal.SIGINT, signal.SIG_IGN),
+        )
         try:
             # A copy: results are removed while joblib iterates.
             for name, result in parallel(delayed(_named)(name, unit) for name, unit in missing.copy().items()):
