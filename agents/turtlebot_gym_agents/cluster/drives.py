@@ -12,7 +12,7 @@ import numpy as np
 import turtlebot_gym.drives
 from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.cluster.attachments import Attachments, attach, hashes, placed, unpacked
-from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn
+from turtlebot_gym_agents.cluster.units import Result, Runner, complete
 from turtlebot_gym_agents.evaluation.episodes import Episodes, concatenate
 from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, batches, drive, require_known
 from turtlebot_gym_agents.evaluation.metrics import Errors
@@ -114,16 +114,14 @@ def evaluation(results: Sequence[Result], config: Mapping[str, Any]) -> Evaluati
 def evaluate_all(
     asked: Sequence[Mapping[str, Any]],
     *,
-    workers: Workers = in_turn,
-    store: Store | None = None,
+    runner: Runner = complete,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Evaluation]:
     """Return several evaluations, split into units.
 
     Args:
         asked: The arguments of `evaluation.evaluate.evaluate` for each; a policy is given by its name.
-        workers: See `units.complete`, as for the next.
-        store: Store of the results.
+        runner: Runs the units of work.
         progress: Called with the number of episodes driven.
     """
     configs = [{"env": NAV, "episodes": 1000, "seed": 0, **arguments} for arguments in asked]
@@ -131,7 +129,7 @@ def evaluate_all(
         whole("episodes", config["episodes"], 1)
         require_known(config["env"], config["seed"])
     parts = [drives(**config) for config in configs]
-    results = iter(complete([unit for part in parts for unit in part], workers=workers, store=store, progress=progress))
+    results = iter(runner([unit for part in parts for unit in part], progress))
     evaluations = []
     for part, config in zip(parts, configs, strict=True):
         head = {name: config.pop(name) for name in ("env", "policy", "episodes", "seed")}

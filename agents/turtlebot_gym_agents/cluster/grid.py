@@ -26,7 +26,7 @@ from turtlebot_gym.files import load
 from turtlebot_gym.validation import shown, whole
 from turtlebot_gym_agents.cluster.drives import CHUNK, DriveUnit, drives, evaluation
 from turtlebot_gym_agents.cluster.trainings import Training
-from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn
+from turtlebot_gym_agents.cluster.units import Result, Runner, Unit, complete
 from turtlebot_gym_agents.evaluation.comparison import compare
 from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, paired, require_known
 from turtlebot_gym_agents.evaluation.metrics import holm
@@ -132,22 +132,26 @@ def read_grid(path: Path) -> Grid:
 def study(
     grid: Grid,
     *,
-    workers: Workers = in_turn,
-    store: Store | None = None,
+    runner: Runner = complete,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[dict[str, Any]]:
     """Return the results of policies and trainings in each cell.
 
     Args:
         grid: The study.
-        workers: Workers for the units, see `work.complete`.
-        store: Store of the results; an interrupted study resumes from it.
+        runner: Runs the units of work; an interrupted study resumes from its store.
         progress: Called with the work done and the total, as counted by `units.Unit.size`, for trainings and then for episodes.
 
     Returns:
         For each cell its setting; for each policy a summary and the paired difference of times to the baseline, s; for each
         training the result of `evaluation.comparison.compare`, with p-values corrected over the whole study (Holm).
     """
+
+    def run(units: Iterable[Unit]) -> list[Result]:
+        known = list(units)
+        total = sum(unit.size for unit in known)
+        return runner(known, lambda done: progress(done, total))
+
     cells = grid.cells()
     trained = {
         (at, f"{name}/seed-{seed}.onnx"): unit
@@ -155,12 +159,12 @@ def study(
         for name in grid.trainings
         for seed, unit in enumerate(grid.trainings_of(name, cell))
     }
-    learned = dict(zip(trained, _all(trained.values(), workers, store, progress), strict=True))
+    learned = dict(zip(trained, run(trained.values()), strict=True))
     driven = {(at, policy): grid.drives_of(policy, cell) for at, cell in enumerate(cells) for policy in grid.policies}
     for (at, label), result in learned.items():
         driven[at, label] = grid.drives_of(label, cells[at], bundle=result.files["policy.onnx"])
     # All units at once, so that no worker waits for a cell.
-    results = iter(_all(itertools.chain(*driven.values()), workers, store, progress))
+    results = iter(run(itertools.chain(*driven.values())))
     evaluations: dict[tuple[int, str], Evaluation] = {}
     for (at, policy), units in driven.items():
         config = {**cells[at], "policy": policy, "episodes": grid.episodes, "seed": grid.seed}
@@ -170,12 +174,6 @@ def study(
     for comparison, p in zip(compared, holm([comparison["p"] for comparison in compared]), strict=True):
         comparison["p_holm"] = p
     return rows
-
-
-def _all(units: Iterable[Any], workers: Workers, store: Store | None, progress: Callable[[int, int], None]) -> list[Result]:
-    units = list(units)
-    total = sum(unit.size for unit in units)
-    return complete(units, workers=workers, store=store, progress=lambda done: progress(done, total))
 
 
 def _row(grid: Grid, at: int, cell: Mapping[str, Any], evaluations: Mapping[tuple[int, str], Evaluation]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from turtlebot_gym.validation import choose, whole
 from turtlebot_gym_agents.cluster.attachments import unpacked
 from turtlebot_gym_agents.cluster.trainings import Training
-from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn
+from turtlebot_gym_agents.cluster.units import Result, Runner, complete
 from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.callbacks import EvaluationCallback
@@ -76,8 +76,7 @@ def tune(
     trials: int = 50,
     generation: int | None = None,
     storage: str | None = None,
-    workers: Workers = in_turn,
-    store: Store | None = None,
+    runner: Runner = complete,
     progress: Callable[[int], None] = lambda ended: None,
 ) -> optuna.Study:
     """Search for the hyper-parameters with which the last evaluation's mean return is highest.
@@ -92,8 +91,7 @@ def tune(
         generation: Number of trials drawn together, which belongs to the study; None to draw and run them one by one.
         storage: URL of a database for SQLAlchemy, or a file (Optuna's journal), which may be on a network file system; None for
             ``study.db`` in the folder.
-        workers: Workers for the trials of a generation, see `units.complete`.
-        store: Store of the results until their generation is complete.
+        runner: Runs the trials of a generation; its store keeps their results until the generation is complete.
         progress: Called with the number of finished trials.
 
     Returns:
@@ -112,8 +110,7 @@ def tune(
         if generation is None:
             _try_next(study, config, space)
         else:
-            common = {"workers": workers, "store": store}
-            _try_generation(study, config, space, generation, trials, lambda ended, n=finished: progress(n + ended), **common)
+            _try_generation(study, config, space, generation, trials, runner, progress)
         if study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
             hyperparameters.save(folder / "best.yaml", config.env, _with_parameters(config, study.best_params).hyper)
     progress(finished)
@@ -124,7 +121,11 @@ def _try_next(study: optuna.Study, config: TrainingConfig, space: Mapping[str, B
     trial = study.ask()
     # A seed for each trial, so that processes that share a study draw different hyper-parameters.
     study.sampler = _Sampler([config.seed, trial.number], _starting_point(space, config.hyper))
-    _suggest(trial, space)
+    for name, distribution in space.items():
+        if isinstance(distribution, CategoricalDistribution):
+            trial.suggest_categorical(name, distribution.choices)
+        elif isinstance(distribution, FloatDistribution):
+            trial.suggest_float(name, distribution.low, distribution.high, log=distribution.log)
     study.tell(trial, *_run_trial(trial, _with_parameters(config, trial.params)))
 
 
@@ -134,8 +135,8 @@ def _try_generation(
     space: Mapping[str, BaseDistribution],
     size: int,
     trials: int,
+    runner: Runner,
     progress: Callable[[int], None],
-    **placed: Any,
 ) -> None:
     """Run what is missing of a generation, up to a total number of trials."""
     finished = study.get_trials(states=_FINISHED)
@@ -145,12 +146,12 @@ def _try_generation(
     sampler = _Sampler([config.seed, number], _starting_point(space, config.hyper))
     again = optuna.create_study(direction="maximize", sampler=sampler)
     again.add_trials(before)
-    drawn = [_suggest(again.ask(), space) for _ in range(size)][done : done + trials - len(finished)]
+    drawn = [again.ask(dict(space)).params for _ in range(size)][done : done + trials - len(finished)]
     earlier = tuple({"state": trial.state.name, "value": trial.value, "on_the_way": _on_the_way(trial)} for trial in before)
     files = Training.of(config).files
     trainings = [Training(config=_with_parameters(config, parameters), files=files) for parameters in drawn]
     units = [Trial(training=training, earlier=earlier) for training in trainings]
-    results = complete(units, progress=progress, **placed)
+    results = runner(units, lambda ended: progress(len(finished) + ended))
     for parameters, result in zip(drawn, results, strict=True):
         study.add_trial(_restored(result.facts, params=parameters, distributions=space))
 
@@ -226,16 +227,6 @@ class _Sampler(optuna.samplers.TPESampler):
         # Drawn in any case, so that the generator advances alike.
         drawn = super().sample_independent(study, trial, param_name, param_distribution)
         return drawn if trial.number else self._given.get(param_name, drawn)
-
-
-def _suggest(trial: optuna.Trial, space: Mapping[str, BaseDistribution]) -> dict[str, Any]:
-    """Draw a trial's parameters with its study's sampler, and return them."""
-    for name, distribution in space.items():
-        if isinstance(distribution, CategoricalDistribution):
-            trial.suggest_categorical(name, distribution.choices)
-        elif isinstance(distribution, FloatDistribution):
-            trial.suggest_float(name, distribution.low, distribution.high, log=distribution.log)
-    return trial.params
 
 
 def _with_parameters(config: TrainingConfig, parameters: Mapping[str, Any]) -> TrainingConfig:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from turtlebot_gym.files import load
 from turtlebot_gym_agents.cluster.attachments import Attachments, attach, hashes, placed, unpacked
-from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn
+from turtlebot_gym_agents.cluster.units import Result, Runner, complete
 from turtlebot_gym_agents.provenance import replace_json, replacing
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 
@@ -65,8 +65,7 @@ def train_all(
     configs: Sequence[TrainingConfig],
     folders: Sequence[Path],
     *,
-    workers: Workers = in_turn,
-    store: Store | None = None,
+    runner: Runner = complete,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Iterator[TrainingResult]:
     """Train policies, and write for each the files of `training.train.train` except checkpoints and logs.
@@ -74,8 +73,7 @@ def train_all(
     Args:
         configs: Configurations of the trainings.
         folders: Folder for the files of each.
-        workers: See `units.complete`, as for the next two.
-        store: Store of the results.
+        runner: Runs the units of work.
         progress: Called with the number of finished trainings.
 
     Raises:
@@ -86,7 +84,7 @@ def train_all(
     for folder in folders:
         require_no_run(folder)
     units = [Training.of(config) for config in configs]
-    for folder, result in zip(folders, complete(units, workers=workers, store=store, progress=progress), strict=True):
+    for folder, result in zip(folders, runner(units, progress), strict=True):
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in result.files.items():
             with replacing(folder / name) as beside:

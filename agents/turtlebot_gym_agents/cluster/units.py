@@ -63,6 +63,8 @@ class Unit(Protocol):
 
 Workers = Callable[[Iterable[tuple[str, Unit]]], Iterator[tuple[str, Result]]]
 """Runs units, taken as needed, and yields their results in any order, with their keys."""
+Runner = Callable[[Sequence[Unit], Callable[[int], None]], list[Result]]
+"""`complete`, with workers and a store."""
 
 
 class Store:
@@ -173,18 +175,18 @@ def in_turn(units: Iterable[tuple[str, Unit]]) -> Iterator[tuple[str, Result]]:
 
 def complete(
     units: Sequence[Unit],
+    progress: Callable[[int], None] = lambda done: None,
     *,
     workers: Workers = in_turn,
     store: Store | None = None,
-    progress: Callable[[int], None] = lambda done: None,
 ) -> list[Result]:
     """Return the results of units, in their order.
 
     Args:
         units: The units; equal ones run once.
+        progress: Called with the total size of the units that have a result.
         workers: Function that runs them; results do not depend on it.
         store: Store of the results. A unit whose result is there is not run.
-        progress: Called with the total size of the units that have a result.
 
     Raises:
         ValueError, OSError, ImportError: Raised by a unit.

@@ -124,8 +124,8 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
     def _spread(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
         from turtlebot_gym_agents.cluster.drives import DriveUnit, evaluate_all
 
-        with self.place(memory=DriveUnit.memory) as place:
-            return evaluate_all(asked, **place, progress=advance_to)
+        with self.place(memory=DriveUnit.memory) as runner:
+            return evaluate_all(asked, runner=runner, progress=advance_to)
 
     def _label(self, *names: str) -> str:
         choices = (self.policy, self.noise, self.observation)

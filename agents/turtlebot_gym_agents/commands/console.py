@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,8 @@ from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
+
+    from turtlebot_gym_agents.cluster.units import Runner
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 """An option that names a file to read."""
@@ -107,25 +110,25 @@ class Placement:
         return self.cluster is not None or self.store is not None
 
     @contextmanager
-    def place(self, *, memory: int, store: Path | None = None) -> Iterator[dict[str, Any]]:
-        """Provide workers and store, the arguments of `cluster.units.complete`, for the duration of the block.
+    def place(self, *, memory: int, store: Path | None = None) -> Iterator[Runner]:
+        """Provide `cluster.units.complete` with workers and store, for the duration of the block.
 
         Args:
             memory: Memory of a unit, bytes.
             store: Default folder for results.
         """
-        from turtlebot_gym_agents.cluster.units import Store, in_turn
+        from turtlebot_gym_agents.cluster.units import Store, complete
 
         self.require_cluster()
         folder = self.store or store
-        kept = None if folder is None else Store(folder)
+        runner = partial(complete, store=None if folder is None else Store(folder))
         if self.cluster is None:
-            yield {"workers": in_turn, "store": kept}
+            yield runner
             return
         from turtlebot_gym_agents.cluster.workers import workers_on
 
         with workers_on(self.cluster, workers=self.workers, memory=memory) as workers:
-            yield {"workers": workers, "store": kept}
+            yield partial(runner, workers=workers)
 
     def require_cluster(self) -> None:
         """Raise ValueError if workers are given without a cluster."""

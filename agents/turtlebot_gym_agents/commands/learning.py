@@ -130,8 +130,8 @@ class Train(Placement, _Learned):
 
         if self.resume:
             raise ValueError("resume continues from a checkpoint; with units of work, finished trainings are in the store.")
-        with progress(len(configs)) as advance_to, self.place(memory=Training.memory, store=self.out / "units") as place:
-            yield from train_all(configs, folders, **place, progress=advance_to)
+        with progress(len(configs)) as advance_to, self.place(memory=Training.memory, store=self.out / "units") as runner:
+            yield from train_all(configs, folders, runner=runner, progress=advance_to)
 
     def _callbacks(self, config: TrainingConfig, folder: Path) -> list[Any]:
         """Return the callbacks that show the policy and send its curves, where that is asked for."""
@@ -188,16 +188,16 @@ class Tune(Placement, _Learned):
         console = Console(stderr=True)
         with console.status("") as status:
 
-            def told(ended: int) -> None:
+            def show(ended: int) -> None:
                 status.update(f"{ended} of {self.trials} trials")
 
-            common = {"trials": self.trials, "storage": self.storage, "progress": told}
+            common = {"trials": self.trials, "storage": self.storage, "progress": show}
             generation = self._generation()
             if generation is None:
                 study = tune(config, self.out, **common)
             else:
-                with self.place(memory=Trial.memory, store=self.out / "units") as place:
-                    study = tune(config, self.out, generation=generation, **common, **place)
+                with self.place(memory=Trial.memory, store=self.out / "units") as runner:
+                    study = tune(config, self.out, generation=generation, runner=runner, **common)
         title = f"{self.env}, {self.algo}: the best of {len(study.trials)}"
         print_tables(_search_table(study.trials, title=title))
         if self.json is not None:

@@ -44,8 +44,8 @@ class Study(Placement, Writing):
 
         grid = read_grid(self.file)
         memory = Training.memory if grid.trainings else DriveUnit.memory
-        with self.place(memory=memory, store=self.out / "units") as place, progress(1) as advance_to:
-            rows = study(grid, **place, progress=lambda done, total: advance_to(done, total))
+        with self.place(memory=memory, store=self.out / "units") as runner, progress(1) as advance_to:
+            rows = study(grid, runner=runner, progress=advance_to)
         drawn = _table(rows, title=f"{self.file}: {grid.episodes} episodes from seed {grid.seed}")
         print_tables(drawn, keys=1 + [column.header for column in drawn.columns].index("policy"))
         if self.json is not None:

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import optuna
@@ -16,9 +17,10 @@ from optuna.storages.journal import JournalFileBackend
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster import search as module
+from turtlebot_gym_agents.cluster import units
 from turtlebot_gym_agents.cluster.search import SPACES, Trial, _starting_point, _with_parameters, tune
 from turtlebot_gym_agents.cluster.trainings import Training
-from turtlebot_gym_agents.cluster.units import Result, Store, run
+from turtlebot_gym_agents.cluster.units import Result, Store, complete, run
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -102,33 +104,38 @@ class Imagined:
             yield name, Result(facts, {}, {}, {})
 
 
+def imagined(*, store=None, **how):
+    return partial(complete, workers=Imagined(**how), store=store)
+
+
 def trials_of(study):
     return [(trial.number, trial.state.name, trial.value, trial.params) for trial in study.trials]
 
 
 def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption(tmp_path):
     common = {"trials": 14, "generation": 4}
-    expected = tune(config, tmp_path / "one", **common, workers=Imagined())
+    expected = tune(config, tmp_path / "one", **common, runner=imagined())
     assert [trial.number for trial in expected.trials] == list(range(14))
     assert expected.trials[0].params["learning_rate"] == 0.001  # where the search starts
     assert len({str(trial.params) for trial in expected.trials}) == 14
-    assert trials_of(tune(config, tmp_path / "two", **common, workers=Imagined(backwards=True))) == trials_of(expected)
+    assert trials_of(tune(config, tmp_path / "two", **common, runner=imagined(backwards=True))) == trials_of(expected)
 
     store = Store(tmp_path / "units")
     with pytest.raises(KeyboardInterrupt):
-        tune(config, tmp_path / "three", **common, workers=Imagined(limit=6), store=store)
+        tune(config, tmp_path / "three", **common, runner=imagined(limit=6, store=store))
     later = Imagined()
-    tune(config, tmp_path / "three", trials=9, generation=4, workers=later, store=store)
-    assert trials_of(tune(config, tmp_path / "three", **common, workers=later, store=store)) == trials_of(expected)
+    resuming = partial(complete, workers=later, store=store)
+    tune(config, tmp_path / "three", trials=9, generation=4, runner=resuming)
+    assert trials_of(tune(config, tmp_path / "three", **common, runner=resuming)) == trials_of(expected)
     assert len(later.seen) == 14 - 6
     content = hyperparameters.load("ppo", config.env, tmp_path / "three" / "best.yaml")
     assert content["learning_rate"] == expected.best_params["learning_rate"]
 
 
 def test_the_size_of_a_generation_belongs_to_the_study(tmp_path):
-    tune(config, tmp_path, trials=2, generation=2, workers=Imagined())
+    tune(config, tmp_path, trials=2, generation=2, runner=imagined())
     with pytest.raises(ValueError, match="another configuration"):
-        tune(config, tmp_path, trials=4, generation=4, workers=Imagined())
+        tune(config, tmp_path, trials=4, generation=4, runner=imagined())
     with pytest.raises(ValueError, match="generation must be a whole number from 1"):
         tune(config, tmp_path, trials=4, generation=0)
 
@@ -174,7 +181,7 @@ def test_processes_that_share_a_journal_draw_other_parameters(tmp_path, monkeypa
 
 
 def test_the_command_says_what_it_drew_at_once(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(module, "complete", lambda units, **rest: [one for _, one in Imagined()((str(u), u) for u in units)])
+    monkeypatch.setattr(units, "complete", imagined())
     hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
     arguments = ["--config", str(tmp_path / "tiny.yaml"), "--trials", "2", "--out", str(tmp_path)]
     arguments += ["--json", str(tmp_path / "out.json"), "--force"]
