@@ -3,9 +3,7 @@
 import json
 import math
 import re
-import signal
 from dataclasses import replace
-from threading import Event
 from types import SimpleNamespace
 from typing import cast
 
@@ -357,23 +355,6 @@ class TestFollowing:
 
     def test_no_drive_takes_for_ever(self):
         assert _follow(lambda: "active", lambda: True, 0.05) == "it took more than 0.05 s"
-
-    @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-    def test_ends_at_an_interruption_that_a_destructor_has_swallowed(self, monkeypatch):
-        class Swallowing:
-            def __del__(self):
-                signal.raise_signal(signal.SIGINT)
-
-        before = [signal.getsignal(ending) for ending in (signal.SIGINT, signal.SIGTERM)]
-        monkeypatch.setattr(session, "_interrupted", Event())
-        session.be_interruptible()
-        try:
-            Swallowing()
-            with pytest.raises(KeyboardInterrupt):
-                _follow(lambda: "active", lambda: True, 5.0)
-        finally:
-            signal.signal(signal.SIGINT, before[0])
-            signal.signal(signal.SIGTERM, before[1])
 
 
 class TestTheReport:

@@ -3,6 +3,8 @@
 import os
 import signal
 import time
+from threading import Event
+from types import SimpleNamespace
 
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped
@@ -13,8 +15,12 @@ from std_srvs.srv import Trigger
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Covariance, Pose, State
+from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.__main__ import HELP, main
+from turtlebot_gym_ros.base.process import be_interruptible, go_on
 from turtlebot_gym_ros.base.qos import LATCHED
+from turtlebot_gym_ros.field.session import _follow
+from turtlebot_gym_ros.graph.watch import View, Watcher
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import NODES
 
@@ -93,6 +99,39 @@ def test_the_exit_code_is_the_process_own(launch, peer):
     assert process.wait(30) == 2
     assert "did you mean waypoints?" in process.stderr.read()
     assert not peer.node.count_publishers("reference")
+
+
+class Swallowing:
+    """Whose destructor swallows an interruption."""
+
+    def __del__(self):
+        signal.raise_signal(signal.SIGINT)
+
+
+WAITS = {
+    "a field test's drive": lambda: _follow(lambda: "active", lambda: True, 30.0),
+    "a graph": lambda: Graph(policy="bearing").wait_until(lambda graph: False, timeout=30.0),
+    "a view without a row": lambda: Watcher.wait(SimpleNamespace(_begun=Event())),
+    "a view": lambda: View.stay(SimpleNamespace()) or go_on(),
+}
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("wait", WAITS.values(), ids=WAITS)
+def test_a_wait_ends_at_an_interruption_that_a_destructor_has_swallowed(monkeypatch, wait):
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
+    monkeypatch.setattr("turtlebot_gym_ros.base.process._interrupted", Event())
+    be_interruptible()
+    signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits on"))
+    signal.alarm(30)
+    try:
+        Swallowing()
+        with pytest.raises(KeyboardInterrupt):
+            wait()
+    finally:
+        signal.alarm(0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class World:

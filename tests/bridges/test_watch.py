@@ -15,7 +15,7 @@ from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from turtlebot_gym_ros.graph.graph import Graph
-from turtlebot_gym_ros.graph.watcher import LAG, Watcher
+from turtlebot_gym_ros.graph.watch import LAG, Watcher
 
 
 @pytest.fixture

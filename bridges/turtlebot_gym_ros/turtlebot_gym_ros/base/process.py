@@ -11,7 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from threading import Thread
+from threading import Event, Thread
 from typing import Any, NoReturn
 
 import rclpy
@@ -29,6 +29,7 @@ LAST_WORD = 4.0
 SETTLE = 0.3
 """Time in which the announcements of nodes that end at the same moment usually arrive, s."""
 _ENDINGS = (signal.SIGINT, signal.SIGTERM)
+_interrupted = Event()
 
 
 class Runner:
@@ -111,6 +112,24 @@ def precede(priority: int) -> None:
     """Let this process run before ordinary ones and those of a lower priority, where the system permits it (``ulimit -r``)."""
     with suppress(OSError):  # inherited by the threads of DDS, which begin later
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
+
+
+def be_interruptible() -> None:
+    """Let SIGINT and SIGTERM raise KeyboardInterrupt, and note it: one that is raised within a destructor is lost."""
+
+    def interrupt(*_: object) -> None:
+        _interrupted.set()
+        raise KeyboardInterrupt
+
+    _interrupted.clear()
+    for ending in _ENDINGS:
+        signal.signal(ending, interrupt)
+
+
+def go_on() -> None:
+    """Raise KeyboardInterrupt if it was noted: call it before motions, and again and again in a wait that may be long."""
+    if _interrupted.is_set():
+        raise KeyboardInterrupt
 
 
 @contextmanager

@@ -18,13 +18,13 @@ from turtlebot_gym import __version__, make_robot
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
 from turtlebot_gym_ros.base.parameters import descriptions
-from turtlebot_gym_ros.base.process import Runner, refuse
+from turtlebot_gym_ros.base.process import Runner, be_interruptible, refuse
 from turtlebot_gym_ros.blocks.simulator import SPEECHES
 from turtlebot_gym_ros.field.findings import REFUSED, Finding, passed
 from turtlebot_gym_ros.field.processes import processes
 from turtlebot_gym_ros.field.rehearsal import Rehearsed, button, guards, simulated
 from turtlebot_gym_ros.field.report import MARKS, page, shown
-from turtlebot_gym_ros.field.session import Listener, be_interruptible
+from turtlebot_gym_ros.field.session import Listener
 from turtlebot_gym_ros.field.shared import Field, Person
 from turtlebot_gym_ros.field.steps import walk
 

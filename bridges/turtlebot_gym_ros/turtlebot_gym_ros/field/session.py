@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +16,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
-from turtlebot_gym_ros.base.process import Runner
+from turtlebot_gym_ros.base.process import Runner, go_on
 from turtlebot_gym_ros.base.qos import LATCHED, SENSOR
 from turtlebot_gym_ros.field.findings import End, Topic
 from turtlebot_gym_ros.node.shell import Shell
@@ -99,27 +97,6 @@ class Listener:
 def _end(info: Any) -> End:
     qos = info.qos_profile
     return End(info.node_name, info.topic_type, qos.reliability == ReliabilityPolicy.RELIABLE)
-
-
-_interrupted = Event()
-
-
-def be_interruptible() -> None:
-    """Let SIGINT and SIGTERM raise KeyboardInterrupt, and note it: one that is raised within a destructor is lost."""
-    _interrupted.clear()
-    for ending in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(ending, _interrupt)
-
-
-def _interrupt(*_: object) -> None:
-    _interrupted.set()
-    raise KeyboardInterrupt
-
-
-def go_on() -> None:
-    """Raise KeyboardInterrupt if it was noted: call it before and during motions."""
-    if _interrupted.is_set():
-        raise KeyboardInterrupt
 
 
 def wait_for(condition: Callable[[], Any], timeout: float = PATIENCE) -> bool:

@@ -16,12 +16,13 @@ from turtlebot_gym import Noise, write_parameters
 from turtlebot_gym.calibration import Leg, calibrate_by_tape
 from turtlebot_gym.calibration.fit import Z
 from turtlebot_gym.rooms.scan import scan_of
+from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilter, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.field import findings
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
 from turtlebot_gym_ros.field.measured import MeasuredDrive
 from turtlebot_gym_ros.field.processes import processes
-from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, enable, go_on, wait_for
+from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, enable, wait_for
 from turtlebot_gym_ros.field.shared import Field, drive_since, ends_of, poses_since, relative, turned
 
 NOISE = "noise.yaml"

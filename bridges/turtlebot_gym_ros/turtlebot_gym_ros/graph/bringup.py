@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -25,7 +24,7 @@ from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, whole
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
-from turtlebot_gym_ros.base.process import refuse
+from turtlebot_gym_ros.base.process import be_interruptible, refuse
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.simulator import SPEECHES
 from turtlebot_gym_ros.graph.graph import Graph
@@ -146,7 +145,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         require_outputs([output for output in written if output[1] is not None], inputs=given.values(), force=force)
     except (ValueError, OSError) as error:
         return refuse(error)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    be_interruptible()
     with ExitStack() as viewing:
         try:
             view = viewing.enter_context(_view(given, port)) if watch else None
@@ -156,6 +155,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 try:
                     graph.wait_until(lambda graph: graph.time >= duration, timeout=None)
                 except KeyboardInterrupt:
+                    be_interruptible()  # anew, for what follows
                     print("interrupted", file=sys.stderr)
                 trajectory = graph.trajectory()
                 latest = dict(graph.latest)

@@ -21,7 +21,7 @@ from turtlebot_gym_agents.policies.fit import require_task
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
 from turtlebot_gym_ros.base.parameters import words_of
-from turtlebot_gym_ros.base.process import SETTLE, Runner
+from turtlebot_gym_ros.base.process import SETTLE, Runner, go_on
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND, SPEECHES
 from turtlebot_gym_ros.graph.recorder import Recorder
@@ -237,6 +237,7 @@ class Graph:
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while not condition(self):
+            go_on()
             for process in self._processes:
                 if process.poll() is not None:
                     raise RuntimeError(f"{process.args[3]} ended with exit code {process.returncode}.")  # type: ignore[index]
