@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.files import SUFFIXES
-from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, File, Reporting, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.commands.recorded import Placed, Recorded
 from turtlebot_gym_agents.outputs import Output
-from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from turtlebot_gym import Robot
@@ -29,7 +28,7 @@ PARTS = 4
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Calibrate(Writing, Placed, Recorded):
+class Calibrate(Reporting, Placed, Recorded):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
@@ -75,8 +74,6 @@ class Calibrate(Writing, Placed, Recorded):
     """Time by which the motion lags behind the recorded twist, s; estimated by default."""
     force: bool = False
     """Write the noise file even if the model does not describe the drive."""
-    json: JsonFile = None
-    """Write configuration and results here."""
     plot: FigureFile = None
     """Draw measured against fitted here."""
 
@@ -121,8 +118,7 @@ class Calibrate(Writing, Placed, Recorded):
             refused = f"{self.out} is not written: {fitted.verdict.text} Record another drive, or write it with --force."
         elif self.out is not None:
             write_parameters(fitted.noise, self.out, comment=comment(fitted, self.log.name, provenance()["version"]))
-        if self.json is not None:
-            write_json(self.json, _result_of(fitted), config=self.asked())
+        self.report(_result_of(fitted))
         if self.plot is not None:
             save_figure(calibration_figure(fitted, title=self.log.name), self.plot)
         if refused:

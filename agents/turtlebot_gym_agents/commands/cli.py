@@ -24,6 +24,7 @@ from turtlebot_gym_agents.commands.console import (
     FigureFile,
     JsonFile,
     Placement,
+    Reporting,
     Writing,
     needs,
     print_tables,
@@ -42,7 +43,6 @@ from turtlebot_gym_agents.commands.protocol import Entry
 from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.commands.study import Study, TuneBaseline
 from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
-from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
@@ -61,7 +61,7 @@ _SEVERAL = flags(several=("noise", "observation"))
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Placement, Writing, _SEVERAL, Driven):
+class Evaluate(Placement, Reporting, _SEVERAL, Driven):
     """Drive policies on the same seeds and compare how well they do.
 
     Evaluates every combination of policy, noise and observation.
@@ -97,12 +97,11 @@ class Evaluate(Placement, Writing, _SEVERAL, Driven):
         title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
         print_tables(*report.evaluation_tables(evaluations, title=title, details=self.details))
         print("\n".join(verdicts(evaluations, size=len(combinations) // len(self.policy))))
-        if self.json is not None:
-            runs = [
-                {"label": label, "config": evaluation.config, "summary": evaluation.summary(), "episodes": evaluation.episodes}
-                for label, evaluation in evaluations.items()
-            ]
-            write_json(self.json, {"runs": runs}, config=self.settings())
+        runs = [
+            {"label": label, "config": evaluation.config, "summary": evaluation.summary(), "episodes": evaluation.episodes}
+            for label, evaluation in evaluations.items()
+        ]
+        self.report({"runs": runs}, self.settings())
         if self.plot is not None:
             save_figure(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
 

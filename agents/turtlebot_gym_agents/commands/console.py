@@ -16,6 +16,7 @@ import tyro
 from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.commands.flags import OPTIONS, flags
 from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON
+from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,6 +44,19 @@ class Writing:
     def asked(self) -> dict[str, Any]:
         """Return all options but ``force``, on which no result depends."""
         return {name: value for name, value in asdict(self).items() if name != "force"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reporting(Writing):
+    """A command whose results can be written as JSON."""
+
+    json: JsonFile = None
+    """Write configuration and results here."""
+
+    def report(self, result: Mapping[str, Any], config: Mapping[str, Any] | None = None) -> None:
+        """Write results, where that is asked for, with their configuration; by default the one that was `asked`."""
+        if self.json is not None:
+            write_json(self.json, result, config=self.asked() if config is None else config)
 
 
 _OF_A_DRIVE = ("switch", "laps", "plant")

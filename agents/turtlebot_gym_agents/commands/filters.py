@@ -10,17 +10,16 @@ from pathlib import Path
 import tyro
 
 from turtlebot_gym.validation import whole
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, Reporting, print_tables, progress, save_figure
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.recorded import Recorded
-from turtlebot_gym_agents.provenance import write_json
 
 _ESTIMATED = flags("noise", "robot", "dt", "integrator")
 
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Estimate(Writing, _ESTIMATED):
+class Estimate(Reporting, _ESTIMATED):
     """Compare filters with the best that any filter could do, and with their own stated uncertainty.
 
     All filters see the same short drives, whose commands do not depend on the estimate.
@@ -38,8 +37,6 @@ class Estimate(Writing, _ESTIMATED):
     """Whether odometry has the preset's bias, which no filter can detect."""
     slip: bool = True
     """Whether the wheels slip as in the preset."""
-    json: JsonFile = None
-    """Write configuration and results here."""
     plot: FigureFile = None
     """Draw the errors over time and the bound here."""
 
@@ -53,8 +50,7 @@ class Estimate(Writing, _ESTIMATED):
         with progress(self.runs) as advance_to:
             result = estimate(self.filter, bias=self.bias, slip=self.slip, progress=advance_to, **options)
         print_tables(report.estimation_table(result))
-        if self.json is not None:
-            write_json(self.json, asdict(result), config=self.asked())
+        self.report(asdict(result))
         if self.plot is not None:
             save_figure(report.estimation_figure(result), self.plot)
 
@@ -64,7 +60,7 @@ _REPLAYED = flags("filter", noise="documented", integrator="midpoint")
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Replay(Writing, Recorded, _REPLAYED):
+class Replay(Reporting, Recorded, _REPLAYED):
     """Run the filter over recorded drives with known truth.
 
     The filter predicts with the recorded wheel odometry, and is corrected by measured poses generated from the true ones with a
@@ -79,8 +75,6 @@ class Replay(Writing, Recorded, _REPLAYED):
     """Number of seeds to average over."""
     rate: float = 10.0
     """Measured poses per second."""
-    json: JsonFile = None
-    """Write configuration and results here."""
     plot: FigureFile = None
     """Draw the first seed here; for several files, one figure each, with the file's name appended."""
 
@@ -114,9 +108,7 @@ class Replay(Writing, Recorded, _REPLAYED):
         names = [path.name for path in results]
         tables = {path.name if names.count(path.name) == 1 else str(path): result for path, result in results.items()}
         print_tables(report.replay_table(tables, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
-        if self.json is not None:
-            runs = [{"file": path, **result.summary()} for path, result in results.items()]
-            write_json(self.json, {"runs": runs}, config=self.asked())
+        self.report({"runs": [{"file": path, **result.summary()} for path, result in results.items()]})
         if self.plot is not None:
             for (path, drive), picture in zip(drives.items(), self.paths("plot"), strict=True):
                 figure = replay_figure(

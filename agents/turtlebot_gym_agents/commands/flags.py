@@ -1,12 +1,13 @@
-"""Flags of commands, made from the options of environments: one declaration of name, default and text for both.
+"""Flags of commands, made from the options of environments and trainings: one declaration of name, default and text for both.
 
-The declaration is read as text: importing it takes numba, which ``--help`` need not wait for.
+The declarations are read as text: importing them takes numba, which ``--help`` need not wait for.
 """
 
 from __future__ import annotations
 
 import ast
 import inspect
+import re
 from collections.abc import Sequence
 from dataclasses import field, make_dataclass
 from itertools import pairwise
@@ -23,28 +24,34 @@ T = TypeVar("T")
 
 
 def own_first(cls: type[T]) -> type[T]:
-    """Put a dataclass's own fields before those that it inherits, for its --help."""
+    """Put a dataclass's own fields and its `flags` before the others that it inherits, for its --help."""
     made: Any = cls
     known = made.__dataclass_fields__
-    made.__dataclass_fields__ = {name: known[name] for name in dict.fromkeys([*inspect.get_annotations(cls), *known])}
+    own = [
+        name
+        for part in (cls, *cls.__bases__)
+        if part is cls or part.__name__ == "Flags"
+        for name in inspect.get_annotations(part)
+    ]
+    made.__dataclass_fields__ = {name: known[name] for name in dict.fromkeys([*own, *known])}
     return cls
 
 
 def flags(*names: str, several: Sequence[str] = (), **defaults: Any) -> Any:
-    """Return a base class for commands whose fields are options of environments.
+    """Return a base class for commands whose fields are options of environments or trainings.
 
     Args:
         *names: The options.
         several: Options for which the command takes several values.
-        **defaults: Further options, with another default than the environment's.
+        **defaults: Further options, with another default than the declared one.
     """
     made = []
     for name in (*several, *names, *defaults):
-        kinds, usual, text = OPTIONS[name]
+        kinds, usual, text = (OPTIONS | TRAINING)[name]
         default: Any = defaults.get(name, usual)
         kind: Any = tuple[kinds[0], ...] if name in several else Union[(*kinds, *([NoneType] if default is None else []))]
         default = (default,) if name in several else default
-        made.append((name, Annotated[kind, tyro.conf.arg(help=text)], field(default=default)))
+        made.append((name, Annotated[kind, tyro.conf.arg(help=text, **_SHOWN.get(name, {}))], field(default=default)))
     return make_dataclass("Flags", made, frozen=True, kw_only=True)
 
 
@@ -56,19 +63,21 @@ class _Declared(NamedTuple):
     """The text under it, up to what can be given in Python alone."""
 
 
-def _declared() -> dict[str, _Declared]:
-    source = Path(turtlebot_gym.__file__).parent / "systems" / "options.py"
+def _declared(source: Path, owner: str) -> dict[str, _Declared]:
+    """Return the fields of a class in a file."""
     (body,) = (
         node.body
         for node in ast.parse(source.read_text(encoding="utf-8")).body
-        if isinstance(node, ast.ClassDef) and node.name == "Options"
+        if isinstance(node, ast.ClassDef) and node.name == owner
     )
     declared = {}
-    # A field is followed by its text.
+    # A field is followed by its text; one that is computed, with a call in the place of its default, is no option.
     for line, below in pairwise(body):
-        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name) and isinstance(below, ast.Expr):
-            names = ast.unparse(line.annotation).split(" | ")
-            kinds = tuple(kind for kind in (str, int, float) if kind.__name__ in names)
+        if not isinstance(line, ast.AnnAssign) or isinstance(line.value, ast.Call):
+            continue
+        if isinstance(line.target, ast.Name) and isinstance(below, ast.Expr):
+            names = re.sub(r"Annotated\[([^,]*),.*", r"\1", ast.unparse(line.annotation)).split(" | ")
+            kinds = tuple(kind for kind in (str, int, float, bool) if kind.__name__ in names) or (Path,)
             text = " ".join(inspect.cleandoc(ast.literal_eval(below.value)).split())
             usual: Any = line.value
             default = getattr(parameters, usual.id) if isinstance(usual, ast.Name) else ast.literal_eval(usual)
@@ -76,5 +85,8 @@ def _declared() -> dict[str, _Declared]:
     return declared
 
 
-OPTIONS = _declared()
+OPTIONS = _declared(Path(turtlebot_gym.__file__).parent / "systems" / "options.py", "Options")
 """The options of environments."""
+TRAINING = _declared(Path(__file__).parents[1] / "training" / "config.py", "TrainingConfig")
+"""Those of trainings."""
+_SHOWN: dict[str, Any] = {"from_policy": {"name": "from", "metavar": "POLICY"}, "config": {"metavar": "FILE"}}

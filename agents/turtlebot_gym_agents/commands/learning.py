@@ -15,10 +15,9 @@ import tyro
 
 from turtlebot_gym.extras import installing
 from turtlebot_gym.validation import whole
-from turtlebot_gym_agents.commands.console import File, JsonFile, Placement, Setting, Writing, needs, print_tables, progress
-from turtlebot_gym_agents.commands.flags import own_first
+from turtlebot_gym_agents.commands.console import Placement, Reporting, Setting, needs, print_tables, progress
+from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.outputs import FOLDER
-from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
@@ -32,43 +31,26 @@ SHOWN = 5
 """Trials in the table of a search, the best first."""
 
 
+_TRAINING = flags("algo", "from_policy", "randomize", "speed_error", "turn_error", "veer", "config", "steps", "device")
+
+
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class _Learned(Writing, Setting):
-    algo: str = "ppo"
-    """ppo, sac or td3; others of Stable-Baselines3 with a FILE of hyper-parameters."""
-    from_policy: Annotated[str | None, tyro.conf.arg(name="from", metavar="POLICY")] = None
-    """Begin with a network that was fitted to this policy, such as bearing, or vfh in rooms; for ppo."""
-    randomize: bool = False
-    """Randomize noise, speed scale and delay (in rooms also world and LiDAR) per environment; those given then apply to the
-    evaluation."""
-    speed_error: float = 0.02
-    """With --randomize: largest error of the executed speed, as a share of it, unknown to the filter. On a slippery floor
-    wheels lose a tenth."""
-    turn_error: float = 0.0
-    """With --randomize: largest further error of the executed turning rate, as a share of it, such as that of a wrong track."""
-    veer: float = 0.0
-    """With --randomize: largest turn per metre driven, rad/m, such as that of unequal wheels."""
-    config: File = None
-    """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package."""
-    steps: int | None = None
-    """Environment steps; by default n_timesteps of the hyper-parameters."""
-    device: str = "cpu"
-    """Device of the network: cpu, cuda, or auto, which uses a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
-    json: JsonFile = None
-    """Write configuration and results here."""
-
+class _Learned(Reporting, _TRAINING, Setting):
     def training(self, **changes: Any) -> TrainingConfig:
         from turtlebot_gym_agents.training.config import TrainingConfig
 
-        names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(_Learned)}
+        names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(self)}
         given = {name: value for name in names if (value := getattr(self, name)) is not None}
         return TrainingConfig(**given | changes)
 
 
+_EVALUATED = flags("evaluations")
+
+
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Train(Placement, _Learned):
+class Train(Placement, _EVALUATED, _Learned):
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
     out: Annotated[Path, FOLDER] = Path("runs/nav")
@@ -77,8 +59,6 @@ class Train(Placement, _Learned):
     """Number of seeds to train."""
     resume: bool = False
     """Resume from the checkpoints in the folder, in new episodes, so not as if uninterrupted."""
-    evaluations: int = 8
-    """Number of evaluations during training."""
     watch: bool = False
     """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [watch]."""
     wandb: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PROJECT]")] = None
@@ -98,7 +78,7 @@ class Train(Placement, _Learned):
             if (folder / "checkpoint.zip").exists() and not (folder / "policy.onnx").exists():
                 told = "continues in new episodes: its policy will not be that of an uninterrupted training"
                 print(f"turtlebot-gym: {folder} {told}.", file=sys.stderr)
-        configs = [self.training(seed=seed, evaluations=self.evaluations) for seed in seeds]
+        configs = [self.training(seed=seed) for seed in seeds]
         with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train
         if self.spread:
@@ -116,8 +96,7 @@ class Train(Placement, _Learned):
             runs.append({"seed": seed, "folder": folder, **facts})
         title = f"{self.env}, {self.algo}, the best model on the evaluation's seeds"
         print_tables(_training_table(trained, title=title))
-        if self.json is not None:
-            write_json(self.json, {"runs": runs, "times": times}, config=self.settings())
+        self.report({"runs": runs, "times": times}, self.settings())
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
@@ -200,12 +179,11 @@ class Tune(Placement, _Learned):
                     study = tune(config, self.out, generation=generation, runner=runner, **common)
         title = f"{self.env}, {self.algo}: the best of {len(study.trials)}"
         print_tables(_search_table(study.trials, title=title))
-        if self.json is not None:
-            trials = [
-                {"number": one.number, "state": one.state.name, "return": one.value, "parameters": one.params}
-                for one in study.trials
-            ]
-            write_json(self.json, {"trials": trials}, config={**self.settings(), "generation": self._generation()})
+        trials = [
+            {"number": trial.number, "state": trial.state.name, "return": trial.value, "parameters": trial.params}
+            for trial in study.trials
+        ]
+        self.report({"trials": trials}, {**self.settings(), "generation": generation})
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""

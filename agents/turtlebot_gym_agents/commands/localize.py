@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tyro
 
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Writing, print_tables, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Reporting, print_tables, save_figure
 from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.commands.recorded import Placed, Recorded
-from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Localize(Writing, Placed, Recorded):
+class Localize(Reporting, Placed, Recorded):
     """Localize a recorded drive in a map by its odometry and scans, and compare with its truth, if it has one."""
 
     file: tyro.conf.Positional[Path]
@@ -61,9 +60,8 @@ class Localize(Writing, Placed, Recorded):
         for name, share in states.items():
             table.add_row(f"{name}, % of the rows", f"{100.0 * share:.1f}")
         print_tables(table)
-        if self.json is not None:
-            beliefs = {"poses": course.poses, "covariances": course.covariances, "fits": course.fits, "states": course.states}
-            write_json(self.json, {"errors": errors, "shares": states, "time": recorded.time, **beliefs}, config=self.asked())
+        beliefs = {"poses": course.poses, "covariances": course.covariances, "fits": course.fits, "states": course.states}
+        self.report({"errors": errors, "shares": states, "time": recorded.time, **beliefs})
         if self.plot is not None:
             save_figure(path_figure(course, drive, grid, title=self.file.name), self.plot)
 

@@ -10,12 +10,11 @@ from typing import Any
 import tyro
 
 from turtlebot_gym.validation import choose
-from turtlebot_gym_agents.commands.console import JsonFile, Writing, print_tables, progress
-from turtlebot_gym_agents.provenance import write_json
+from turtlebot_gym_agents.commands.console import JsonFile, Reporting, print_tables, progress
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry(Writing):
+class Entry(Reporting):
     """Drive a policy through the fixed settings of the benchmark protocol, or print the table of entries."""
 
     action: tyro.conf.Positional[str] = "table"
@@ -46,8 +45,7 @@ class Entry(Writing):
         with progress(total) as advance_to:
             entry = protocol.run(self.policy, filter=self.filter, localizer=self.localizer, progress=advance_to)
         _print([entry])
-        if self.json is not None:
-            write_json(self.json, entry, config={"policy": self.policy, "filter": self.filter, "localizer": self.localizer})
+        self.report(entry, {"policy": self.policy, "filter": self.filter, "localizer": self.localizer})
 
 
 def _print(entries: Sequence[dict[str, Any]]) -> None:

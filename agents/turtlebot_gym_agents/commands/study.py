@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import JsonFile, Placement, Setting, Writing, print_tables, progress
+from turtlebot_gym_agents.commands.console import JsonFile, Placement, Reporting, Setting, print_tables, progress
 from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.outputs import FOLDER, JSON
-from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,7 +23,7 @@ SHOWN = 5
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Study(Placement, Writing):
+class Study(Placement, Reporting):
     """Compare policies and trainings in every combination of settings that a YAML file names.
 
     An interrupted study resumes from its store.
@@ -34,8 +33,6 @@ class Study(Placement, Writing):
     """The study: episodes, seed, compare_with, grid, policies, trainings."""
     out: Annotated[Path, FOLDER] = Path("runs/study")
     """Folder of the study; its store is OUT/units by default."""
-    json: JsonFile = None
-    """Write configuration and results here."""
 
     def run(self) -> None:
         from turtlebot_gym_agents.cluster.drives import DriveUnit
@@ -48,10 +45,7 @@ class Study(Placement, Writing):
             rows = study(grid, runner=runner, progress=advance_to)
         drawn = _table(rows, title=f"{self.file}: {grid.episodes} episodes from seed {grid.seed}")
         print_tables(drawn, keys=1 + [column.header for column in drawn.columns].index("policy"))
-        if self.json is not None:
-            write_json(
-                self.json, {"cells": rows}, config={name: value for name, value in vars(grid).items() if name != "chunk"}
-            )
+        self.report({"cells": rows}, {name: value for name, value in vars(grid).items() if name != "chunk"})
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
@@ -60,7 +54,7 @@ class Study(Placement, Writing):
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class TuneBaseline(Writing, Setting):
+class TuneBaseline(Reporting, Setting):
     """Tune a baseline's numbers for a scenario, and write the best to OUT, a file for --policy.
 
     A policy trained for a scenario should be compared with a baseline tuned for it. The same command resumes an interrupted
@@ -104,8 +98,7 @@ class TuneBaseline(Writing, Setting):
             table.add_row(str(at) if at else "0, defaults", f"{attempt.time:.3f}", f"{100.0 * attempt.success:.1f}", numbers)
         print_tables(table)
         print(f"Use it with --policy {self.out}.")
-        if self.json is not None:
-            write_json(self.json, {"tries": [asdict(attempt) for attempt in tries]}, config=self.asked())
+        self.report({"tries": [asdict(attempt) for attempt in tries]})
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""

@@ -17,7 +17,7 @@ from turtlebot_gym.validation import NON_NEGATIVE, Range, choose, did_you_mean, 
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
-from turtlebot_gym_agents.training.randomization import SPEED_ERROR, randomized
+from turtlebot_gym_agents.training.randomization import randomized
 
 STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
@@ -32,30 +32,32 @@ class TrainingConfig(Options):
     """Configuration of a training run, which says everything that its result depends on.
 
     The options of the environments are fields of it. With ``randomize`` those of noise, filter, delay, world and LiDAR are for
-    the evaluation.
+    the evaluation. The commands' flags are made from the fields (`commands.flags`).
     """
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """Environment id."""
     algo: str = "ppo"
-    """Algorithm of Stable-Baselines3, in lower case."""
+    """Algorithm: ppo, sac or td3; others of Stable-Baselines3, in lower case, with a FILE of hyper-parameters."""
     seed: Annotated[int, Range(0, 2**20 - 1, whole=True)] = 0
     """Seed of the network, from which the environments' seeds follow."""
     from_policy: str | None = None
-    """Policy whose actions the network learns first, a name by `turtlebot_gym_agents.make_policy`; for on-policy algorithms."""
+    """Begin with a network that was fitted to this policy, such as bearing, or vfh in rooms; for ppo and a2c."""
     randomize: bool = False
-    """Whether noise, speed scale and delay (in rooms also world and LiDAR) are randomized per environment, see
-    `randomization`."""
-    speed_error: Annotated[float, Range(0.0, 1.0, open_high=True)] = SPEED_ERROR
-    """With ``randomize``: largest error of the executed speed, as a share of it."""
+    """Randomize noise, speed scale and delay (in rooms also world and LiDAR) per environment; those given then apply to the
+    evaluation; in Python see `randomization`."""
+    speed_error: Annotated[float, Range(0.0, 1.0, open_high=True)] = 0.02
+    """With --randomize: largest error of the executed speed, as a share of it, unknown to the filter. On a slippery floor
+    wheels lose a tenth."""
     turn_error: Annotated[float, Range(0.0, 1.0, open_high=True)] = 0.0
-    """With ``randomize``: largest further error of the executed turning rate, as a share of it."""
+    """With --randomize: largest further error of the executed turning rate, as a share of it, such as that of a wrong track."""
     veer: Annotated[float, NON_NEGATIVE] = 0.0
-    """With ``randomize``: largest turn per metre driven, rad/m."""
+    """With --randomize: largest turn per metre driven, rad/m, such as that of unequal wheels."""
     steps: Annotated[int | None, STEPS] = None
-    """Environment steps; None for n_timesteps of the hyper-parameters."""
+    """Environment steps; by default n_timesteps of the hyper-parameters."""
     config: Path | Mapping[str, Any] | None = None
-    """Hyper-parameters, or a YAML file of them; None for those shipped with the package."""
+    """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package; in Python also a
+    mapping."""
     evaluations: Annotated[int, STEPS] = 8
     """Number of evaluations during training."""
     episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500
@@ -63,7 +65,7 @@ class TrainingConfig(Options):
     checkpoint_seconds: Annotated[float, NON_NEGATIVE] = 5.0
     """Least time between two checkpoints, s."""
     device: str = "cpu"
-    """Device of the network: cpu, cuda or auto, see `model.choose_device`."""
+    """Device of the network: cpu, cuda, or auto, which uses a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
     threads: Annotated[int, Range(1, 4096, whole=True)] = 1
     """Threads of torch and of the compiled loop; small networks gain nothing from more."""
     hyper: Mapping[str, Any] = field(init=False, repr=False)

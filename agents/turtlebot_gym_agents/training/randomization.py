@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +15,6 @@ PRESETS = ("clean", "tutorial", "documented", "rough")
 """Noise models to draw from; `wheel` is a different kind of odometry."""
 NOISE_SCALE = (0.5, 1.5)
 """Range of the factor on the odometry's standard deviations."""
-SPEED_ERROR = 0.02
-"""Largest error of the executed speed, as a share of it, unknown to the filter."""
 DELAYS = (0, 1)
 """Delays of commands in steps."""
 WORLDS = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1}
@@ -27,14 +24,7 @@ ALL_ROUND = ("lds01", "lds02", "a1", "ideal")
 
 
 def randomized(
-    base: Parameters,
-    count: int,
-    *,
-    seed: int,
-    presets: Sequence[str] = PRESETS,
-    speed_error: float = SPEED_ERROR,
-    turn_error: float = 0.0,
-    veer: float = 0.0,
+    base: Parameters, count: int, *, seed: int, speed_error: float = 0.02, turn_error: float = 0.0, veer: float = 0.0
 ) -> list[Parameters]:
     """Draw parameters for each environment of a batch: noise model and scale, wheels and delay; in rooms also world and LiDAR.
 
@@ -44,9 +34,7 @@ def randomized(
         base: Parameters that are not drawn.
         count: Number of environments.
         seed: Seed of the draws.
-        presets: Noise models to draw from.
-        speed_error: Largest error of the executed speed and turning rate, as a share of them. Wheels that creep on a slippery
-            floor lose a tenth.
+        speed_error: Largest error of the executed speed and turning rate, as a share of them, unknown to the filter.
         turn_error: Largest further error of the executed turning rate, as a share of it.
         veer: Largest turn per metre driven, rad/m.
     """
@@ -58,7 +46,7 @@ def randomized(
         return make_room(ROOMS[world], lidars[int(random.integers(len(lidars)))], base.dt)
 
     def draw() -> Parameters:
-        noise = NOISES[presets[int(random.integers(len(presets)))]]
+        noise = NOISES[PRESETS[int(random.integers(len(PRESETS)))]]
         size = random.uniform(*NOISE_SCALE) ** 2
         scale = 1.0 + random.uniform(-speed_error, speed_error)
         track = {"turn_scale": 1.0 + wheels.uniform(-turn_error, turn_error), "veer": wheels.uniform(-veer, veer)}
