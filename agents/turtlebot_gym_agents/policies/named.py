@@ -33,8 +33,13 @@ def bare(name: str) -> str:
 
 def pretrained_folder() -> Path:
     """Return the folder with the bundles shipped with the package."""
-    installed = Path(str(resources.files("turtlebot_gym_agents"))) / "pretrained"
-    return installed if installed.is_dir() else installed.parent.parent / "pretrained"
+    return shipped_folder("pretrained")
+
+
+def shipped_folder(name: str) -> Path:
+    """Return a folder that is shipped with the package: in it where it is installed, beside it in a checkout."""
+    installed = Path(str(resources.files("turtlebot_gym_agents"))) / name
+    return installed if installed.is_dir() else installed.parent.parent / name
 
 
 def bundle_of(name: str) -> Path | None:

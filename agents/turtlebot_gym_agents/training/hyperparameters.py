@@ -6,17 +6,17 @@ import ast
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from turtlebot_gym import files
-from turtlebot_gym.validation import Range, Rule, choose, did_you_mean, flag, refusal, shown
+from turtlebot_gym.validation import Names, Range, Rule, choose, did_you_mean, flag, refusal, shown
+from turtlebot_gym_agents.policies.named import shipped_folder
 from turtlebot_gym_agents.provenance import replacing
 
-ACTIVATIONS = ("ReLU", "Tanh", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid", "Softplus", "Mish")
+ACTIVATIONS = Names(("ReLU", "Tanh", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid", "Softplus", "Mish"))
 """Modules of torch.nn between the layers of a network."""
 MOST_NUMBERS = 10**8
 """Steps that a rollout or a replay buffer may hold: a few gigabytes."""
@@ -37,63 +37,52 @@ class _Reading:
         except (TypeError, ValueError, LookupError, OverflowError, AttributeError):
             raise refusal(name, self.text, value) from None
 
-
-def _numeric(range: Range) -> _Reading:
-    """Return the rule of a number that may also be text, since YAML reads 1e-3 as text."""
-
-    def read(value: Any) -> Any:
-        number = float(value) if isinstance(value, str) else value
-        # A number like 2e6 may stand for a whole one.
-        whole = range.whole and isinstance(number, float) and number.is_integer()
-        return range.check("number", int(number) if whole else number)
-
-    return _Reading(str(range), read)
+    def __str__(self) -> str:
+        return self.text
 
 
-def _real(low: float, high: float, *, above: bool = False) -> _Reading:
-    return _numeric(Range(low, high, open_low=above))
+def _as_numbers(value: Any) -> Any:
+    """Return a value of YAML with the numbers that its texts are, since it reads 1e-3 as text; 2e6 stands for a whole one."""
+    if isinstance(value, Mapping):
+        return {key: _as_numbers(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_as_numbers(item) for item in value]
+    if isinstance(value, str):
+        with suppress(ValueError):
+            value = float(value)
+    return int(value) if isinstance(value, float) and abs(value) < 2**53 and value.is_integer() else value
 
 
-def _whole(low: int, high: int) -> _Reading:
-    return _numeric(Range(low, high, whole=True))
-
-
-def _either(rule: _Reading, *others: Any) -> _Reading:
+def _either(rule: Rule, *others: Any) -> _Reading:
     """Return the rule that allows a few other values, too."""
 
     def read(value: Any) -> Any:
-        return value if any(type(value) is type(other) and value == other for other in others) else rule.read(value)
+        return value if any(type(value) is type(other) and value == other for other in others) else rule.check("", value)
 
-    return _Reading(f"{rule.text}, or {' or '.join('null' if other is None else repr(other) for other in others)}", read)
+    return _Reading(f"{rule}, or {' or '.join('null' if other is None else repr(other) for other in others)}", read)
 
 
-def _after(prefix: str, rule: _Reading, high: float, meaning: str) -> _Reading:
+def _after(prefix: str, rule: Rule, high: float, meaning: str) -> _Reading:
     """Return the rule that allows text of a prefix and a positive number, too."""
-    number = _real(0.0, high, above=True)
 
     def read(value: Any) -> Any:
         if isinstance(value, str) and value.startswith(prefix):
-            number.read(value.removeprefix(prefix))
+            Range(0.0, high, open_low=True).check("", float(value.removeprefix(prefix)))
             return value
-        return rule.read(value)
+        return rule.check("", value)
 
-    return _Reading(f"{rule.text}, or {prefix!r} and {meaning}", read)
+    return _Reading(f"{rule}, or {prefix!r} and {meaning}", read)
 
 
 def _rate(high: float) -> _Reading:
-    return _after("lin_", _real(0.0, high, above=True), high, "such a number, from which it falls to 0")
+    return _after("lin_", Range(0.0, high, open_low=True), high, "such a number, from which it falls to 0")
 
 
-def _one_of(*names: str) -> _Reading:
-    known = {name: name for name in names}
-    return _Reading(f"one of {', '.join(names)}", lambda value: known[value.removeprefix("nn.")])
-
-
-def _list(rule: _Reading, text: str, *, most: int, least: int = 0) -> _Reading:
+def _list(rule: Rule, text: str, *, most: int, least: int = 0) -> _Reading:
     def read(value: Any) -> list[Any]:
-        if not isinstance(value, (list, tuple)) or not least <= len(value) <= most:
+        if not isinstance(value, list) or not least <= len(value) <= most:
             raise TypeError
-        return [rule.read(item) for item in value]
+        return [rule.check("", item) for item in value]
 
     return _Reading(text, read)
 
@@ -103,116 +92,114 @@ class _Mapping:
     """A mapping whose values have rules of their own."""
 
     rules: Mapping[str, Rule]
-    path: str = ""
-    """What precedes the names of the values in messages."""
 
     def check(self, name: str, value: Any) -> dict[str, Any]:
-        """Return the mapping with its values as they are meant."""
+        """Return the mapping with its values as they are meant; its name is an algorithm, or the path of a nested one."""
         if not isinstance(value, Mapping):
             raise refusal(name, f"a mapping of {', '.join(self.rules)}", value)
         for key in value:
             if key not in self.rules:
                 raise ValueError(f"{name} has no {shown(key)}; it has {', '.join(self.rules)}.{did_you_mean(key, self.rules)}")
-        return {key: self.rules[key].check(f"{self.path}{key}", item) for key, item in value.items()}
+        path = "" if name in RULES else f"{name}."
+        return {key: self.rules[key].check(f"{path}{key}", item) for key, item in value.items()}
 
 
 def _layers(critic: str) -> _Reading:
     """Return the rule of a network's layers; those of the critic may differ."""
-    sizes = _list(_whole(1, 8192), "a list of at most 16 sizes of layers, each from 1 to 8192", most=16)
+    sizes = _list(Range(1, 8192, whole=True), "a list of at most 16 sizes of layers, each from 1 to 8192", most=16)
 
     def read(value: Any) -> Any:
         if isinstance(value, Mapping) and set(value) == {"pi", critic}:
             return {name: sizes.read(layers) for name, layers in value.items()}
         return sizes.read(value)
 
-    return _Reading(f"{sizes.text}, or a mapping of pi and {critic} to such lists", read)
+    return _Reading(f"{sizes}, or a mapping of pi and {critic} to such lists", read)
 
 
 def _frequency(value: Any) -> Any:
-    if not isinstance(value, (list, tuple)):
-        return _UPDATES.read(value)
+    if not isinstance(value, list):
+        return _UPDATES.check("", value)
     count, unit = value
-    return [_UPDATES.read(count), {"step": "step", "episode": "episode"}[unit]]
+    return [_UPDATES.check("", count), {"step": "step", "episode": "episode"}[unit]]
 
 
-_UPDATES, _SHARE = _whole(1, 1_000_000), _real(0.0, 1.0)
-_POSITIVE_SHARE = _real(0.0, 1.0, above=True)
+_UPDATES, _SHARE = Range(1, 1_000_000, whole=True), Range(0.0, 1.0)
+_POSITIVE_SHARE = Range(0.0, 1.0, open_low=True)
 _FLAG = _Reading("True or False", lambda value: flag("flag", value))
 _NETWORK: dict[str, Rule] = {
-    "activation_fn": _one_of(*ACTIVATIONS),
+    "activation_fn": _Reading(str(ACTIVATIONS), lambda value: ACTIVATIONS.check("", value.removeprefix("nn."))),
     "share_features_extractor": _FLAG,
     "optimizer_kwargs": _Mapping(
         {
             "eps": _POSITIVE_SHARE,
             "weight_decay": _SHARE,
-            "betas": _list(_real(0.0, 1.0 - 1e-9), "two numbers of at least 0 and below 1", least=2, most=2),
-        },
-        "policy_kwargs.optimizer_kwargs.",
+            "betas": _list(Range(0.0, 1.0 - 1e-9), "two numbers of at least 0 and below 1", least=2, most=2),
+        }
     ),
 }
-_EXPLORING = {"log_std_init": _real(-20.0, 5.0), "use_expln": _FLAG}
+_EXPLORING = {"log_std_init": Range(-20.0, 5.0), "use_expln": _FLAG}
 _ON_POLICY_NETWORK = _NETWORK | _EXPLORING | {"net_arch": _layers("vf"), "ortho_init": _FLAG, "full_std": _FLAG}
-_OFF_POLICY_NETWORK = _NETWORK | {"net_arch": _layers("qf"), "n_critics": _whole(1, 16)}
+_OFF_POLICY_NETWORK = _NETWORK | {"net_arch": _layers("qf"), "n_critics": Range(1, 16, whole=True)}
 _ANY: dict[str, Rule] = {
     "n_envs": _UPDATES,
-    "n_timesteps": _whole(1, 10**12),
-    "policy": _one_of("MlpPolicy"),
+    "n_timesteps": Range(1, 10**12, whole=True),
+    "policy": Names(("MlpPolicy",)),
     "learning_rate": _rate(1.0),
     "gamma": _SHARE,
-    "verbose": _whole(0, 2),
+    "verbose": Range(0, 2, whole=True),
 }
-_SAMPLING = {"use_sde": _FLAG, "sde_sample_freq": _whole(-1, 1_000_000), "stats_window_size": _UPDATES}
+_SAMPLING = {"use_sde": _FLAG, "sde_sample_freq": Range(-1, 1_000_000, whole=True), "stats_window_size": _UPDATES}
 _ON_POLICY = _ANY | _SAMPLING | {
     "n_steps": _UPDATES,
     "gae_lambda": _SHARE,
-    "ent_coef": _real(0.0, 100.0),
-    "vf_coef": _real(0.0, 100.0),
-    "max_grad_norm": _real(0.0, 1e6, above=True),
+    "ent_coef": Range(0.0, 100.0),
+    "vf_coef": Range(0.0, 100.0),
+    "max_grad_norm": Range(0.0, 1e6, open_low=True),
     "normalize_advantage": _FLAG,
-    "policy_kwargs": _Mapping(_ON_POLICY_NETWORK, "policy_kwargs."),
+    "policy_kwargs": _Mapping(_ON_POLICY_NETWORK),
 }  # fmt: skip
 _OFF_POLICY = _ANY | {
-    "buffer_size": _whole(1, MOST_NUMBERS),
-    "learning_starts": _whole(0, 10**9),
-    "batch_size": _whole(1, 10_000_000),
+    "buffer_size": Range(1, MOST_NUMBERS, whole=True),
+    "learning_starts": Range(0, 10**9, whole=True),
+    "batch_size": Range(1, 10_000_000, whole=True),
     "tau": _POSITIVE_SHARE,
-    "train_freq": _Reading(f"{_UPDATES.text}, or a pair of such a number and 'step' or 'episode'", _frequency),
+    "train_freq": _Reading(f"{_UPDATES}, or a pair of such a number and 'step' or 'episode'", _frequency),
     "gradient_steps": _either(_UPDATES, -1),
     "n_steps": _UPDATES,
-    "noise_type": _one_of("normal"),
-    "noise_std": _real(0.0, 10.0),
-    "policy_kwargs": _Mapping(_OFF_POLICY_NETWORK, "policy_kwargs."),
+    "noise_type": Names(("normal",)),
+    "noise_std": Range(0.0, 10.0),
+    "policy_kwargs": _Mapping(_OFF_POLICY_NETWORK),
 }
-RULES = {
+RULES: dict[str, _Mapping] = {
     "a2c": _Mapping(_ON_POLICY | {"rms_prop_eps": _POSITIVE_SHARE, "use_rms_prop": _FLAG}),
     "ddpg": _Mapping(_OFF_POLICY),
     "ppo": _Mapping(
         _ON_POLICY
         | {
-            "batch_size": _whole(2, 10_000_000),
-            "n_epochs": _whole(1, 1000),
+            "batch_size": Range(2, 10_000_000, whole=True),
+            "n_epochs": Range(1, 1000, whole=True),
             "clip_range": _rate(10.0),
             "clip_range_vf": _either(_rate(1000.0), None),
-            "target_kl": _either(_real(0.0, 1000.0, above=True), None),
+            "target_kl": _either(Range(0.0, 1000.0, open_low=True), None),
         }
     ),
     "sac": _Mapping(
         _OFF_POLICY
         | _SAMPLING
         | {
-            "ent_coef": _after("auto_", _either(_real(0.0, 100.0), "auto"), 100.0, "the number to begin with"),
+            "ent_coef": _after("auto_", _either(Range(0.0, 100.0), "auto"), 100.0, "the number to begin with"),
             "use_sde_at_warmup": _FLAG,
             "target_update_interval": _UPDATES,
-            "target_entropy": _either(_real(-1000.0, 1000.0), "auto"),
-            "policy_kwargs": _Mapping(_OFF_POLICY_NETWORK | _EXPLORING | {"clip_mean": _real(0.0, 100.0)}, "policy_kwargs."),
+            "target_entropy": _either(Range(-1000.0, 1000.0), "auto"),
+            "policy_kwargs": _Mapping(_OFF_POLICY_NETWORK | _EXPLORING | {"clip_mean": Range(0.0, 100.0)}),
         }
     ),
     "td3": _Mapping(
         _OFF_POLICY
         | {
-            "policy_delay": _whole(1, 1000),
-            "target_policy_noise": _real(0.0, 10.0),
-            "target_noise_clip": _real(0.0, 10.0),
+            "policy_delay": Range(1, 1000, whole=True),
+            "target_policy_noise": Range(0.0, 10.0),
+            "target_noise_clip": Range(0.0, 10.0),
             "stats_window_size": _UPDATES,
         }
     ),
@@ -251,8 +238,7 @@ def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) ->
 
 def configs_folder() -> Path:
     """Return the folder with the configurations shipped with the package."""
-    installed = Path(str(resources.files("turtlebot_gym_agents"))) / "configs"
-    return installed if installed.is_dir() else installed.parent.parent / "configs"
+    return shipped_folder("configs")
 
 
 def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
@@ -273,7 +259,7 @@ def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, 
         raise ValueError(f"{', '.join(missing)} must be given.")
     network = given.get("policy_kwargs") or {}
     network = _read_keywords(network) if isinstance(network, str) else network
-    hyper = rules.check(algo, {**given, "policy_kwargs": network})
+    hyper = rules.check(algo, _as_numbers({**given, "policy_kwargs": network}))
     if ("noise_type" in hyper) != ("noise_std" in hyper):
         raise ValueError("noise_type and noise_std must be given together.")
     if algo == "a2c" and hyper.get("use_rms_prop", True) and "optimizer_kwargs" in hyper["policy_kwargs"]:
