@@ -66,39 +66,43 @@ def workers_on(cluster: str, *, workers: int | None = None, memory: int = 0) -> 
         raise ImportError(f"The cluster {cluster!r} needs {library}: {installing(extra)}.")
     if cluster == "local":
         with _environment(ONE_THREAD):  # the workers inherit it
-            yield lambda units: _local_results(units, workers or -1)
+            yield lambda units: _local_results(units, workers)
         return
     with _environment({**_QUIET, **_token()}), _connected(cluster, memory):  # Ray reads them when it is imported
         yield lambda units: _ray_results(units, memory)
 
 
-def _local_results(units: Iterable[tuple[str, Unit]], workers: int) -> Iterator[tuple[str, Result]]:
+def _local_results(units: Iterable[tuple[str, Unit]], workers: int | None) -> Iterator[tuple[str, Result]]:
     """Yield results as they arrive; units whose workers died are run again."""
-    from joblib import Parallel, delayed
-    from joblib.externals.loky.process_executor import BrokenProcessPool
+    from joblib import cpu_count
 
-    missing, reason = dict(units), ""
+    # Not joblib.Parallel: when a worker dies, it drops results that have arrived and were not yet taken.
+    from joblib.externals.loky import FIRST_COMPLETED, BrokenProcessPool, ProcessPoolExecutor, wait
+
+    count, missing, reason = workers or cpu_count(), dict(units), ""
     for _ in range(1 + RETRIES):
-        parallel: Any = Parallel(
-            workers,
-            return_as="generator_unordered",  # pyright: ignore[reportArgumentType]
-            batch_size=1,  # pyright: ignore[reportArgumentType]
-            initializer=signal.signal,  # Ctrl-C reaches all, and is the command's: an idle worker would print a traceback
-            initargs=(signal.SIGINT, signal.SIG_IGN),
-        )
+        # Ctrl-C reaches all, and is the command's: an idle worker would print a traceback.
+        pool = ProcessPoolExecutor(count, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN))
+        waiting, names = iter(missing.copy().items()), {}
         try:
-            # A copy: results are removed while joblib iterates.
-            for name, result in parallel(delayed(_named)(name, unit) for name, unit in missing.copy().items()):
-                del missing[name]
-                yield name, result
+            while missing:
+                # Few at a time: the pool's thread fails at a shutdown while units are queued outside its pipe.
+                for name, unit in itertools.islice(waiting, 2 * count - len(names)):
+                    names[pool.submit(run, unit)] = name
+                for done in wait(names, return_when=FIRST_COMPLETED).done:
+                    result, name = done.result(), names.pop(done)
+                    del missing[name]
+                    yield name, result
             return
         except BrokenProcessPool as error:
             reason = str(error).strip().partition("\n")[0]
+            for done, name in names.items():
+                if done.done() and done.exception() is None:
+                    del missing[name]
+                    yield name, done.result()
+        finally:
+            pool.shutdown(kill_workers=True)
     raise OSError(f"Workers have died {1 + RETRIES} times: {reason}")
-
-
-def _named(name: str, unit: Unit) -> tuple[str, Result]:
-    return name, run(unit)
 
 
 def _token() -> dict[str, str]:
