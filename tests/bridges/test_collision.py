@@ -19,15 +19,13 @@ from turtlebot_gym_ros.robot.collision import (
     Limits,
     Scan,
     gaps,
-    into,
     limited,
-    moved,
     narrow_gap,
-    out_of,
     times_to_contact,
     view_of,
 )
 from turtlebot_gym_ros.robot.monitor import Monitor, Timing
+from turtlebot_gym_ros.robot.motion import into, moved, out_of
 
 MOUNT = Mount("base_scan", 0.0, 0.0, 0.0)
 BODY = Body(0.1, 0.0, MOUNT)
@@ -267,13 +265,13 @@ def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_mo
         monitor.hear(measured_anew(with_gap(60.0, 0.0), k), sent=now)
         allowed = monitor.limit(AHEAD, now)
         assert allowed.v <= LIMITS.escape_speed * 1.02
-        monitor.told(allowed, now)
+        monitor.track.add(allowed, now)
         way, now = way + 0.02 * allowed.v, now + 0.02
     assert 0.5 < way / (LIMITS.escape_speed * LIMITS.time) < 1.0
     assert monitor.state == "stopped: the scan says nothing about what is ahead"
     for command in (BACK, AHEAD):
         assert monitor.limit(command, now).v * command.v >= 0.0
-        monitor.told(monitor.limit(command, now), now)
+        monitor.track.add(monitor.limit(command, now), now)
         now += 0.2
         monitor.hear(with_gap(60.0, 0.0), sent=now)
         monitor.limit(STOP, now)
@@ -470,10 +468,10 @@ def test_what_the_robot_moved_since_the_scan_is_taken_off(seconds, gap, given):
     """At 0.1 m/s towards a wall; each moment in doubt counts, so the scan is up to 0.4 s older than when it was sent."""
     monitor = standing(limits=LIMITS._replace(error=0.0))
     for at in given:
-        monitor.told(Command(0.1, 0.0), at)
+        monitor.track.add(Command(0.1, 0.0), at)
     monitor.hear(wall(0.65), sent=T)
     assert monitor.limit(Command(1.0, 0.0), T + seconds).v == pytest.approx(gap, rel=1e-3)
-    monitor.told(Command(-0.1, 0.0), T + seconds)  # and what moves away is taken off as well, from the nearest layer
+    monitor.track.add(Command(-0.1, 0.0), T + seconds)  # and what moves away is taken off as well, from the nearest layer
     assert monitor.limit(Command(1.0, 0.0), T + seconds + 0.1).v == pytest.approx(gap + 0.01, rel=1e-3)
 
 
@@ -482,21 +480,21 @@ def test_a_turn_since_the_scan_turns_what_was_seen():
     monitor = standing(limits=LIMITS._replace(error=0.0), timing=timing)
     monitor.hear(wall(0.25), sent=T)
     assert monitor.limit(Command(0.2, 0.0), T).v == pytest.approx(0.1, rel=1e-3)
-    monitor.told(Command(0.0, 10.0), T)
-    monitor.told(STOP, T + math.pi / 20.0)
+    monitor.track.add(Command(0.0, 10.0), T)
+    monitor.track.add(STOP, T + math.pi / 20.0)
     now = T + 0.2
     assert monitor.limit(Command(0.2, 0.0), now) == Command(0.2, 0.0)
     assert monitor.limit(Command(-0.2, 0.0), now) == Command(-0.2, 0.0)
-    monitor.told(Command(0.0, 10.0), now)
-    monitor.told(STOP, now + math.pi / 20.0)
+    monitor.track.add(Command(0.0, 10.0), now)
+    monitor.track.add(STOP, now + math.pi / 20.0)
     assert monitor.limit(Command(-0.2, 0.0), T + 0.39).v == pytest.approx(-0.1, rel=1e-3)
 
 
 def test_a_scan_is_laid_out_at_each_tenth_of_a_second_in_doubt():
     monitor = standing()
-    monitor.told(Command(0.0, 1.0), T - 1.0)
+    monitor.track.add(Command(0.0, 1.0), T - 1.0)
     monitor.hear(scan([0.3] + [np.inf] * 7), sent=T)
-    x, y, radius = into(monitor._pose(T), monitor._points)
+    x, y, radius = into(monitor.track.at(T).pose, monitor._points)
     np.testing.assert_allclose(np.sort(np.arctan2(y, x)), [-0.4, -0.3, -0.2, -0.1, 0.0], atol=1e-9)
     np.testing.assert_allclose(np.hypot(x, y), 0.3, rtol=1e-6)
     np.testing.assert_allclose(radius, 0.1 + 0.05 + 0.03, rtol=1e-6)
@@ -505,9 +503,10 @@ def test_a_scan_is_laid_out_at_each_tenth_of_a_second_in_doubt():
 def test_the_history_is_long_enough_and_does_not_grow():
     monitor = standing()
     for k in range(2000):
-        monitor.told(Command(0.1, 0.01 * (k % 3)), T + 0.02 * k)
-    assert len(monitor._times) == len(monitor._poses) == len(monitor._told) <= 103
-    assert monitor._times[0] <= T + 40.0 - 1.0
+        monitor.track.add(Command(0.1, 0.01 * (k % 3)), T + 0.02 * k)
+    track = monitor.track
+    assert len(track._times) == len(track._motions) == len(track._commands) <= 153
+    assert track._times[0] <= T + 40.0 - 1.0
 
 
 def test_only_a_fresh_scan_lets_anything_pass_turning_too_and_no_older_one_takes_its_place():

@@ -31,7 +31,7 @@ def watch(returns=0.02):
 def reasons(command, scans, *, watch=None, rate=0.1):
     """Return what is said at each of some scans, while a command is in force."""
     watch, said = watch or ScanWatch(lag=0.4, returns=0.02, now=T), []
-    watch.told(command, T)
+    watch.track.add(command, T)
     for k, ranges in enumerate(scans):
         watch.hear(np.asarray(ranges, np.float32), AROUND, T + rate * k)
         said.append(watch.trouble())
@@ -135,7 +135,7 @@ class Drives:
                     if tick % max(1, round(1.0 / (self.lidar.rate * DT))) == 0:
                         each[k].hear(scans[k], angles + 0.5 * math.pi * quarter, now)
                         times[quarter][k] = now - T if each[k].trouble() else math.inf
-                    each[k].told(Command(*commands[k]), now)
+                    each[k].track.add(Command(*commands[k]), now)
             self.batch.step((commands / (BURGER.max_linear, BURGER.max_angular)).astype(np.float32))
         return times
 
@@ -154,7 +154,7 @@ def test_a_wrong_mount_stays_refused_until_a_person_enables_the_robot():
     w = watch()
     room = 1.5 / np.maximum(np.abs(np.cos(AROUND + 0.3)), np.abs(np.sin(AROUND + 0.3)))
     x, y = room * np.cos(AROUND), room * np.sin(AROUND)
-    w.told(AHEAD, T)
+    w.track.add(AHEAD, T)
     for k in range(20):  # the points come nearer from behind
         px, py = x + 0.02 * k, y
         angle, far = np.arctan2(py, px), np.hypot(px, py)

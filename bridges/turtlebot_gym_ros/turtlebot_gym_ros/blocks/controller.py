@@ -162,7 +162,7 @@ class VelocityController:
         yaw = scan.mount.theta if scan.mount else self._yaw
         if self._yaw and abs(wrap(yaw - self._yaw)) > SAME_WAY:
             return f"lidar_yaw is {self._yaw:.3f}, but /tf_static says {yaw:.3f} rad: correct one of them"
-        self._watch.told(twist, self._time)
+        self._watch.track.add(twist, self._time)
         if measured > self._measured + 1e-6:  # between two scans, each step has the last one again
             self._measured = measured
             self._watch.hear(ranges, yaw + first + increment * np.arange(len(ranges)), measured)

@@ -30,7 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -285,26 +285,3 @@ def gaps(points: NDArray[np.float64], center_x: float) -> NDArray[np.float64]:
     """Return the distance of the footprint's centre from each stop zone, m; not positive inside."""
     x, y, radius = points
     return np.hypot(x - center_x, y) - radius
-
-
-def moved(pose: tuple[float, float, float], command: Command, dt: float) -> tuple[float, float, float]:
-    """Return the pose after a command was in force for a time, exactly, also on arcs."""
-    x, y, theta = pose
-    half = 0.5 * command.omega * dt
-    chord = command.v * dt * (math.sin(half) / half if half != 0.0 else 1.0)
-    return x + chord * math.cos(theta + half), y + chord * math.sin(theta + half), theta + 2.0 * half
-
-
-def into(pose: tuple[float, float, float], points: Any) -> NDArray[np.float64]:
-    """Transform points, shape (3, n), from the world into the frame of a pose."""
-    x, y, theta = pose
-    cosine, sine = math.cos(theta), math.sin(theta)
-    dx, dy = points[0] - x, points[1] - y
-    return np.stack((cosine * dx + sine * dy, cosine * dy - sine * dx, points[2]))
-
-
-def out_of(pose: tuple[float, float, float], points: Any) -> NDArray[np.float64]:
-    """Transform points, shape (3, n), from the frame of a pose into the world."""
-    x, y, theta = pose
-    cosine, sine = math.cos(theta), math.sin(theta)
-    return np.stack((x + cosine * points[0] - sine * points[1], y + sine * points[0] + cosine * points[1], points[2]))

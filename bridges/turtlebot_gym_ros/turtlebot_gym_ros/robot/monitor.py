@@ -23,7 +23,6 @@ return over what it has left.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -32,13 +31,12 @@ import numpy as np
 from turtlebot_gym.mounts import differ
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.base.frames import Mount
-from turtlebot_gym_ros.robot.collision import Body, Limits, Scan, gaps, into, limited, moved, narrow_gap, out_of, view_of
+from turtlebot_gym_ros.robot.collision import Body, Limits, Scan, gaps, limited, narrow_gap, view_of
+from turtlebot_gym_ros.robot.motion import into, out_of
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
 LAYERS = 5
 """Number of times at which a scan is placed: every 0.1 s if ``period`` and ``reaction`` are 0.2 s each."""
-MEMORY = 2.0
-"""Time for which commands to the wheels are stored, s: longer than the age of any valid scan."""
 
 
 class Timing(NamedTuple):
@@ -85,7 +83,8 @@ class Monitor:
         self._points, self._unknown = np.empty((3, 0)), np.empty((3, 0))
         self._sent, self._bad = -math.inf, "no scan has arrived"
         self.watch = ScanWatch(lag=timing.period + timing.reaction, returns=timing.returns, now=now)
-        self._times, self._poses, self._told = [now], [(0.0, 0.0, 0.0)], [STOP]
+        self.track = self.watch.track
+        """The commands of the wheels, to be told."""
         self.state = ""
         self.remark = ""
         """What is unexpected about the mount, if anything."""
@@ -103,9 +102,10 @@ class Monitor:
             return
         self.watch.hear(view.beams.ranges, view.beams.directions + body.scan.yaw, sent)
         span = self._timing.period + self._timing.reaction
-        layers = [out_of(self._pose(sent - span * layer / (LAYERS - 1)), view.seen) for layer in range(LAYERS)]
+        layers = [out_of(self.track.at(sent - span * layer / (LAYERS - 1)).pose, view.seen) for layer in range(LAYERS)]
         self._points = np.concatenate(layers, axis=1)
-        self._unknown = out_of(self._pose(sent), view.unknown)  # a blind sector turns with the robot: only the last pose counts
+        # A blind sector turns with the robot, so only the last pose counts.
+        self._unknown = out_of(self.track.at(sent).pose, view.unknown)
 
     def _mounted(self, frame: str) -> Body:
         """Return the body with the mount of a scan's frame, and set the remark.
@@ -124,17 +124,6 @@ class Monitor:
         self.remark = f"{there}, which is not the preset's mount, and counts"
         return self._body._replace(scan=Mount(frame, x, y, yaw))
 
-    def told(self, command: Command, now: float) -> None:
-        """Record the command of the wheels from now on."""
-        self.watch.told(command, now)
-        pose = self._pose(now)
-        old = bisect_right(self._times, now - MEMORY) - 1
-        if old > 0:
-            del self._times[:old], self._poses[:old], self._told[:old]
-        self._times.append(now)
-        self._poses.append(pose)
-        self._told.append(command)
-
     def trouble(self, now: float) -> str:
         """Return why the robot must stand, or an empty text."""
         if self._bad:
@@ -149,7 +138,7 @@ class Monitor:
         if self.state:
             return STOP
         self._walk(now)
-        pose, center_x = self._pose(now), self._body.center_x
+        pose, center_x = self.track.at(now).pose, self._body.center_x
         points = into(pose, self._points)
         seen = limited(points, command, center_x, self._limits)
         allowed = limited(into(pose, self._unknown), seen, center_x, self._limits)
@@ -162,12 +151,7 @@ class Monitor:
 
     def _walk(self, now: float) -> None:
         """Count the way into unknown space, or the way over known ground since the last call."""
-        v, omega = self._told[-1]
+        v, omega = self.track.command
         way = math.hypot(v, omega * self._body.center_x) * (now - self._judged)
         room = self._room - way if self._enters else self._room + way
         self._room, self._judged = min(max(room, 0.0), self._limits.escape_speed * self._limits.time), now
-
-    def _pose(self, at: float) -> tuple[float, float, float]:
-        """Return the pose to which the commands have led at a time."""
-        k = max(bisect_right(self._times, at) - 1, 0)
-        return moved(self._poses[k], self._told[k], max(at - self._times[k], 0.0))

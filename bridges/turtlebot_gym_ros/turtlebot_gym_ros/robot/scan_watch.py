@@ -19,14 +19,11 @@ A frozen or covered LiDAR counts again when its scans change; a wrong mount unti
 from __future__ import annotations
 
 import math
-from collections import deque
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.values import STOP, Command
-from turtlebot_gym_ros.robot.collision import moved
+from turtlebot_gym_ros.robot.motion import Motion, Track, into
 
 LEAST_RETURNS = 10
 """Number of returns from which equal scans mean something: noise leaves ten ranges equal once in 1e10 scans."""
@@ -50,20 +47,7 @@ COMMON = 15
 """Least number of directions with returns in both scans."""
 VOTES = 3
 """Comparisons in a row after which a mount is refused."""
-MEMORY = 3.0
-"""Time for which motion is stored, s."""
 QUARTERS = {1: "90 degrees to the left", 2: "180 degrees", 3: "90 degrees to the right"}
-
-
-class _Motion(NamedTuple):
-    """Motion since the start."""
-
-    pose: tuple[float, float, float]
-    """m, m, rad."""
-    way: float
-    """Path driven either way, m."""
-    turned: float
-    """Sum of all turns, rad."""
 
 
 class ScanWatch:
@@ -77,7 +61,8 @@ class ScanWatch:
 
     def __init__(self, *, lag: float, returns: float, now: float) -> None:
         self._lag, self._returns = lag, returns
-        self._history = deque([(now, _Motion((0.0, 0.0, 0.0), 0.0, 0.0), STOP)])
+        self.track = Track(now)
+        """The commands of the wheels, or the robot's twist, to be told."""
         self._last: NDArray[np.float32] | None = None
         self._since, self._light = now, now
         self._equal = False
@@ -85,22 +70,9 @@ class ScanWatch:
 
     def forget(self) -> None:
         """Forget what was learned about the mount."""
-        self._key: tuple[_Motion, NDArray[np.float64]] | None = None
+        self._key: tuple[Motion, NDArray[np.float64]] | None = None
         self._votes: list[int] = []
         self._turned_by = 0
-
-    def told(self, command: Command, now: float) -> None:
-        """Record the motion from now on."""
-        self._history.append((now, self._motion(now), command))
-        while len(self._history) > 1 and self._history[1][0] < now - MEMORY:
-            self._history.popleft()
-
-    def _motion(self, at: float) -> _Motion:
-        """Return the motion up to a time."""
-        since, motion, command = next((each for each in reversed(self._history) if each[0] <= at), self._history[0])
-        dt = max(at - since, 0.0)
-        way, turned = motion.way + abs(command.v) * dt, motion.turned + abs(command.omega) * dt
-        return _Motion(moved(motion.pose, command, dt), way, turned)
 
     def hear(self, ranges: NDArray[np.float32], directions: NDArray[np.float64], sent: float) -> None:
         """Take a scan.
@@ -116,9 +88,9 @@ class ScanWatch:
             self._light = sent
         last, self._last = self._last, ranges
         if last is None or not np.array_equal(last, ranges, equal_nan=True) or count < LEAST_RETURNS:
-            self._since, self._equal, self._at_first = sent, False, self._motion(sent)
+            self._since, self._equal, self._at_first = sent, False, self.track.at(sent)
         else:
-            before, after = self._at_first, self._motion(max(sent - self._lag, self._since))
+            before, after = self._at_first, self.track.at(max(sent - self._lag, self._since))
             near = np.abs(np.sin(directions[returned])) < math.sin(NEAR_LINE)
             least = DRIVEN if near.any() else DRIVEN_BLIND
             self._equal = after.turned - before.turned >= TURNED or after.way - before.way >= least
@@ -126,7 +98,7 @@ class ScanWatch:
         if count >= COMMON and not self._turned_by:
             lengths, angles = ranges[returned].astype(np.float64), directions[returned]
             points = np.stack((lengths * np.cos(angles), lengths * np.sin(angles)))
-            self._compare(points, self._motion(sent - 0.5 * self._lag), min(len(ranges), BINS))
+            self._compare(points, self.track.at(sent - 0.5 * self._lag), min(len(ranges), BINS))
 
     def trouble(self) -> str:
         """Return why the newest scan must not be used, or an empty text."""
@@ -139,7 +111,7 @@ class ScanWatch:
             return f"the scans move as if the LiDAR were mounted turned by {by}: correct its mount, and enable the robot again"
         return ""
 
-    def _compare(self, points: NDArray[np.float64], motion: _Motion, bins: int) -> None:
+    def _compare(self, points: NDArray[np.float64], motion: Motion, bins: int) -> None:
         """Vote on the mount by a scan's points, shape (2, n), if the robot has moved far enough since the last vote."""
         key = self._key
         if key is not None and motion.way - key[0].way < STEP:
@@ -148,9 +120,7 @@ class ScanWatch:
         if key is None or motion.turned - key[0].turned > WIDE or motion.way - key[0].way > 4.0 * STEP:
             return
         now = _binned(points, bins)
-        (x, y, theta), (x1, y1, theta1) = key[0].pose, motion.pose
-        cosine, sine, turn = math.cos(theta), math.sin(theta), theta1 - theta
-        shift = np.array((cosine * (x1 - x) + sine * (y1 - y), cosine * (y1 - y) - sine * (x1 - x)))
+        shift, turn = into(key[0].pose, motion.pose)[:2], motion.pose[2] - key[0].pose[2]
         if math.hypot(*shift) < 0.5 * STEP:
             return
         shifts = [_turn(shift[:, None], -0.5 * math.pi * quarter) for quarter in range(4)]

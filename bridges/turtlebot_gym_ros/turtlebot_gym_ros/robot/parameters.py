@@ -1,0 +1,111 @@
+"""The guard's parameters, and the collision monitor for which they ask. Does not depend on ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+from turtlebot_gym.files import is_file
+from turtlebot_gym.presets import make_robot
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.validation import Names, Range, typed
+from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.base.frames import Mount
+from turtlebot_gym_ros.robot.collision import MOUNTS, Body, Limits
+from turtlebot_gym_ros.robot.monitor import Monitor, Timing
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """Parameters of ``cmd_vel_guard``; none changes while it runs."""
+
+    robot: Annotated[str, Names(tuple(ROBOTS), or_else=is_file, other=", or a FILE.yaml")] = "burger"
+    """Preset, or file (see `turtlebot_gym.files`), whose limits hold per axis and per wheel."""
+    enable_stamped_cmd_vel: bool = True
+    """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; Twist if false."""
+    body_frame: str = "base_footprint"
+    """The robot's frame in the commands."""
+    frame_prefix: str = ""
+    """Prefix of the robot's and the scans' frame, such as "robot1/" for robot1/base_scan; other scans are then refused."""
+    start_enabled: bool = True
+    """Whether commands pass from the start; if not, ``~/enable`` is needed after every (re)start."""
+    require_emergency_stop: bool = False
+    """Whether a live button is needed to enable; commands then never pass from the start, even if ``start_enabled`` is true."""
+    require_standby: bool = False
+    """Whether the robot stands unless ``cmd_vel_standby`` is alive, which stops it if the guard dies."""
+    max_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
+    """Age from which a command no longer counts, s; at most 0.5. It counts from when the command was sent."""
+    measured_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.5
+    """Age from which a command no longer counts, s, since the measurement on which it rests: its header's stamp."""
+    rate: Annotated[float, Range(50.0, 200.0, unit="Hz")] = 50.0
+    """Rate at which ages are checked, and highest rate of commands, Hz; 50 to 200."""
+    max_acceleration: Annotated[float, Range(0.0, 1000.0, open_low=True, unit="m/s^2")] = 2.5
+    """Limit of each wheel's acceleration at the rim, m/s^2. It never delays a stop."""
+    speed_scale: Annotated[float, Range(0.0, 1.0, open_low=True)] = 1.0
+    """Factor on every command, at most 1."""
+    geofence: Annotated[float, Range(0.0, 1e6, unit="m")] = 0.0
+    """Radius around the origin of the pose's frame beyond which only a person may drive, m; 0 for no fence."""
+    geofence_topic: Annotated[str, Names(("odom", "estimate"))] = "odom"
+    """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
+    geofence_frame: str = "odom"
+    """Frame of the pose for the geofence, without a prefix; a pose in another one does not count."""
+    collision_monitor: bool = False
+    """Whether obstacles on ``scan`` limit every command, including a person's; without a fresh scan the robot then stands."""
+    collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05
+    """Width of the stop zone around the footprint, m."""
+    collision_time: Annotated[float, Range(0.5, 10.0, unit="s")] = 1.0
+    """Time to collision below which a command is slowed down, s."""
+    escape_speed: Annotated[float, Range(0.0, 0.1, unit="m/s")] = 0.05
+    """Speed at which a robot may creep away from obstacles in its stop zone, m/s; with 0 it stands."""
+    scan_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
+    """Age from which a scan no longer counts, s. It counts from when the scan was sent."""
+    scan_period: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
+    """Time of one revolution of the LiDAR, s."""
+    scan_error: Annotated[float, Range(0.0, 0.5)] = 0.085
+    """Relative error of a range, by which the stop zone grows; for an LDS-01, 5 % plus twice 1.75 %."""
+    scan_returns: Annotated[float, Range(0.0, 1.0)] = 0.02
+    """Least share of a scan's beams that return something; with less for 0.5 s the robot stands: a covered LiDAR looks like
+    one in a hall larger than its range. With 0 the robot drives in such halls, and a cover is not noticed."""
+    reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
+    """Longest delay of wheels and LiDAR driver, s."""
+    scan_mount: Annotated[str, Names(("robot", "given"))] = "robot"
+    """Whether to use the preset's footprint, and the mount of ``/tf_static`` or else of the preset, or the five parameters
+    below, which ``/tf_static`` must not contradict."""
+    footprint_x: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
+    """Centre of the footprint ahead of the axle, m; its radius is that of the preset."""
+    scan_x: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
+    """Position of the LiDAR ahead of the axle, m."""
+    scan_y: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
+    """Position of the LiDAR to the left, m."""
+    scan_yaw: Annotated[float, Range(-2.0 * math.pi, 2.0 * math.pi, unit="rad")] = 0.0
+    """Direction of the scan's angle 0 in the robot's frame, rad."""
+    scan_frame: str = "base_scan"
+    """Frame of the scans, without a prefix; scans of other frames are refused."""
+
+    def __post_init__(self) -> None:
+        typed(self, "")
+        if self.collision_monitor and self.scan_mount == "robot" and self.robot not in MOUNTS:
+            raise ValueError(f"scan_mount must be 'given' for a robot from a file, got {self.scan_mount!r}.")
+
+
+def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]) -> Monitor | None:
+    """Return the collision monitor, if it is switched on.
+
+    Args:
+        p: The guard's parameters.
+        now: Current steady time, s.
+        mount_of: See `Monitor`.
+    """
+    if not p.collision_monitor:
+        return None
+    robot, timing = make_robot(p.robot), Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
+    given = p.footprint_x, Mount(p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw)
+    center_x, mount = given if p.scan_mount == "given" else MOUNTS[p.robot]
+    body = Body(robot.radius, center_x, mount._replace(frame=p.frame_prefix + mount.frame))
+    limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
+    return Monitor(
+        body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now,
+        given=p.scan_mount == "given", mount_of=mount_of,
+    )  # fmt: skip
