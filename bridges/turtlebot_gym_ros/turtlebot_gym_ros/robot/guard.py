@@ -40,7 +40,7 @@ buttons is removed for good, restart the guard.
 /robot1/cmd_vel_guard/enable. To stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node
 that moves a robot, to a common topic. Each robot is still enabled separately.
 
-Parameters: see `arbiter.Parameters`. All times are by the steady clock, so it works with ``use_sim_time`` and without
+Parameters: see `parameters`. All times are by the steady clock, so it works with ``use_sim_time`` and without
 ``/clock``.
 """
 
@@ -72,8 +72,9 @@ from turtlebot_gym_ros.base.process import precede, run
 from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, read_clocks
 from turtlebot_gym_ros.base.swift import waiting
-from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.arbiter import Arbiter
 from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.parameters import Parameters
 from turtlebot_gym_ros.robot.report import Report
 
 LATE = 0.02

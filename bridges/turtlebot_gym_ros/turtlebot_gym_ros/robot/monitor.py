@@ -84,7 +84,7 @@ class Monitor:
         self._sent, self._bad = -math.inf, "no scan has arrived"
         self.watch = ScanWatch(lag=timing.period + timing.reaction, returns=timing.returns, now=now)
         self.track = self.watch.track
-        """The commands of the wheels, to be told."""
+        """The commands of the wheels: the arbiter adds each one that it publishes."""
         self.state = ""
         self.remark = ""
         """What is unexpected about the mount, if anything."""

@@ -11,8 +11,9 @@ from turtlebot_gym_ros.base.flood import MOST, WINDOW
 from turtlebot_gym_ros.base.names import node_name, type_name
 from turtlebot_gym_ros.base.reports import ERROR, OK, WARN, log, report
 from turtlebot_gym_ros.base.sent import Age
-from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.arbiter import Arbiter
 from turtlebot_gym_ros.robot.emergency import NONE_HEARD
+from turtlebot_gym_ros.robot.parameters import Parameters
 
 STANDBY = "cmd_vel_standby"
 """Name of the node that may publish commands too, if the guard dies."""

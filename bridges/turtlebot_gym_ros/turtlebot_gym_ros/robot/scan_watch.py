@@ -62,7 +62,7 @@ class ScanWatch:
     def __init__(self, *, lag: float, returns: float, now: float) -> None:
         self._lag, self._returns = lag, returns
         self.track = Track(now)
-        """The commands of the wheels, or the robot's twist, to be told."""
+        """The commands of the wheels, or the robot's twist: whoever watches adds each new one."""
         self._last: NDArray[np.float32] | None = None
         self._since, self._light = now, now
         self._equal = False
