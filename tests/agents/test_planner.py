@@ -1,14 +1,13 @@
 """The policy that plans: its grid, its ways, what it remembers, and that a batch may go on with some of its rows."""
 
 import heapq
+from functools import partial
 
 import numpy as np
 import pytest
+import sights
 
-from turtlebot_gym import ROBOTS
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.tasks import observe
-from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import grid, make_policy
 from turtlebot_gym_agents.policies.grid import CELL, OCCUPIED, SIDE
@@ -18,15 +17,10 @@ from turtlebot_gym_agents.policies.sight import Motion
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 NOTHING = np.ones(SECTORS)
+sight = partial(sights.sight, age=0.2)
 WALL = np.ones(SECTORS)
 """A wall across the way, 0.8 m ahead, which is longer on the right."""
 WALL[-6:], WALL[:3] = (0.8 / SIGHT / np.cos(np.radians(10.0 * k)) for k in (np.arange(6, 0, -1), np.arange(3)))
-
-
-def sight(goal=(2.0, 0.0, 0.0), *, at=(0.0, 0.0, 0.0), v=0.0, shares=NOTHING):
-    """Return what is observed at a pose by a robot that stands, or drives straight."""
-    belief = observe(State(*at, v, 0.0), (0.05, 0.1), 1.0, Pose(*goal), Pose(*goal), ROBOTS["burger"])
-    return np.concatenate([belief, shares, [0.2]]).astype(np.float32)
 
 
 def cells(policy, row=0):

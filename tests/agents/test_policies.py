@@ -5,18 +5,14 @@ import sys
 
 import numpy as np
 import pytest
+from sights import seen
 
 from turtlebot_gym import ROBOTS, Robot
-from turtlebot_gym.tasks import Observation, observe
+from turtlebot_gym.tasks import Observation
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import CornerPolicy, PolarPolicy, RotateDriveRotatePolicy
-
-
-def see(state: State, goal: Pose, robot: Robot, following: Pose | None = None) -> np.ndarray:
-    """Return what a policy would be shown, as it would be."""
-    return np.array(observe(state, (0.05, 0.1), 1.0, goal, following or goal, robot), np.float32)
 
 
 def random_sights(count: int, robot: Robot) -> list[tuple[State, Pose, np.ndarray]]:
@@ -27,7 +23,7 @@ def random_sights(count: int, robot: Robot) -> list[tuple[State, Pose, np.ndarra
         theta, g_theta = random.uniform(-np.pi, np.pi, 2).tolist()
         v, omega = (random.uniform(-1.0, 1.0, 2) * (robot.max_linear, robot.max_angular)).tolist()
         state, goal = State(x, y, theta, v, omega), Pose(gx, gy, g_theta)
-        sights.append((state, goal, see(state, goal, robot)))
+        sights.append((state, goal, seen(state, goal, robot)))
     return sights
 
 
@@ -60,7 +56,7 @@ def test_a_batch_equals_its_rows(policy):
 def test_a_law_knows_no_left_from_right_and_no_front_from_back(law, name, near):
     random, robot, policy = np.random.default_rng(2), ROBOTS[name], law(name)
     for state, goal, _ in random_sights(200, robot):
-        o = Observation(*see(state, goal, robot, Pose(*random.uniform(-2.0, 2.0, 2).tolist(), 0.0)))
+        o = Observation(*seen(state, goal, robot, Pose(*random.uniform(-2.0, 2.0, 2).tolist(), 0.0)))
         forward, turn = policy(np.array(o))
         mirrored = o._replace(sin_bearing=-o.sin_bearing, sin_next=-o.sin_next, omega=-o.omega)
         np.testing.assert_allclose(policy(np.array(mirrored)), [forward, -turn], rtol=0, atol=near)
@@ -73,28 +69,28 @@ def test_a_law_knows_no_left_from_right_and_no_front_from_back(law, name, near):
 def test_bearing_policy_decides_on_the_bearing_after_the_commanded_turn():
     robot = ROBOTS["tutorial"]
     goal = Pose(0.0, 1.0, 0.0)
-    ahead_by_then = see(State(0.0, 0.0, -0.1, 0.0, 2.0), goal, robot)  # now at 95.7 degrees, after 0.1 s at 84.3
-    behind_by_then = see(State(0.0, 0.0, 0.1, 0.0, -2.0), goal, robot)
+    ahead_by_then = seen(State(0.0, 0.0, -0.1, 0.0, 2.0), goal, robot)  # now at 95.7 degrees, after 0.1 s at 84.3
+    behind_by_then = seen(State(0.0, 0.0, 0.1, 0.0, -2.0), goal, robot)
     assert BearingPolicy(robot, dt=0.1)(ahead_by_then)[0] > 0.0
     assert BearingPolicy(robot, dt=0.1)(behind_by_then)[0] < 0.0
     assert BearingPolicy(robot, dt=0.01)(ahead_by_then)[0] < 0.0  # that soon it is still behind
 
 
 def test_bearing_policy_stops_at_the_goal_and_does_not_reverse_a_robot_that_must_not():
-    stopped = BearingPolicy("burger")(see(State(1.0, 1.0, 0.3, 0.0, 0.0), Pose(1.0, 1.0, 0.0), ROBOTS["burger"]))
+    stopped = BearingPolicy("burger")(seen(State(1.0, 1.0, 0.3, 0.0, 0.0), Pose(1.0, 1.0, 0.0), ROBOTS["burger"]))
     np.testing.assert_array_equal(stopped, 0.0)
     robot = Robot(max_linear=0.2, max_angular=2.0, reverse=False)
     policy = BearingPolicy(robot)
     actions = np.array([policy(observation) for *_, observation in random_sights(200, robot)])
     assert actions[:, 0].min() == 0.0
-    right_behind = policy(see(State(0.0, 0.0, 0.01, 0.0, 0.0), Pose(-1.0, 0.0, 0.0), robot))
+    right_behind = policy(seen(State(0.0, 0.0, 0.01, 0.0, 0.0), Pose(-1.0, 0.0, 0.0), robot))
     assert right_behind[0] == 0.0
     assert abs(right_behind[1]) == 1.0  # turns on the spot
 
 
 def seen_at_rest(waypoint: tuple[float, float], following: tuple[float, float]) -> np.ndarray:
     """Return the observation of a robot that stands at the origin and looks along x."""
-    return see(State(0.0, 0.0, 0.0, 0.0, 0.0), Pose(*waypoint, 0.0), ROBOTS["burger"], Pose(*following, 0.0))
+    return seen(State(0.0, 0.0, 0.0, 0.0, 0.0), Pose(*waypoint, 0.0), ROBOTS["burger"], Pose(*following, 0.0))
 
 
 @pytest.mark.parametrize(
@@ -127,8 +123,8 @@ def test_corner_policy_steers_to_the_point_inside_the_bend(waypoint, following, 
 def test_corner_policy_decides_on_what_lies_where_when_its_command_acts():
     # At 0.2 m/s and 2 rad/s the robot is, after 0.1 s, 0.02 m further along its old heading, and turned by 0.2 rad.
     robot, goal, following = ROBOTS["burger"], Pose(0.9, 0.3, 0.0), Pose(0.2, 1.4, 0.0)
-    moving = see(State(0.1, -0.2, 0.5, 0.2, 2.0), goal, robot, following)
-    there = see(State(0.1 + 0.02 * 0.8775826, -0.2 + 0.02 * 0.4794255, 0.7, 0.0, 0.0), goal, robot, following)
+    moving = seen(State(0.1, -0.2, 0.5, 0.2, 2.0), goal, robot, following)
+    there = seen(State(0.1 + 0.02 * 0.8775826, -0.2 + 0.02 * 0.4794255, 0.7, 0.0, 0.0), goal, robot, following)
     np.testing.assert_allclose(CornerPolicy(robot)(moving), CornerPolicy(robot)(there), rtol=0, atol=1e-5)
 
 
@@ -149,7 +145,7 @@ def test_who_is_not_told_of_an_arrival_comes_ever_nearer_to_the_waypoint():
         x, y, theta = (*random.uniform(-0.25, 0.25, 2).tolist(), random.uniform(-np.pi, np.pi))
         policy, v, omega = CornerPolicy(robot), 0.0, 0.0
         for _ in range(150):
-            forward, turn = policy(see(State(x, y, theta, v, omega), goal, robot, following)).tolist()
+            forward, turn = policy(seen(State(x, y, theta, v, omega), goal, robot, following)).tolist()
             x, y, theta = x + v * np.cos(theta) * 0.1, y + v * np.sin(theta) * 0.1, theta + omega * 0.1
             omega = turn * 2.635
             v = float(np.clip(forward * 0.2108, -1.0, 1.0)) * max(0.0, 1.0 - abs(turn))  # wheels at their limit
@@ -194,7 +190,7 @@ def test_every_tunable_number_changes_what_a_baseline_does(kind):
     random, robot = np.random.default_rng(4), ROBOTS["burger"]
     places = [Pose(*random.uniform(-0.7, 0.7, 2).tolist(), 0.0) for _ in range(400)]
     sights = np.array(
-        [see(state, goal, robot, place) for (state, goal, _), place in zip(random_sights(400, robot), places, strict=True)]
+        [seen(state, goal, robot, place) for (state, goal, _), place in zip(random_sights(400, robot), places, strict=True)]
     )
     sights[::2, 0] = 0.04  # some goals are very near
     for name, span in kind.ranges().items():

@@ -24,7 +24,6 @@ from turtlebot_gym_agents.policies.sight import (
     HALF_SECTOR,
     UNSEEN,
     Motion,
-    arc,
     look,
     require_sight,
     time_to_contact,
@@ -161,9 +160,10 @@ class SafetyLayer:
             moved: Place as from when the beams were measured ...
             turned: ... and heading.
         """
-        step, turn = arc(rows[..., 5:6] * self._robot.max_linear, rows[..., 6:7] * self._robot.max_angular, self.dt)
+        step, turn = (part[..., None] for part in self._motion.over(np.full(rows.shape[:-1], self.dt)))
         moved, turned = moved[..., None], turned[..., None]
-        places, spread = (self._places - step) * np.conj(turn), self._spread + self._drift * rows[..., 6:7] ** 2 * self.dt
+        share = np.angle(turn) / (self._robot.max_angular * self.dt)
+        places, spread = (self._places - step) * np.conj(turn), self._spread + self._drift * share**2 * self.dt
         there = places * turned + moved - self.lidar_x  # from the LiDAR, when it measured
         at, away = np.round(np.angle(there) / HALF_SECTOR).astype(np.int64), np.abs(there)
         sector = np.round(np.angle(there) / (2.0 * HALF_SECTOR)).astype(np.int64) % SECTORS
