@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from turtlebot_gym.calibration import Leg, calibrate_by_tape
-from turtlebot_gym.calibration.legs import leg_of, read_legs
+from turtlebot_gym.calibration.tape import leg_of, read_legs
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.presets import WHEEL
 

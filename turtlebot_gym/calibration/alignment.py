@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from turtlebot_gym.drives import Drive, known
+from turtlebot_gym.drives.alignment import between
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.models.angles import wrap_all
 
@@ -122,6 +123,12 @@ def _shift_twist(drive: Drive, delay: float) -> Drive:
     return replace(drive, twist=twist, joined=joined)
 
 
+def _shifts(step: float) -> NDArray[np.float64]:
+    """Return the shifts that are compared, shape (n,), s."""
+    reach = math.floor(REACH / step)
+    return step * np.arange(-reach, reach + 1.0)
+
+
 def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
     """Return the likeliest shift on a grid of log-likelihoods, refined by a parabola."""
     at = int(np.argmax(score))
@@ -139,11 +146,9 @@ def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
 
 
 def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return poses interpolated at other times, shape (n, 3)."""
+    """Return poses interpolated over all that are unknown, at other times, shape (n, 3)."""
     there = known(poses)
-    heading = np.unwrap(poses[there, 2])
-    columns = [np.interp(then, time[there], values) for values in (poses[there, 0], poses[there, 1], heading)]
-    return np.stack(columns, axis=1)
+    return between(time[there], poses[there], then)
 
 
 def _twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shift:
@@ -156,9 +161,7 @@ def _twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shi
     middle = 0.5 * (first[:, 2] + last[:, 2])
     way = np.cos(middle) * (last[:, 0] - first[:, 0]) + np.sin(middle) * (last[:, 1] - first[:, 1])
     moved = np.stack([way, last[:, 2] - first[:, 2]], axis=1)
-    step = max(0.25 * drive.period, 0.005)
-    reach = math.floor(REACH / step)
-    shifts = np.asarray(step * np.arange(-reach, reach + 1), np.float64)
+    shifts = _shifts(max(0.25 * drive.period, 0.005))
     score = np.zeros(len(shifts))
     for at, shift in enumerate(shifts):
         for k in (0, 1):
@@ -174,9 +177,7 @@ def _truth_delay(drive: Drive) -> Shift:
     if inside.sum() < 20:
         return NO_SHIFT
     z, time = drive.odometry[inside], drive.time[inside]
-    step = max(0.1 * drive.period, 0.002)
-    reach = math.floor(REACH / step)
-    shifts = np.asarray(step * np.arange(-reach, reach + 1), np.float64)
+    shifts = _shifts(max(0.1 * drive.period, 0.002))
     score = np.zeros(len(shifts))
     for at, shift in enumerate(shifts):
         error = difference(z, _at(drive.time, drive.truth, time - shift))
@@ -189,7 +190,7 @@ def _shift_truth(drive: Drive, delay: float) -> Drive:
     then = drive.time - delay
     times = drive.time[known(drive.truth)]
     truth = _at(drive.time, drive.truth, then)
-    truth[:, 2] = difference(truth, np.zeros(3))[:, 2]
+    truth[:, 2] = wrap_all(truth[:, 2])
     truth[(then < times[0]) | (then > times[-1])] = np.nan
     return replace(drive, true_state=truth)
 

@@ -159,13 +159,12 @@ def calibrate(
             remarks.append(f"single scans in the map are off by {far:.4f} m along an axis and {turned:.4f} rad, by the fit")
         progress("execution")
         if kind == POSE:
-            fitted = by_truth(drive, likeliest, execution.truth_deviations)
-            estimates, likeliest = estimates | fitted.estimates, fitted.noise
+            likeliest, measured = by_truth(drive, likeliest, execution.truth_deviations)
+            estimates |= measured
             progress("measurements")
     else:
-        (likeliest, estimates), integrator = by_innovations(drive, started, integrator)
-        estimates, longest, segments = dict(estimates), 0.0, int(known(drive.odometry).sum())
-        verdict = UNTESTED
+        likeliest, estimates, integrator = by_innovations(drive, started, integrator)
+        longest, segments, verdict = 0.0, int(known(drive.odometry).sum()), UNTESTED
         progress("innovations")
     if kind == POSE:
         missing, among = _lost(drive)

@@ -10,7 +10,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -57,17 +57,17 @@ def diagnose(problem: Problem, fitted: Regression) -> Verdict:
     axes = (0, 2) if problem.is_exact else (0, 1, 2)  # an exact truth leaves nothing to the side
     residuals = fitted.residuals[moving] if problem.is_exact else fitted.residuals
     rows = len(problem.motions.row)
-    return judge(residuals[:, axes], len(problem.jumps), rows, lambda: _uneven(problem, fitted.residuals, axes))
+    return judge(residuals[:, axes], len(problem.jumps), rows, _uneven(problem, fitted.residuals, axes))
 
 
-def judge(residuals: NDArray[np.float64], jumps: int, kept: int, uneven: Callable[[], list[str]] = lambda: []) -> Verdict:
+def judge(residuals: NDArray[np.float64], jumps: int, kept: int, uneven: Sequence[str] = ()) -> Verdict:
     """Test white residuals.
 
     Args:
         residuals: Shape (n, axes).
         jumps: Number of errors that were left out ...
         kept: ... and of those that were not.
-        uneven: Returns further faults, where the others leave room for them.
+        uneven: Further faults, which count only where errors are neither correlated nor of heavy tails.
     """
     faults, rows = [], jumps + kept
     if jumps > max(JUMPS * rows, 10.0):
@@ -79,7 +79,7 @@ def judge(residuals: NDArray[np.float64], jumps: int, kept: int, uneven: Callabl
     if has_tails and not is_correlated:
         faults.append(f"errors have heavy tails (kurtosis {kurtosis:.1f} instead of 3)")
     if not has_tails and not is_correlated and len(residuals) >= FEWEST:
-        faults += uneven()
+        faults += uneven
     nees = float((residuals**2).mean())
     if faults:
         text = "The model does not describe the drive: " + "; ".join(faults) + "."

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,7 +118,7 @@ def search(likelihood: Likelihood, start: Noise, names: Sequence[str], *, widely
     if widely:
         spread = np.array([PARAMETERS[name].kind == VARIANCE for name in names])
         begins = [np.where(spread, share * begin, begin) for share in SPREAD]
-        begin = max((valley(of, each, scales) for each in begins), key=lambda top: top[1])[0]
+        begin = max((valley(of, x, scales) for x in begins), key=lambda top: top[1])[0]
     return maximize(of, begin, scales)
 
 
@@ -166,10 +165,9 @@ def profiled(
     fit = fit._replace(x=signs * fit.x, information=fit.information * both, covariance=fit.covariance * both)
     table = {}
     for at, (name, value) in enumerate(values.items()):
-        ends = interval(likelihood, fit, at, least=-math.inf if kinds[at] == PLAIN else 0.0)
-        low, high = natural_interval(name, ends.low, ends.high)
-        remedy = remedy_of(name, fit.x[at], fit.deviations[at], low, high, has_truth=has_truth)
-        unit, is_profile = PARAMETERS[name].unit, ends.is_profile
+        low, high, is_profile = interval(likelihood, fit, at, least=-math.inf if kinds[at] == PLAIN else 0.0)
+        low, high = natural_interval(name, low, high)
+        remedy, unit = remedy_of(name, fit.x[at], fit.deviations[at], low, high, has_truth=has_truth), PARAMETERS[name].unit
         table[name] = Estimate(value=value, low=low, high=high, unit=unit, remedy=remedy, is_profile=is_profile)
     return table
 
@@ -199,15 +197,8 @@ def of_share(happened: int, among: int, remedy: str) -> Estimate:
     return Estimate(value=share, low=low, high=high, remedy="" if among >= 100 else remedy)
 
 
-class Fitted(NamedTuple):
-    """The likeliest noise model, and the estimates of the parameters that were fitted."""
-
-    noise: Noise
-    estimates: dict[str, Estimate]
-
-
-def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) -> Fitted:
-    """Fit the noise of measured poses to the truth.
+def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) -> tuple[Noise, dict[str, Estimate]]:
+    """Fit the noise of measured poses to the truth, and return the likeliest model and what was fitted.
 
     Args:
         drive: The drive.
@@ -229,8 +220,8 @@ def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) 
         table |= {f"R_{axis}": R[at], f"bias_{axis}": bias[at]}
     begin = replace(
         start.odometry,
-        R=(*(max(each.value, 0.0) for each in R), max(float(error[:, 2].var()), 1e-12)),
-        bias=(*(each.value for each in bias), float(error[:, 2].mean())),
+        R=(*(max(variance.value, 0.0) for variance in R), max(float(error[:, 2].var()), 1e-12)),
+        bias=(*(mean.value for mean in bias), float(error[:, 2].mean())),
     )
 
     def likelihood(model: Noise) -> float:
@@ -238,14 +229,14 @@ def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) 
 
     names, base, best = _search_with_spikes(likelihood, replace(start, odometry=begin), HEADINGS)
     table |= estimates_of(likelihood, base, names, best, has_truth=True)
-    return Fitted(from_coordinates(base, names, best.x), table)
+    return from_coordinates(base, names, best.x), table
 
 
 def _variance(errors: NDArray[np.float64], known_variance: float) -> Estimate:
     """Return the variance of normal errors beyond a known one, with the interval by chi-square."""
     n, variance = len(errors), float(errors.var(ddof=1))
     low, high = (n - 1) * variance / stats.chi2.ppf([0.5 + 0.5 * LEVEL, 0.5 - 0.5 * LEVEL], n - 1)
-    value, low, high = (max(float(each) - known_variance, 0.0) for each in (variance, low, high))
+    value, low, high = (max(float(number) - known_variance, 0.0) for number in (variance, low, high))
     remedy = "" if low > 0.0 and high - low < 4.0 * CLEAR * value else "record for longer"
     return Estimate(value=value, low=low, high=high, unit="m^2", remedy=remedy)
 
@@ -269,7 +260,7 @@ def _of_headings(errors: NDArray[np.float64], odometry: OdometryNoise, known_var
     return float(np.log(np.maximum(density, 1e-300)).sum()) - 0.5 * len(errors) * math.log(variance)
 
 
-def by_innovations(drive: Drive, start: Noise, integrator: str | None) -> tuple[Fitted, str]:
+def by_innovations(drive: Drive, start: Noise, integrator: str | None) -> tuple[Noise, dict[str, Estimate], str]:
     """Fit execution and measurement noise together, by the innovations; return the integrator, too."""
     rows = measured_rows(drive)
     step = difference(drive.odometry[rows.due][1:], drive.odometry[rows.due][:-1])
@@ -282,9 +273,8 @@ def by_innovations(drive: Drive, start: Noise, integrator: str | None) -> tuple[
     likelihood = lambda model: innovations(rows, model, middle=middle)  # noqa: E731
     names = tuple(name for name in (*MEASURED, *ALPHAS, "scale") if name not in ONLY_TRUTH)
     names, base, best = _search_with_spikes(likelihood, begun, names)
-    return Fitted(
-        from_coordinates(base, names, best.x), estimates_of(likelihood, base, names, best, has_truth=False)
-    ), integrator
+    estimates = estimates_of(likelihood, base, names, best, has_truth=False)
+    return from_coordinates(base, names, best.x), estimates, integrator
 
 
 def measured_rows(drive: Drive) -> Rows:

@@ -142,7 +142,7 @@ def _likelier(motions: Motions) -> tuple[str, Regression | None]:
     problems = [problem_of(motions, middle) for middle in INTEGRATORS.values()]
     kept = min(problems, key=lambda problem: len(problem.jumps) + int(problem.is_far().sum())).motions
     by_name = {name: problem_of(kept, middle, rounds=0) for name, middle in INTEGRATORS.items()}
-    values = {name: problem.likelihood() for name, problem in by_name.items()}
+    values = {name: problem.solve(problem.roots).likelihood for name, problem in by_name.items()}
     if max(values.values()) - min(values.values()) > CLOSE:
         return max(values, key=values.__getitem__), None
     best = {name: _fitted(problem, INTEGRATORS[name])[2] for name, problem in by_name.items()}
@@ -154,8 +154,8 @@ def _likelier(motions: Motions) -> tuple[str, Regression | None]:
 def _with_either(estimates: dict[str, Estimate], others: dict[str, Estimate]) -> dict[str, Estimate]:
     """Return estimates with intervals that hold those of the other integrator, too."""
     return {
-        name: replace(each, low=min(each.low, others[name].low), high=max(each.high, others[name].high))
-        for name, each in estimates.items()
+        name: replace(estimate, low=min(estimate.low, others[name].low), high=max(estimate.high, others[name].high))
+        for name, estimate in estimates.items()
     }
 
 
@@ -244,7 +244,7 @@ def _over(sets: Sequence[Rows], middle: float) -> Likelihood:
     counts = [count_segments(rows) for rows in sets]
     errors = 3.0 * counts[-1]
     rest = max(errors - len(ALPHAS) - 3.0, 0.2 * errors) / errors
-    shares = [rest * counts[-1] / (len(sets) * max(each, 1)) for each in counts]
+    shares = [rest * counts[-1] / (len(sets) * max(count, 1)) for count in counts]
     truth = OdometryNoise(R=(CAPTURED,) * 3)
 
     def likelihood(model: Noise) -> float:

@@ -12,7 +12,7 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -63,6 +63,10 @@ class Fit(NamedTuple):
         """Standard deviations of the coordinates, shape (n,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    def root(self, cost: Likelihood, x: Vector) -> float:
+        """Return the root of the deviance at some coordinates, given the cost that `_finite` makes of the likelihood."""
+        return math.sqrt(max(2.0 * (self.value + cost(x)), 0.0))
+
 
 def _finite(likelihood: Likelihood) -> Likelihood:
     """Return the negative log-likelihood, or a large number where it is undefined."""
@@ -96,17 +100,13 @@ def _curvature(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
     curvature = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
-            corners = [cost(x + a * steps[i] * np.eye(n)[i] + b * steps[j] * np.eye(n)[j]) for a, b in _corners(i == j)]
+            along, across = steps[i] * np.eye(n)[i], steps[j] * np.eye(n)[j]
             if i == j:
-                curvature[i, i] = (corners[0] - 2.0 * middle + corners[1]) / steps[i] ** 2
+                curvature[i, i] = (cost(x + along) - 2.0 * middle + cost(x - along)) / steps[i] ** 2
             else:
-                rise = corners[0] - corners[1] - corners[2] + corners[3]
+                rise = cost(x + along + across) - cost(x + along - across) - cost(x - along + across) + cost(x - along - across)
                 curvature[i, j] = curvature[j, i] = rise / (4.0 * steps[i] * steps[j])
     return curvature
-
-
-def _corners(same: bool) -> Sequence[tuple[float, float]]:
-    return [(1.0, 0.0), (-1.0, 0.0)] if same else [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)]
 
 
 def _inverse(information: Vector) -> Vector:
@@ -201,14 +201,7 @@ def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tupl
     return x, expected
 
 
-class _Interval(NamedTuple):
-    low: float
-    high: float
-    is_profile: bool
-    """Whether the interval comes from the profile likelihood."""
-
-
-def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.inf) -> _Interval:
+def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.inf) -> tuple[float, float, bool]:
     """Return the interval of a coordinate; infinite on a side where the drive sets no bound.
 
     The quadratic interval holds if the deviance at its ends is as predicted, with the other coordinates at the
@@ -219,55 +212,44 @@ def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.
         fit: Its maximum.
         at: Index of the coordinate.
         least: Lower bound of the coordinate; the interval begins there if the drive does not exclude it.
+
+    Returns:
+        Its ends, and whether one of them comes from the profile likelihood.
     """
-    deviation = fit.deviations[at]
-    direction = fit.covariance[at] / fit.covariance[at, at]
-
-    cost = _finite(likelihood)
-
-    def root_of(x: Vector) -> float:
-        return math.sqrt(max(2.0 * (fit.value + cost(x)), 0.0))
-
-    ends, profile = [], False
+    deviation, direction, cost = fit.deviations[at], fit.covariance[at] / fit.covariance[at, at], _finite(likelihood)
+    ends, is_profile = [], False
     for side in (-1.0, 1.0):
-        there = root_of(fit.x + side * Z * deviation * direction)
-        if abs(there - Z) < QUADRATIC:
+        if abs(fit.root(cost, fit.x + side * Z * deviation * direction) - Z) < QUADRATIC:
             ends.append(float(fit.x[at] + side * Z * deviation))
         else:
-            profile = True
-            ends.append(_profile_end(likelihood, fit, at, side, least))
-    return _Interval(ends[0], ends[1], profile)
+            is_profile = True
+            ends.append(_profile_end(cost, fit, at, side, least))
+    return ends[0], ends[1], is_profile
 
 
-def _profile_end(likelihood: Likelihood, fit: Fit, at: int, side: float, least: float) -> float:
+def _profile_end(cost: Likelihood, fit: Fit, at: int, side: float, least: float) -> float:
     """Return where the profile's deviance reaches that of the interval, on one side."""
     others = np.arange(len(fit.x)) != at
-    deviation = fit.deviations[at]
-    direction = fit.covariance[at] / fit.covariance[at, at]
-    inner = fit.information[np.ix_(others, others)]
-    metric = _inverse(inner)
-    scales = np.sqrt(np.diag(metric))
-    limits = np.maximum(fit.deviations[others], 1e-9)
-    cost = _finite(likelihood)
+    deviation, direction = fit.deviations[at], fit.covariance[at] / fit.covariance[at, at]
+    metric = _inverse(fit.information[np.ix_(others, others)])
+    steps = 0.1 * np.minimum(np.sqrt(np.diag(metric)), np.maximum(fit.deviations[others], 1e-9))
     best = {0.0: fit.x}
 
     def root_at(distance: float) -> float:
         """Return the profile's root deviance at a distance, in deviations."""
-        value = fit.x[at] + side * distance * deviation
         nearest = min(best, key=lambda known: abs(known - distance))
         x = best[nearest] + side * (distance - nearest) * deviation * direction
-        x[at] = value
-        if not others.any():
-            return math.sqrt(max(2.0 * (fit.value + cost(x)), 0.0))
+        x[at] = fit.x[at] + side * distance * deviation
 
         def rest(free: Vector) -> float:
             full = x.copy()
             full[others] = free
             return cost(full)
 
-        x[others], _ = _descend(rest, x[others], metric, 0.1 * np.minimum(scales, limits))
+        if others.any():
+            x[others], _ = _descend(rest, x[others], metric, steps)
         best[distance] = x
-        return math.sqrt(max(2.0 * (fit.value + cost(x)), 0.0))
+        return fit.root(cost, x)
 
     # Enclose the end by doubling, then interpolate.
     low, high, low_root = 0.0, Z, 0.0

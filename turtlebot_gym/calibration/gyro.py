@@ -18,11 +18,10 @@ from scipy import stats
 
 from turtlebot_gym.calibration.estimates import CLEAR, Estimate
 from turtlebot_gym.calibration.fit import LEVEL, Z
+from turtlebot_gym.calibration.motions import Array
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.systems.imu import ImuNoise
-
-Array = NDArray[np.float64]
 
 STILL = (1e-3, 0.02)
 """Speed and turning rate by the wheels below which a robot stands, m/s and rad/s."""
@@ -68,7 +67,7 @@ def fit_gyro(drive: Drive) -> GyroFit:
     time = np.array([at for at, _ in parts])
     means, counts = np.array([values.mean() for _, values in parts]), np.array([len(values) for _, values in parts])
     fits = [_first_bias(time - time[0] + 0.5 * BLOCK, means, variance / counts, walk) for walk in WALKS]
-    likelihood = np.array([each[2] for each in fits])
+    likelihood = np.array([value for _, _, value in fits])
     best = int(likelihood.argmax())
     bias, deviation, _ = fits[best]
     inside = WALKS[likelihood > likelihood[best] - 0.5 * stats.chi2.ppf(LEVEL, 1)]

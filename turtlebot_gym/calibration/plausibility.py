@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives import Drive, known
+from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.robots import Robot
 
 DEGREES = 180.0 / math.pi
@@ -97,7 +98,7 @@ def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: flo
         raise ValueError(f"{moved}: if they are in millimetres, divide them by 1000.")
     if driven >= STILL[0] and way > 100.0 * driven:
         raise ValueError(f"{moved}: if the speed is in mm/s, divide it by 1000.")
-    turned = _turn(np.arctan2(np.sin(heading[::every]), np.cos(heading[::every])))
+    turned = _turn(heading[::every])
     if turn > 0.5 * DEGREES * max(turned, 1.0):
         raise ValueError(
             f"{what} heading turns by {turned:.4g} rad while the turning rate makes {turn:.4g}: in deg/s? Multiply by pi/180."
@@ -106,5 +107,4 @@ def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: flo
 
 def _turn(heading: NDArray[np.float64]) -> float:
     """Return a heading's total change, each the shorter way round, rad."""
-    change = np.diff(heading)
-    return float(np.abs(np.remainder(change + math.pi, TURN) - math.pi).sum())
+    return float(np.abs(wrap_all(np.diff(heading))).sum())

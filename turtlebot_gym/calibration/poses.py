@@ -21,6 +21,7 @@ from turtlebot_gym.calibration.estimates import Likelihood, estimates_of, search
 from turtlebot_gym.calibration.execution import FEWEST, Execution, at_axle
 from turtlebot_gym.calibration.fit import Fit
 from turtlebot_gym.calibration.likelihood import tuning_of
+from turtlebot_gym.calibration.motions import Array
 from turtlebot_gym.calibration.regression import JUMP, MOST, ROUNDS
 from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
@@ -33,8 +34,6 @@ from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Belief, Command, Covariance, State
-
-Array = NDArray[np.float64]
 
 APART = (0.25, 0.5, 1.0, 2.0)
 """Way between two poses that count, m: the first at which errors are neither correlated nor of heavy tails."""

@@ -1,4 +1,4 @@
-"""Wheels by tape: what a person measures of parts of a drive, against what its odometry says.
+"""Wheels by tape: what a person measures of parts of a drive, the legs, against what its odometry says.
 
 Each measurement is a number of the pose at a part's end in the frame of its start. Generalized least squares over all parts
 gives the wheels' parameters. Its covariance is that of the tape plus that of the execution, propagated along the path.
@@ -10,27 +10,31 @@ References:
 
 from __future__ import annotations
 
+import csv
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import least_squares
 
-from turtlebot_gym.calibration.calibrate import Calibration
+from turtlebot_gym.calibration.calibrate import Calibration, detect_kind
 from turtlebot_gym.calibration.coordinates import ALPHAS, PARAMETERS, value_of, with_values
 from turtlebot_gym.calibration.diagnosis import Verdict
 from turtlebot_gym.calibration.estimates import FINE, MOTIONS, WHEELS, Estimate
 from turtlebot_gym.calibration.execution import TYPICAL
 from turtlebot_gym.calibration.fit import Z
-from turtlebot_gym.calibration.legs import Leg, Steps, steps_of
+from turtlebot_gym.calibration.motions import Array
 from turtlebot_gym.calibration.regression import FREE, LINEAR, USUAL
+from turtlebot_gym.drives import Drive, known
+from turtlebot_gym.models.angles import TWO_PI, wrap_all
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import WHEEL
-
-Array = NDArray[np.float64]
+from turtlebot_gym.validation import POSITIVE, typed
 
 NAMES = LINEAR[:3]
 """Parameters of the wheels."""
@@ -42,6 +46,119 @@ ROUNDS = 3
 """Rounds of least squares, each with the covariance of the one before it."""
 RATIOS = (0.2, 5.0)
 """Ratios of a measurement to odometry that wheels reach; others are a mistake of units or of the log."""
+TAPE, PROTRACTOR = 0.0025, math.radians(1.0)
+"""Usual standard deviations of a measured place, m, and heading, rad."""
+COLUMNS = ("log", "start", "end", "distance", "x", "y", "turns")
+"""Columns of a table of measurements."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Leg:
+    """A part of a drive, and what was measured of it; NaN for what was not."""
+
+    drive: Drive
+    """The part, with wheel odometry or twists."""
+    distance: float = math.nan
+    """Straight from its start to its end, m."""
+    x: float = math.nan
+    """Place of its end in the frame of its start: ahead, m ..."""
+    y: float = math.nan
+    """... and to the left, m."""
+    turn: float = math.nan
+    """Turn in all, to the left, rad."""
+    place_deviation: Annotated[float, POSITIVE] = TAPE
+    """Standard deviation of a measured distance, x or y, m."""
+    heading_deviation: Annotated[float, POSITIVE] = PROTRACTOR
+    """Standard deviation of a measured turn, and of the frame of x and y, rad."""
+
+    def __post_init__(self) -> None:
+        typed(self, "")
+        if not np.isfinite(self.measured).any():
+            raise ValueError("distance, x, y or turn must be measured, got none of them.")
+
+    @property
+    def measured(self) -> Array:
+        """Distance, x, y and turn, shape (4,)."""
+        return np.array([self.distance, self.x, self.y, self.turn])
+
+
+class _Steps(NamedTuple):
+    """The n steps of a drive by its wheels."""
+
+    dt: Array
+    """Shape (n,), s."""
+    ahead: Array
+    """Distance of each step by odometry, shape (n,), m."""
+    turn: Array
+    """Shape (n,), rad."""
+
+
+def _steps_of(drive: Drive) -> _Steps:
+    """Return the steps of a drive by its wheels: of its odometry, if the poses are the wheels', and of its twists otherwise."""
+    if drive.has_odometry and detect_kind(drive) == WHEELS:
+        rows = np.flatnonzero(known(drive.odometry))
+        time, at = np.unique(drive.time[rows], return_index=True)
+        poses = drive.odometry[rows[at]]
+        step = np.diff(poses, axis=0)
+        turn = wrap_all(step[:, 2])
+        middle = poses[:-1, 2] + 0.5 * turn
+        return _Steps(np.diff(time), np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1], turn)
+    dt, (v, omega) = np.diff(drive.time), np.nan_to_num(drive.twist[1:]).T
+    return _Steps(dt, v * dt, omega * dt)
+
+
+def leg_of(drive: Drive, *, turns: float = math.nan, loop: bool = False, **measured: float) -> Leg:
+    """Return a leg as a person states it.
+
+    Args:
+        drive: The part of a drive.
+        turns: Turns in all, to the side to which odometry turns.
+        loop: Whether it ends where it began, with the same heading; unless ``turns`` is given, after the whole number of turns
+            that is next to odometry's.
+        **measured: Other fields of `Leg`.
+
+    Raises:
+        ValueError: If nothing is measured, or the part has fewer than two rows.
+    """
+    if len(drive) < 2:
+        raise ValueError("a part of a drive needs two rows, got fewer.")
+    if loop:
+        measured |= {"x": 0.0, "y": 0.0}
+    turn = float(_steps_of(drive).turn.sum())
+    if math.isfinite(turns) or loop:
+        count = math.copysign(turns, turn) if math.isfinite(turns) else round(turn / (TWO_PI))
+        measured["turn"] = TWO_PI * count
+    return Leg(drive=drive, **measured)
+
+
+def read_legs(path: Path, log: Drive, read: Callable[[Path], Drive], **deviations: float) -> list[Leg]:
+    """Return the legs of a table of measurements with some of `COLUMNS`; empty cells are not measured.
+
+    Args:
+        path: The table, with commas.
+        log: The drive of rows without ``log``.
+        read: Reads another log, a file beside the table.
+        **deviations: Standard deviations, see `Leg`.
+
+    Raises:
+        ValueError: If the table is not as described; the message names file and line.
+    """
+    legs, drives = [], {"": log}
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        rows = csv.DictReader(file, skipinitialspace=True)
+        if not rows.fieldnames or not set(rows.fieldnames) <= set(COLUMNS):
+            raise ValueError(f"{path}: the columns must be some of {', '.join(COLUMNS)}, got {rows.fieldnames}.")
+        for row in rows:
+            try:
+                name = row.pop("log", "") or ""
+                numbers = {key: float(cell) for key, cell in row.items() if cell}
+                drive = drives[name] = drives[name] if name in drives else read(path.parent / name)
+                since = drive.time - drive.time[0]
+                first, last = np.searchsorted(since, [numbers.pop("start", 0.0), numbers.pop("end", math.inf)])
+                legs.append(leg_of(drive[first : last + 1], **numbers, **deviations))  # pyright: ignore[reportArgumentType]
+            except (TypeError, ValueError) as error:
+                raise ValueError(f"{path}, line {rows.line_num}: {error}") from error
+    return legs
 
 
 class _Driven(NamedTuple):
@@ -53,7 +170,7 @@ class _Driven(NamedTuple):
     """In x and y, shape (2, n), m."""
 
 
-def _driven(path: Steps, wheels: Array) -> _Driven:
+def _driven(path: _Steps, wheels: Array) -> _Driven:
     """Return how wheels drive a path."""
     scale, turn_scale, veer = wheels
     turn = scale * (turn_scale * path.turn + veer * path.ahead)
@@ -63,7 +180,7 @@ def _driven(path: Steps, wheels: Array) -> _Driven:
     return _Driven(np.array([math.hypot(x, y), x, y, turn.sum()]), heading, steps)
 
 
-def _covariance(leg: Leg, path: Steps, wheels: Array, noise: Noise) -> Array:
+def _covariance(leg: Leg, path: _Steps, wheels: Array, noise: Noise) -> Array:
     """Return the covariance of distance, x, y and turn by the noise of the execution and of the tape, shape (4, 4)."""
     (distance, x, y, _), heading, steps = _driven(path, wheels)
     scale, turn_scale, _ = wheels
@@ -89,7 +206,7 @@ class _Fit(NamedTuple):
     """Sum of the squared whitened residuals."""
 
 
-def _fitted(legs: Sequence[Leg], paths: Sequence[Steps], start: Noise, free: NDArray[np.bool_]) -> _Fit:
+def _fitted(legs: Sequence[Leg], paths: Sequence[_Steps], start: Noise, free: NDArray[np.bool_]) -> _Fit:
     """Return the likeliest free parameters; the others have the values of the start."""
     both = list(zip(legs, paths, strict=True))
     seen = [np.isfinite(leg.measured) for leg in legs]
@@ -98,13 +215,13 @@ def _fitted(legs: Sequence[Leg], paths: Sequence[Steps], start: Noise, free: NDA
     wheels, info, z = usual.copy(), np.zeros((3, 3)), np.zeros(0)
     for _ in range(ROUNDS if free.any() else 0):
         V = [_covariance(leg, path, wheels, start)[np.ix_(s, s)] for (leg, path), s in zip(both, seen, strict=True)]
-        whiten = [np.linalg.inv(np.linalg.cholesky(each)) for each in V]
+        whiten = [np.linalg.inv(np.linalg.cholesky(covariance)) for covariance in V]
 
         def rest(x: Array, whiten: Sequence[NDArray[Any]] = whiten) -> Array:
             tried = usual.copy()
             tried[free] = x
             off = [leg.measured - _driven(path, tried).measured for leg, path in both]
-            parts = [W @ each[s] for W, each, s in zip(whiten, off, seen, strict=True)]
+            parts = [W @ error[s] for W, error, s in zip(whiten, off, seen, strict=True)]
             return np.concatenate([*parts, roots * (x - usual[free])])
 
         solution = least_squares(rest, wheels[free], x_scale=TYPICAL[:3][free])
@@ -127,7 +244,7 @@ def calibrate_by_tape(legs: Sequence[Leg], *, start: Noise = WHEEL) -> Calibrati
     """
     if not legs:
         raise ValueError("legs must hold at least one measurement, got none.")
-    paths = [steps_of(leg.drive) for leg in legs]
+    paths = [_steps_of(leg.drive) for leg in legs]
     for leg, path in zip(legs, paths, strict=True):
         _require_likely(leg, path)
     free = np.ones(3, np.bool_)
@@ -160,7 +277,7 @@ def _estimate(fit: _Fit, at: int, remedy: str) -> Estimate:
     return Estimate(value=value, low=value - off, high=value + off, unit=PARAMETERS[NAMES[at]].unit, remedy=remedy)
 
 
-def _require_likely(leg: Leg, path: Steps) -> None:
+def _require_likely(leg: Leg, path: _Steps) -> None:
     distance, _, _, turn = _driven(path, USUAL[:3]).measured
     for name, measured, driven, least in (("distance", leg.distance, distance, 0.2), ("turn", leg.turn, turn, 1.0)):
         if abs(measured) > least and not RATIOS[0] < driven / measured < RATIOS[1]:

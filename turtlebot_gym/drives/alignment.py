@@ -100,9 +100,15 @@ class Stream:
         if len(self.times) < 2:
             return self.held(wanted, 5, fresh=0.0)[:, :3]
         poses = np.array(self.values, np.float64)[:, :3]
-        between, own = interpolated(np.array(self.times), poses, wanted), self.last(wanted, fresh=0.0)
-        between[own >= 0] = poses[own[own >= 0]]
-        return between
+        placed, own = interpolated(np.array(self.times), poses, wanted), self.last(wanted, fresh=0.0)
+        placed[own >= 0] = poses[own[own >= 0]]
+        return placed
+
+
+def between(time: NDArray[np.float64], poses: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return poses at other times, shape (n, 3), on straight lines between the known ones; headings are not wrapped."""
+    columns = (poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]))
+    return np.stack([np.interp(wanted, time, values) for values in columns], axis=1)
 
 
 def interpolated(time: NDArray[np.float64], poses: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -113,14 +119,13 @@ def interpolated(time: NDArray[np.float64], poses: NDArray[np.float64], wanted: 
         poses: Known poses, shape (T, 3); m, m, rad; or positions, with NaN for the headings.
         wanted: The other times, shape (n,), s.
     """
-    heading = np.unwrap(poses[:, 2])
-    between = np.stack([np.interp(wanted, time, values) for values in (poses[:, 0], poses[:, 1], heading)], axis=1)
-    between[:, 2] = wrap_all(between[:, 2])
+    placed = between(time, poses, wanted)
+    placed[:, 2] = wrap_all(placed[:, 2])
     after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
     apart = time[after] - time[after - 1]
     outside = (wanted < time[0] - SAME) | (wanted > time[-1] + SAME)
-    between[outside | (apart > max(FRESH, GAP * float(np.median(np.diff(time)))))] = np.nan
-    return np.asarray(between, np.float64)
+    placed[outside | (apart > max(FRESH, GAP * float(np.median(np.diff(time)))))] = np.nan
+    return placed
 
 
 def headings(time: NDArray[np.float64], positions: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 import zipfile
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -188,16 +187,6 @@ def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remark
     if len(rows) < 2:
         raise ValueError(f"{path}: a drive needs two rows with odometry (ODOM, FLASER or ROBOTLASER1), got {len(rows)}.")
     time, poses = times[rows], np.array([lines[row].odometry for row in rows])
-    drive = Drive(
-        time=time - time[0],
-        twist=(twist := _twist(time, poses)),
-        command=twist,
-        odometry=poses,
-        true_state=_truth(times[true], np.array([lines[at].true for at in true]).reshape(-1, 3), time),
-        joined=np.diff(resets[rows], prepend=resets[rows[0]]) == 0,
-        around=Surroundings(label),
-        remarks=(*remarks, *notes),
-    )
     scans = [(at, lines[at]) for at in range(len(lines)) if lines[at].scan]
     first = np.searchsorted(time, times[[at for at, _ in scans]]).tolist()
     seen = []
@@ -206,7 +195,17 @@ def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remark
             robot = Pose(*line.odometry)
             lidar = increment(robot, ORIGIN, mount, _sincos(robot.theta))
             seen.append(Seen(row, lidar, line.scan, float(times[at] - time[0]), mount, robot))
-    return replace(drive, scans=tuple(seen))
+    return Drive(
+        time=time - time[0],
+        twist=(twist := _twist(time, poses)),
+        command=twist,
+        odometry=poses,
+        true_state=_truth(times[true], np.array([lines[at].true for at in true]).reshape(-1, 3), time),
+        joined=np.diff(resets[rows], prepend=resets[rows[0]]) == 0,
+        scans=tuple(seen),
+        around=Surroundings(label),
+        remarks=(*remarks, *notes),
+    )
 
 
 def _sincos(angle: float) -> tuple[float, float]:

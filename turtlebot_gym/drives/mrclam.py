@@ -7,7 +7,6 @@ References:
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +35,7 @@ def read_mrclam(path: Path, *, label: str) -> Drive:
         )
     if keep.sum() < 2:
         raise ValueError(f"{path}: a drive needs two good rows, got {keep.sum()}.")
-    beside = path.with_name(path.name.replace("Odometry", "Groundtruth"))
-    truth = None
+    beside, truth = path.with_name(path.name.replace("Odometry", "Groundtruth")), np.full((int(keep.sum()), 3), np.nan)
     if beside.is_file():
         poses = _numbers(beside, 4)
         poses = poses[increasing(poses[:, 0])]
@@ -45,15 +43,15 @@ def read_mrclam(path: Path, *, label: str) -> Drive:
     else:
         remarks.append(f"{path}: there is no {beside.name} beside it: the truth is unknown")
     twist = rows[keep, 1:]
-    drive = Drive(
+    return Drive(
         time=time[keep],
         twist=twist,
         command=twist,
+        true_state=truth,
         joined=np.concatenate([[False], keep[:-1]])[keep] & ~is_set[keep],
         around=Surroundings(label),
         remarks=tuple(remarks),
     )
-    return drive if truth is None else replace(drive, true_state=truth)
 
 
 def _numbers(path: Path, columns: int) -> NDArray[np.float64]:

@@ -150,8 +150,7 @@ class Calibrate(Reporting, Placed, Recorded):
             write_parameters(noise, self.imu_out, comment=f"Gyro calibrated from {self.log.name}.")
 
     def _by_tape(self, drive: Drive, robot: Robot) -> Calibration:
-        from turtlebot_gym.calibration.legs import leg_of, read_legs
-        from turtlebot_gym.calibration.tape import calibrate_by_tape
+        from turtlebot_gym.calibration.tape import calibrate_by_tape, leg_of, read_legs
 
         deviations = {"place_deviation": self.tape_std, "heading_deviation": math.radians(self.heading_std_deg)}
         legs = read_legs(self.measured, drive, lambda path: self._read(path, robot), **deviations) if self.measured else []
