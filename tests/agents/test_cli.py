@@ -112,6 +112,7 @@ REFUSED = [
     (["evaluate", "--policy", "clever"], "FILE.onnx, FILE.json or 'module:callable', got 'clever'"),
     (["evaluate", "--policy"], "policy, noise and observation must name at least one each"),
     (["evaluate", "--env", "CartPole-v1"], "env must be one of "),
+    (["evaluate", "--episodes", "0"], "episodes must be a whole number of at least 1, got 0"),
     (["evaluate", "--laps", "2"], "draws its goal"),
     (["evaluate", "--world", "dense"], f"world and lidar are for {ROOMS}"),
     (["train", "--lidar", "a1"], f"world and lidar are for {ROOMS}"),

@@ -91,18 +91,6 @@ def test_the_summary_of_rooms_is_made_of_the_episodes(max_linear):
     assert summary["spl"].value == pytest.approx(np.mean(spl), rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "rule"),
-    [
-        *(("episodes", value, "at least 1") for value in (0, -1, 1.0)),
-        *(("seed", value, "from 0 to 9223372036854775807") for value in (-1, 0.5)),
-    ],
-)
-def test_counts_are_whole_numbers(name, value, rule):
-    with pytest.raises(ValueError, match=f"^{name} must be a whole number .*{rule}, got {value}\\.$"):
-        evaluate("bearing", **{name: value})
-
-
 def test_progress_counts_the_ended_episodes_of_all_batches(monkeypatch):
     monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 4)
     counts = []

@@ -186,15 +186,6 @@ def test_the_reference_systems_numbers():
     assert bearing["miss"].value < 0.1
 
 
-@pytest.mark.parametrize(("successes", "n"), [(0, 10), (3, 10), (10, 10), (995, 1000)])
-def test_wilsons_interval(successes, n):
-    got = metrics.share([True] * successes + [False] * (n - successes))
-    z, p = 1.959963984540054, successes / n
-    centre, margin = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    expected = (p, (centre - margin) / (1 + z * z / n), (centre + margin) / (1 + z * z / n))
-    np.testing.assert_allclose(got, expected, rtol=1e-9, atol=1e-12)
-
-
 def test_an_interval_is_shown_with_its_ends():
     interval = metrics.Interval(0.5, -0.25, 1.0)
     assert (f"{interval:+.1f}", f"{interval:.0%}") == ("+0.5 (-0.2, +1.0)", "50 (-25, 100)")

@@ -18,8 +18,7 @@ import turtlebot_gym  # noqa: F401  # registers its environments
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 SAME_STEP = AutoresetMode.SAME_STEP
-NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
-N = 6
+NAV = "turtlebot_gym/TurtleBotNav-v0"
 torch.set_num_threads(1)  # on a busy machine, threads that wait for each other make small networks many times slower
 SPACES = {
     "box": spaces.Box(-1.0, 1.0, (2, 2), np.float32),
@@ -149,22 +148,11 @@ def test_every_kind_of_space_and_what_wrappers_see_is_as_with_sb3s_own(space, wr
     assert compared(wrap(ours(space)), wrap(theirs(space)), actions)[0] == 6
 
 
-@pytest.mark.parametrize(
-    ("id", "options", "n", "steps"), [(NAV, {}, 20, 650), ("CartPole-v1", {"max_episode_steps": 20}, 6, 100)]
-)
-def test_episodes_are_those_of_sb3s_own_vector_environment(id, options, n, steps):
-    def make_row():
-        return gym.make(id, **options)
-
-    random, mine = (
-        np.random.default_rng(7),
-        native(id, n) if id == NAV else Sb3VecEnv(SyncVectorEnv([make_row] * n, autoreset_mode=SAME_STEP)),
-    )
-    if isinstance(mine.action_space, spaces.Discrete):
-        actions = random.integers(mine.action_space.n, size=(steps, n))
-    else:  # in circles, so that some arrive, while others time out
-        actions = np.stack([np.full((steps, n), 0.5), random.uniform(0.0, 0.1, (steps, n))], axis=-1).astype(np.float32)
-    ends, timeouts = compared(mine, DummyVecEnv([lambda: Monitor(make_row())] * n), actions)
+def test_episodes_are_those_of_sb3s_own_vector_environment():
+    random, shape = np.random.default_rng(7), (650, 20)
+    # In circles, so that some arrive, while others time out.
+    actions = np.stack([np.full(shape, 0.5), random.uniform(0.0, 0.1, shape)], axis=-1).astype(np.float32)
+    ends, timeouts = compared(native(20), DummyVecEnv([lambda: Monitor(gym.make(NAV))] * 20), actions)
     assert 0 < timeouts < ends  # else half of this was not tested
 
 
@@ -215,31 +203,30 @@ def test_rows_in_other_processes_answer_together():
         env.close()
 
 
-def native(id, n, **options):
-    return Sb3VecEnv(gym.make_vec(id, num_envs=n, autoreset_mode=SAME_STEP, **options))
+def native(n, **options):
+    return Sb3VecEnv(gym.make_vec(NAV, num_envs=n, autoreset_mode=SAME_STEP, **options))
 
 
-@pytest.mark.parametrize(("id", "n"), [(NAV, 3), (ROOMS, 6)])
-def test_sb3_records_videos_and_tiles_of_the_first_rows(id, n, tmp_path, monkeypatch):
+def test_sb3_records_videos_and_tiles_of_the_first_rows(tmp_path, monkeypatch):
     pytest.importorskip("moviepy")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    inner = native(id, n, render_mode="rgb_array", render_rows=2)
+    inner = native(3, render_mode="rgb_array", render_rows=2)
     env = VecVideoRecorder(inner, str(tmp_path), lambda step: step == 0, video_length=4)
     assert (env.frames_per_sec, env.render_mode) == (10, "rgb_array")
     env.reset()
     np.testing.assert_array_equal(inner.render(), np.concatenate(inner.get_images()))
     for _ in range(6):
-        env.step(np.zeros((n, 2), np.float32))
+        env.step(np.zeros((3, 2), np.float32))
     env.close()
     (film,) = tmp_path.glob("*.mp4")
     assert film.stat().st_size > 1000
     with pytest.warns(UserWarning, match="render_mode"):
-        native(id, n).render()
+        native(3).render()
 
 
 def test_sb3s_wrappers_work_on_top():
     with pytest.warns(UserWarning, match="overwritten by the `VecMonitor` ones"):  # which they may well be
-        monitored = VecMonitor(native(NAV, 8))
+        monitored = VecMonitor(native(8))
     env = VecCheckNan(VecNormalize(VecFrameStack(monitored, 2)), raise_exception=True)
     model = PPO("MlpPolicy", env, n_steps=320, batch_size=512, n_epochs=1, device="cpu", seed=0)
     model.learn(8 * 320)
@@ -248,27 +235,17 @@ def test_sb3s_wrappers_work_on_top():
     assert env.get_attr("num_envs") == [8] * 8
 
 
-def test_options_reach_the_rows_that_they_are_for():
-    env = native(NAV, N)
-    before = env.reset()
-    env.set_options({"reset_mask": np.arange(N) < 2})
-    changed = (env.reset() != before).any(axis=1)
-    np.testing.assert_array_equal(changed, np.arange(N) < 2)
-    assert [bool(info) for info in env.reset_infos] == changed.tolist()
-    env.set_options([{}, *([{"reset_mask": np.ones(N, np.bool_)}] * (N - 1))])
+def test_a_reset_of_some_goes_on_with_the_others_and_their_returns():
+    env, still = native(2, max_episode_steps=4), np.zeros((2, 2), np.float32)
+    env.reset()
+    before = env.step(still)[0]
+    env.set_options({"reset_mask": np.array([True, False])})
+    assert (env.reset() != before).any(axis=1).tolist() == [bool(info) for info in env.reset_infos] == [True, False]
+    lengths = [[info["episode"]["l"] for info in env.step(still)[3] if info] for _ in range(4)]
+    assert lengths == [[], [], [4], [4]]
+    env.set_options([{}, {"reset_mask": np.ones(2, np.bool_)}])
     with pytest.raises(ValueError, match="the same for all rows where they hold a reset_mask"):
         env.reset()
     env.set_options([{}])
-    with pytest.raises(ValueError, match=f"options must be one for all or {N}, got 1"):
+    with pytest.raises(ValueError, match="options must be one for all or 2, got 1"):
         env.reset()
-
-
-def test_a_reset_of_some_goes_on_with_the_returns_of_the_others():
-    env = native(NAV, 2, max_episode_steps=4)
-    env.reset()
-    still = np.zeros((2, 2), np.float32)
-    env.step(still)
-    env.set_options({"reset_mask": np.array([True, False])})
-    env.reset()
-    lengths = [[info["episode"]["l"] for info in env.step(still)[3] if info] for _ in range(4)]
-    assert lengths == [[], [], [4], [4]]

@@ -3,7 +3,6 @@
 import json
 import re
 from io import StringIO
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,15 +11,9 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 
-from turtlebot_gym import make_noise
-from turtlebot_gym.calibration import Estimate
-from turtlebot_gym.calibration.coordinates import PARAMETERS
-from turtlebot_gym_agents.commands.calibration_report import calibration_tables
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.commands.learning import _search_table, _training_table
-from turtlebot_gym_agents.commands.study import _table as study_table
+from turtlebot_gym_agents.commands.learning import _search_table
 from turtlebot_gym_agents.commands.tables import _groups, _Need, _widths, fitted
-from turtlebot_gym_agents.evaluation.metrics import Interval
 
 WIDTH = 80
 
@@ -70,6 +63,16 @@ def test_each_part_has_the_keys_and_sections_and_each_column_stands_once(width):
     assert ("12.0 (1.0, 2.0)" in console.export_text()) == (width == 200)  # rich alone would cut it
 
 
+@pytest.mark.parametrize(
+    "cell",
+    ["99.9 (99.6, 100.0)", "10.36 ± 0.28", "-0.21", "1,000,000", "1.5e-05", "0.0123 to 0.0456 *", "99.8%", "12 of 40", "-inf"],
+)
+def test_a_cell_of_numbers_stays_on_its_line(cell):
+    table = Table("setting", "policy", *(f"figure {at} of several" for at in range(5)))
+    table.add_row("turtlebot_gym/TurtleBotSquare-v0", "rotate-drive-rotate, 3 trainings", *[cell] * 5)
+    assert "\n".join(shown([table], 60, keys=2)).count(cell) == 5
+
+
 def test_texts_and_headings_wrap_between_words_and_paths_anywhere_but_intervals_do_not():
     table = Table("name", "a long heading of a narrow column", "interval", "remedy", "file")
     path = "/a/" + 30 * "long/" + "policy.onnx"
@@ -78,9 +81,6 @@ def test_texts_and_headings_wrap_between_words_and_paths_anywhere_but_intervals_
     assert any("0.0123 to 0.0456 *" in line for line in lines)
     assert any(re.search(r"\bdrive\b", line) for line in lines)
     assert "…" not in "".join(lines)
-
-
-# Each command's own.
 
 
 def rows_of(lines, name):
@@ -105,50 +105,10 @@ def test_evaluate(monkeypatch, capsys, tmp_path):
         assert round(float(np.mean(run["episodes"]["odometry"]["heading_max"])), 3) in found
 
 
-def test_train_and_tune():
-    best = {"success": 0.998, "return": 12.34, "steps_to_end": 104.5}
-    result = SimpleNamespace(steps=1_000_000, seconds=1234.5, steps_per_second=123_456.0, best=best)
-    folder = Path("/home/somebody/experiments/turtlebot/runs/nav/seed-0")
-    trained = _training_table([(0, folder, result)], title="TurtleBotNav-v0")  # pyright: ignore[reportArgumentType]
-    require_whole(shown([trained]), [trained])
-    parameters = {"learning_rate": 0.00123456789, "n_steps": 32, "gamma": 0.98, "ent_coef": 1.5e-05, "net_arch": "small"}
-    trials = [SimpleNamespace(number=at, value=12.345 - at, params=parameters) for at in range(9)]
-    searched = _search_table([*trials, SimpleNamespace(number=9, value=None, params={})], title="the best of 10")  # pyright: ignore[reportArgumentType]
-    assert searched.row_count == 5
-    require_whole(shown([searched]), [searched])
-
-
-def test_study():
-    success, time, difference = Interval(0.999, 0.996, 1.0), Interval(10.36, 10.08, 10.64), Interval(-0.21, -0.3, -0.1)
-    one = {"success": success, "time": time, "difference": difference}
-    rows = [
-        {
-            "setting": {"env": f"turtlebot_gym/TurtleBot{env}-v0", "noise": noise, "delay": delay},
-            "compared_with": "bearing",
-            "policies": {"bearing": one, "rotate-drive-rotate": one | {"p_holm": 0.0012}},
-            "trainings": {"ppo": one | {"p_holm": 0.5, "trainings": 3}},
-        }
-        for env in ("Nav", "Square") for noise in ("tutorial", "documented") for delay in (0, 2)
-    ]  # fmt: skip
-    table = study_table(rows, title="a study")
-    lines = shown([table], keys=4)
-    require_whole(lines, [table])
-    assert any("99.9 (99.6, 100.0)" in line for line in lines)
-
-
-def test_calibrate():
-    def number(value, high=None, **more):
-        bounds = {"low": 0.9 * value, "high": high or 1.1 * value, "unit": "rad^2/m^2"}
-        return Estimate(**{"value": value, **bounds, "is_profile": True, **more})
-
-    estimates = {name: number(0.00123456 * (1 + at)) for at, name in enumerate(PARAMETERS)}
-    estimates["R_theta"] = number(0.01, np.inf, remedy="turn on the spot, both ways")
-    calibration = SimpleNamespace(
-        kind="pose", has_truth=True, segment=1.0, segments=123, integrator="euler", noise=make_noise("tutorial"),
-        estimates=estimates, unknown={"bias": "a true pose"}, remarks=["3 rows dropped out"], measured=0,
-    )  # fmt: skip
-    tables = calibration_tables(calibration, title="a drive with a rather long name.csv")  # pyright: ignore[reportArgumentType]
-    require_whole(shown(tables), tables)
+def test_a_search_shows_its_best_trials():
+    trials = [SimpleNamespace(number=at, value=float(at), params={"gamma": 0.98}) for at in range(9)]
+    table = _search_table([*trials, SimpleNamespace(number=9, value=None, params={})], title="")  # pyright: ignore[reportArgumentType]
+    assert [*table.columns[0].cells] == ["8", "7", "6", "5", "4"]
 
 
 def test_parts_are_as_even_as_possible():
