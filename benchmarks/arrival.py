@@ -9,29 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from rich.table import Table
 from scipy.special import i0e
 
+from harness.study import Study, each, run
 from turtlebot_gym.tasks import NAV
-from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.policies import BearingPolicy
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
-RESULTS = Path(__file__).with_suffix(".json")
 NOISES = ("tutorial", "documented", "rough", "wheel")
 RADIUS, DT = NAV.radius, 0.1
 """Radius of the navigation task, m; and the control interval, s."""
 
 
-class Told(NamedTuple):
+class Belief(NamedTuple):
     """The belief in n drives at a step."""
 
     believed: NDArray[np.float64]
@@ -40,12 +36,12 @@ class Told(NamedTuple):
     """Stated standard deviation of the position, root mean square over the two axes, shape (n,), m."""
 
 
-Rule = Callable[[list[Told]], NDArray[np.bool_]]
+Rule = Callable[[list[Belief]], NDArray[np.bool_]]
 
 
 def within(radius: float, times: int = 1) -> Rule:
     """Return the rule that the belief is within a radius a number of times in a row."""
-    return lambda history: np.all([one.believed < radius for one in history[-times:]], axis=0) & (len(history) >= times)
+    return lambda history: np.all([belief.believed < radius for belief in history[-times:]], axis=0) & (len(history) >= times)
 
 
 def likely(probability: float) -> Rule:
@@ -73,7 +69,7 @@ RULES: dict[str, Rule] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Compare rules of arrival."""
 
     drives: int = 4000
@@ -82,14 +78,12 @@ class Config:
     """Seed of the first drive."""
     steps: int = 400
     """Length of a drive."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 def compare(noise: str, config: Config) -> dict[str, Any]:
     """Return how often each rule's arrival is false, how much later than the first rule it occurs, and how often never."""
     n, endless = config.drives, 1e-9  # a radius this small is never reached, and the robot drives on
-    task = replace(NAV, radius=endless)
+    task = replace(NAV, radius=endless, max_steps=np.inf)
     envs = gym.make_vec(
         "turtlebot_gym/TurtleBotNav-v0", num_envs=n, task=task, noise=noise, info="full", max_episode_steps=config.steps + 1
     )
@@ -101,7 +95,7 @@ def compare(noise: str, config: Config) -> dict[str, Any]:
         observations, _, _, _, info = envs.step(policy(observations))
         goal, P = info["reference"][:, :2], info["covariance"]
         believed = np.hypot(*(info["estimate"][:, :2] - goal).T)
-        history = [*history[-2:], Told(believed, np.sqrt(0.5 * (P[:, 0, 0] + P[:, 1, 1])))]
+        history = [*history[-2:], Belief(believed, np.sqrt(0.5 * (P[:, 0, 0] + P[:, 1, 1])))]
         away = np.hypot(*(info["true_state"][:, :2] - goal).T)
         for name, rule in RULES.items():
             now = rule(history) & np.isnan(when[name])
@@ -118,32 +112,20 @@ def compare(noise: str, config: Config) -> dict[str, Any]:
     }
 
 
-def table(noise: str, found: dict[str, Any]) -> Table:
+def table(noise: str, rules: dict[str, Any]) -> Table:
     """Return a table of the results under a noise."""
     drawn = Table("rule", "false, %", "later, s", "never, %", title=noise)
-    for name, row in found.items():
+    for name, row in rules.items():
         false, later = row["false"], row["later"]
-        drawn.add_row(
-            name,
-            f"{false:.1%}",
-            f"{later.value:.2f}",
-            f"{100.0 * row['never']:.1f}",
-        )
+        drawn.add_row(name, f"{false:.1%}", f"{later.value:.2f}", f"{100.0 * row['never']:.1f}")
     return drawn
 
 
-def main() -> None:
-    """Drive, print tables, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
-    results = {}
-    with progress(len(NOISES)) as advance_to:
-        for number, noise in enumerate(NOISES, start=1):
-            results[noise] = compare(noise, config)
-            advance_to(number)
-    print_tables(*(table(noise, rows) for noise, rows in results.items()))
-    if config.json is not None:
-        write_json(config.json, {"radius": RADIUS, "rules": results}, config=settings_of(config))
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results of all rules under each noise, and their tables."""
+    results = {noise: compare(noise, config) for noise in each(NOISES, "noises")}
+    return {"radius": RADIUS, "rules": results}, [table(noise, rules) for noise, rules in results.items()]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

@@ -12,27 +12,24 @@ The guard's decisions are those of its node, 50 a second, in simulated time, on 
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 from collections import Counter, deque
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 from unittest.mock import patch
 
 import numpy as np
-import tyro
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from harness.study import Study, each, finished, run
 from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents.evaluation.metrics import Interval, paired_share_difference, share
-from turtlebot_gym_agents.provenance import provenance, settings_of, write_json
+from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.graph.bringup import room_metrics
@@ -60,7 +57,7 @@ ARMS = ((False, False), (True, False), (False, True), (True, True))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Drive rooms by a simulator that speaks like a recorded robot."""
 
     drives: int = 200
@@ -81,8 +78,6 @@ class Config:
     """Number of graphs that run at the same time."""
     kept: Path = Path("out/as_robot")
     """Folder for finished drives."""
-    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Also write the results here."""
 
 
 class Guarded(TurtlebotSimulator):
@@ -185,29 +180,19 @@ def enter(numbers: Any) -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
-def drives(config: Config) -> Iterator[dict[str, Any]]:
-    """Yield all drives: those of an earlier run of the same commit first."""
-    file = (
-        config.kept / f"{provenance()['commit']}-{config.speaks_as}-{config.policy}-{config.world}-{config.safety_margin}.jsonl"
-    )
-    file.parent.mkdir(parents=True, exist_ok=True)
-    done = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
-    yield from done
+def drives(config: Config) -> list[dict[str, Any]]:
+    """Return all drives; those of an earlier run of the same commit are not driven again."""
+    file = f"{provenance()['commit']}-{config.speaks_as}-{config.policy}-{config.world}-{config.safety_margin}.jsonl"
     number = {False: config.drives, True: config.guarded}
-    there = {(row["speaks"], row["guarded"], row["live"], row["seed"]) for row in done}
     asked = [(*arm, False, seed) for arm in ARMS for seed in range(FIRST, FIRST + number[arm[1]])]
     asked += [(speaks, guarded, True, seed) for speaks, guarded, _, seed in asked if seed < FIRST + config.live]
-    tasks = [task for task in asked if task not in there]
     spawn = multiprocessing.get_context("spawn")
     numbers = spawn.Queue()
     for worker in range(config.workers):
         numbers.put(worker)
-    with ProcessPoolExecutor(config.workers, spawn, enter, (numbers,)) as pool, file.open("a") as kept:
-        futures = [pool.submit(drive, config, *task) for task in tasks]
-        for future in track(as_completed(futures), "drives", total=len(futures), console=Console(stderr=True)):
-            kept.write(json.dumps(future.result()) + "\n")
-            kept.flush()
-            yield future.result()
+    with ProcessPoolExecutor(config.workers, spawn, enter, (numbers,)) as pool:
+        ended = finished(partial(drive, config), asked, config.kept / file, ("speaks", "guarded", "live", "seed"), pool)
+        return list(each(ended, "drives", len(asked)))
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -245,20 +230,17 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return result
 
 
-def main() -> None:
-    """Measure, print, and write JSON."""
-    config = tyro.cli(Config, description=__doc__)
-    result = summary(list(drives(config)))
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Drive, and return the shares of successes and contacts, and their table."""
+    result = summary(drives(config))
     table = Table("messages, guard", "success, %", "contacts", "least clearance, m", title=f"{config.policy} in {config.world}")
     print("In the live graph: {drives} drives, of which {same end} ended as without it.".format_map(result["live"]))
     for name, arm in list(result.items())[1:]:
         interval = Interval(**(arm.get("success") or arm))
         cells = (str(arm["contacts"]), f"{arm['least clearance']:.3f}") if "contacts" in arm else ()
         table.add_row(name, f"{interval:.1%}", *cells)
-    Console().print(table)
-    if config.json is not None:
-        write_json(config.json, result, config=settings_of(config))
+    return result, [table]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure)

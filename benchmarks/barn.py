@@ -21,22 +21,22 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import tyro
 from rich.table import Table
 
+from harness.study import Study, run
 from scenarios import kept, name_of, results_folder, run_all, slug
 from turtlebot_gym.rooms.gazebo import enclosed
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.values import Pose
-from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, drive
 from turtlebot_gym_agents.policies.fit import ROOMS
-from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
+from turtlebot_gym_agents.provenance import plain, provenance, settings_of
 
 AT_ONCE = 20
 """Number of worlds driven and stored together."""
@@ -48,7 +48,7 @@ Worlds = list[dict[str, float]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Drive policies through the worlds of the BARN challenge."""
 
     worlds: tyro.conf.Positional[Path]
@@ -76,8 +76,6 @@ class Config:
     """Folder of finished drives; by default out/barn/COMMIT."""
     add_to: tuple[Path, ...] = ()
     """Earlier results with the same settings, whose other policies are included in the new result."""
-    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """File for the result."""
 
 
 def read(path: Path) -> list[FloorPlan]:
@@ -159,9 +157,8 @@ def drive_all(config: Config) -> dict[str, Worlds]:
     return {policy: [world for _ in firsts for world in next(results)] for policy in config.policy}
 
 
-def main() -> None:
-    """Drive, print a table, and write the requested files."""
-    config = tyro.cli(Config)
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the figures of all policies, those of earlier results too, and their table."""
     rows, commits = {}, {}
     for path in config.add_to:
         more, at = read_results(path, config)
@@ -176,11 +173,9 @@ def main() -> None:
     for policy, scores in mean.items():
         cells = (f"{interval.value:.3f} ± {0.5 * (interval.high - interval.low):.3f}" for interval in scores.values())
         table.add_row(policy, *cells)
-    print_tables(table)
-    if config.json is not None:
-        worlds = [dict(zip(rows, each, strict=True)) for each in zip(*rows.values(), strict=True)]
-        write_json(config.json, {"mean": mean, "worlds": worlds, "commits": commits}, config=settings(config, rows))
+    worlds = [dict(zip(rows, figures, strict=True)) for figures in zip(*rows.values(), strict=True)]
+    return {"config": settings(config, rows), "mean": mean, "worlds": worlds, "commits": commits}, [table]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure)

@@ -16,27 +16,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import ArrayLike, NDArray
 from rich.table import Table
 
+from harness.study import Study, run
 from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.systems import LOCATED_LAYOUT, Options
 from turtlebot_gym.tasks import MISSION, Observation
-from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.policies import Policy, fit, make_policy
 from turtlebot_gym_agents.policies.policy import layout_of
-from turtlebot_gym_agents.provenance import replace_json, settings_of, write_json
+from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.hyperparameters import load
 from turtlebot_gym_agents.training.train import learn
 
-RESULTS = Path(__file__).with_suffix(".json")
 SLIP = replace(WHEEL, process=replace(WHEEL.process, slip=0.5, slip_start=0.01, slip_end=0.2))
 HALL = RoomRules(half_length=5.0, half_width=3.5, circles=(1.0, 1.0), boxes=(0.0, 0.0))
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -69,7 +67,7 @@ AT_FIRST, IN_DOUBT = 200, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Train and drive."""
 
     trained: tuple[str, ...] = tuple(TRAINED)
@@ -90,8 +88,6 @@ class Config:
     """Folder for policies and drives; what is there is not repeated."""
     only: tuple[int, ...] = ()
     """Train these seeds only, and write no results."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 class Watched:
@@ -210,9 +206,8 @@ def compared(setting: str, by_policy: Mapping[str, list[dict[str, Any]]], config
     return rows
 
 
-def main() -> None:
-    """Train, drive, print a table, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any] | None, list[Table]]:
+    """Return the results of all policies in all settings, and their table; no results where some seeds are trained alone."""
     drivers: dict[str, list[str | Path]] = {name: [name] for name in config.policy} if not config.only else {}
     for name in config.trained:
         drivers[name] = [train(name, seed, config) for seed in config.only or range(config.seeds)]
@@ -239,10 +234,8 @@ def main() -> None:
         cells = [format(row[key], ".1f" if key == "an_hour" else ".1%") for key in FIGURES]
         more = [f"{row[f'minus_{other}']['an_hour']:.1f}" if f"minus_{other}" in row else "" for other in ("truth", "vfh")]
         table.add_row(row["setting"], row["policy"], *cells, *more, f"{row['speed_in_doubt']:.2f}")
-    print_tables(table)
-    if rows and config.json is not None:
-        write_json(config.json, {"rows": rows}, config=settings_of(config))
+    return {"rows": rows} if rows else None, [table]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from harness.tables import markdown
 from turtlebot_gym_agents.evaluation.metrics import Interval, holm, side
 
 TITLES = (
+    "setting",
+    "policy, or trained on",
     "reached an hour",
     "more than on truth",
     "more than `vfh`",
@@ -44,15 +47,15 @@ rooms. Goals reached an hour are the true ones, and none come after a contact; a
 def section(results: Mapping[str, Any]) -> str:
     """Return the section."""
     rows = results["rows"]
-    lines = [f"* {each}" for each in (sentence(rows), search(rows), looking(rows), chance(rows))]
-    lines += ["", f"| setting | policy, or trained on | {' | '.join(TITLES)} |", "|---" * (2 + len(TITLES)) + "|"]
+    findings = [f"* {finding}" for finding in (sentence(rows), search(rows), looking(rows), chance(rows))]
+    cells = []
     for row in rows:
         name = row["policy"] if row["policy"].startswith(LEARNED) else f"`{row['policy']}`"
         more = (hourly(row, other) if f"minus_{other}" in row else "" for other in ("truth", "vfh"))
         shares = (f"{100.0 * row[key]['value']:.1f}" for key in SHARES)
         speed = "" if row["speed_in_doubt"] is None else f"{row['speed_in_doubt']:.2f}"
-        lines.append(f"| {' | '.join((row['setting'], name, shown(row['an_hour']), *more, *shares, speed))} |")
-    return TEXT.format(**results["config"]) + "\n".join(lines)
+        cells.append((row["setting"], name, shown(row["an_hour"]), *more, *shares, speed))
+    return TEXT.format(**results["config"]) + "\n".join((*findings, "", markdown(TITLES, cells)))
 
 
 def sentence(rows: Sequence[Mapping[str, Any]]) -> str:

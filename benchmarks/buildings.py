@@ -18,21 +18,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from rich.table import Table
 
+from harness.study import Study, each
 from turtlebot_gym.localization.localizer import LOST
 from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.field import field_of_hits
 from turtlebot_gym.rooms.grid import BESIDE
 from turtlebot_gym.values import Pose
-from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation.localize import FAR, KNOWN, Course, Place, Recorded, errors_of, localize
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
-RESULTS = Path(__file__).with_suffix(".json")
 BUILDINGS = ("aces", "intel")
 HIT = 0.25
 """Least share of the beams through a cell that end in it where it is occupied."""
@@ -94,15 +91,13 @@ CONDITIONS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Localize a robot on recordings of real buildings."""
 
     data: Path = Path("../shared/data")
     """Folder with the recordings, in `carmen`."""
     seed: int = 0
     """Seed of the people."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 def load(path: Path) -> Building:
@@ -222,18 +217,15 @@ def table_of(results: dict[str, dict[str, Any]]) -> Table:
     return table
 
 
-def main() -> None:
-    """Drive, print a table, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results of all buildings under all conditions, and their table."""
     results: dict[str, dict[str, Any]] = {}
     for name in BUILDINGS:
         building, charts = load(config.data / "carmen" / f"{name}.npz"), {}
         run(building, charts, CONDITIONS[0], config.seed)  # compiled before it is timed
-        results[name] = {condition.name: run(building, charts, condition, config.seed) for condition in CONDITIONS}
-    print_tables(table_of(results))
-    if config.json is not None:
-        write_json(config.json, {"buildings": results}, config=settings_of(config))
+        results[name] = {condition.name: run(building, charts, condition, config.seed) for condition in each(CONDITIONS, name)}
+    return {"buildings": results}, [table_of(results)]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

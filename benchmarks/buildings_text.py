@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from harness.tables import markdown
+
 PEERS = (
     ("nav2_amcl, defaults", "12 / 37 to 45 / 1 to 2", "12 / 27 / 0"),
     ("nav2_amcl, best of three settings", "5.9 / 21 / 0.6", "6.8 / 35 / 0.5 to 2"),
@@ -44,16 +46,10 @@ shift undoes.
 
 def section(results: dict[str, Any]) -> str:
     """Return the section."""
-    lines = [
-        TEXT,
-        "| building | condition | median, cm | 95 %, cm | worst, cm | lost, % | says so, % | NEES |",
-        "|---" * 8 + "|",
+    titles = ("building", "condition", "median, cm", "95 %, cm", "worst, cm", "lost, %", "says so, %", "NEES")
+    rows = [
+        (building, name, *(f"{100.0 * figure[key]:.1f}" for key in IN_HUNDREDTHS), f"{figure['nees']:.1f}")
+        for building, conditions in results["buildings"].items()
+        for name, figure in conditions.items()
     ]
-    for building, conditions in results["buildings"].items():
-        for name, figure in conditions.items():
-            lengths = " | ".join(
-                f"{100.0 * figure[key]:.1f}" for key in ("median", "quantile95", "worst", "lost", "declared_lost")
-            )
-            lines.append(f"| {building} | {name} | {lengths} | {figure['nees']:.1f} |")
-    lines += [FINDINGS, "| | aces | intel |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in PEERS)]
-    return "\n".join(lines)
+    return "\n".join((TEXT, markdown(titles, rows), FINDINGS, markdown(("", "aces", "intel"), PEERS)))

@@ -9,9 +9,9 @@ calibrates on one recorded drive and evaluates on the other.
 
 from __future__ import annotations
 
-import json
 import math
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -20,14 +20,14 @@ import numpy as np
 import tyro
 from scipy import stats
 
+from harness.study import each, finished
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.calibration import calibrate
 from turtlebot_gym.calibration.coordinates import PARAMETERS, value_of
 from turtlebot_gym.drives import read
-from turtlebot_gym_agents.commands.console import progress
 from turtlebot_gym_agents.evaluation.calibration import judge, simulated_log
 from turtlebot_gym_agents.evaluation.replay import replay
-from turtlebot_gym_agents.provenance import plain, provenance, settings_of, write_json
+from turtlebot_gym_agents.provenance import provenance, settings_of, write_json
 
 RESULTS = {"coverage": "calibration.json", "recorded": "calibration_recorded.json"}
 """File for each part's results."""
@@ -153,22 +153,14 @@ def recorded(config: Config) -> dict[str, Any]:
 
 def covered(config: Config) -> dict[str, Any] | None:
     """Return the coverage over simulated drives, or None if time ran out; the next run resumes."""
-    kept = config.kept / f"{provenance()['commit']}.jsonl"
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    rows = [json.loads(line) for line in kept.read_text().splitlines()] if kept.is_file() else []
-    done, began = {row["seed"] for row in rows}, time.monotonic()
-    wanted = range(config.seed, config.seed + config.drives)
-    with progress(len(wanted)) as advance_to:
-        for seed in wanted:
-            if seed in done:
-                continue
-            if time.monotonic() - began > config.seconds:
-                print(f"{len(rows)} of {len(wanted)} fits are done; run again to go on.")
+    kept, began, rows = config.kept / f"{provenance()['commit']}.jsonl", time.monotonic(), []
+    with ProcessPoolExecutor(1) as pool:
+        fits = finished(calibrated, zip(range(config.seed, config.seed + config.drives)), kept, ("seed",), pool)
+        for row in each(fits, "fits", config.drives):
+            rows.append(row)
+            if time.monotonic() - began > config.seconds and len(rows) < config.drives:
+                print(f"{len(rows)} of {config.drives} fits are done; run again to go on.")
                 return None
-            rows.append(plain(calibrated(seed)))
-            with kept.open("a") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-            advance_to(len(rows))
     seconds = {VIEW: float(np.mean([row["seconds"] for row in rows]))}
     return {"coverage": {VIEW: coverage(rows)}, "seconds_per_drive": seconds}
 

@@ -23,7 +23,7 @@ import tyro
 from numpy.typing import NDArray
 
 from buildings import chart, load
-from calibration_intervals import finished, show, summary
+from calibration_intervals import summaries
 from turtlebot_gym.calibration import Calibration
 from turtlebot_gym.calibration.execution import at_axle
 from turtlebot_gym.calibration.likelihood import tuning_of
@@ -175,14 +175,11 @@ class Config:
 def main() -> None:
     """Judge all drives, print, and write the results."""
     config = tyro.cli(Config, description=__doc__)
-    wanted = [(seed, "by map") for seed in range(config.seed, config.seed + config.drives)]
-    rows = finished(judged, wanted, config.kept, config.processes)
-    coverage = summary([rows[job] for job in wanted])
-    show("by map", coverage)
+    coverage = summaries(judged, ("by map",), config)
     building = halves(config.data / "carmen" / "aces.npz")
     print(building)
     if config.results is not None:
-        write_json(config.results, {"coverage": {"by map": coverage}, "aces": building}, config=settings_of(config))
+        write_json(config.results, {"coverage": coverage, "aces": building}, config=settings_of(config))
 
 
 if __name__ == "__main__":

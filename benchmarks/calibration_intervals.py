@@ -8,8 +8,8 @@ drives with {Euler, midpoint} x {measured poses, wheel odometry} x {exact truth,
 from __future__ import annotations
 
 import itertools
-import json
 import os
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +22,10 @@ import tyro
 from numpy.typing import NDArray
 from scipy import stats
 
+from harness.study import each, finished
 from turtlebot_gym.calibration import calibrate
 from turtlebot_gym.drives import Drive
-from turtlebot_gym_agents.commands.console import progress
-from turtlebot_gym_agents.provenance import plain, settings_of, write_json
+from turtlebot_gym_agents.provenance import settings_of, write_json
 
 SETTINGS = tuple(itertools.product(("euler", "midpoint"), ("pose", "wheel"), ("exact", "noisy")))
 """Integrator, kind of odometry, and truth."""
@@ -171,19 +171,16 @@ def summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
     return {"drives": len(drives), "all": hits / count, "right": right, "parameters": parameters}
 
 
-def finished(judge: Any, wanted: list[tuple[int, str]], kept: Path, processes: int) -> dict[tuple[int, str], Any]:
-    """Return what judging seeds and settings says, by both; those in the file of finished ones are taken from there."""
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    lines = kept.read_text(encoding="utf-8").splitlines() if kept.is_file() else []
-    rows = {(row["seed"], row["setting"]): row for row in map(json.loads, lines)}
-    jobs = [job for job in wanted if job not in rows]
-    with ProcessPoolExecutor(processes) as pool, progress(len(jobs)) as advance_to, kept.open("a") as file:
-        for at, row in enumerate(pool.map(judge, *zip(*jobs, strict=True)) if jobs else (), start=1):
-            rows[row["seed"], row["setting"]] = row
-            file.write(json.dumps(plain(row)) + "\n")
-            file.flush()
-            advance_to(at)
-    return rows
+def summaries(judge: Any, names: Sequence[str], config: Any) -> dict[str, dict[str, Any]]:
+    """Return the summary of each setting over all drives, and print it; drives of an earlier run are not judged again."""
+    wanted = [(seed, name) for seed in range(config.seed, config.seed + config.drives) for name in names]
+    with ProcessPoolExecutor(config.processes) as pool:
+        drives = list(each(finished(judge, wanted, config.kept, ("seed", "setting"), pool), "drives", len(wanted)))
+    drives.sort(key=lambda drive: drive["seed"])
+    result = {name: summary([drive for drive in drives if drive["setting"] == name]) for name in names}
+    for name, row in result.items():
+        show(name, row)
+    return result
 
 
 def show(name: str, row: dict[str, Any]) -> None:
@@ -218,11 +215,7 @@ def main() -> None:
     """Judge all settings, print, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     chosen = ["-".join(setting) for setting in SETTINGS if config.only in "-".join(setting)]
-    wanted = [(seed, name) for seed in range(config.seed, config.seed + config.drives) for name in chosen]
-    rows = finished(judged, wanted, config.kept, config.processes)
-    result = {name: summary([rows[seed, other] for seed, other in wanted if other == name]) for name in chosen}
-    for name, row in result.items():
-        show(name, row)
+    result = summaries(judged, chosen, config)
     if config.results is not None:
         write_json(config.results, {"coverage": result}, config=settings_of(config))
 

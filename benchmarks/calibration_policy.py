@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 
 from calibration_intervals import RADIUS, TRACK, simulated
+from harness.study import Study, run
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, write_parameters
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.files import read_parameters
@@ -25,9 +25,7 @@ from turtlebot_gym.presets import make_filter
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
-RESULTS = Path(__file__).with_suffix(".json")
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 USUAL = {"left": RADIUS, "right": RADIUS, "drift": 0.0, "spike_probability": 0.02, "spike": 0.3, "dropout_probability": 0.03}
 USUAL |= {"alpha1": 0.004, "alpha2": 0.003, "alpha3": 0.006, "alpha4": 0.005}
@@ -37,7 +35,7 @@ ROBOTS = {"track 10 % too wide": 1.1 * TRACK, "turn scale 0.62": TRACK / 0.62}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Train on the calibrated file and on the truth, and drive the true robot."""
 
     seeds: int = 3
@@ -50,8 +48,6 @@ class Config:
     """Steps of each training."""
     kept: Path = Path("out/calibration_policy")
     """Folder for logs, files and policies; finished trainings are kept."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 def command(*arguments: object) -> None:
@@ -116,17 +112,15 @@ def lost(robots: Mapping[str, Any]) -> Interval:
     return metrics.mean(on_file / on_truth - 1.0)
 
 
-def main() -> None:
-    """Judge both robots, print, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Any]]:
+    """Return the results of both robots, and print them."""
     robots = {}
     for name, track in ROBOTS.items():
         row = robots[name] = judged(track, config.kept / name.replace(" ", "_").replace("%", "percent"), config)
         print(f"{name}: found {row['found']:.4f} for {row['turn_scale']:.4f}; times {row['mean']}, ratio {row['ratio']:.4f}")
     print("All pairs: {:+.2%} [{:+.2%}, {:+.2%}]".format(*lost(robots)))
-    if config.json is not None:
-        write_json(config.json, {"robots": robots, "lost": lost(robots)}, config=settings_of(config))
+    return {"robots": robots, "lost": lost(robots)}, []
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

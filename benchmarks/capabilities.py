@@ -23,6 +23,7 @@ import tomllib
 import tyro
 
 from harness.pairs import environment_of
+from harness.tables import markdown
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -94,11 +95,9 @@ def show(row: Mapping[str, str], folder: Path, config: Config) -> Shown:
 
 def table(rows: list[Shown]) -> str:
     """Return the results in Markdown."""
-    lines = ["| capability | command | status | last line | s |", "|---|---|---|---|---|"]
-    for row in rows:
-        cells = (row.says, f"`{row.command[:120]}`", str(row.status), f"`{row.last[:120]}`", f"{row.seconds:.0f}")
-        lines.append("| " + " | ".join(cell.replace("|", "¦") for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
+    cells = [(row.says, f"`{row.command[:120]}`", str(row.status), f"`{row.last[:120]}`", f"{row.seconds:.0f}") for row in rows]
+    bars = [[cell.replace("|", "¦") for cell in line] for line in cells]
+    return markdown(("capability", "command", "status", "last line", "s"), bars) + "\n"
 
 
 def main() -> None:

@@ -17,13 +17,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import tyro
 
+from harness.study import Study, run
 from turtlebot_gym_agents.cluster.drives import CHUNK, DriveUnit, drives
 from turtlebot_gym_agents.cluster.trainings import Training
 from turtlebot_gym_agents.cluster.units import Result, Store, Workers, complete, in_turn, key
 from turtlebot_gym_agents.cluster.workers import AHEAD, workers_on
-from turtlebot_gym_agents.provenance import write_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
@@ -32,7 +31,7 @@ PLANNED = (2, 16, 128, 1000)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Measure and extrapolate."""
 
     episodes: int = 8000
@@ -41,8 +40,6 @@ class Config:
     """Number of empty units."""
     rounds: int = 2
     """Turns of each number of workers; the best one counts."""
-    json: Path = Path("benchmarks/cluster.json")
-    """File for the results."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,9 +168,8 @@ def plan(found: dict[str, Any], costs: dict[str, float], config: Config) -> dict
     }
 
 
-def main() -> None:
-    """Measure, extrapolate, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Any]]:
+    """Measure, extrapolate, and print what matters most."""
     results, costs = measured(config), driver()
     times = results["by_workers"]
     result = {
@@ -185,11 +181,11 @@ def main() -> None:
         "memory_of_a_worker": peaks(),
         "planned": plan(results, costs, config),
     }
-    write_json(config.json, result, config={"episodes": config.episodes, "empty": config.empty, "rounds": config.rounds})
     print(f"2 workers do {result['ratio_of_2_workers_to_1']:.2f} times what 1 does.")
     print(f"A unit costs {result['overhead_of_a_unit']} s beside its work.")
     print(f"One driver feeds {result['planned']['workers_that_one_driver_feeds']:.0f} workers.")
+    return result, []
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

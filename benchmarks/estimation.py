@@ -6,19 +6,16 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import tyro
+from rich.table import Table
 
+from harness.study import Study, each, run
 from turtlebot_gym import FilterTuning, Noise, make_filter
 from turtlebot_gym.parameters import DeadReckoning
-from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.commands.report import estimation_table
 from turtlebot_gym_agents.evaluation.estimation import estimate, in_force
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
-RESULTS = Path(__file__).with_suffix(".json")
 EXACT = " without floors"
 """Suffix of a filter that assumes exactly the true noise."""
 SETTINGS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
@@ -36,15 +33,13 @@ SETTINGS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Compare filters with the bound."""
 
     runs: int = 20_000
     """Number of drives in each setting."""
     seed: int = 0
     """Seed of the first drive."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 def tuning(name: str, noise: Noise) -> FilterTuning:
@@ -56,18 +51,15 @@ def tuning(name: str, noise: Noise) -> FilterTuning:
     return replace(chosen, Q=(0.0,) * 5, R=exact) if name.endswith(EXACT) else chosen
 
 
-def main() -> None:
-    """Drive, print tables, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
-    settings = {}
-    for name, (filters, options) in SETTINGS.items():
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results of the filters in each setting, and their tables."""
+    settings, tables = {}, []
+    for name, (filters, options) in each(SETTINGS.items(), "settings"):
         model = in_force(**options)
         tunings = {filter: tuning(filter, model) for filter in filters}
-        with progress(config.runs) as advance_to:
-            result = estimate(tunings, runs=config.runs, seed=config.seed, progress=advance_to, **options)
-        table = estimation_table(result)
-        table.title = name
-        print_tables(table)
+        result = estimate(tunings, runs=config.runs, seed=config.seed, **options)
+        tables.append(estimation_table(result))
+        tables[-1].title = name
         content = asdict(result)
         settings[name] = {"bound": result.bound[-1], "band": result.band, "config": result.config} | {
             "filters": {
@@ -75,9 +67,8 @@ def main() -> None:
                 for filter, figures in content["filters"].items()
             }
         }
-    if config.json is not None:
-        write_json(config.json, {"settings": settings}, config=settings_of(config))
+    return {"settings": settings}, tables
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

@@ -20,10 +20,8 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -31,7 +29,7 @@ from rich.table import Table
 from faults_kinds import FAULTS, WITH_BUTTONS
 from faults_robot import Robot
 from harness.machine import busy
-from turtlebot_gym_agents.provenance import settings_of, write_json
+from harness.study import Study, run
 
 AGE = 0.6
 """Longest time after the newest measurement at which a motion may be published, s."""
@@ -40,7 +38,7 @@ REVIVED = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Inject faults into robots' chains, and count unsafe motions."""
 
     faults: int = 40 * len(FAULTS)
@@ -55,8 +53,6 @@ class Config:
     """Seed of the variations: durations, speeds, delays."""
     domain: int = 120
     """First of the ROS domains, one for each worker."""
-    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Also write the results here."""
 
 
 def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -> None:
@@ -75,20 +71,21 @@ def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -
                 results.put((before, trouble, {}))
             before, since = name, time.time()
             beyond = FAULTS[name](robot, rng)
-            lag, revived = robot.lag(since), robot.revived(since, AGE)
-            longest = {"longest_lag": lag, "longest_hold": robot.hold(since), "longest_revived": revived}
-            longest["longest_stop"] = robot.stop()
+            lag, revived = robot.record.lag(since), robot.record.revived(since, AGE)
+            longest = {"longest_lag": lag, "longest_hold": robot.record.hold(since), "longest_revived": revived}
+            longest["longest_stop"] = robot.record.stop()
             if unsafe := beyond + (lag > AGE) + (revived > REVIVED):
                 print(f"unsafe: {name!r}, {number}: {beyond}, {longest}", file=sys.stderr, flush=True)
             results.put((name, unsafe, longest))
-            robot.forget()
+            with robot.lock:
+                robot.record.forget()
     except Exception as error:
         results.put((None, f"{type(error).__name__}: {error}", {}))
     finally:
         robot.close()
 
 
-def measure(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
+def inject_all(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
     """Inject all faults, and return the counts by kind, and after which the chain had to be started again, how often."""
     kinds = [name for name in FAULTS if not config.only or name.startswith(config.only)]
     each = math.ceil(config.faults / len(kinds))
@@ -101,6 +98,8 @@ def measure(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
         bar = progress.add_task("faults", total=len(order))
         try:
             for part, crowd in ((order[:half], 0), (order[half:], config.busy)):
+                if not part:
+                    continue
                 with busy(crowd):
                     _inject(part, config, counts, stuck, lambda: progress.advance(bar))
         except RuntimeError as error:
@@ -153,24 +152,18 @@ def _inject(
                 process.terminate()
 
 
-def main() -> int:
-    """Measure, and print the table."""
-    config = tyro.cli(Config, description=__doc__)
-    counts, stuck = measure(config)
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the counts of all faults, and their table."""
+    counts, stuck = inject_all(config)
     columns = "fault", "injected", "unsafe", "last motion, s", "zero, s", "zero after a motion that came out late, s", "stop, s"
     table = Table(*columns, caption="motion and zero: after the newest measurement; stop: after a fault that is a reason to")
     for name, (injected, unsafe, *longest) in ((name, kind.values()) for name, kind in counts.items()):
         table.add_row(name, f"{injected}", f"{unsafe}", *(f"{each:.3f}" for each in longest))
     total = {key: sum(kind[key] for kind in counts.values()) for key in ("injected", "unsafe")}
     table.add_row("all", str(total["injected"]), str(total["unsafe"]))
-    Console().print(table)
-    if config.json:
-        load = os.getloadavg()
-        write_json(
-            config.json, {"faults": counts, "total": total, "started again": stuck, "load": load}, config=settings_of(config)
-        )
-    return int(total["unsafe"] > 0 or total["injected"] < config.faults)
+    return {"faults": counts, "total": total, "started again": stuck, "load": os.getloadavg()}, [table]
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    options, results = run(Config, measure)
+    raise SystemExit(results["total"]["unsafe"] > 0 or results["total"]["injected"] < options.faults)

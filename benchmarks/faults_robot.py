@@ -10,31 +10,20 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import random
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
-from bisect import bisect_right
-from collections.abc import Callable, Iterator
-from itertools import pairwise
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from faults_radio import Radio
+from faults_record import Record
+from faults_world import BEAMS, FARTHEST, World
+from ros_nodes import Nodes
 
-HALL = (3.0, 1.5, 1.0)
-"""Walls ahead of the start, to the left and right, and behind, m."""
-DEAD_END = (1.3, 1.5, 1.0)
-"""The same with a wall ahead that the robot reaches within seconds."""
-BEAMS = 180
-LIDAR_X = -0.032
-"""Position of a Burger's LiDAR ahead of its axle, m."""
-RADIUS, CENTER_X = 0.105, -0.032
-"""Radius of its footprint, and its centre ahead of the axle, m."""
 CONFIG = Path(__file__).parents[1] / "bridges" / "turtlebot_gym_ros" / "config" / "robot.yaml"
 CHAIN = {
     "cmd_vel_guard": {"collision_monitor": "true"},
@@ -71,16 +60,7 @@ class Robot:
         self.node = rclpy.node.Node("faults", context=self.context)
         every = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self.heard: list[tuple[float, float, float]] = []
-        """Time at which each command for the wheels was published, s, with its v, m/s, and omega, rad/s."""
-        self.arrived: list[tuple[float, bool]] = []
-        """Time at which each of them arrived, s, and whether it is a motion: one whose writer was suspended arrives late."""
-        self.measured: list[tuple[float, float]] = []
-        """Times at which what the robot may move on was sent, s, each with the newest time at which such was measured."""
-        self.moving: list[tuple[float, float]] = []
-        """Times at which the robot should move forward, s, each with its distance to the wall ahead, m."""
-        self.began: float | None = None
-        """Time of a fault that is itself a reason to stop, s."""
+        self.record = Record()
         self.kinds = _kinds()
         hear: Any = self._hear
         self.node.create_subscription(self.kinds["TwistStamped"], "cmd_vel", hear, every)
@@ -104,15 +84,16 @@ class Robot:
         self.threads = [threading.Thread(target=target, daemon=True) for target in (spin, self._run)]
         for thread in self.threads:
             thread.start()
-        self.processes: dict[str, subprocess.Popen[bytes]] = {}
+        self.nodes = Nodes(
+            Path(self.folder.name), REMAPPED, "--params-file", str(CONFIG), "--log-level", "fatal", ROS_DOMAIN_ID=str(domain)
+        )
         for name in CHAIN:
             self.start(name)
 
     def reset_world(self) -> None:
         """Put the robot back to its start, with honest sensors and clocks, nobody at the sticks, and no button pressed."""
         with self.lock:
-            self.pose = (0.0, 0.0, 0.0)
-            self.walls = HALL
+            self.world = World()
             self.clock: Callable[[float], float] = lambda now: now
             self.odometry: Callable[[Any, float], list[tuple[Any, float]]] = lambda message, now: [(message, now)]
             self.scan: Callable[[Any], Any] = lambda message: message
@@ -121,36 +102,9 @@ class Robot:
             for topic, which in [key for key in self._speakers if key[1] > 1]:
                 self.silence(topic, which)
 
-    # Processes
-
     def start(self, name: str) -> None:
         """Start a process of the chain."""
-        given = CHAIN[name] | ({} if self.has_buttons or name != "cmd_vel_guard" else WITHOUT_BUTTON)
-        parameters = ["--params-file", str(CONFIG), *(word for each in given.items() for word in ("-p", ":=".join(each)))]
-        program = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", "--log-level", "fatal"]
-        words = ["setpriv", "--pdeathsig", "KILL", *program, *parameters]  # so that none outlives this process
-        environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain)}
-        self.processes[name] = subprocess.Popen([*words, *REMAPPED.get(name, [])], env=environment, cwd=self.folder.name)
-
-    def signal(self, name: str, number: signal.Signals) -> None:
-        """Send a signal to a process of the chain."""
-        self.processes[name].send_signal(number)
-
-    def kill(self, name: str) -> None:
-        """Kill a process of the chain, and wait for its end."""
-        self.processes[name].kill()
-        self.processes[name].wait()
-
-    @contextlib.contextmanager
-    def suspended(self, name: str) -> Iterator[None]:
-        """Suspend a process."""
-        self.signal(name, signal.SIGSTOP)
-        try:
-            yield
-        finally:
-            self.signal(name, signal.SIGCONT)
-
-    # What the robot says
+        self.nodes.start(name, **CHAIN[name], **({} if self.has_buttons or name != "cmd_vel_guard" else WITHOUT_BUTTON))
 
     def speaker(self, topic: str, kind: str, which: int = 0) -> Any:
         """Return a publisher; those above 1 end with the fault."""
@@ -183,7 +137,9 @@ class Robot:
         while not self.over.wait(0.05):
             with self.lock:
                 turn, now = turn + 1, time.time()
-                self._move(now - last)
+                gap = self.world.move(*self._speeds(), now - last)
+                if gap is not None:
+                    self.record.moving_forward.append((time.time(), gap))
                 last = now
                 self.send_odometry(now)
                 if turn % 4 == 0:
@@ -194,38 +150,29 @@ class Robot:
                     if pressed is not None and turn % 2:
                         self.say(which, pressed)
 
-    def _move(self, dt: float) -> None:
-        _, v, omega = self.heard[-1] if self.heard else (0.0, 0.0, 0.0)
-        x, y, theta = self.pose
-        middle = theta + 0.5 * omega * dt
-        self.pose = x + v * dt * math.cos(middle), y + v * dt * math.sin(middle), theta + omega * dt
-        gap = self.walls[0] - (x + CENTER_X * math.cos(theta)) - RADIUS
-        if v > 0.0 and math.cos(theta) > 0.5:
-            self.moving.append((time.time(), gap))
+    def _speeds(self) -> tuple[float, float]:
+        """Return v, m/s, and omega, rad/s, of the last command for the wheels."""
+        return self.record.heard[-1][1:] if self.record.heard else (0.0, 0.0)
 
     def send_odometry(self, now: float) -> None:
         """Send what the wheels measured, through whatever the fault does to it."""
         message = self.stamped("Odometry", "odom", self.clock(now))
         message.child_frame_id = "base_footprint"
-        pose = message.pose.pose
-        pose.position.x, pose.position.y = self.pose[0], self.pose[1]
-        pose.orientation.z, pose.orientation.w = math.sin(0.5 * self.pose[2]), math.cos(0.5 * self.pose[2])
-        _, v, omega = self.heard[-1] if self.heard else (0.0, 0.0, 0.0)
-        message.twist.twist.linear.x, message.twist.twist.angular.z = v, omega
+        pose, (x, y, theta) = message.pose.pose, self.world.pose
+        pose.position.x, pose.position.y = x, y
+        pose.orientation.z, pose.orientation.w = math.sin(0.5 * theta), math.cos(0.5 * theta)
+        message.twist.twist.linear.x, message.twist.twist.angular.z = self._speeds()
         for sent, measured in self.odometry(message, now):
-            self.rests_on(measured)
+            self.record.rests_on(measured)
             self.speaker("odom", "Odometry").publish(sent)
 
     def send_scan(self, now: float) -> None:
         """Send what the LiDAR measured."""
         message = self.stamped("LaserScan", "base_scan", self.clock(now))
-        x, y, theta = self.pose
-        x, y = x + LIDAR_X * math.cos(theta), y + LIDAR_X * math.sin(theta)
         step = 2.0 * math.pi / BEAMS
         message.angle_min, message.angle_max, message.angle_increment = 0.0, (BEAMS - 1) * step, step
-        message.range_min, message.range_max = 0.12, 3.5
-        ranges = [_ray(x, y, theta + k * step, self.walls) + random.gauss(0.0, 0.005) for k in range(BEAMS)]
-        message.ranges = [each if each <= 3.5 else math.inf for each in ranges]
+        message.range_min, message.range_max = 0.12, FARTHEST
+        message.ranges = self.world.ranges()
         message = self.scan(message)
         if message is not None:
             self.speaker("scan", "LaserScan").publish(message)
@@ -235,27 +182,18 @@ class Robot:
         message = self.stamped("TwistStamped", "base_footprint", self.clock(time.time() - age))
         message.twist.linear.x, message.twist.angular.z = v, omega
         if (v, omega) != (0.0, 0.0) and math.isfinite(v + omega):
-            self.rests_on(time.time() - age)
+            self.record.rests_on(time.time() - age)
         self.speaker(topic, "TwistStamped").publish(message)
-
-    def rests_on(self, measured: float) -> None:
-        """Record that something was sent which the robot may move on until 0.6 s after it was measured."""
-        newest = self.measured[-1][1] if self.measured else -math.inf
-        self.measured.append((time.time(), max(newest, measured)))
 
     def say(self, which: int, pressed: bool) -> None:
         """Publish once whether a button is pressed."""
         self.speaker("emergency_stop", "Bool", which).publish(self.kinds["Bool"](data=pressed))
 
-    def flood(self, topic: str, message: Any, duration: float) -> int:
-        """Publish a message as often as a process can, and return how often that was."""
-        speaker, until, count = self.speaker(topic, type(message).__name__, 9), time.monotonic() + duration, 0
+    def flood(self, topic: str, message: Any, duration: float) -> None:
+        """Publish a message as often as a process can for a time, s."""
+        speaker, until = self.speaker(topic, type(message).__name__, 9), time.monotonic() + duration
         while time.monotonic() < until:
             speaker.publish(message)
-            count += 1
-        return count
-
-    # What a person does
 
     def ask(self, service: str, patience: float = 3.0, **request: Any) -> bool:
         """Call a service, and return whether it agreed in time."""
@@ -289,16 +227,16 @@ class Robot:
             if trouble:
                 raise RuntimeError(f"the robot does not drive: {trouble}")
             trouble = "; ".join(f"{name}: {text}" for name, text in self._reports.items())
-            for name in self.processes:
-                self.kill(name)
+            for name in self.nodes:
+                self.nodes.kill(name)
         return trouble
 
     def _goes_on(self, patience: float) -> bool:
         """Return whether the robot drives within a time, s, once a person has put all right."""
         until = time.monotonic() + patience
-        for name, process in list(self.processes.items()):
-            process.send_signal(signal.SIGCONT)
-            if process.poll() is not None:
+        for name in list(self.nodes):
+            self.nodes.signal(name, signal.SIGCONT)
+            if self.nodes.has_ended(name):
                 self.start(name)
         while time.monotonic() < until:
             self.reset_world()
@@ -309,71 +247,17 @@ class Robot:
                 since = time.time()
                 while time.time() < since + 2.0:
                     time.sleep(0.02)
-                    if sum(v > 0.09 for at, v, _ in self.heard[-10:] if at > since) >= 5:
+                    if sum(v > 0.09 for at, v, _ in self.record.heard[-10:] if at > since) >= 5:
                         return True
         return False
-
-    # What the judge sees
-
-    def motions(self, since: float) -> list[float]:
-        """Return the times at which motions were published."""
-        return [at for at, v, omega in list(self.heard) if at > since and (v, omega) != (0.0, 0.0)]
-
-    def moves(self, at: float) -> bool:
-        """Return whether the last command that was published until a time is a motion."""
-        return max((each for each in list(self.heard) if each[0] <= at), default=(0.0, 0.0, 0.0))[1:] != (0.0, 0.0)
-
-    def stop(self) -> float:
-        """Return the time from a fault that is a reason to stop to the next zero, s; 0 if the robot stood."""
-        began = self.began
-        if began is None or not self.moves(began):
-            return 0.0
-        return min((at for at, *command in list(self.heard) if at > began and command == [0.0, 0.0]), default=math.inf) - began
-
-    def lag(self, since: float) -> float:
-        """Return the longest time between the newest measurement that had been sent and a motion, s."""
-        measured = list(self.measured)
-        sent = [at for at, _ in measured]
-        return max((at - measured[bisect_right(sent, at) - 1][1] for at in self.motions(since)), default=0.0)
-
-    def hold(self, since: float) -> float:
-        """Return the longest time from the newest measurement to the zero that ends its motion, s."""
-        measured, heard = list(self.measured), sorted(message for message in list(self.heard) if message[0] > since)
-        sent = [at for at, _ in measured]
-        ends = [at for (_, *before), (at, *now) in pairwise(heard) if before != [0.0, 0.0] == now]
-        return max((at - measured[bisect_right(sent, at) - 1][1] for at in ends), default=0.0)
-
-    def revived(self, since: float, age: float) -> float:
-        """Return the longest time from a motion's arrival to the next zero's, s, if it arrived so long, s, after a measurement.
-
-        Such a motion is not late by its source time: its writer was suspended between reading the clock and sending.
-        """
-        measured, arrived = list(self.measured), [each for each in list(self.arrived) if each[0] > since]
-        sent = [at for at, _ in measured]
-        longest = 0.0
-        for k, (at, moves) in enumerate(arrived):
-            if moves and at - measured[bisect_right(sent, at) - 1][1] > age:
-                longest = max(longest, next((end for end, on in arrived[k:] if not on), math.inf) - at)
-        return longest
-
-    def nearest(self, since: float) -> float:
-        """Return the least distance to the wall ahead at which the robot still moved towards it, m."""
-        return min((gap for at, gap in list(self.moving) if at > since), default=math.inf)
-
-    def forget(self) -> None:
-        """Forget all but the end of what was recorded."""
-        with self.lock:
-            self.began = None
-            for each in (self.heard, self.arrived, self.measured, self.moving):
-                del each[:-100]
 
     def close(self) -> None:
         """Shut everything down."""
         self.over.set()
         for thread in self.threads:
             thread.join()
-        for name in self.processes:
-            self.kill(name)
+        for name in self.nodes:
+            self.nodes.kill(name)
         if self.radio:
             self.radio.close()
         self.node.destroy_node()
@@ -385,17 +269,17 @@ class Robot:
 
     def _hear(self, message: Any, info: Any) -> None:
         command = message.twist.linear.x, message.twist.angular.z
-        self.heard.append((info["source_timestamp"] * 1e-9, *command))
-        self.arrived.append((info["received_timestamp"] * 1e-9, command != (0.0, 0.0)))
+        self.record.heard.append((info["source_timestamp"] * 1e-9, *command))
+        self.record.arrived.append((info["received_timestamp"] * 1e-9, command != (0.0, 0.0)))
 
 
-def _ray(x: float, y: float, angle: float, walls: tuple[float, float, float]) -> float:
-    """Return the distance from a point to the walls of a rectangular room, m."""
-    dx, dy = math.cos(angle), math.sin(angle)
-    ahead, aside, behind = walls
-    to_x = ((ahead if dx > 0.0 else -behind) - x) / dx if dx else math.inf
-    to_y = (math.copysign(aside, dy) - y) / dy if dy else math.inf
-    return min(to_x, to_y)
+Fault = Callable[[Robot, random.Random], int]
+"""Injects a fault, and returns the number of unsafe motions; see `faults_kinds`."""
+
+
+def nothing(message: Any, now: float) -> list[tuple[Any, float]]:
+    """Send no odometry."""
+    return []
 
 
 def _kinds() -> dict[str, Any]:

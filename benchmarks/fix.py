@@ -6,15 +6,13 @@ The drives are long, most with random commands, the same for all cases. `make be
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import tyro
 from rich.table import Table
 
+from harness.study import Study, each, run
 from turtlebot_gym import FixNoise, make_parameters
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.envs.common import SYMMETRIC
@@ -25,12 +23,9 @@ from turtlebot_gym.systems import Parameters, System, system_of
 from turtlebot_gym.systems.fixes import TrackedFix
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
-from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.policies import BearingPolicy
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
-RESULTS = Path(__file__).with_suffix(".json")
 DT, HOLD = 0.1, 10
 """Control interval, s, and steps for which a command is held."""
 FORWARD, TURN = (0.0, 1.0), (-0.3, 0.3)
@@ -62,7 +57,7 @@ CASES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Drive with wheel odometry and fixes."""
 
     runs: int = 150
@@ -71,8 +66,6 @@ class Config:
     """Length of a drive, s."""
     seed: int = 0
     """Seed of the first drive."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 def naive(system: System) -> System:
@@ -87,7 +80,7 @@ def naive(system: System) -> System:
     return system.with_sensor(Sensor(name, first, sense_now, noise))
 
 
-def drive(p: Parameters, system: System, on_square: bool, config: Config, done: Callable[[int], None]) -> dict[str, Any]:
+def drive(p: Parameters, system: System, on_square: bool, config: Config) -> dict[str, Any]:
     """Return errors and consistency, each a mean over a drive, and the cost of a step."""
     n, steps = config.runs, round(config.seconds / DT)
     batch, policy = Batch(n, p, SQUARE_WAYPOINTS, system=system), BearingPolicy()
@@ -110,7 +103,6 @@ def drive(p: Parameters, system: System, on_square: bool, config: Config, done: 
         position[step], heading[step] = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
         covariance = batch.numbers("estimate.belief.covariance")[..., SYMMETRIC]
         consistent[step] = nees(mean, truth, covariance, components=3)
-        done(step + 1)
     return {
         "position": metrics.mean(position.mean(axis=0)),
         "position_rms": metrics.mean(np.sqrt((position**2).mean(axis=0))),
@@ -126,25 +118,21 @@ def shown(interval: Any, digits: int) -> str:
     return f"{interval.value:.{digits}f} ± {0.5 * (interval.high - interval.low):.{digits}f}"
 
 
-def main() -> None:
-    """Drive, print a table, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results of all cases, and their table."""
     task, results = replace(SQUARE, laps=1_000_000, max_steps=1e9), {}
     table = Table(
         "fix", "position, m", "rms, m", "at the end, m", "heading, rad", "NEES of the pose", "µs a step",
         title=f"wheel odometry, {config.runs} drives of {config.seconds:g} s, means and 95 % intervals",
     )  # fmt: skip
-    for name, (fix, is_naive, on_square) in CASES.items():
+    for name, (fix, is_naive, on_square) in each(CASES.items(), "fixes"):
         p = make_parameters(task, noise="wheel", fix=fix)
         system = naive(system_of(p)) if is_naive else system_of(p)
-        with progress(round(config.seconds / DT)) as done:
-            row = results[name] = drive(p, system, on_square, config, done)
+        row = results[name] = drive(p, system, on_square, config)
         numbers = [shown(row[key], 4) for key in ("position", "position_rms", "position_at_end", "heading")]
         table.add_row(name, *numbers, shown(row["nees"], 2), f"{row['cpu_microseconds']:.2f}")
-    print_tables(table)
-    if config.json is not None:
-        write_json(config.json, {"cases": results}, config=settings_of(config))
+    return {"cases": results}, [table]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

@@ -7,28 +7,23 @@ pose. `make bench-known-map` runs it and writes `known_map.json`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from rich.table import Table
 
-from turtlebot_gym_agents.commands.console import print_tables
+from harness.study import Study, run
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import drive
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.protection import SafetyLayer
-from turtlebot_gym_agents.provenance import settings_of, write_json
-
-RESULTS = Path(__file__).with_suffix(".json")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Drive with and without a map."""
 
     world: tuple[str, ...] = ("office", "cellular")
@@ -37,8 +32,6 @@ class Config:
     """Number of rooms of each world."""
     seed: int = 1_000_000
     """Their first seed."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 class Mapped:
@@ -68,9 +61,8 @@ class Mapped:
             self._planner.know(n, seen[field < 0.0], seen[field >= 0.0])
 
 
-def main() -> None:
-    """Drive, print a table, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results without and with the map in each world, and their table."""
     table, rows = Table("world", "planner+safety", "goals, %", "collisions", "time, s", "where both arrive, s"), []
     for world in config.world:
         by_map = {}
@@ -90,10 +82,8 @@ def main() -> None:
             words = (f"{row['success']:.1%}", str(e.collision.sum()))
             sooner = f"{row['sooner']:+.2f}" if known else ""
             table.add_row(world, "with the map" if known else "without", *words, f"{row['time'].value:.2f}", sooner)
-    print_tables(table)
-    if config.json is not None:
-        write_json(config.json, {"rows": rows}, config=settings_of(config))
+    return {"rows": rows}, [table]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

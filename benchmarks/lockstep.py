@@ -13,14 +13,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from rich.console import Console
 
 from harness.machine import busy, cores
+from harness.study import Study, measured, run
 from lockstep_drives import (
     DT,
     RoomDrive,
@@ -33,9 +32,7 @@ from lockstep_drives import (
     room_episode,
     room_live,
 )
-from parts import measured
 from turtlebot_gym.drives import Drive, position_error
-from turtlebot_gym_agents.provenance import settings_of, write_json
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.graph.bringup import room_metrics
 
@@ -47,7 +44,7 @@ AT_ONCE = 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Compare the live graph with the environment."""
 
     steps: int = 600
@@ -68,8 +65,6 @@ class Config:
     """Whether each node has a process of its own there."""
     only: tuple[str, ...] = ()
     """Parts to measure; by default all."""
-    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Also write the results here."""
 
 
 def rooms(config: Config) -> dict[str, Any]:
@@ -173,8 +168,10 @@ def error(trajectory: Drive, steps: int) -> float:
     return float(np.nanmean(position_error(trajectory.estimate, trajectory.true_state)[: steps + 1]))
 
 
-def measure(config: Config) -> dict[str, Any]:
+def measure(config: Config) -> tuple[dict[str, Any], list[Any]]:
     """Return the results of all parts, each with the load of the machine before and after it (1 min average)."""
+    os.environ["ROS_DOMAIN_ID"] = str(DOMAINS.stop + os.getpid() % 17)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     parts: dict[str, Callable[[Config], dict[str, Any]]] = {
         "equality": equality, "rooms": rooms, "speed": speeds, "repeats": repeats, "real time": real_time,
     }  # fmt: skip
@@ -182,18 +179,8 @@ def measure(config: Config) -> dict[str, Any]:
     for name, result in measured({name: partial(parts[name], config) for name in names}):
         results[name] = result
         Console().print(name, {key: value for key, value in result.items() if key not in ("of", "digests")})
-    return {"cores": cores(), "parts": results}
-
-
-def main() -> None:
-    """Measure, print, and write JSON."""
-    config = tyro.cli(Config, description=__doc__)
-    os.environ["ROS_DOMAIN_ID"] = str(DOMAINS.stop + os.getpid() % 17)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    result = measure(config)
-    if config.json is not None:
-        write_json(config.json, result, config=settings_of(config))
+    return {"cores": cores(), "parts": results}, []
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure)

@@ -15,23 +15,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import torch
-import tyro
 from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from harness.study import Study, each, run
 from scenarios import kept, results_folder, slug
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.episodes import Episodes
 from turtlebot_gym_agents.evaluation.evaluate import drive
@@ -39,9 +36,7 @@ from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import pretrained_folder
 from turtlebot_gym_agents.policies.yielding import BEFORE, FEATURES, NEAR, Network, Yielding
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
-RESULTS = Path(__file__).with_suffix(".json")
 TRAINING_SEED = 2**40
 HORIZON, GAP = 1.0, 0.1
 """The stop that knows: somebody who walks on straight would come nearer than this, m, within this time, s."""
@@ -53,7 +48,7 @@ RULES = [(sight, nearer) for sight in (0.3, 0.45, 0.6, 0.8) for nearer in (0.1, 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Train and drive."""
 
     episodes: int = 1000
@@ -70,8 +65,6 @@ class Config:
     """LiDARs of the held-out rooms."""
     ship: bool = False
     """Write the first network into the package."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 def rooms(number: int, lidar: str, **options: Any) -> VectorEnv:
@@ -167,7 +160,7 @@ def train(seed: int, config: Config) -> tuple[Network, float]:
     torch.set_num_threads(1)
     net, features, stops = layers(), [], []
     mean, std = torch.zeros(FEATURES), torch.ones(FEATURES)
-    for number in track(range(config.rounds), description=f"training {seed}", console=Console(stderr=True)):
+    for number in each(range(config.rounds), f"training {seed}"):
         policy = Yielding(make_policy("vfh"), network_of(net, mean, std))
         lidar = LIDARS[number % len(LIDARS)]
         driven = list(collect(policy, TRAINING_SEED * (1 + seed) + 256 * number, lidar, known=0.8 if number == 0 else 0.0))
@@ -223,12 +216,17 @@ def gain(by_policy: dict[str, list[Episodes]]) -> dict[str, Any]:
     }
 
 
-def main() -> None:
-    """Train, drive, print a table, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+@cache  # the results name a clean tree only if the first network is shipped after they are written
+def trained(config: Config) -> list[tuple[Network, float]]:
+    """Return the network of each training, and its CPU time, s."""
     folder = results_folder("people")
-    trained = [kept(folder / f"{slug(seed=n, rounds=config.rounds)}.pickle", train, n, config) for n in range(config.trainings)]
-    networks, spent = [network for network, _ in trained], float(np.mean([seconds for _, seconds in trained]))
+    return [kept(folder / f"{slug(seed=n, rounds=config.rounds)}.pickle", train, n, config) for n in range(config.trainings)]
+
+
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results of all policies with each LiDAR, and their table."""
+    folder = results_folder("people")
+    networks, seconds = zip(*trained(config), strict=True)
     numbers = kept(folder / "rule.pickle", tuned)
     named = {name: [lambda envs, name=name: make_policy(name)] for name in config.policy}
     makers: dict[str, list[Callable[[VectorEnv], Policy]]] = {
@@ -240,7 +238,7 @@ def main() -> None:
     table, rows = Table("LiDAR", "policy", "goals, %", "collisions, %", "to goal, s", "minus rule, points"), []
     for lidar in config.lidar:
         by_policy: dict[str, list[Episodes]] = {}
-        for name, some in track(makers.items(), description=lidar, console=Console(stderr=True)):
+        for name, some in each(makers.items(), lidar):
             by_policy[name] = []
             for number, make in enumerate(some):
                 stem = slug(policy=name, number=number, lidar=lidar, n=config.episodes, seed=config.seed)
@@ -251,12 +249,10 @@ def main() -> None:
             more = rows[-1].get("success_minus_rule")
             cells = (f"{row['success']:.1%}", f"{row['collision']:.1%}", f"{row['time_to_goal'].value:.1f}")
             table.add_row(lidar, name, *cells, f"{more:+.1%}" if more else "")
-    print_tables(table)
-    if config.json is not None:
-        write_json(config.json, {"rule": numbers, "training_cpu_s": spent, "rows": rows}, config=settings_of(config))
-    if config.ship:  # last, so that the results name a clean tree
-        np.savez_compressed(pretrained_folder() / "yield.npz", **networks[0].arrays)  # pyright: ignore[reportArgumentType]
+    return {"rule": numbers, "training_cpu_s": float(np.mean(seconds)), "rows": rows}, [table]
 
 
 if __name__ == "__main__":
-    main()
+    options, _ = run(Config, measure, beside=__file__)
+    if options.ship:
+        np.savez_compressed(pretrained_folder() / "yield.npz", **trained(options)[0][0].arrays)

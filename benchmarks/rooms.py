@@ -10,7 +10,6 @@ beams and the same command: the robot turns on the spot.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,13 +17,13 @@ from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
-import tyro
 from numba import njit
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from harness.machine import cores
+from harness.study import Study, run
+from harness.tables import Figure, figures_table
 from harness.turns import Contender, Turn, take_turns, timed
 from irsim_peer import start_peer
 from turtlebot_gym.compiled.packing import as_tuple
@@ -36,7 +35,6 @@ from turtlebot_gym.rooms.rays import FAR, inverse
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import BLOCK, ROOM, cast
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
 TURN = 0.3
@@ -44,7 +42,7 @@ TURN = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Measure rooms."""
 
     rounds: int = 7
@@ -55,8 +53,6 @@ class Config:
     """Number of environments stepped together."""
     peer: Path | None = Path("out/irsim")
     """The peer's virtual environment, created if missing; None leaves the peer out."""
-    json: Path | None = None
-    """Write the results here."""
 
 
 class Rate(NamedTuple):
@@ -217,35 +213,30 @@ def memory(number: int = 4096) -> dict[str, float]:
     return taken | {"map of 20 m at 5 cm": (shared + number * sum(part.nbytes for part in scene)) / 1e6}
 
 
-def main() -> None:
-    """Measure, print a table, and write JSON."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return all rates and sizes, and a table of those that have targets."""
     load = os.getloadavg()[0]
     casting, walking, stepping, taken = rays(config), maps(config), steps(config), memory()
-    rows: list[tuple[str, float, str, float | None]] = [
-        ("rays with 36 beams and 16 circles, one thread", casting["36 beams"].cpu / 1e6, "M/s", 40.0),
-        ("rays with 360 beams and 16 circles, one thread", casting["360 beams"].cpu / 1e6, "M/s", None),
-        ("rays on a map with 360 beams, one thread", walking["strides"].cpu / 1e6, "M/s", None),
-        ("these rays, times those of a plain grid walk", walking["strides"].cpu / walking["grid walk"].cpu, "", 1.5),
-        ("steps in dense with 36 beams, wall time", stepping["steps"].wall / 1e6, "M/s", 1.0),
-        ("the same, CPU seconds of one core", stepping["steps"].cpu / 1e6, "M/s", None),
+    figures = [
+        Figure("rays with 36 beams and 16 circles, one thread", casting["36 beams"].cpu / 1e6, "M/s", 40.0),
+        Figure("rays with 360 beams and 16 circles, one thread", casting["360 beams"].cpu / 1e6, "M/s"),
+        Figure("rays on a map with 360 beams, one thread", walking["strides"].cpu / 1e6, "M/s"),
+        Figure("these rays, times those of a plain grid walk", walking["strides"].cpu / walking["grid walk"].cpu, "", 1.5),
+        Figure("steps in dense with 36 beams, wall time", stepping["steps"].wall / 1e6, "M/s", 1.0),
+        Figure("the same, CPU seconds of one core", stepping["steps"].cpu / 1e6, "M/s"),
     ]
     if "peer" in stepping:
-        rows.append(("these steps, times IR-SIM's, wall time", stepping["steps"].wall / stepping["peer"].wall, "", 1000.0))
-        rows.append(("the same, CPU seconds of one core", stepping["steps"].cpu / stepping["peer"].cpu, "", None))
+        figures.append(
+            Figure("these steps, times IR-SIM's, wall time", stepping["steps"].wall / stepping["peer"].wall, "", 1000.0)
+        )
+        figures.append(Figure("the same, CPU seconds of one core", stepping["steps"].cpu / stepping["peer"].cpu, ""))
     episodes = stepping["worlds"].cpu * stepping["steps_of_an_episode"] / stepping["steps"].cpu
-    rows.append(("episodes' steps, times the making of their worlds", episodes, "", 5.0))
-    rows += [(f"memory of 4096 worlds, {name}", size, "MB", None) for name, size in taken.items()]
-    table = Table("figure", "", "at least", "met", title=f"{cores()} cores, load {load:.1f}")
-    for name, value, unit, least in rows:
-        must, met = ("", "") if least is None else (f"{least:g}", "yes" if value >= least else "NO")
-        table.add_row(name, f"{value:.3g} {unit}", must, met)
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
+    figures.append(Figure("episodes' steps, times the making of their worlds", episodes, "", 5.0))
+    figures += [Figure(f"memory of 4096 worlds, {name}", size, "MB") for name, size in taken.items()]
     print(f"Ranges by strides and by a grid walk differ by at most {walking['apart_m']:.1e} m.")
-    if config.json is not None:
-        results = {"rays": casting, "maps": walking, "steps": stepping, "memory_mb": taken}
-        write_json(config.json, {"load": [load, os.getloadavg()[0]], **results}, config=settings_of(config))
+    results = {"load": [load, os.getloadavg()[0]], "rays": casting, "maps": walking, "steps": stepping, "memory_mb": taken}
+    return results, [figures_table(figures, "at least", title=f"{cores()} cores, load {load:.1f}")]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure)

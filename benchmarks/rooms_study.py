@@ -21,6 +21,7 @@ import numpy as np
 import tyro
 from rich.table import Table
 
+from harness.tables import markdown
 from rooms import hall
 from scenarios import best_of_trainings, described, kept, name_of, results_folder, run_all, slug, trainings
 from turtlebot_gym.rooms.lidar import DRIVERS
@@ -191,13 +192,13 @@ def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str
         "tuned for `dense`; the oracle knows the map and its true pose. All policies and all trainings are in",
         "`benchmarks/rooms_study.json`.",
         "",
-        "| setting | policy | success, % | collisions, % | time-outs, % | SPL |",
-        "|---|---|---|---|---|---|",
     ]
+    cells = []
     for row in listed:
-        shares = " | ".join(f"{row[key]:.1%}" for key in ("success", "collision", "timeout"))
-        lines.append(f"| {row['setting']} | {row['policy']} | {shares} | {row['spl'].value:.3f} |")
-    return "\n".join(lines) + "\n"
+        shares = (f"{row[key]:.1%}" for key in ("success", "collision", "timeout"))
+        cells.append((row["setting"], row["policy"], *shares, f"{row['spl'].value:.3f}"))
+    titles = ("setting", "policy", "success, %", "collisions, %", "time-outs, %", "SPL")
+    return "\n".join((*lines, markdown(titles, cells))) + "\n"
 
 
 def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -12,25 +12,22 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice, permutations
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from harness.machine import cores
-from parts import Figure, measured
+from harness.study import Study, measured, run
+from harness.tables import Figure, figures_table
 from ros_faults import MOVERS, faults
 from ros_probe import FAR, GUARDED, PATIENCE, PERIOD, graph
 from turtlebot_gym import values
 from turtlebot_gym.values import STOP, Pose
 from turtlebot_gym_agents.policies.named import SAFETY
-from turtlebot_gym_agents.provenance import settings_of, write_json
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.blocks import KalmanFilter, VelocityController
 from turtlebot_gym_ros.nodes import MODES
@@ -43,7 +40,7 @@ ORDERS = [NODES, NODES[::-1], *islice(permutations(NODES), 7, 23, 4)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Measure the live graph."""
 
     messages: int = 1000
@@ -60,8 +57,6 @@ class Config:
     """Number of these rooms."""
     only: tuple[str, ...] = ()
     """Parts to measure; by default all."""
-    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Also write the results here."""
 
 
 def expected(headings: list[float]) -> NDArray[np.float64]:
@@ -229,8 +224,12 @@ def in_room(policy: str, seed: int, seconds: float) -> tuple[float, list[float]]
     return share, (1e3 * (commands - odometry[newest])).tolist()
 
 
-def measure(config: Config) -> dict[str, Any]:
-    """Return the results of all parts, each with the load of the machine before and after it (1 min average)."""
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results of all parts, each with the load of the machine before and after it (1 min average), and a table."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that no node is left behind
+    os.environ["ROS_DOMAIN_ID"] = str(215 + os.getpid() % 17)  # above those of users and the tests
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    prepare()
     parts: dict[str, Callable[[], dict[str, Any]]] = {
         "start": starts,
         "latency": lambda: latency(config),
@@ -239,28 +238,12 @@ def measure(config: Config) -> dict[str, Any]:
         "faults": lambda: faults(config.repeats),
         "layer": lambda: layer(config),
     }
-    return {"cores": cores(), "parts": dict(measured({name: parts[name] for name in config.only or parts}))}
-
-
-def main() -> None:
-    """Measure, print a table, and write JSON."""
-    config = tyro.cli(Config, description=__doc__)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that no node is left behind
-    os.environ["ROS_DOMAIN_ID"] = str(215 + os.getpid() % 17)  # above those of users and the tests
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    prepare()
-    result = measure(config)
-    table = Table("", "figure", "below", "met", "load", title=f"{result['cores']} cores")
-    for part, results in result["parts"].items():
-        table.add_section()
-        for name, value, unit, limit in results["figures"]:
-            before, after = results["load"]
-            must, met = ("", "") if limit is None else (f"{limit:g}", "yes" if value < limit else "NO")
-            table.add_row(f"{part}: {name}", f"{value:.3g} {unit}", must, met, f"{before:.1f} to {after:.1f}")
-    Console().print(table)
-    if config.json is not None:
-        write_json(config.json, result, config=settings_of(config))
+    results, figures = dict(measured({name: parts[name] for name in config.only or parts})), []
+    for part, result in results.items():
+        where = "{}, load {:.1f} to {:.1f}: ".format(part, *result["load"])
+        figures += [figure._replace(name=where + figure.name) for figure in result["figures"]]
+    return {"cores": cores(), "parts": results}, [figures_table(figures, "below", title=f"{cores()} cores")]
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from parts import Figure
+from harness.tables import Figure
 from ros_probe import GUARDED, Nodes, Probe, graph
 
 AFTERWARDS = 1.5

@@ -6,9 +6,6 @@ the probe's own publisher waits for a stopped process.
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -31,6 +28,7 @@ from rclpy.time import Time
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
+from ros_nodes import Nodes
 from turtlebot_gym.values import Pose
 
 PERIOD = 0.05
@@ -56,55 +54,6 @@ class Heard(NamedTuple):
     def is_zero(self) -> bool:
         """Whether the command stops the robot."""
         return self.v == 0.0 and self.omega == 0.0
-
-
-class Nodes:
-    """The processes by the names of their nodes."""
-
-    def __init__(self, folder: Path, remappings: dict[str, list[str]]) -> None:
-        self._folder, self._remappings = folder, remappings
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
-        self._parameters: dict[str, dict[str, Any]] = {}
-
-    def start(self, name: str, **parameters: Any) -> None:
-        """Start a node; a killed one is restarted with its previous parameters."""
-        if name in self._processes:
-            self._processes[name].wait()
-        given = self._parameters.setdefault(name, parameters)
-        words = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
-        command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *words, *self._remappings.get(name, [])]
-        with (self._folder / f"{name}.log").open("ab") as log:
-            self._processes[name] = subprocess.Popen(command, cwd=self._folder, stdout=log, stderr=log)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._processes)
-
-    def signal(self, name: str, number: int) -> None:
-        """Send a signal to a node."""
-        self._processes[name].send_signal(number)
-
-    def cpu(self, name: str) -> float:
-        """Return the processor time that a node has used, s."""
-        stat = Path(f"/proc/{self._processes[name].pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")  # utime and stime, proc(5)
-
-    def memory(self, name: str) -> int:
-        """Return the resident memory of a node, kB."""
-        status = Path(f"/proc/{self._processes[name].pid}/status").read_text()
-        return next(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmRSS:"))
-
-    def close(self) -> None:
-        """End all processes."""
-        for process in self._processes.values():
-            if process.poll() is None:
-                process.send_signal(signal.SIGCONT)
-                process.terminate()
-        for process in self._processes.values():
-            try:
-                process.wait(10)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
 
 
 class Probe:

@@ -7,6 +7,7 @@ from typing import Any
 
 from harness.peer import SCANNED
 from harness.report import beside, processor
+from harness.tables import markdown
 
 LIBRARIES = {"turtlebot_gym": "ours", "gymnasium": "Gymnasium"}
 
@@ -33,11 +34,11 @@ def section(found: Mapping[str, Any], *elsewhere: Mapping[str, Any]) -> str:
         f"{SCANNED} steps, whose observations and rewards it returns together.",
         *_peers(found.get("peers", {})),
         "",
-        *_table(found["environments"]),
+        _table(found["environments"]),
     ]
     if "busy" in found:
         busy = found["busy"]
-        lines += [f"\nThe same {beside(busy['processes'])}:\n", *_table(busy["environments"])]
+        lines += [f"\nThe same {beside(busy['processes'])}:\n", _table(busy["environments"])]
     if "training" in found:
         lines += ["", *_training(found)]
     if elsewhere:
@@ -54,14 +55,14 @@ def _by_processor(results: Sequence[Mapping[str, Any]]) -> list[str]:
         f"{result['machine']['load_before']:.0f}"
         for result in results
     ]
-    lines = ["### By processor\n", "One thread beside CartPole's one, as ratios of CPU seconds:\n"]
-    lines += [f"| environment | {' | '.join(titles)} | least |", "|---" * (len(results) + 2) + "|"]
+    lines = []
     for name in names:
         ratios = [row[name]["cpu_ratio"] if name in row else None for row in rows]
         cells = ["" if ratio is None else f"{ratio:.2f}" for ratio in ratios]
         least = min(ratio for ratio in ratios if ratio is not None)
-        lines.append(f"| {name} | {' | '.join(cells)} | {least:.2f} |")
-    return lines
+        lines.append((name, *cells, f"{least:.2f}"))
+    said = ["### By processor\n", "One thread beside CartPole's one, as ratios of CPU seconds:\n"]
+    return [*said, markdown(("environment", *titles, "least"), lines)]
 
 
 def _peers(peers: Mapping[str, Mapping[str, str]]) -> list[str]:
@@ -76,12 +77,13 @@ def _peers(peers: Mapping[str, Mapping[str, str]]) -> list[str]:
     return sentences
 
 
-def _table(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    lines = ["| environment | by | steps/s | ratio | steps/CPU s | ratio |", "|---|---|---|---|---|---|"]
+def _table(rows: Mapping[str, Mapping[str, Any]]) -> str:
+    lines = []
     for name, row in rows.items():
-        rates = (f"{row[rate]:,.0f} | {row[ratio]:.2f}" for rate, ratio in RATES)
-        lines.append(f"| {name} | {LIBRARIES.get(row['by'], row['by'])} | {' | '.join(rates)} |")
-    return lines
+        rates, by_cpu = (f"{row[rate]:,.0f}" for rate in ("steps_per_second", "steps_per_cpu_second"))
+        by = LIBRARIES.get(row["by"], row["by"])
+        lines.append((name, by, rates, f"{row['ratio']:.2f}", by_cpu, f"{row['cpu_ratio']:.2f}"))
+    return markdown(("environment", "by", "steps/s", "ratio", "steps/CPU s", "ratio"), lines)
 
 
 def _python(times: Mapping[str, float]) -> list[str]:
@@ -90,9 +92,6 @@ def _python(times: Mapping[str, float]) -> list[str]:
         return []
     told = ", ".join(f"{time:.1f}" for time in times.values())
     return [f"Outside its compiled loops a vector step of {', '.join(times)} environments takes {told} microseconds."]
-
-
-RATES = (("steps_per_second", "ratio"), ("steps_per_cpu_second", "cpu_ratio"))
 
 
 def _training(found: Mapping[str, Any]) -> list[str]:

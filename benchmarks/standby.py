@@ -12,25 +12,24 @@ import os
 import random
 import signal
 import statistics
-import subprocess
-import sys
+import tempfile
 import time
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from typing import Annotated, Any
-
-import tyro
+from typing import Any
 
 from harness.machine import busy
+from harness.study import Study, run
+from ros_nodes import Nodes
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
 SPEED = make_robot("burger").max_wheel
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Kill or suspend the guard while it drives."""
 
     times: int = 50
@@ -43,8 +42,6 @@ class Config:
     """Seed of the moments."""
     domain: int = 140
     """ROS domain."""
-    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Also write the results here."""
 
 
 class Wheels:
@@ -87,31 +84,31 @@ class Wheels:
                 return place
         raise RuntimeError("the robot does not drive")
 
-
-def start(name: str, domain: int, *parameters: str) -> subprocess.Popen[bytes]:
-    """Start a node as a process."""
-    words = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", "--log-level", "fatal"]
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
-    return subprocess.Popen([*words, *parameters], env=environment)
+    def close(self) -> None:
+        """Listen no more."""
+        self.over = True
+        self.thread.join()
 
 
-def measure(config: Config) -> dict[str, Any]:
+def killed(config: Config) -> dict[str, Any]:
     """Kill or suspend the guard so many times, and return the times."""
     from turtlebot_gym_ros.base.discovery import prepare
 
     prepare(local=False)  # as on a robot
-    rng, wheels = random.Random(config.seed), Wheels(config.domain)
-    guard = [start("cmd_vel_guard", config.domain, "-p", "require_standby:=true")]
-    standby = start("cmd_vel_standby", config.domain)
+    rng, where = random.Random(config.seed), {"ROS_DOMAIN_ID": str(config.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
     gaps, distances, false_alarms, late_zeros, driven = [], [], 0, 0, 0.0
-    try:
+    with ExitStack() as stack:
+        folder, wheels = stack.enter_context(tempfile.TemporaryDirectory()), stack.enter_context(closing(Wheels(config.domain)))
+        nodes = stack.enter_context(closing(Nodes(Path(folder), {}, "--log-level", "fatal", **where)))
+        nodes.start("cmd_vel_guard", require_standby="true")
+        nodes.start("cmd_vel_standby")
         for _ in range(config.times):
             place = wheels.drives(len(wheels.heard))
             duration = rng.uniform(0.8, 1.2)
             time.sleep(duration)
             driven += duration
             false_alarms += sum(v == 0.0 for _, _, v in wheels.heard[place:])
-            guard[0].send_signal(signal.SIGSTOP if config.suspend else signal.SIGKILL)
+            nodes.signal("cmd_vel_guard", signal.SIGSTOP if config.suspend else signal.SIGKILL)
             before = len(wheels.heard)
             time.sleep(1.0)
             heard = wheels.heard[place:]
@@ -122,21 +119,13 @@ def measure(config: Config) -> dict[str, Any]:
             distances.append((came - last) * SPEED)
             mark = len(wheels.heard)
             if config.suspend:
-                guard[0].send_signal(signal.SIGCONT)
+                nodes.signal("cmd_vel_guard", signal.SIGCONT)
             else:
-                guard[0].wait()
                 time.sleep(0.6)  # the rest of the standby's zeros
                 mark = len(wheels.heard)
-                guard[0] = start("cmd_vel_guard", config.domain, "-p", "require_standby:=true")
+                nodes.start("cmd_vel_guard")
             wheels.drives(mark)
             late_zeros += wheels.heard[mark][2] != 0.0
-    finally:
-        for process in (guard[0], standby):
-            process.send_signal(signal.SIGCONT)
-            process.kill()
-            process.wait()
-        wheels.over = True
-        wheels.thread.join()
     return {
         "times": len(gaps),
         "within_0.3_s": sum(gap <= 0.3 for gap in gaps),
@@ -150,17 +139,15 @@ def measure(config: Config) -> dict[str, Any]:
     }
 
 
-def main() -> int:
-    """Measure, and print the figures."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Any]]:
+    """Return the figures, and print them."""
     with busy(config.busy):
-        results = measure(config)
+        results = killed(config)
     for name, value in results.items():
         print(f"{name:24} {value}")
-    if config.json:
-        write_json(config.json, {**results, "load": os.getloadavg()}, config=settings_of(config))
-    return int(results["within_0.3_s"] < results["times"] or results["first_message_not_zero"] > 0)
+    return {**results, "load": os.getloadavg()}, []
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    _, found = run(Config, measure)
+    raise SystemExit(found["within_0.3_s"] < found["times"] or found["first_message_not_zero"] > 0)

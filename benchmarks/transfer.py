@@ -15,22 +15,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
 from rich.table import Table
 
+from harness.study import Study, run
 from scenarios import NAV, POSE, SQUARE, kept, results_folder, run_all, slug, trained
 from transfer_filters import Drive, compared, drift
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.plants import make_plant
 from turtlebot_gym.systems import Episode, Options, make_parameters
 from turtlebot_gym.values import STOP
-from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.estimation import FORWARD, HOLD, TURN
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
-RESULTS = Path(__file__).with_suffix(".json")
 UNICYCLE, GRIP, SLIPPERY = "unicycle", "grip", "slippery"
 FLOORS = {UNICYCLE: make_plant(), GRIP: make_plant("mujoco"), SLIPPERY: make_plant("mujoco", friction=0.5, caster_friction=0.3)}
 """Plants by name."""
@@ -56,7 +53,7 @@ SPEED_ERRORS = (0.02, 0.15)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Drive everything."""
 
     episodes: int = 50
@@ -71,8 +68,6 @@ class Config:
     """First seed of policies and filters."""
     processes: int = 1
     """Number of parallel processes, each on one core."""
-    json: Path = RESULTS
-    """File for the results."""
 
 
 def driven(env: str, policy: str, noise: str, floor: str, config: Config) -> Evaluation:
@@ -191,13 +186,11 @@ def tables(found: Mapping[str, Any]) -> list[Table]:
     return [policies, filters, drifts]
 
 
-def main() -> None:
-    """Drive, print tables, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results of the study, and its tables."""
     results = study(config, results_folder("transfer"))
-    print_tables(*tables(results))
-    write_json(config.json, results, config=settings_of(config))
+    return results, tables(results)
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

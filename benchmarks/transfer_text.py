@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from harness.tables import markdown
 from publish import between
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
@@ -25,10 +26,7 @@ def grouped(rows: list[Mapping[str, Any]]) -> Iterator[tuple[Mapping[str, Any], 
 
 def policies(rows: list[Mapping[str, Any]]) -> str:
     """Return a table of successes, and of ratios of times to the unicycle's for episodes in which both succeed."""
-    lines = [
-        "| task | policy | noise | unicycle | grip | slippery | time, grip | time, slippery |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    lines = []
     for several in grouped(rows):
         first = several[0]
         counts = [str(row["succeeded"]) for row in several]
@@ -38,13 +36,13 @@ def policies(rows: list[Mapping[str, Any]]) -> str:
             for ratio, row in zip(ratios, several[1:], strict=True)
         ]
         task = first["env"].removeprefix("turtlebot_gym/TurtleBot").removesuffix("-v0")
-        lines.append("| " + " | ".join([task, first["policy"], first["noise"], *counts, *times]) + " |")
-    return "\n".join(lines)
+        lines.append((task, first["policy"], first["noise"], *counts, *times))
+    return markdown(("task", "policy", "noise", *FLOORS, "time, grip", "time, slippery"), lines)
 
 
 def filters(rows: list[Mapping[str, Any]]) -> str:
     """Return a table of each filter's error on each floor, and its NEES."""
-    lines = ["| noise | filter | unicycle | grip | slippery | over matched, slippery |", "|---|---|---|---|---|---|"]
+    lines = []
     names = dict.fromkeys((row["noise"], row["filter"]) for row in rows)
     for noise, name in names:
         cells, over = [], ""
@@ -52,18 +50,18 @@ def filters(rows: list[Mapping[str, Any]]) -> str:
             (one,) = (row for row in rows if (row["noise"], row["floor"], row["filter"]) == (noise, floor, name))
             cells.append(f"{one['position']['value']:.3f} m, {one['nees']['value']:.1f}")
             over = f"{Interval(**one['over_matched']):.2f}"
-        lines.append(f"| {noise} | {name} | {' | '.join(cells)} | {over} |")
-    return "\n".join(lines)
+        lines.append((noise, name, *cells, over))
+    return markdown(("noise", "filter", *FLOORS, "over matched, slippery"), lines)
 
 
 def drifts(rows: list[Mapping[str, Any]]) -> str:
     """Return a table of wheel odometry's drift."""
-    lines = ["| | m per metre | rad per metre |", "|---|---|---|"]
+    lines = []
     for row in rows:
         cells = [f"{Interval(**row[key]):.4f}" for key in ("position", "heading")]
         what = "unicycle, noise `wheel`" if row["floor"] == "unicycle" else f"MuJoCo, {row['floor']}"
-        lines.append(f"| {what} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        lines.append((what, *cells))
+    return markdown(("", "m per metre", "rad per metre"), lines)
 
 
 def texts(found: Mapping[str, Any]) -> dict[str, str]:

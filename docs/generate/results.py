@@ -12,6 +12,7 @@ import belief_text
 import buildings_text
 import findings_text
 import speed_text
+from harness.tables import markdown
 from robustness_text import conditions, summary
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.policies.named import SAFETY
@@ -28,13 +29,6 @@ def folded(text):
         return f'<details markdown="1">\n<summary>{len(rows)} rows: {named}</summary>\n\n{found[0]}\n</details>\n'
 
     return TABLE.sub(box, text)
-
-
-def table(page, titles, rows):
-    """Write a table."""
-    print(f"| {' | '.join(titles)} |\n{'|---' * len(titles)}|", file=page)
-    for row in rows:
-        print(f"| {' | '.join(row)} |", file=page)
 
 
 def compared(study):
@@ -96,7 +90,7 @@ print("\n</details>\n", file=page)
 print("Times are means over episodes; a failed episode counts as the time limit. The first baseline of each", file=page)
 print("scenario was the fastest one after tuning, and PPO is compared with it.\n", file=page)
 titles = "scenario", "policy", "time, s", "untuned, s", "PPO minus it, s", "p (Holm)", "success, %"
-table(page, titles, compared(STUDY))
+print(markdown(titles, compared(STUDY)), file=page)
 episodes, first = ROOMS["config"]["episodes"], ROOMS["config"]["first_seed"]
 print("## Rooms\n", file=page)
 print(
@@ -107,7 +101,7 @@ print(
     file=page,
 )
 titles = "setting", "policy", "success, %", "minus `vfh`, points", "collisions, %", "time-outs, %", "SPL", "time, s"
-table(page, titles, in_rooms(ROOMS["rows"]))
+print(markdown(titles, in_rooms(ROOMS["rows"])), file=page)
 print("### What the safety layer costs\n", file=page)
 print(
     "Each policy without and with the layer, in the same rooms. The last column is the delay in rooms that it crosses",
@@ -116,15 +110,17 @@ print(
     file=page,
 )
 titles = "setting", "policy", "collisions, %", "within", "success, %", "within", "later, s"
-table(page, titles, layered(ROOMS["rows"]))
+print(markdown(titles, layered(ROOMS["rows"])), file=page)
 print("## The 200 worlds of the BARN challenge\n", file=page)
 print(f"`make bench-barn`: {BARN['config']['episodes']} drives through each world; intervals are over worlds.\n", file=page)
-table(page, ("policy", "success, %", "collisions, %", "time-outs, %", "score, at most 0.5"), in_barn(BARN["mean"]))
+print(
+    markdown(("policy", "success, %", "collisions, %", "time-outs, %", "score, at most 0.5"), in_barn(BARN["mean"])), file=page
+)
 print(belief_text.section(findings_text.read("belief")), file=page)
 print(buildings_text.section(findings_text.read("buildings")), file=page)
 print("\n## The live graph\n", file=page)
 print(f"`make bench-ros`, on {LIVE['cores']} cores; one process per node, over real DDS.\n", file=page)
-table(page, ("figure", "measured", "limit"), lived(LIVE["parts"]))
+print(markdown(("figure", "measured", "limit"), lived(LIVE["parts"])), file=page)
 print(speed_text.section(findings_text.read("speed"), findings_text.read("speed_zen5")), file=page)
 print("\n## The policies that come with the package\n", file=page)
 for card in sorted(Path("agents/pretrained").glob("ppo-*.md")):

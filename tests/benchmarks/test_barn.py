@@ -6,6 +6,8 @@ import sys
 import numpy as np
 import pytest
 
+from harness.study import run
+
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 barn = pytest.importorskip("barn")
 
@@ -37,10 +39,10 @@ def test_a_policy_is_added_to_earlier_results_with_the_commit_of_each(archive, t
     monkeypatch.setattr(barn, "run_all", lambda jobs, *_: [job(*arguments) for job, arguments in jobs])
     monkeypatch.setattr(barn, "provenance", lambda: {"commit": "a"})
     monkeypatch.setattr(sys, "argv", [*common, "--policy", "bearing", "--json", str(first)])
-    barn.main()
+    run(barn.Config, barn.measure)
     monkeypatch.setattr(barn, "provenance", lambda: {"commit": "b"})
     monkeypatch.setattr(sys, "argv", [*common, "--policy", "vfh", "--add-to", str(first), "--json", str(second)])
-    barn.main()
+    run(barn.Config, barn.measure)
     before, after = (json.loads(path.read_text()) for path in (first, second))
     assert after["config"] == {**before["config"], "policy": ["bearing", "vfh"]}
     assert after["commits"] == {"bearing": "a", "vfh": "b"}
@@ -49,4 +51,4 @@ def test_a_policy_is_added_to_earlier_results_with_the_commit_of_each(archive, t
     assert after["mean"]["vfh"]["collision"]["value"] == 0.0 < after["mean"]["bearing"]["collision"]["value"]
     monkeypatch.setattr(sys, "argv", [*common, "--policy", "vfh", "--noise", "rough", "--add-to", str(first)])
     with pytest.raises(ValueError, match="has other settings"):
-        barn.main()
+        run(barn.Config, barn.measure)
