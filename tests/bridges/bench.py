@@ -102,7 +102,7 @@ class Bench:
         self.block = self.shell.block
         self.stamp = 10.0
         self.wait_for(lambda: self.odometry.get_subscription_count() and self.states)
-        self.wait_for(self.shell._feeds["odometry"]._subscription.get_publisher_count)  # the reader finds it by itself
+        self.wait_for(self.shell.inputs.feeds["odometry"]._subscription.get_publisher_count)  # the reader finds it by itself
         self.wait_for(lambda: peer.node.count_publishers("cmd_vel"))
 
     def wait_for(self, what):
@@ -128,7 +128,7 @@ class Bench:
     def settle(self):
         """Wait until a last odometry has made its step, so that none is in transit."""
         self.send()
-        received = self.shell._feeds["odometry"]
+        received = self.shell.inputs.feeds["odometry"]
         before = -1
         while before != received._received:
             before = received._received

@@ -25,7 +25,7 @@ from turtlebot_gym_ros.node.triggers import Messages
 def starts_disabled(make_bench, patience):
     bench = make_bench(enabled=None)
     bench.patience = patience
-    bench.wait_for(lambda: bench.send() or (bench.advance(0.01) and bench.shell._feeds["odometry"]._received > 5))
+    bench.wait_for(lambda: bench.send() or (bench.advance(0.01) and bench.shell.inputs.feeds["odometry"]._received > 5))
     assert bench.state == "silent: not enabled"
     assert not bench.commands
     assert not bench.steps

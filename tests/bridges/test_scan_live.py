@@ -205,7 +205,7 @@ def given_and_expected(runner, make, order, *, again):
     """
     shell = Shell(make, VelocityController.Params, context=runner.context, overrides={"lock_step": True})
     runner.add(shell)
-    feed, stamp_of = shell._feeds["scan"], lambda at: Time(nanoseconds=at).to_msg()
+    feed, stamp_of = shell.inputs.feeds["scan"], lambda at: Time(nanoseconds=at).to_msg()
     expected, info = [], {"source_timestamp": 0, "publication_sequence_number": None}  # as DDS would state it
     for k in range(9):
         at, since = 10**9 + k * TENTH, k % 2
@@ -218,8 +218,8 @@ def given_and_expected(runner, make, order, *, again):
         seen = conversion(Scan).write(scan, Header(stamp=stamp_of(scan_at)))
         newest = TimeReference(header=header, time_ref=stamp_of(scan_at))
         say = {
-            "estimate": partial(shell._receive, "estimate", estimate, info),
-            "scan": partial(shell._receive, "scan", seen, info),
+            "estimate": partial(shell.inputs.receive, "estimate", estimate, info),
+            "scan": partial(shell.inputs.receive, "scan", seen, info),
             "newest": partial(feed._teller.callback, newest) if hasattr(feed, "_teller") else lambda: None,
         }
         if since and not again:

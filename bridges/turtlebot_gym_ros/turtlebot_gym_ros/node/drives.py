@@ -1,6 +1,6 @@
 """How a block is driven: by the clock, by the messages of an input, or in lock-step, by the steps of a plant.
 
-The rules are in `triggers` and `lockstep`, without ROS. A drive is notified of each new value (`_Drive.heard`), and calls the
+The rules are in `triggers` and `lockstep`, without ROS. A drive is notified of each new value (`Drive.heard`), and calls the
 node's ``step`` when one is due.
 """
 
@@ -14,7 +14,6 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
@@ -51,23 +50,25 @@ class Hands:
     """Returns whether an answer may be repeated."""
 
 
-class _Drive:
+class Drive:
     """Runs a block.
 
     Args:
         hands: Access to the node.
         messages: The rule of the input whose messages make steps; None for a block that makes its own.
         period: Length of a step without such an input, s.
+        sets_clock: Whether it publishes ``clock`` instead of following it.
     """
 
-    sets_clock = False
-    """Whether it publishes ``clock`` instead of following it."""
     limit = 0.0
     """Time that a step may take, s; 0 for no limit."""
-    _clock: Publisher
 
-    def __init__(self, hands: Hands, messages: Messages | None = None, period: float = 0.0) -> None:
-        self._hands, self._messages, self._period = hands, messages, period
+    def __init__(
+        self, hands: Hands, messages: Messages | None = None, *, period: float = 0.0, sets_clock: bool = False
+    ) -> None:
+        self._hands, self._messages, self._period, self.sets_clock = hands, messages, period, sets_clock
+        if sets_clock:
+            self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
 
     def present(self) -> int:
         """Return the current time of the block's clock, ns: the ROS clock."""
@@ -105,20 +106,17 @@ class _Drive:
         self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
 
 
-class _ByClock(_Drive):
+class _ByClock(Drive):
     """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
 
     def __init__(self, hands: Hands, trigger: Every) -> None:
-        super().__init__(hands, period=trigger.period)
         if trigger.speed == 0.0:
             raise ValueError("speed must be positive, unless lock_step is true: 0 is as fast as the nodes answer.")
+        super().__init__(hands, period=trigger.period, sets_clock=trigger.speed not in (None, 1.0))
         self._quiet_until = -math.inf
         self.limit = trigger.period
-        self.sets_clock = trigger.speed not in (None, 1.0)
         self._grid = (SimulatedGrid if self.sets_clock else Grid)(trigger)
         self._watch = Clock(clock_type=ClockType.STEADY_TIME) if self.sets_clock else hands.node.get_clock()
-        if self.sets_clock:
-            self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
         group = hands.group and hands.group()
         hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=self._watch, callback_group=group)
 
@@ -142,7 +140,7 @@ class _ByClock(_Drive):
         self._quiet_until = self._hands.now() + QUIET
 
 
-class _ByMessages(_Drive):
+class _ByMessages(Drive):
     """Steps on the messages of an input."""
 
     def __init__(self, hands: Hands, trigger: On) -> None:
@@ -176,7 +174,7 @@ class _ByMessages(_Drive):
         self._rule.reset()
 
 
-class _ByAnswers(_Drive):
+class _ByAnswers(Drive):
     """Answers the steps of lock-step."""
 
     def __init__(self, hands: Hands, rule: Answers) -> None:
@@ -214,20 +212,17 @@ class _ByAnswers(_Drive):
         self._rule.reset()
 
 
-class _AsPlant(_Drive):
+class _AsPlant(Drive):
     """Takes each step of lock-step when the previous one has been answered, and reports nodes that do not answer."""
 
-    sets_clock = True
-
-    def __init__(self, hands: Hands, trigger: Every, block: Block) -> None:
-        super().__init__(hands, period=trigger.period)
+    def __init__(self, hands: Hands, trigger: Every) -> None:
+        super().__init__(hands, period=trigger.period, sets_clock=True)
         self._rule = Plant(trigger, now=hands.now())
-        self._answers = {key: hands.feeds[key] for key, item in block.inputs.items() if item.lock_step == "same"}
+        self._answers = {key: feed for key, feed in hands.feeds.items() if feed.declared.lock_step == "same"}
         if not self._answers:
             raise ValueError("lock_step must be false for a plant without an input that answers it.")
         self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
         self._started = False
-        self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
         self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=Swift())
@@ -290,7 +285,7 @@ class _AsPlant(_Drive):
         self._go_on()
 
 
-def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> _Drive:
+def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Drive:
     """Return the drive of a block, or raise `ValueError` if the block cannot be driven that way."""
     trigger = block.trigger
     if not lock_step:
@@ -299,4 +294,4 @@ def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> _Drive:
     if answers is not None:
         return _ByAnswers(hands, Answers(answers, block.inputs))
     assert isinstance(trigger, Every)
-    return _AsPlant(hands, trigger, block)
+    return _AsPlant(hands, trigger)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
@@ -13,7 +13,9 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.node.errand import Errand, Failure
+from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.geometry import write_pose
 
 NAME = "navigate_to_pose"
@@ -121,3 +123,22 @@ class NavigateToPose:
     def close(self) -> None:
         """Withdraw the action."""
         self._server.destroy()
+
+
+def offer(node: Node, block: object, feeds: Mapping[str, Feed], common: Common) -> NavigateToPose | None:
+    """Offer the action for a block that takes goals, if its messages are installed.
+
+    Args:
+        node: The node.
+        block: Its block.
+        feeds: The block's inputs.
+        common: Names of the frames.
+    """
+    if not isinstance(block, SendsGoals):
+        return None
+    try:
+        return NavigateToPose(node, block, partial(feeds["goal"].read, frame=common.world), common.world)
+    except ModuleNotFoundError:
+        if not common.lock_step:
+            node.get_logger().info(MISSING)
+        return None

@@ -22,25 +22,21 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Empty as Call
 from std_srvs.srv import Trigger
 
-from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym_ros.base import process
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.mounts import hear_mounts
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
-from turtlebot_gym_ros.base.sent import SystemClock, read_clocks
+from turtlebot_gym_ros.base.sent import read_clocks
 from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.block import Block, Every
-from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
 from turtlebot_gym_ros.node.drives import Hands, make_drive
-from turtlebot_gym_ros.node.feed import Feed, resting_on
-from turtlebot_gym_ros.node.navigate import MISSING, NavigateToPose, SendsGoals
+from turtlebot_gym_ros.node.inputs import Inputs
+from turtlebot_gym_ros.node.navigate import offer
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.rosclock import RosClock
 from turtlebot_gym_ros.node.switch import Switch
-from turtlebot_gym_ros.node.triggers import SECOND
 
 P = TypeVar("P")
 
@@ -108,40 +104,20 @@ class Shell:
         """Create the node's topics, services and timers."""
         node, block, lock_step = self.node, self.block, self.common.lock_step
         self._waits: str | None = "has not run yet"
-        self._trouble: str | None = None
-        self._notice: str | None = None
+        self._trouble = self._notice = None
         self._steps = self._overruns = self._dropped = 0
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
-
-        self._clock, headers = SystemClock(), not node.get_parameter("use_sim_time").value
-        self._look()
+        headers = not node.get_parameter("use_sim_time").value
         # With a simulated clock no topic is slow, /clock least of all.
-        swift = lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0))
-        sees = any(each.type is Scan for each in block.inputs.values())
-        mount = hear_mounts(node, self.common.body) if sees else lambda frame: None
-        self._feeds = {
-            key: Feed(
-                each,
-                conversion(each.type, stamped=self.common.enable_stamped_cmd_vel),
-                lock_step=lock_step,
-                clock=self._clock,
-                headers=headers,
-                group=Swift if swift else None,
-                mount=mount,
-            )
-            for key, each in block.inputs.items()
-        }
-        self.outputs = Outputs(node, block.outputs, self.common, self._resting_on)
+        group = Swift if lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0)) else None
+        self.inputs = Inputs(node, block.inputs, self.common, headers=headers, group=group, now=self._now)
+        self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)
         hands = Hands(
-            group=Swift if swift else None, node=node, feeds=self._feeds, outputs=self.outputs, now=self._now,
+            group=group, node=node, feeds=self.inputs.feeds, outputs=self.outputs, now=self._now,
             step=self._step, begin=self._begin_anew, may_move=lambda: self.switch is None or self.switch.safety.enabled,
         )  # fmt: skip
         self._drive = make_drive(hands, block, lock_step=lock_step)
-        endpoints = [
-            feed.connect(node, partial(self._receive, key), partial(self._drive.heard, key, 0))
-            for key, feed in self._feeds.items()
-        ]
-        self._reporter = Reporter(node, [*self.outputs.endpoints, *endpoints], plant=self._is_plant)
+        self._reporter = Reporter(node, [*self.outputs.endpoints, *self.inputs.connect(self._drive)], plant=self._is_plant)
         node.create_service(Trigger, "~/reset", self._serve_reset)
         for name, call in getattr(block, "services", {}).items():
             node.create_service(Call, name, partial(_serve, call))
@@ -153,57 +129,10 @@ class Shell:
         if self.outputs.moving:
             self.switch = Switch(
                 node, self.outputs, enabled=self.common.start_enabled, now=self._now, restart=self._enabled,
-                blocked=math.inf if lock_step else 0.5, sees=sees,
-                group=Swift if swift else None,
+                blocked=math.inf if lock_step else 0.5, sees=self.inputs.sees, group=group,
             )  # fmt: skip
-        self._action = self._offer(block) if isinstance(block, SendsGoals) else None
-        ignores_clock = lock_step or self._drive.sets_clock
-        self._ros_clock = RosClock(node, ignore=ignores_clock, jumped=self._jumped, now=self._now())
-
-    def _offer(self, block: SendsGoals) -> NavigateToPose | None:
-        """Offer the action that sends a block to goals, if its messages are installed."""
-        read = partial(self._feeds["goal"].read, frame=self.common.world)
-        try:
-            return NavigateToPose(self.node, block, read, self.common.world)
-        except ModuleNotFoundError:
-            if not self.common.lock_step:
-                self._log.info(MISSING)
-            return None
-
-    def _resting_on(self) -> int:
-        """Return the stamp of a command, ns: outside lock-step, that of the measurement on which it rests."""
-        present = self._drive.present()
-        return present if self.common.lock_step else resting_on(self._feeds.values(), present)
-
-    def _look(self) -> float:
-        """Compare the clocks, for the ages of messages, and return the steady time."""
-        system, steady = read_clocks()
-        self._clock.look(system=system, steady=steady)
-        return steady
-
-    def _receive(self, key: str, message: Any, info: Mapping[str, Any]) -> None:
-        """Handle a message, and run the block if it makes a step due."""
-        feed, drive = self._feeds[key], self._drive
-        if feed.declared.wakes:
-            for other in self._feeds.values():
-                other.poll()
-        try:
-            message = feed.open(message)
-            at = message.header.stamp if hasattr(message, "header") else None
-            stamp = at.sec * SECOND + at.nanosec if at else drive.present()
-            steady = self._look()
-            feed.count(info, steady)
-            age = feed.age(message, info, steady)
-            value = feed.read(message, self.common.fixed(feed.declared.frame))
-            if not drive.takes(key, stamp):
-                return
-        except ValueError as error:
-            if feed.refuse(str(error)):
-                self._log.warning(f"{feed.topic}: refused: {error}")
-            return
-        sent = 0 if stamp else drive.present() - round(age.sent * SECOND)  # reading the clock takes long
-        feed.accept(value, self._now(), stamp, age, sent)
-        drive.heard(key, stamp)
+        self._action = offer(node, block, self.inputs.feeds, self.common)
+        self._ros_clock = RosClock(node, ignore=lock_step or self._drive.sets_clock, jumped=self._jumped, now=self._now())
 
     def _step(self, stamp: int) -> bool:
         """Run the block once, publish the result, and return whether it ran."""
@@ -219,7 +148,7 @@ class Shell:
         dt = drive.interval(stamp)
         ticket = switch.safety.begin(now=now) if switch else None
         try:
-            outputs = self.block.step(dt, **{key: feed.take(now, stamp) for key, feed in self._feeds.items()})
+            outputs = self.block.step(dt, **self.inputs.take(now, stamp))
             messages = {key: self.outputs.message(key, value, stamp) for key, value in outputs.items()}
         except Exception as error:  # a block may be any code: every error stops the robot
             self._fault(f"{type(error).__name__}: {error}")
@@ -264,8 +193,7 @@ class Shell:
 
     def _missing(self, now: float) -> str | None:
         """Return what a step must wait for, if anything."""
-        clock = self._ros_clock.trouble(now)
-        return clock or next((why for feed in self._feeds.values() if (why := feed.missing(now))), self._drive.missing())
+        return self._ros_clock.trouble(now) or self.inputs.missing(now) or self._drive.missing()
 
     def _fault(self, why: str) -> None:
         """Report a fault of a step, and stop until enabled again."""
@@ -277,8 +205,7 @@ class Shell:
 
     def _enabled(self) -> None:
         self._trouble = None
-        for feed in self._feeds.values():
-            feed.ages.begin()
+        self.inputs.begin()
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -289,8 +216,7 @@ class Shell:
         """Clear all inputs and reset the block; a robot stops until they have arrived again."""
         if self.switch:
             self.switch.stop(why)
-        for feed in self._feeds.values():
-            feed.forget()
+        self.inputs.forget()
         self._begin_anew()
 
     def _serve_reset(self, request: Any, response: Any) -> Any:
@@ -312,7 +238,7 @@ class Shell:
         next_report = self._now() + REPORT_PERIOD
         while not self._closing.wait(WATCH_PERIOD):
             now = self._now()
-            self._look()
+            self.inputs.look()
             if self.switch:
                 stale = self._missing(now)
                 if stale and self.switch.safety.phase == "active":
@@ -328,13 +254,13 @@ class Shell:
 
     def _report(self, now: float) -> None:
         """Publish the diagnostics."""
-        problems = [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self._feeds.values() if feed.refusal]
+        problems = [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.inputs.feeds.values() if feed.refusal]
         problems += [Problem(WARN, self._notice)] if self._notice else []
         problems += [Problem(ERROR, why) for why in (self._drive.trouble(), self._trouble) if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
         values |= getattr(self.block, "figures", {})
-        for feed in self._feeds.values():
+        for feed in self.inputs.feeds.values():
             values |= feed.figures(now)
         self._reporter.publish(problems, state, values)
 
