@@ -47,18 +47,18 @@ class Export(Writing, _TRAINED):
         record = read_record(beside) if beside.is_file() else {}
         default = TrainingConfig().settings() | record.get("config", {})
 
-        def told(name: str) -> Any:
+        def setting(name: str) -> Any:
             given = getattr(self, name)
             return default[name] if given is None else given
 
-        robot = told("robot")
+        robot = setting("robot")
         card = bundle.Card(
-            env=told("env"),
+            env=setting("env"),
             robot=describe_robot(robot) if isinstance(robot, str) else {"name": "custom", **robot},
             dt=0.1 if self.rate is None else 1.0 / self.rate,
-            noise="randomized" if default["randomize"] and self.noise is None else told("noise"),
-            filter=told("filter"),
-            observation=told("observation"),
+            noise="randomized" if default["randomize"] and self.noise is None else setting("noise"),
+            filter=setting("filter"),
+            observation=setting("observation"),
             training={**record, "steps": model.num_timesteps},
         )
         difference = export(model, self.out, card)

@@ -91,7 +91,7 @@ class Calibrate(Reporting, Placed, Recorded):
         options: dict[str, Any] = {"use_truth": self.truth != "none", "segment": self.segment}
         if self.map is not None:
             fit, options = calibrate_by_map, {"place": self.place(self.map, drive, self.log)[1]}
-        by_tape = self.loop or any(each is not None for each in (self.distance, self.turns, self.measured))
+        by_tape = self.loop or any(value is not None for value in (self.distance, self.turns, self.measured))
         if by_tape and self.map is not None:
             raise ValueError("wheels are calibrated by a tape or by a map, not by both: leave one of them out.")
         if by_tape and self.plot is not None:
@@ -168,7 +168,9 @@ def _result_of(fitted: Calibration) -> dict[str, object]:
     return plain | {
         "noise": asdict(fitted.noise),
         "likeliest": asdict(fitted.likeliest),
-        "estimates": {name: asdict(each) | {"is_determined": each.is_determined} for name, each in fitted.estimates.items()},
+        "estimates": {
+            name: asdict(estimate) | {"is_determined": estimate.is_determined} for name, estimate in fitted.estimates.items()
+        },
         "unknown": fitted.unknown,
         "verdict": fitted.verdict._asdict(),
         "delay": fitted.delay._asdict(),

@@ -76,8 +76,8 @@ class Train(Placement, _EVALUATED, _Learned):
             require_no_run(folder)
         for folder in folders if self.resume else ():
             if (folder / "checkpoint.zip").exists() and not (folder / "policy.onnx").exists():
-                told = "continues in new episodes: its policy will not be that of an uninterrupted training"
-                print(f"turtlebot-gym: {folder} {told}.", file=sys.stderr)
+                remark = "continues in new episodes: its policy will not be that of an uninterrupted training"
+                print(f"turtlebot-gym: {folder} {remark}.", file=sys.stderr)
         configs = [self.training(seed=seed) for seed in seeds]
         with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train

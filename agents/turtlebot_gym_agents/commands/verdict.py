@@ -26,36 +26,36 @@ def verdicts(evaluations: Mapping[str, Evaluation], *, size: int = 1) -> list[st
     return [_compared(*rows[at], *rows[at % base]) for at in range(base, len(rows))]
 
 
-def _alone(name: str, one: Evaluation) -> str:
-    if _by_time(one):
-        return f"{name} reaches {_ends(metrics.mean(one.episodes.reached), 2)} waypoints."
-    s = one.summary()
+def _alone(name: str, evaluation: Evaluation) -> str:
+    if _by_time(evaluation):
+        return f"{name} reaches {_ends(metrics.mean(evaluation.episodes.reached), 2)} waypoints."
+    s = evaluation.summary()
     if "goals" in s:
         return f"{name} truly reaches {_ends(s['goals'], 1, 100.0)} % of the goals, {_ends(s['goals_an_hour'], 1)} an hour."
     parts = [f"{name} reaches the goal in {_ends(s['success'], 1, 100.0)} % of the episodes"]
-    if one.episodes.success.any():
+    if evaluation.episodes.success.any():
         parts.append(f"in {_ends(s['time_to_goal'], 2)} s")
     if "collision" in s:
         parts.append(f"and collides in {_ends(s['collision'], 1, 100.0)} %")
     return f"{', '.join(parts)}."
 
 
-def _compared(name: str, one: Evaluation, other_name: str, other: Evaluation) -> str:
-    a, b = one.episodes, other.episodes
-    if _by_time(one):
+def _compared(name: str, evaluation: Evaluation, other_name: str, other: Evaluation) -> str:
+    a, b = evaluation.episodes, other.episodes
+    if _by_time(evaluation):
         more = _more(metrics.mean(a.reached - b.reached), 2, "more", "fewer")
         return f"{name} reaches {more} waypoints than {other_name}." if more else _equal(name, other_name, "waypoints reached")
     if a.given.max() > 1 and np.isfinite(a.clearance).all():
         more = _more(metrics.mean(a.arrivals.astype(float) - b.arrivals), 2, "more", "fewer")
         return f"{name} truly reaches {more} goals an episode than {other_name}." if more else _equal(name, other_name, "goals")
     goals = metrics.paired_share_difference(a.success, b.success)
-    time = paired(one, other)
+    time = paired(evaluation, other)
     slower = _more(time, 2, "s slower", "s faster")
     reaching = _more(goals, 1, "points more", "points fewer", 100.0)
     parts = []
     if reaching:
         parts.append(f"{name} reaches {reaching} of the goals than {other_name}")
-    parts += _collisions(one, other) if reaching else []
+    parts += _collisions(evaluation, other) if reaching else []
     if slower and parts:
         parts.append(f"it is {slower}, a failure counted as the time limit")
     elif slower:
@@ -65,12 +65,12 @@ def _compared(name: str, one: Evaluation, other_name: str, other: Evaluation) ->
     if not reaching:
         every = bool(a.success.all() and b.success.all())
         parts.append("both reach every goal" if every else f"no difference in goals reached ({_ends(goals, 1, 100.0)} points)")
-        parts += _collisions(one, other)
+        parts += _collisions(evaluation, other)
     return f"{'; '.join(parts)}."
 
 
-def _collisions(one: Evaluation, other: Evaluation) -> list[str]:
-    a, b = one.episodes, other.episodes
+def _collisions(evaluation: Evaluation, other: Evaluation) -> list[str]:
+    a, b = evaluation.episodes, other.episodes
     if not np.isfinite(a.clearance).all():
         return []
     if not (a.collision.any() or b.collision.any()):
@@ -80,8 +80,8 @@ def _collisions(one: Evaluation, other: Evaluation) -> list[str]:
     return [f"it collides {more} often" if more else f"no difference in collisions ({_ends(difference, 1, 100.0)} points)"]
 
 
-def _by_time(one: Evaluation) -> bool:
-    return one.config.get("switch") == "time"
+def _by_time(evaluation: Evaluation) -> bool:
+    return evaluation.config.get("switch") == "time"
 
 
 def _equal(name: str, other: str, what: str) -> str:

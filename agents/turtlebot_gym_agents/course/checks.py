@@ -18,22 +18,22 @@ EPISODES, SEED = 300, 700_000
 MOST_COLLISIONS = 0.02
 
 
-def _close(told: Any, expected: Any, hint: str) -> str:
-    told, expected = np.asarray(told, np.float64), np.asarray(expected, np.float64)
-    if told.shape != expected.shape:
-        return f"It must have the shape {expected.shape}, it has {told.shape}."
-    return "" if np.allclose(told, expected, atol=1e-9) else hint
+def _close(answer: Any, expected: Any, hint: str) -> str:
+    answer, expected = np.asarray(answer, np.float64), np.asarray(expected, np.float64)
+    if answer.shape != expected.shape:
+        return f"It must have the shape {expected.shape}, it has {answer.shape}."
+    return "" if np.allclose(answer, expected, atol=1e-9) else hint
 
 
 def _place(names: Mapping[str, Any]) -> str:
-    told = names["innovation"](np.array([1.0, 2.0, 0.3]), np.array([0.4, 2.5, 0.1]))
-    return _close(told, [0.6, -0.5, 0.2], "Which of the two is subtracted from the other?")
+    answer = names["innovation"](np.array([1.0, 2.0, 0.3]), np.array([0.4, 2.5, 0.1]))
+    return _close(answer, [0.6, -0.5, 0.2], "Which of the two is subtracted from the other?")
 
 
 def _seam(names: Mapping[str, Any]) -> str:
     for measured, estimated, expected in ((-3.1, 3.1, 2 * math.pi - 6.2), (3.0, -3.0, 6.0 - 2 * math.pi), (0.2, 0.1, 0.1)):
-        told = names["innovation"](np.array([0.0, 0.0, measured]), np.array([0.0, 0.0, estimated]))
-        if hint := _close(told, [0.0, 0.0, expected], f"From {estimated} rad to {measured} rad it is a short way."):
+        answer = names["innovation"](np.array([0.0, 0.0, measured]), np.array([0.0, 0.0, estimated]))
+        if hint := _close(answer, [0.0, 0.0, expected], f"From {estimated} rad to {measured} rad it is a short way."):
             return hint
     return ""
 
@@ -43,20 +43,20 @@ _P, _R = np.array([[0.2, 0.05, 0.0], [0.05, 0.1, 0.02], [0.0, 0.02, 0.3]]), np.d
 
 def _weights(names: Mapping[str, Any]) -> str:
     x, z = np.array([0.0, 1.0, 0.2]), np.array([0.3, 0.8, 0.5])
-    told, _ = names["update"](x.copy(), _P.copy(), z, _R)
+    answer, _ = names["update"](x.copy(), _P.copy(), z, _R)
     expected = x + _P @ np.linalg.inv(_P + _R) @ (z - x)
-    return _close(told, expected, "How much does the estimate move towards the measurement? It depends on P and on R.")
+    return _close(answer, expected, "How much does the estimate move towards the measurement? It depends on P and on R.")
 
 
 def _shrinks(names: Mapping[str, Any]) -> str:
-    _, told = names["update"](np.zeros(3), _P.copy(), np.zeros(3), _R)
+    _, answer = names["update"](np.zeros(3), _P.copy(), np.zeros(3), _R)
     expected = np.linalg.inv(np.linalg.inv(_P) + np.linalg.inv(_R))
-    return _close(told, expected, "After a measurement the filter knows more than before, and more than the sensor alone.")
+    return _close(answer, expected, "After a measurement the filter knows more than before, and more than the sensor alone.")
 
 
 def _crosses(names: Mapping[str, Any]) -> str:
-    told, _ = names["update"](np.array([0.0, 0.0, 3.1]), np.eye(3), np.array([0.0, 0.0, -3.0]), np.eye(3))
-    return _close(told, [0.0, 0.0, 3.1 + 0.5 * (2 * math.pi - 6.1) - 2 * math.pi], "The heading has left [-pi, pi).")
+    answer, _ = names["update"](np.array([0.0, 0.0, 3.1]), np.eye(3), np.array([0.0, 0.0, -3.0]), np.eye(3))
+    return _close(answer, [0.0, 0.0, 3.1 + 0.5 * (2 * math.pi - 6.1) - 2 * math.pi], "The heading has left [-pi, pi).")
 
 
 def _variances(names: Mapping[str, Any]) -> str:
@@ -103,8 +103,8 @@ def _beats(names: Mapping[str, Any]) -> str:
     gain, low, high = (100.0 * end for end in paired_share_difference(mine.success, vfh.success))
     if low > 0.0:
         return ""
-    told = f"{gain:+.1f} points of the goals ({low:.1f} to {high:.1f})"
-    return f"{told}: the difference could be chance." if gain > 0.0 else f"{told}: where does it lose time?"
+    difference = f"{gain:+.1f} points of the goals ({low:.1f} to {high:.1f})"
+    return f"{difference}: the difference could be chance." if gain > 0.0 else f"{difference}: where does it lose time?"
 
 
 def _careful(names: Mapping[str, Any]) -> str:
@@ -132,54 +132,54 @@ def _driven(names: Mapping[str, Any]) -> Any:
 GOES, STANDS = (0.1, 0.5), (0.0, 0.0)
 
 
-def _told(guard: Any, *steps: tuple[Any, ...]) -> list[tuple[float, float]]:
+def _sent(guard: Any, *steps: tuple[Any, ...]) -> list[tuple[float, float]]:
     return [(float(v), float(omega)) for v, omega in (guard.step(*step) for step in steps)]
 
 
 def _obeys(names: Mapping[str, Any]) -> str:
-    told = _told(names["Guard"](), (0.0, GOES, 0.0, False), (0.3, GOES, 0.0, False), (0.35, (-0.1, 0.0), 0.33, False))
-    return "" if told == [GOES, GOES, (-0.1, 0.0)] else "A fresh command is passed on as it is."
+    sent = _sent(names["Guard"](), (0.0, GOES, 0.0, False), (0.3, GOES, 0.0, False), (0.35, (-0.1, 0.0), 0.33, False))
+    return "" if sent == [GOES, GOES, (-0.1, 0.0)] else "A fresh command is passed on as it is."
 
 
 def _before(names: Mapping[str, Any]) -> str:
-    return "" if _told(names["Guard"](), (0.0, None, 0.0, False)) == [STANDS] else "There is no command yet."
+    return "" if _sent(names["Guard"](), (0.0, None, 0.0, False)) == [STANDS] else "There is no command yet."
 
 
 def _stale(names: Mapping[str, Any]) -> str:
-    told = _told(names["Guard"](), (0.0, GOES, 0.0, False), (0.5, GOES, 0.0, False), (9.0, GOES, 0.0, False))
-    if told[1:] != [STANDS, STANDS]:
+    sent = _sent(names["Guard"](), (0.0, GOES, 0.0, False), (0.5, GOES, 0.0, False), (9.0, GOES, 0.0, False))
+    if sent[1:] != [STANDS, STANDS]:
         return "The program has died, and its last command remains."
-    late = _told(names["Guard"](), (5.0, GOES, 3.0, False))
+    late = _sent(names["Guard"](), (5.0, GOES, 3.0, False))
     return "" if late == [STANDS] else "The command has only just come, but when was it sent?"
 
 
 def _nonsense(names: Mapping[str, Any]) -> str:
     for command in ((math.nan, 0.0), (0.1, math.inf), (0.0, -math.inf)):
-        if _told(names["Guard"](), (0.0, command, 0.0, False)) != [STANDS]:
+        if _sent(names["Guard"](), (0.0, command, 0.0, False)) != [STANDS]:
             return f"Its command was {command}."
-    if _told(names["Guard"](), (1.0, GOES, 61.0, False)) != [STANDS]:
+    if _sent(names["Guard"](), (1.0, GOES, 61.0, False)) != [STANDS]:
         return "Its command was sent in the future."
-    fast = _told(names["Guard"](), (0.0, (5.0, -50.0), 0.0, False))[0]
+    fast = _sent(names["Guard"](), (0.0, (5.0, -50.0), 0.0, False))[0]
     limits = names.get("MOST_LINEAR", 0.2), names.get("MOST_ANGULAR", 2.0)
     return "" if abs(fast[0]) <= limits[0] and abs(fast[1]) <= limits[1] else "Its command was faster than the robot can drive."
 
 
 def _pressed(names: Mapping[str, Any]) -> str:
     times = (0.0, 0.05, 0.1, 0.3, 0.5)
-    told = _told(names["Guard"](), *((now, GOES, now, now == 0.05) for now in times))
-    if told[1] != STANDS:
+    sent = _sent(names["Guard"](), *((now, GOES, now, now == 0.05) for now in times))
+    if sent[1] != STANDS:
         return "The button was pressed."
-    if told[2:4] != [STANDS, STANDS]:
+    if sent[2:4] != [STANDS, STANDS]:
         return "The button was pressed once, briefly. How long does that count?"
-    return "" if told[4] == STANDS else "Half a second has not passed since the press."
+    return "" if sent[4] == STANDS else "Half a second has not passed since the press."
 
 
 def _released(names: Mapping[str, Any]) -> str:
     times = (0.0, 0.05, 0.4, 0.5, 0.8, 1.05)
-    told = _told(names["Guard"](), *((now, GOES, now, now in (0.05, 0.4)) for now in times))
-    if told[4] != STANDS:
+    sent = _sent(names["Guard"](), *((now, GOES, now, now in (0.05, 0.4)) for now in times))
+    if sent[4] != STANDS:
         return "It was pressed twice: which press counts?"
-    return "" if told[5] == GOES else "Half a second without a press has passed: the robot may drive again."
+    return "" if sent[5] == GOES else "Half a second without a press has passed: the robot may drive again."
 
 
 CHECKS: dict[int, tuple[tuple[str, Check], ...]] = {

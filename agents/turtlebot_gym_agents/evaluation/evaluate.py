@@ -6,7 +6,7 @@ for all policies, and differences between policies are paired.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -230,27 +230,34 @@ def drive(
     """
     p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
     driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
-    record = _record(envs, driver, seed, progress)
+    rows = [_row(info, running) for info, running in driven(envs, driver, seed, progress)]
+    record = Record(*map(np.array, zip(*rows, strict=True)))
     return measure(record, p, seed), record.trajectory(dt=p.dt), p
 
 
-def _record(envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None]) -> Record:
+def driven(
+    envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None] = lambda ended: None
+) -> Iterator[tuple[dict[str, Any], NDArray[np.bool_]]]:
+    """Drive one episode in each environment, and yield the infos at the start and after each step until all have ended.
+
+    With them comes whether the step belongs to each environment's episode. The arguments are those of `drive`.
+    """
     observations, info = envs.reset(seed=seed)
     running = np.ones(envs.num_envs, np.bool_)
     if isinstance(policy, PolicyWithMemory):
         policy.reset(running.copy())
-    rows, driven = [_row(info, running)], np.arange(envs.num_envs)
+    yield info, running
+    kept = np.arange(envs.num_envs)
     actions = np.zeros((envs.num_envs, 2), np.float32)
     while running.any():
-        if isinstance(policy, ShrinkingPolicy) and running[driven].sum() < 0.8 * len(driven):
-            policy.keep(running[driven])
-            driven = driven[running[driven]]
-        actions[driven] = policy(observations[driven])
+        if isinstance(policy, ShrinkingPolicy) and running[kept].sum() < 0.8 * len(kept):
+            policy.keep(running[kept])
+            kept = kept[running[kept]]
+        actions[kept] = policy(observations[kept])
         observations, _, terminated, truncated, info = envs.step(actions)
-        rows.append(_row(info, running))
+        yield info, running
         running = running & ~(terminated | truncated)
         progress(int(running.size - running.sum()))
-    return Record(*map(np.array, zip(*rows, strict=True)))
 
 
 def _row(info: dict[str, Any], running: NDArray[np.bool_]) -> Record:

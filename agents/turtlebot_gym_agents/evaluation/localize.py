@@ -159,16 +159,16 @@ def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:
     if not drive.has_odometry or not drive.scans:
         lacks = "scans" if drive.has_odometry else "odometry"
         raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; a localizer needs odometry and scans.")
-    seen = sorted(drive.scans, key=lambda each: (each.row, each.time))
-    kinds = {(len(each.scan.ranges), each.scan.first, each.scan.increment, each.mount) for each in seen}
+    seen = sorted(drive.scans, key=lambda scanned: (scanned.row, scanned.time))
+    kinds = {(len(scanned.scan.ranges), scanned.scan.first, scanned.scan.increment, scanned.mount) for scanned in seen}
     if len(kinds) > 1:
         raise ValueError(f"The scans of {drive.around.label or 'the recording'} must all have the same beams.")
     scan, mount = seen[0].scan, seen[0].mount
     measured = known(drive.odometry)
     newest = np.maximum.accumulate(np.where(measured, np.arange(len(drive)), np.flatnonzero(measured)[0]))
-    rows, times = np.array([each.row for each in seen]), np.array([each.time for each in seen])
-    own = np.array([each.odometry is not None for each in seen]) & (times != drive.time[rows])
-    poses = np.array([each.odometry for each, is_own in zip(seen, own, strict=True) if is_own]).reshape(-1, 3)
+    rows, times = np.array([scanned.row for scanned in seen]), np.array([scanned.time for scanned in seen])
+    own = np.array([scanned.odometry is not None for scanned in seen]) & (times != drive.time[rows])
+    poses = np.array([scanned.odometry for scanned, is_own in zip(seen, own, strict=True) if is_own]).reshape(-1, 3)
     before = rows[own]
     time = np.insert(drive.time, before, times[own])
     where = np.arange(len(drive)) + np.searchsorted(before, np.arange(len(drive)), side="right")
@@ -178,7 +178,7 @@ def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:
         np.insert(drive.odometry[newest], before, poses, axis=0),
         rows,
         np.where(np.isfinite(times), times + scan.beam_period * (len(scan.ranges) - 1), time[rows]),
-        np.stack([each.scan.ranges for each in seen]),
+        np.stack([scanned.scan.ranges for scanned in seen]),
         mount.theta + scan.first + scan.increment * np.arange(len(scan.ranges), dtype=np.float64),
         scan.beam_period,
         (mount.x, mount.y),

@@ -58,11 +58,11 @@ def settings_for(policy: str, localizer: str | None = None) -> dict[str, Setting
         card: Any = getattr(made, "card")  # noqa: B009  # a policy need not have one
         envs = {card.env}
     entered = {name: setting for name, setting in SETTINGS.items() if setting.env in envs}
-    found = {name: setting for name, setting in entered.items() if localizer is None or setting.options["noise"] == "wheel"}
-    if not found:
+    chosen = {name: setting for name, setting in entered.items() if localizer is None or setting.options["noise"] == "wheel"}
+    if not chosen:
         why = f", and with localizer {localizer!r} those on wheel odometry only" if localizer and entered else ""
         raise ValueError(f"{policy}: the protocol has no setting of its task, {', '.join(envs)}{why}.")
-    return found
+    return chosen
 
 
 def run(

@@ -139,7 +139,7 @@ class BundlePolicy:
         if ends != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):
             raise ValueError(
                 f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2), it is from "
-                f"{[(one.type, one.shape) for one in inputs]} to {[(one.type, one.shape) for one in outputs]}."
+                f"{[(end.type, end.shape) for end in inputs]} to {[(end.type, end.shape) for end in outputs]}."
             )
         # Alone and in a batch: a model may fix either size.
         for rows in (1, 3):

@@ -154,7 +154,7 @@ class Deployment:
         sectors = self._read(scan)
         age = _AGE.check("scan_age", scan_age)
         interval = self.period if dt is None else _INTERVAL.check("dt", dt)
-        told = self._told(evidence)
+        shares = self._shares(evidence)
         at = None if pose is None else _pose("pose", pose)
         if self.filter:
             if covariance is not None or nis != 0.0:
@@ -167,7 +167,7 @@ class Deployment:
                 raise ValueError(f"{what} must be given without a filter inside, got None; zero variances for exact poses.")
             mean, P = State(*at, *speeds), _covariance(covariance)
             nis = NON_NEGATIVE.check("nis", nis)
-        return self.command(mean, P, nis, reference, after, sectors, age, told)
+        return self.command(mean, P, nis, reference, after, sectors, age, shares)
 
     def command(
         self,
@@ -187,8 +187,8 @@ class Deployment:
         """
         seen = observe(mean, stated_deviations(covariance), nis, reference, following, self.robot)
         around = (*sectors, min(max(scan_age, 0.0), MAX_AGE)) if sectors else ()
-        told = () if evidence is None else evidence_of(mean.theta, covariance, *evidence)
-        self.observation = np.array((*seen, *told, *around), np.float32)
+        certainty = () if evidence is None else evidence_of(mean.theta, covariance, *evidence)
+        self.observation = np.array((*seen, *certainty, *around), np.float32)
         self.action = np.asarray(self._policy(self.observation), np.float32)
         if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
             raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
@@ -213,7 +213,7 @@ class Deployment:
         POSITIVE_OR_INFINITE.check("scan.range_max", scan.range_max)
         return self.pool(read_scan(scan._replace(ranges=_floats("scan.ranges", scan.ranges, np.float32, "numbers"))))
 
-    def _told(self, evidence: ArrayLike | None) -> tuple[float, float] | None:
+    def _shares(self, evidence: ArrayLike | None) -> tuple[float, float] | None:
         """Return a localizer's evidence, checked."""
         if (evidence is not None) != (self.layout == LOCATED_LAYOUT):
             needs = "the share of fitting beams and the weight of the best hypothesis" if evidence is None else "None"

@@ -103,13 +103,13 @@ def require_fit(
     others = [name for name, limit in wanted.items() if name not in irrelevant and limit != made_for.get(name)]
     period = made_dt if dt is None else dt
     if others or abs(period - made_dt) > 1e-9:
-        details = "; ".join(f"{name} {_told(made_for.get(name))} there, {_told(wanted[name])} here" for name in others)
+        details = "; ".join(f"{name} {_shown(made_for.get(name))} there, {_shown(wanted[name])} here" for name in others)
         raise Mismatch(
-            f"{path}: made for {1.0 / made_dt:g} Hz {_told(made_for.get('name'))}, asked for {1.0 / period:g} Hz "
+            f"{path}: made for {1.0 / made_dt:g} Hz {_shown(made_for.get('name'))}, asked for {1.0 / period:g} Hz "
             f"{wanted.get('name')}{f' ({details})' if others else ''}."
         )
 
 
-def _told(value: Any) -> str:
+def _shown(value: Any) -> str:
     """Return a value of a card as messages have it: text as it is, on one line."""
     return " ".join(value.split())[:100] if isinstance(value, str) else shown(value)

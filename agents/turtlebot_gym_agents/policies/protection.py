@@ -137,8 +137,8 @@ class SafetyLayer:
         since = self._motion.since(rows[..., -1].astype(np.float64))
         rows = self._remembered(rows, *since)
         points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x, since=since).points
-        told = np.concatenate([seen[..., : -SECTORS - 1], rows[..., -SECTORS - 1 :]], axis=-1)  # in the policy's own layout
-        wish = np.clip(np.asarray(self.policy(told), np.float32), -1.0, 1.0)
+        shown = np.concatenate([seen[..., : -SECTORS - 1], rows[..., -SECTORS - 1 :]], axis=-1)  # in the policy's own layout
+        wish = np.clip(np.asarray(self.policy(shown), np.float32), -1.0, 1.0)
         guided = wish if self._guide is self.policy else self._guide(rows)
         action = self._admissible(wish, points)
         stopped = ((action[..., 0] == 0.0) | self._guide.stuck) & (wish[..., 0] != 0.0)

@@ -144,9 +144,11 @@ class TrainingConfig(Options):
         hyper = hyperparameters.load(settings["algo"], settings["env"], earlier["hyperparameters"])
         for before, now in ((settings, self.settings()), (hyper, self.hyper)):
             for key in sorted((set(before) | set(now)) - set(_FREE)):
-                one, other = (part.get(key) for part in (before, now))
-                if one != other and not (key == "arrival" and {one, other} == {None, "truth"}):  # the tasks' own is the truth
-                    raise ValueError(f"{folder} holds a run with {key} {one!r}: it cannot be resumed with {other!r}.")
+                written, asked = (part.get(key) for part in (before, now))
+                if written != asked and not (
+                    key == "arrival" and {written, asked} == {None, "truth"}
+                ):  # the tasks' own is the truth
+                    raise ValueError(f"{folder} holds a run with {key} {written!r}: it cannot be resumed with {asked!r}.")
 
 
 def require_no_run(folder: Path) -> None:

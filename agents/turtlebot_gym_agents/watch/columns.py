@@ -66,8 +66,8 @@ def apart(drive: Drive, other: Drive) -> NDArray[np.float32]:
     It is that of the true positions; where a drive has no truth, of its estimates.
     """
     positions = []
-    for each in (drive, other):
-        states = each.true_state if np.isfinite(each.true_state[:, 0]).any() else each.estimate
+    for run in (drive, other):
+        states = run.true_state if np.isfinite(run.true_state[:, 0]).any() else run.estimate
         positions.append(states[:, :2])
     time, there = drive.time - drive.time[0], other.time - other.time[0]
     at = [np.interp(time, there, positions[1][:, axis], right=np.nan) for axis in (0, 1)]

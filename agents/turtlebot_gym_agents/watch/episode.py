@@ -23,9 +23,9 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Parameters, Snapshot, system_of
 from turtlebot_gym.values import Pose, State
-from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
+from turtlebot_gym_agents.evaluation.evaluate import NAV, driven, driver_of, require_known
 from turtlebot_gym_agents.evaluation.replay import replay, replayable
-from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
+from turtlebot_gym_agents.policies import Policy
 
 
 class _Row(NamedTuple):
@@ -64,7 +64,7 @@ def record_episode(
     try:
         p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
         driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
-        rows = list(_drive(envs, driver, seed, p))
+        rows = list(_rows(envs, driver, seed, p))
         grid, chart = _grid_of(_scene_of(envs)), _chart_of(_scene_of(envs), p)
     finally:
         envs.close()
@@ -98,23 +98,15 @@ def _hypotheses_of(world: Snapshot, scene: Scene | None, p: Parameters) -> NDArr
     return followed(located, scene.bank, Pose(*scene.trail[0, 1:4].tolist()), p.localizer)
 
 
-def _drive(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator[_Row]:
+def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator[_Row]:
     """Yield the environment's data at the start and after each step of an episode."""
-    observations, info = envs.reset(seed=seed)
-    if isinstance(policy, PolicyWithMemory):
-        policy.reset(np.ones(1, np.bool_))
-    scene = _scene_of(envs)
-    ended = False
-    while True:
+    for info, _ in driven(envs, policy, seed):
+        scene = _scene_of(envs)
         room = None if scene is None else obstacles_of(scene)
         world: Snapshot = envs.unwrapped.snapshot(0)  # pyright: ignore[reportAttributeAccessIssue]
         fix = getattr(world.senses, "fix", None)
         arrived = {} if fix is None else {"fix": np.array([float(fix.arrived)])}
         yield _Row(info | arrived, room, None if scene is None else scene.ranges[1].copy(), _hypotheses_of(world, scene, p))
-        if ended:
-            return
-        observations, _, terminated, truncated, info = envs.step(policy(observations))
-        ended = bool(terminated[0] or truncated[0])
 
 
 def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None, chart: GridMap | None) -> Drive:

@@ -64,8 +64,8 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
             by_run = several and not of_both
             for curve in curves[-1:] if several else curves:
                 drawn = _draw(figure, source, curve._replace(ink=ink, dash=dash) if by_run else curve, theme)
-                told = drives[at].around.label if by_run else curve.layer
-                beside = {"layer": "" if several else curve.layer, "label": told, "run": at, "column": curve.column}
+                label = drives[at].around.label if by_run else curve.layer
+                beside = {"layer": "" if several else curve.layer, "label": label, "run": at, "column": curve.column}
                 plots.curves[-1].append({"drawn": drawn, **beside})
         return figure
 

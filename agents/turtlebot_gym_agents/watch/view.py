@@ -76,12 +76,12 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
             run.rows.data["apart"] = apart(drives[at], drives[1 - at])
     maps = _maps(drives, runs, theme)
     plots = make_plots(drives, [run.rows for run in runs], theme, live=live)
-    for root in (*(each.figure for each in maps), *plots.figures):
+    for root in (*(shown.figure for shown in maps), *plots.figures):
         document.add_root(root)
     client: dict[str, Any] = {
         "runs": [
-            {"rows": run.rows, "scans": run.scans, "label": drive.around.label, "ended": _ended(drive), **each.models()}
-            for drive, run, each in zip(drives, runs, maps, strict=True)
+            {"rows": run.rows, "scans": run.scans, "label": drive.around.label, "ended": _ended(drive), **shown.models()}
+            for drive, run, shown in zip(drives, runs, maps, strict=True)
         ],
         "plots": plots.models(),
         "inks": style.PRESENT,
@@ -96,7 +96,7 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
     document.js_on_event("document_ready", CustomJS(args=client, code="".join(map(_text, SCRIPTS))))
     document.title = title
     document.template = _template()
-    document.template_variables.update(_variables(drives, maps, [str(each.name) for each in plots.figures], title, live))
+    document.template_variables.update(_variables(drives, maps, [str(figure.name) for figure in plots.figures], title, live))
     return View(runs, again)
 
 
@@ -135,9 +135,9 @@ def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str
         "live": live,
         "legend": [symbol[:-1] for symbol in symbols if symbol[-1]],
         "runs": [
-            {"map": each.figure.name, "label": drive.around.label, "outcome": drive.outcome, "aspect": each.aspect,
+            {"map": shown.figure.name, "label": drive.around.label, "outcome": drive.outcome, "aspect": shown.aspect,
              "ink": style.run_style(at)[0] if several else None, "dash": _svg_dash(style.run_style(at)[1])}
-            for at, (drive, each) in enumerate(zip(drives, maps, strict=True))
+            for at, (drive, shown) in enumerate(zip(drives, maps, strict=True))
         ],
         "plots": plots,
         "several": several,
