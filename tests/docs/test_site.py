@@ -177,7 +177,7 @@ def test_the_reference_is_complete(site, ros):
     environments = (site / "reference" / "environments.html").read_text()
     assert all(f"<code>turtlebot_gym/TurtleBot{name}-v0</code>" in environments for name in ("Nav", "Pose", "Square"))
     assert "turtlebot_gym.estimation.update.update" in html["turtlebot_gym.estimation.update"]
-    assert "turtlebot_gym.tasks.task.Task" in html["turtlebot_gym.tasks"]
+    assert "turtlebot_gym.tasks.Task" in html["turtlebot_gym.tasks"]
     modules = {module.name for package in API for module in walk_packages(import_module(package).__path__, f"{package}.")}
     undescribed = {name for name in modules if not any(name in ids for ids in html.values())}
     assert all(name.endswith("__main__") for name in undescribed), undescribed

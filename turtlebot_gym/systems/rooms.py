@@ -26,7 +26,7 @@ from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
 from turtlebot_gym.systems.fixes import fix_parts
 from turtlebot_gym.systems.imu import IMU
-from turtlebot_gym.systems.localizing import localizing
+from turtlebot_gym.systems.localizing import EVIDENCE_HIGH, EVIDENCE_LOW, Evidence, evidence_of, localizing
 from turtlebot_gym.systems.missions import on_missions
 from turtlebot_gym.systems.open_ground import look, open_ground
 from turtlebot_gym.systems.parameters import LOCATED, SENSORS, Parameters, RoomParameters
@@ -34,17 +34,7 @@ from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Around, Outcome
-from turtlebot_gym.tasks import (
-    EVIDENCE_HIGH,
-    EVIDENCE_LOW,
-    OBSERVATION_HIGH,
-    OBSERVATION_LAYOUT,
-    OBSERVATION_LOW,
-    Evidence,
-    Observation,
-    evidence_of,
-    reward_of,
-)
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
 from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
 
@@ -52,7 +42,7 @@ ROOM_LAYOUT = 2
 """Version of the observation in a room: the 13 numbers of layout 1, the ranges of the sectors, the scan's age."""
 LOCATED_LAYOUT = 3
 """Version of the observation of a robot that localizes itself: as in a room, and before the ranges the four numbers of
-`tasks.Evidence`."""
+`systems.localizing.Evidence`."""
 SEEING = (ROOM_LAYOUT, LOCATED_LAYOUT)
 """Layouts with the ranges of a scan."""
 

@@ -19,8 +19,9 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
 from turtlebot_gym.rooms.scan import Pooling, Scan, read_scan
 from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING, SIZES
+from turtlebot_gym.systems.localizing import evidence_of
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.tasks import OBSERVATION_LAYOUT, evidence_of, observe, stated_deviations
+from turtlebot_gym.tasks import OBSERVATION_LAYOUT, observe, stated_deviations
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal
 from turtlebot_gym.values import Command, Covariance, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of

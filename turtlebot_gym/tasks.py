@@ -1,0 +1,300 @@
+"""Tasks: the waypoints to reach, when they count as reached, the reward, and the policy's observation, layout 1.
+
+Their rules and the observation are pure functions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+from turtlebot_gym.kernel import algebra, kernel, sqrt
+from turtlebot_gym.models.angles import PI, sincos, wrap
+from turtlebot_gym.models.random import GOAL, START, uniforms
+from turtlebot_gym.parameters import Reward
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, POSITIVE_OR_INFINITE, typed
+from turtlebot_gym.values import Command, Covariance, Pose, State
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """Conditions for reaching waypoints and for the end of an episode."""
+
+    random: bool = True
+    """Whether start pose and goal are drawn in the arena; if not, the robot starts at the origin and has given waypoints."""
+    arena: Annotated[float, POSITIVE] = 2.0
+    """Half the side of the square in which starts and goals are drawn, m."""
+    min_distance: Annotated[float, NON_NEGATIVE] = 0.5
+    """Least distance between a drawn start and its goal, m."""
+    radius: Annotated[float, POSITIVE] = 0.15
+    """A waypoint is reached within this distance, m ..."""
+    heading_tolerance: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """... this heading error, rad ..."""
+    turn_tolerance: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """... and at most this turning rate, rad/s."""
+    on_belief: bool = False
+    """Whether the pose that the policy observes, instead of the true one, decides on arrival, as in a node ..."""
+    margin: Annotated[float, NON_NEGATIVE] = 0.05
+    """... and this margin by which it must be inside, m, at most a third of the radius: a robot whose belief is only just
+    inside is outside half of the time."""
+    start_known: bool = True
+    """Whether a localizer knows where the robot starts."""
+    switch_period: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """Time after which the next waypoint becomes current, reached or not, s; infinite to switch on arrival."""
+    laps: Annotated[int, ONE_OR_MORE] = 1
+    """Number of rounds through the waypoints; in a room, number of goals that are drawn in turn ..."""
+    patience: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """... and the time after which one of several that the robot does not reach is given up for the next, s."""
+    max_steps: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """Steps after which an episode is truncated; infinite to leave that to the environment."""
+
+    def __post_init__(self) -> None:
+        typed(self)
+        if not self.min_distance <= self.arena:
+            raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
+
+
+NAV = Task(max_steps=300.0)
+"""A goal point: its heading is observed but not judged."""
+POSE = Task(heading_tolerance=0.2, turn_tolerance=0.5, max_steps=300.0)
+"""A goal pose, to be reached with the right heading and without spinning."""
+SQUARE = Task(random=False, radius=0.3, max_steps=600.0)
+"""Given waypoints, to be reached in order."""
+
+ROOM = Task(radius=0.2, max_steps=600.0)
+"""A goal point in a room, which determines start and goal."""
+MISSION = Task(radius=0.2, on_belief=True, laps=1000, patience=60.0, max_steps=6000.0)
+"""Goals in a room, one after another until the time is over."""
+
+SQUARE_WAYPOINTS = (
+    Pose(2.0, 0.0, 0.0),
+    Pose(2.0, 2.0, PI / 2.0),
+    Pose(0.0, 2.0, wrap(PI)),
+    Pose(0.0, 0.0, -PI / 2.0),
+)
+"""The tutorial's square of 2 m."""
+SQUARE_PERIOD = 15.0
+"""The tutorial's time for each of its waypoints, s."""
+
+TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE, "room": ROOM, "mission": MISSION}
+"""Tasks by name."""
+
+
+@kernel
+def start_pose(key: int, task: Task) -> Pose:
+    """Return an episode's start pose: drawn if the task is random, else the origin."""
+    u1, u2 = uniforms(key, 0, START)
+    u3, _ = uniforms(key, 1, START)
+    drawn = Pose((2.0 * u1 - 1.0) * task.arena, (2.0 * u2 - 1.0) * task.arena, wrap(2.0 * PI * u3))
+    return drawn if task.random else Pose(0.0, 0.0, 0.0)
+
+
+@kernel
+def draw_goal(key: int, start: Pose, task: Task) -> Pose:
+    """Draw a goal pose in the arena, at least `Task.min_distance` from the start.
+
+    That distance is at most the arena's half side, so a draw is refused with probability below pi/4, and all of 64 with less
+    than 2e-7; the last one is then used.
+    """
+    x, y = start.x, start.y
+    for attempt in range(64):
+        u1, u2 = uniforms(key, attempt, GOAL)
+        x, y = (2.0 * u1 - 1.0) * task.arena, (2.0 * u2 - 1.0) * task.arena
+        dx, dy = x - start.x, y - start.y
+        if dx * dx + dy * dy >= task.min_distance * task.min_distance:
+            break
+    u3, _ = uniforms(key, 2, START)
+    return Pose(x, y, wrap(2.0 * PI * u3))
+
+
+@kernel
+def distance_to(state: State, to: Pose) -> float:
+    """Return the distance from a state to a point, m."""
+    dx, dy = to.x - state.x, to.y - state.y
+    return sqrt(dx * dx + dy * dy)
+
+
+@kernel
+def _is_at(state: State, reference: Pose, radius: float, task: Task) -> bool:
+    turn = abs(wrap(reference.theta - state.theta))
+    close = distance_to(state, reference) < radius
+    return close and turn <= task.heading_tolerance and abs(state.omega) <= task.turn_tolerance
+
+
+@kernel
+def arrived(truth: State, reference: Pose, task: Task) -> bool:
+    """Return whether a true state satisfies the task at a waypoint."""
+    return _is_at(truth, reference, task.radius, task)
+
+
+@kernel
+def believed_to_arrive(believed: State, reference: Pose, task: Task) -> bool:
+    """Return whether a believed state counts as arrived: it must be inside by the task's margin."""
+    return _is_at(believed, reference, task.radius - min(task.margin, task.radius / 3.0), task)
+
+
+@kernel
+def by_time(task: Task) -> bool:
+    """Return whether waypoints switch by time instead of on arrival."""
+    return task.switch_period < math.inf
+
+
+@kernel
+def due(steps: float, visited: float, task: Task, dt: float) -> bool:
+    """Return whether it is time for the next waypoint, whether or not this one is reached.
+
+    Args:
+        steps: Steps since the start.
+        visited: Number of waypoints done.
+        task: The task with its switch period.
+        dt: Control interval, s.
+    """
+    # Half a step off the exact time, so that the result does not depend on rounding.
+    return steps * dt > (visited + 1.0) * task.switch_period - 0.5 * dt
+
+
+@kernel
+def overdue(steps: float, task: Task, dt: float) -> bool:
+    """Return whether a goal is to be given up that has been the current one for so many steps of ``dt`` s."""
+    return steps * dt > task.patience - 0.5 * dt
+
+
+@algebra
+def remaining(truth: State, reference: Pose, following: Pose, done_with: bool) -> float:
+    """Return the remaining distance up to the reference, m; negative beyond it.
+
+    After the reference, the robot heads for the following waypoint. A cut corner then counts as progress, and the total
+    progress of a course is its length whichever way it is driven: only time and effort differ.
+    """
+    dx, dy = following.x - reference.x, following.y - reference.y
+    leg = sqrt(dx * dx + dy * dy)
+    return distance_to(truth, following) - leg if done_with else distance_to(truth, reference)
+
+
+@kernel
+def reward_of(before: float, after: float, command: Command, success: bool, weights: Reward, robot: Robot, dt: float) -> float:
+    """Return the reward of a step.
+
+    Args:
+        before: True remaining distance before the step, m.
+        after: True remaining distance after the step, m.
+        command: The limited command of the step.
+        success: Whether the episode ends in success.
+        weights: Weights of the terms.
+        robot: Robot whose limits scale progress and effort.
+        dt: Control interval, s.
+    """
+    progress = (before - after) / (robot.max_linear * dt)
+    v, omega = command.v / robot.max_linear, command.omega / robot.max_angular
+    effort = v * v + omega * omega
+    bonus = weights.success if success else 0.0
+    return weights.progress * progress - weights.time - weights.effort * effort + bonus
+
+
+OBSERVATION_LAYOUT = 1
+"""Version of `Observation`: a policy trained on another one must be refused."""
+
+
+class Observation(NamedTuple):
+    """A policy's observation, layout 1; "believed" is what the environment observes."""
+
+    distance: float
+    """Believed distance to the goal, m."""
+    cos_bearing: float
+    """Cosine of the goal's bearing in the body frame; 1 at distance 0."""
+    sin_bearing: float
+    """Its sine."""
+    cos_turn: float
+    """Cosine of the remaining turn to the reference's heading."""
+    sin_turn: float
+    """Its sine."""
+    v: float
+    """Speed, as a share of the robot's limit."""
+    omega: float
+    """Turning rate, as a share of the robot's limit."""
+    std_position: float
+    """Stated standard deviation of the position (root of the trace), m."""
+    std_heading: float
+    """Stated standard deviation of the heading, rad."""
+    nis: float
+    """Normalized innovation squared of the last measurement."""
+    next_distance: float
+    """Distance to the waypoint after this one, m; to the goal again if there is none."""
+    cos_next: float
+    """Cosine of its bearing."""
+    sin_next: float
+    """Its sine."""
+
+
+_UNIT = (-1.0, 1.0)
+MAX_DISTANCE, MAX_TWIST, MAX_STD_POSITION, MAX_STD_HEADING, MAX_NIS = 20.0, 2.0, 5.0, PI, 25.0
+_BOUNDS: dict[str, tuple[float, float]] = {
+    "distance": (0.0, MAX_DISTANCE),
+    "cos_bearing": _UNIT,
+    "sin_bearing": _UNIT,
+    "cos_turn": _UNIT,
+    "sin_turn": _UNIT,
+    "v": (-MAX_TWIST, MAX_TWIST),
+    "omega": (-MAX_TWIST, MAX_TWIST),
+    "std_position": (0.0, MAX_STD_POSITION),
+    "std_heading": (0.0, MAX_STD_HEADING),
+    "nis": (0.0, MAX_NIS),
+    "next_distance": (0.0, MAX_DISTANCE),
+    "cos_next": _UNIT,
+    "sin_next": _UNIT,
+}
+OBSERVATION_LOW = Observation(**{name: low for name, (low, _) in _BOUNDS.items()})
+"""Lower bounds; observations are clipped to them."""
+OBSERVATION_HIGH = Observation(**{name: high for name, (_, high) in _BOUNDS.items()})
+"""Upper bounds."""
+
+
+@kernel
+def _towards(pose_x: float, pose_y: float, sine: float, cosine: float, to: Pose) -> tuple[float, float, float]:
+    """Return distance, and cosine and sine of the bearing, of a point seen from a pose."""
+    dx, dy = to.x - pose_x, to.y - pose_y
+    distance = sqrt(dx * dx + dy * dy)
+    scale = 1.0 / (distance if distance > 0.0 else 1.0)
+    ahead, left = (dx * cosine + dy * sine) * scale, (dy * cosine - dx * sine) * scale
+    return distance, (max(min(ahead, 1.0), -1.0) if distance > 0.0 else 1.0), max(min(left, 1.0), -1.0)
+
+
+@kernel
+def observe(state: State, std: tuple[float, float], nis: float, reference: Pose, following: Pose, robot: Robot) -> Observation:
+    """Return a policy's observation.
+
+    Args:
+        state: Believed pose and twist.
+        std: Standard deviations of position and heading; m, rad.
+        nis: Normalized innovation squared of the last measurement.
+        reference: The waypoint to reach.
+        following: The waypoint after it.
+        robot: Robot whose limits scale the twist.
+    """
+    sine, cosine = sincos(state.theta)
+    distance, cos_bearing, sin_bearing = _towards(state.x, state.y, sine, cosine, reference)
+    next_distance, cos_next, sin_next = _towards(state.x, state.y, sine, cosine, following)
+    sin_turn, cos_turn = sincos(reference.theta - state.theta)
+    return Observation(
+        min(distance, MAX_DISTANCE),
+        cos_bearing,
+        sin_bearing,
+        cos_turn,
+        sin_turn,
+        max(min(state.v / robot.max_linear, MAX_TWIST), -MAX_TWIST),
+        max(min(state.omega / robot.max_angular, MAX_TWIST), -MAX_TWIST),
+        min(std[0], MAX_STD_POSITION),
+        min(std[1], MAX_STD_HEADING),
+        min(nis, MAX_NIS),
+        min(next_distance, MAX_DISTANCE),
+        cos_next,
+        sin_next,
+    )
+
+
+@kernel
+def stated_deviations(P: Covariance) -> tuple[float, float]:
+    """Return the standard deviations of position (root of the trace) and heading in a covariance; m, rad."""
+    return sqrt(P.xx + P.yy), sqrt(P.tt)
