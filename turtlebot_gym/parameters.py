@@ -198,7 +198,7 @@ class Mixture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slip(Mixture):
-    """The filter that models heading spikes, and slip as in `FilterTuning.process`: `estimation.mixture`."""
+    """The filter that models heading spikes, and slip as in `FilterTuning.process`: `estimation.slip`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

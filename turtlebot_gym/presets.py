@@ -144,7 +144,7 @@ def _mixture(noise: Noise) -> FilterTuning:
 
 
 def _slip(noise: Noise) -> FilterTuning:
-    """Return the tuning of the filter that models spikes and slip: `estimation.mixture`."""
+    """Return the tuning of the filter that models spikes and slip: `estimation.slip`."""
     process, odometry = noise.process, noise.odometry
     steady = matched(_without_spikes(replace(noise, process=replace(process, slip=0.0))))
     kind = Slip(spike_probability=odometry.spike_probability, spike=odometry.spike)

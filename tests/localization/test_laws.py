@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from localization_rooms import corridor, hall, make_room, scan_of
 
-from turtlebot_gym.estimation.correlated import correct_correlated
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.scale import Sixth
+from turtlebot_gym.estimation.update import correct_correlated
 from turtlebot_gym.localization.information import Guess, Information, blurred, condition, information
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, scan, state_of
 from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning

@@ -13,9 +13,18 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.correlated import correct_correlated
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.update import Variances, innovation_variance, inverse_of, of_heading, of_x, of_y, update, wrapped
+from turtlebot_gym.estimation.update import (
+    Variances,
+    correct_correlated,
+    innovation_variance,
+    inverse_of,
+    of_heading,
+    of_x,
+    of_y,
+    update,
+    wrapped,
+)
 from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
@@ -142,35 +151,15 @@ def correct(belief: Belief, z: Pose, R: Variances, wraps: bool = True) -> tuple[
     Args:
         belief: Prior mean and covariance.
         z: Measured pose; m, m, rad.
-        R: Variances of the measured x, y and heading; m^2, m^2, rad^2.
+        R: Variances of the measured x, y and heading; m^2, m^2, rad^2. Infinite for a heading that was not measured.
         wraps: Whether the heading's innovation is wrapped.
 
     Returns:
         The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = H P H' + R`` and ``H = [I 0]``.
     """
-    belief, nis, _ = correct_pose(belief, z, R, innovation(belief.mean, z, wraps).theta)
-    return belief, nis
-
-
-@kernel
-def correct_pose(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Belief, float, float]:
-    """Condition the belief on a pose; an infinite variance means that the heading was not measured.
-
-    Args:
-        belief: Prior mean and covariance.
-        z: Measured pose; m, m, rad.
-        R: Variances of the measured x, y and heading; m^2, m^2, rad^2.
-        turn: The heading's innovation, rad.
-
-    Returns:
-        The posterior, the normalized innovation squared, and the inverse determinant of the innovation covariance; both without
-        the heading if that was not measured.
-    """
-    belief, nis, precision, turn = correct_position(belief, z, R, turn)
-    h = of_heading(belief.covariance)
-    belief, nis_theta = update(belief, h, turn, R[2])
-    inverse = inverse_of(innovation_variance(h, R[2]))
-    return wrapped(belief), nis + nis_theta, precision * (inverse if inverse > 0.0 else 1.0)
+    belief, nis, _, turn = correct_position(belief, z, R, innovation(belief.mean, z, wraps).theta)
+    belief, nis_theta = update(belief, of_heading(belief.covariance), turn, R[2])
+    return wrapped(belief), nis + nis_theta
 
 
 @kernel

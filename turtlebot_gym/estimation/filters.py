@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import DEAD_RECKONING, EXTENDED_KALMAN, GATED, Estimate
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.mixture import MIXTURE, SLIP
+from turtlebot_gym.estimation.mixture import MIXTURE
 from turtlebot_gym.estimation.scale import SCALE
+from turtlebot_gym.estimation.slip import SLIP
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman
 from turtlebot_gym.validation import POSITIVE, choose, refusal

@@ -1,17 +1,12 @@
-"""Filters that model heading spikes, and slip: a measured heading is true, or too large or too small by a spike.
+"""A filter that models heading spikes: a measured heading is true, or too large or too small by a spike.
 
 A measurement is a mixture of the three, and the posterior is approximated by a Gaussian with the mixture's mean and covariance.
 The first measurement has no prior to be weighed against, and a filter that believed a spike there would take all later
 measurements for spikes. So three beliefs start, one for each explanation, and later measurements decide between them.
 
-With slip each hypothesis has two modes, gripping and slipping wheels. By interacting multiple models, a measurement updates the
-probabilities of the modes, and the modes are mixed by their transition probabilities before the next twist is executed.
-
 References:
     Alspach, Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", *IEEE Transactions on Automatic
     Control* 17 (1972). Bar-Shalom, Li, Kirubarajan (2001), section 1.4.16: the moments of a mixture.
-    Blom, Bar-Shalom, "The interacting multiple model algorithm for systems with Markovian switching coefficients", *IEEE
-    Transactions on Automatic Control* 33 (1988).
 """
 
 from __future__ import annotations
@@ -19,14 +14,21 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.correlated import correct_correlated
 from turtlebot_gym.estimation.ekf import correct_position, innovation, predict
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.update import Variances, absorb, innovation_variance, inverse_of, of_heading, wrapped
+from turtlebot_gym.estimation.update import (
+    Variances,
+    absorb,
+    correct_correlated,
+    innovation_variance,
+    inverse_of,
+    of_heading,
+    wrapped,
+)
 from turtlebot_gym.kernel import algebra, kernel, sqrt
 from turtlebot_gym.models.angles import wrap, wrap_once
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Mixture, Slip
-from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
+from turtlebot_gym.parameters import FilterTuning, Mixture
+from turtlebot_gym.values import Belief, Covariance, Odometry, Pose, Senses, State
 
 _LEAST = 1e-100
 """Least density of a measurement, without its exponent, so that one that was certain beforehand does not count as
@@ -62,7 +64,9 @@ class _Tracked(NamedTuple):
     factor: float
 
 
-class _Tracks(NamedTuple):
+class Tracks(NamedTuple):
+    """All hypotheses, in the order of `Hypotheses`."""
+
     true: _Tracked
     high: _Tracked
     low: _Tracked
@@ -114,17 +118,18 @@ def merge(one: Belief, other: Belief, share: float) -> Belief:
 
 
 @kernel
-def _share_of(part: float, rest: float) -> float:
+def share_of(part: float, rest: float) -> float:
     """Return the share of one weight in the sum of two; 0 if both are 0."""
     total = part + rest
     return part / (total if total > 0.0 else 1.0)
 
 
 @kernel
-def _merged(hypotheses: Hypotheses, weights: Three) -> Belief:
+def merged(hypotheses: Hypotheses, weights: Three) -> Belief:
+    """Return the Gaussian with the moments of all hypotheses."""
     true, high, low = weights
-    first = merge(hypotheses.true, hypotheses.high, _share_of(high, true))
-    return merge(first, hypotheses.low, _share_of(low, true + high))
+    first = merge(hypotheses.true, hypotheses.high, share_of(high, true))
+    return merge(first, hypotheses.low, share_of(low, true + high))
 
 
 @kernel
@@ -149,7 +154,7 @@ def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
 @kernel
 def _start(senses: Senses, tuning: FilterTuning) -> _MixtureEstimate:
     hypotheses, weights = begin(senses.odometry.pose, tuning)
-    return _MixtureEstimate(_merged(hypotheses, weights), 0.0, hypotheses, weights)
+    return _MixtureEstimate(merged(hypotheses, weights), 0.0, hypotheses, weights)
 
 
 @kernel
@@ -188,9 +193,9 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, m
 
 
 @kernel
-def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> _Tracks:
+def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> Tracks:
     """Predict and correct all hypotheses."""
-    return _Tracks(
+    return Tracks(
         track(hypotheses.true, odometry, tuning, dt, middle),
         track(hypotheses.high, odometry, tuning, dt, middle),
         track(hypotheses.low, odometry, tuning, dt, middle),
@@ -204,23 +209,25 @@ def _fix_one(belief: Belief, z: Pose, R: Variances) -> _Tracked:
 
 
 @kernel
-def _fix_all(hypotheses: Hypotheses, z: Pose, R: Variances) -> _Tracks:
-    return _Tracks(_fix_one(hypotheses.true, z, R), _fix_one(hypotheses.high, z, R), _fix_one(hypotheses.low, z, R))
+def fix_all(hypotheses: Hypotheses, z: Pose, R: Variances) -> Tracks:
+    """Correct all hypotheses by an external pose measurement, with R as in `interface.Filter`."""
+    return Tracks(_fix_one(hypotheses.true, z, R), _fix_one(hypotheses.high, z, R), _fix_one(hypotheses.low, z, R))
 
 
 @kernel
-def _beliefs(tracks: _Tracks) -> Hypotheses:
+def beliefs(tracks: Tracks) -> Hypotheses:
+    """Return the hypotheses without their likelihoods."""
     return Hypotheses(tracks.true.belief, tracks.high.belief, tracks.low.belief)
 
 
 @kernel
-def least_exponent(tracks: _Tracks) -> float:
+def least_exponent(tracks: Tracks) -> float:
     """Return the likeliest hypothesis' exponent, to subtract before weighing."""
     return min(tracks.true.exponent, min(tracks.high.exponent, tracks.low.exponent))
 
 
 @kernel
-def weigh(weights: Three, tracks: _Tracks, least: float) -> Three:
+def weigh(weights: Three, tracks: Tracks, least: float) -> Three:
     """Return the weights of the hypotheses after a measurement, not normalized yet."""
     true, high, low = tracks
     return (
@@ -246,111 +253,19 @@ def _step(
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
     nis = weights[0] * true.nis + weights[1] * high.nis + weights[2] * low.nis
-    hypotheses = _beliefs(tracks)
-    return _MixtureEstimate(
-        _merged(hypotheses, weights), nis if senses.odometry.measured else estimate.nis, hypotheses, weights
-    )
+    hypotheses = beliefs(tracks)
+    return _MixtureEstimate(merged(hypotheses, weights), nis if senses.odometry.measured else estimate.nis, hypotheses, weights)
 
 
 @kernel
 def _fix(estimate: _MixtureEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _MixtureEstimate:
     """Correct and weigh all hypotheses; see `interface.Filter`."""
-    tracks = _fix_all(estimate.hypotheses, z, R)
+    tracks = fix_all(estimate.hypotheses, z, R)
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
-    hypotheses = _beliefs(tracks)
-    return _MixtureEstimate(_merged(hypotheses, weights), estimate.nis, hypotheses, weights)
+    hypotheses = beliefs(tracks)
+    return _MixtureEstimate(merged(hypotheses, weights), estimate.nis, hypotheses, weights)
 
 
-class _SlipEstimate(NamedTuple):
-    belief: Belief
-    """All hypotheses in both modes, merged."""
-    nis: float
-    """Normalized innovation squared of the last measurement, averaged over its explanations."""
-    gripping: Hypotheses
-    """Hypotheses for wheels that grip, so that the twist is fully executed ..."""
-    slipping: Hypotheses
-    """... and for wheels that slip, so that slip takes its share."""
-    grip_weights: Three
-    """Probability of each hypothesis with wheels that grip ..."""
-    slip_weights: Three
-    """... and that slip; the six sum to 1."""
-
-
-@kernel
-def _all(gripping: Hypotheses, slipping: Hypotheses, grip: Three, slip: Three) -> Belief:
-    share = slip[0] + slip[1] + slip[2]
-    return merge(_merged(gripping, grip), _merged(slipping, slip), share)
-
-
-@kernel
-def _slip_start(senses: Senses, tuning: FilterTuning) -> _SlipEstimate:
-    """Start from the first measurement, with wheels that grip; see `interface.Filter`."""
-    hypotheses, weights = begin(senses.odometry.pose, tuning)
-    none = (0.0, 0.0, 0.0)
-    return _SlipEstimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
-
-
-@kernel
-def _moving(belief: Belief, twist: Command, share: float) -> Belief:
-    x, y, theta, _, _ = belief.mean
-    return Belief(State(x, y, theta, share * twist.v, share * twist.omega), belief.covariance)
-
-
-@kernel
-def _mix(
-    gripped: Belief, slipped: Belief, grip: float, slip: float, twist: Command, tuning: FilterTuning, dt: float
-) -> tuple[Belief, Belief, float, float]:
-    """Return a hypothesis in both modes after a possible transition, with its weights."""
-    process, scale = tuning.process, dt / REFERENCE_PERIOD
-    start, end = process.slip_start * scale, process.slip_end * scale
-    stays, ends, starts, goes_on = grip * (1.0 - start), slip * end, grip * start, slip * (1.0 - end)
-    gripping = merge(gripped, slipped, _share_of(ends, stays))
-    slipping = merge(gripped, slipped, _share_of(goes_on, starts))
-    return _moving(gripping, twist, 1.0), _moving(slipping, twist, 1.0 - process.slip), stays + ends, starts + goes_on
-
-
-@kernel
-def _weigh_both(estimate: _SlipEstimate, gripped: _Tracks, slipped: _Tracks) -> tuple[Three, Three]:
-    least = min(least_exponent(gripped), least_exponent(slipped))
-    grip, slip = weigh(estimate.grip_weights, gripped, least), weigh(estimate.slip_weights, slipped, least)
-    one = 1.0 / (grip[0] + grip[1] + grip[2] + slip[0] + slip[1] + slip[2])
-    return scaled(grip, one), scaled(slip, one)
-
-
-@kernel
-def _slip_fix(estimate: _SlipEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _SlipEstimate:
-    """Correct and weigh all hypotheses; see `interface.Filter`."""
-    gripped, slipped = _fix_all(estimate.gripping, z, R), _fix_all(estimate.slipping, z, R)
-    grip, slip = _weigh_both(estimate, gripped, slipped)
-    gripping, slipping = _beliefs(gripped), _beliefs(slipped)
-    return _SlipEstimate(_all(gripping, slipping, grip, slip), estimate.nis, gripping, slipping, grip, slip)
-
-
-@kernel
-def _slip_step(
-    estimate: _SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
-) -> _SlipEstimate:
-    """Predict, correct and weigh, and mix the modes; see `interface.Filter`."""
-    odometry, twist = senses.odometry, senses.odometry.twist
-    gripped = track_all(estimate.gripping, odometry, tuning, dt, middle)
-    slipped = track_all(estimate.slipping, odometry, tuning, dt, middle)
-    grip, slip = _weigh_both(estimate, gripped, slipped)
-    nis = (
-        grip[0] * gripped.true.nis + grip[1] * gripped.high.nis + grip[2] * gripped.low.nis
-        + slip[0] * slipped.true.nis + slip[1] * slipped.high.nis + slip[2] * slipped.low.nis
-    )  # fmt: skip
-    g_true, s_true, grip_0, slip_0 = _mix(gripped.true.belief, slipped.true.belief, grip[0], slip[0], twist, tuning, dt)
-    g_high, s_high, grip_1, slip_1 = _mix(gripped.high.belief, slipped.high.belief, grip[1], slip[1], twist, tuning, dt)
-    g_low, s_low, grip_2, slip_2 = _mix(gripped.low.belief, slipped.low.belief, grip[2], slip[2], twist, tuning, dt)
-    gripping, slipping = Hypotheses(g_true, g_high, g_low), Hypotheses(s_true, s_high, s_low)
-    grip, slip = (grip_0, grip_1, grip_2), (slip_0, slip_1, slip_2)
-    belief = _all(gripping, slipping, grip, slip)
-    return _SlipEstimate(belief, nis if odometry.measured else estimate.nis, gripping, slipping, grip, slip)
-
-
-_SPIKES = {"spike_probability": 0.02, "spike": 0.3}
-MIXTURE = Filter(_start, _step, _fix, kind=Mixture(**_SPIKES))
+MIXTURE = Filter(_start, _step, _fix, kind=Mixture(spike_probability=0.02, spike=0.3))
 """Models heading spikes."""
-SLIP = Filter(_slip_start, _slip_step, _slip_fix, kind=Slip(**_SPIKES))
-"""Models heading spikes and slip."""

@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.correlated import independent
 from turtlebot_gym.estimation.ekf import innovation, predict
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import (
     Projection,
     Variances,
+    independent,
     innovation_variance,
     inverse_of,
     of_heading,
@@ -75,7 +75,7 @@ def correct_both(belief: Belief, sixth: Sixth, z: Pose, R: Variances, turn: floa
 
 @kernel
 def correct_both_correlated(belief: Belief, sixth: Sixth, z: Pose, R: Variances) -> tuple[Belief, Sixth]:
-    """Condition on a pose whose errors may be correlated, with R as in `correlated.independent`."""
+    """Condition on a pose whose errors may be correlated, with R as in `update.independent`."""
     prior, turn = belief.mean, wrap(z.theta - belief.mean.theta)
     a, b, c, (r_x, r_y, r_theta) = independent(R)
     belief, sixth, _ = update_both(belief, sixth, of_x(belief.covariance), sixth.column.x, z.x - prior.x, r_x)

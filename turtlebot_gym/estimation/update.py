@@ -1,7 +1,9 @@
 """Condition a belief on one scalar measurement of any sensor: the only update equation of the package.
 
+A pose whose errors are correlated, a position along a corridor, say, that is known across it, is three such measurements.
+
 References:
-    Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): processing scalar measurements in turn.
+    Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): scalar measurements in turn, made independent.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ from typing import NamedTuple
 
 from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.values import Belief, Covariance, State
+from turtlebot_gym.values import Belief, Covariance, Pose, State
 
 Variances = tuple[float, ...]
 
@@ -135,3 +137,50 @@ def wrapped(belief: Belief) -> Belief:
     """Return a belief with its heading wrapped."""
     x, y, theta, v, omega = belief.mean
     return Belief(State(x, y, wrap(theta), v, omega), belief.covariance)
+
+
+@kernel
+def independent(R: Variances) -> tuple[float, float, float, tuple[float, float, float]]:
+    """Return the independent measurements of a pose whose errors are correlated.
+
+    The covariance is factored as ``R = L D L'`` with a unit lower triangular L. The rows of ``L^-1`` are the measurements, with
+    the variances D. Without correlations they are x, y and heading.
+
+    Args:
+        R: Variances of x, y and heading, and covariances of x and y, of x and heading, of y and heading; m^2 and rad^2. An
+            infinite variance means that the heading was not measured; its covariances are 0.
+
+    Returns:
+        The factors a, b and c of the measurements x, ``y + a x`` and ``heading + b x + c y``; 1, rad/m, rad/m; and their
+        variances, m^2, m^2, rad^2.
+    """
+    xx, yy, tt, xy, xt, yt = R
+    to_x = inverse_of(xx)
+    y_by_x, t_by_x = xy * to_x, xt * to_x
+    rest = max(yy - y_by_x * xy, 0.0)
+    cross = yt - t_by_x * xy
+    t_by_y = cross * inverse_of(rest)
+    return -y_by_x, t_by_y * y_by_x - t_by_x, -t_by_y, (xx, rest, max(tt - t_by_x * xt - t_by_y * cross, 0.0))
+
+
+@kernel
+def correct_correlated(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float, float]:
+    """Condition the belief on a pose whose errors may be correlated, with R as in `independent`.
+
+    Returns:
+        The posterior, the normalized innovation squared, and the inverse determinant of the innovation covariance; both without
+        the heading if that was not measured. Without correlations the first two are those of `ekf.correct`, to the last bit.
+    """
+    prior, turn = belief.mean, wrap(z.theta - belief.mean.theta)
+    a, b, c, (r_x, r_y, r_theta) = independent(R)
+    h = of_x(belief.covariance)
+    belief, nis_x = update(belief, h, z.x - prior.x, r_x)
+    precision = inverse_of(innovation_variance(h, r_x))
+    h, now = of_row(belief.covariance, (a, 1.0, 0.0)), belief.mean
+    belief, nis_y = update(belief, h, a * (z.x - now.x) + (z.y - now.y), r_y)
+    precision = precision * inverse_of(innovation_variance(h, r_y))
+    h, now = of_row(belief.covariance, (b, c, 1.0)), belief.mean
+    off = b * (z.x - now.x) + c * (z.y - now.y) + (turn - (now.theta - prior.theta))
+    belief, nis_theta = update(belief, h, off, r_theta)
+    inverse = inverse_of(innovation_variance(h, r_theta))
+    return wrapped(belief), nis_x + nis_y + nis_theta, precision * (inverse if inverse > 0.0 else 1.0)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.estimation.fixes import late_by, no_fix
-from turtlebot_gym.estimation.mixture import SLIP
+from turtlebot_gym.estimation.slip import SLIP
 from turtlebot_gym.systems.late import late_fixes
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import BELIEVED
