@@ -7,10 +7,10 @@ import numba
 import numpy as np
 import pytest
 
-from turtlebot_gym.compiled.loop import layout_of
-from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, packing
+from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, layout_of, packing
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
+from turtlebot_gym.systems.special import GENERAL
 from turtlebot_gym.values import senses_of
 
 
@@ -98,7 +98,7 @@ def test_dataclasses_become_tuples_with_the_same_attributes():
 
 def test_parameters_and_worlds_have_a_place_each():
     given = make_parameters(noise="rough")
-    p, layout = as_tuple(given), layout_of(system_of(given))
+    p, layout = as_tuple(given), layout_of(system_of(given), GENERAL)
     buffer = np.zeros(layout.parameters.size * TILE)
     layout.parameters.store(buffer, 0, p)
     assert layout.parameters.load(buffer.tolist(), 0) == p

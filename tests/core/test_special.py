@@ -8,8 +8,7 @@ import pytest
 from turtlebot_gym import FixNoise
 from turtlebot_gym.compiled import batch as batch_module
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.compiled.loop import layout_of
-from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten
+from turtlebot_gym.compiled.packing import TILE, as_tuple, flatten, layout_of
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import make_parameters, system_of
@@ -119,14 +118,14 @@ def test_the_law_notices_a_loop_that_leaves_out_what_is_not_idle(monkeypatch):
 
 def choice(parameters, *, system=None, waypoints=1, **changes):
     of_parameters = system or system_of(parameters)
-    numbers = dict(zip(layout_of(of_parameters).parameters.names, flatten(as_tuple(parameters)), strict=True))
+    numbers = dict(zip(layout_of(of_parameters, GENERAL).parameters.names, flatten(as_tuple(parameters)), strict=True))
     return special_of(of_parameters, {path: np.array([value]) for path, value in (numbers | changes).items()}, waypoints)
 
 
 @pytest.mark.parametrize("path", [path for path, _ in QUIET.parameters])
 def test_a_case_is_left_as_soon_as_one_of_its_parameters_differs(path):
     p = make_parameters()
-    usual = dict(zip(layout_of(system_of(p)).parameters.names, flatten(as_tuple(p)), strict=True))[path]
+    usual = dict(zip(layout_of(system_of(p), GENERAL).parameters.names, flatten(as_tuple(p)), strict=True))[path]
     assert choice(p) is QUIET
     other = choice(p, **{path: usual + 1.0 if usual < 9.0 else 5.0})
     assert other is (GENERAL if path in dict(SPECIALS[3].parameters) else SPECIALS[2])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -10,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.compiled.loop import layout_of, loops_of
-from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten
-from turtlebot_gym.compiled.parallel import address_of, parallel_loop
-from turtlebot_gym.compiled.threads import Pace, Threads
+from turtlebot_gym.compiled.loop import loops_of
+from turtlebot_gym.compiled.packing import TILE, Results, aligned, as_tuple, flatten, layout_of
+from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems import Parameters, Snapshot, Surroundings, System, find_system, system_of
@@ -24,21 +22,6 @@ PARALLEL_FROM = 64 * TILE
 """Batches below this size run on one thread: splitting costs more than it saves."""
 ROOMS_PARALLEL_FROM = 8 * TILE
 """The same in rooms, where a step takes about ten times as long."""
-
-
-def _references() -> int:
-    """Return the reference count that `Batch.empty` sees for an array that only the batch holds; this loop sees the same.
-
-    The count depends on the version of Python; one without a global lock may see too few, and then no array is reused.
-    """
-    if not getattr(sys, "_is_gil_enabled", lambda: True)():
-        return -1
-    for array, _ in [(np.empty(1), None)]:
-        return sys.getrefcount(array)
-    raise AssertionError
-
-
-_UNHELD = _references()
 
 
 class Batch:
@@ -62,9 +45,9 @@ class Batch:
         plan: FloorPlan | None = None,
     ) -> None:
         n_tiles = -(-num_envs // TILE)
-        first = parameters if isinstance(parameters, Parameters) else parameters[0]
         self._own, self._by_parameters = system, system is None
-        self._use(find_system(system, first))
+        self.parameters = parameters
+        self._find_system()
         layout = self.layout
         self.num_envs = num_envs
         self.seeds = np.zeros(num_envs, np.int64)
@@ -82,9 +65,8 @@ class Batch:
         self._parts = 1
         """Parts of the last step's tiles, each for a thread."""
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
-        self._shapes = (num_envs, len(self.system.low)), (layout.outcome.size, num_envs)
+        self._results = Results(num_envs, len(self.system.low), layout.outcome.size)
         self._first = self._tiles[0]
-        self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
         self._special: Special | None = None
         self._intervals: NDArray[np.float64] = np.empty(0)
         self._told: list[NDArray[np.intp]] = []
@@ -92,21 +74,24 @@ class Batch:
         """Whether an episode has begun: its world may be none of another case."""
         self.set_parameters(parameters)
 
-    def _use(self, system: System) -> None:
-        self.system, self.layout, self._around = system, layout_of(system), system.surroundings
+    def _find_system(self) -> None:
+        self.system = find_system(self._own, self.parameters_of(0))
+        self.layout, self._around = layout_of(self.system, GENERAL), self.system.surroundings
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without views, local functions and addresses."""
         kernels = {"system", "layout", "_around", "_loops", "_first"}
-        return {name: value for name, value in self.__dict__.items() if name not in kernels} | {"_given": [], "_addresses": {}}
+        return {name: value for name, value in self.__dict__.items() if name not in kernels} | {"_addresses": {}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        parameters = self.parameters
-        first = parameters if isinstance(parameters, Parameters) else parameters[0]
-        self._use(find_system(self._own, first))
+        self._find_system()
         assert self._special is not None
         self._loops, self._first = loops_of(self.system, self._special), self._tiles[0]
+
+    def parameters_of(self, row: int) -> Parameters:
+        """Return the parameters of one environment."""
+        return self.parameters if isinstance(self.parameters, Parameters) else self.parameters[row]
 
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each.
@@ -127,9 +112,7 @@ class Batch:
         numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
         self._choose_loops(numbers)
         if self._around:
-            self._make_room_for(
-                self._around, [parameters] * self.num_envs if isinstance(parameters, Parameters) else parameters
-            )
+            self._make_room_for(self._around, rows * self.num_envs if same else rows)
         layout = self._loops.layout.parameters
         own = [index for index, place in enumerate(layout.places) if place >= 0]
         table = numbers[:, own]
@@ -231,17 +214,8 @@ class Batch:
         parallel_loop(name)(self._addresses[name], parts, *arguments)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return uninitialized observations and outcomes, in the shapes of `step`: new, or old ones without other references.
-
-        Freeing a large array returns its memory to the operating system, which would take up to a third of a step's time.
-        """
-        for observations, outcomes in self._given:
-            if sys.getrefcount(observations) == _UNHELD == sys.getrefcount(outcomes):
-                return observations, outcomes
-        shape, shape_of_outcomes = self._shapes
-        fresh = np.empty(shape, np.float32), np.empty(shape_of_outcomes)
-        self._given = [*self._given[-1:], fresh]
-        return fresh
+        """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""
+        return self._results.empty()
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Advance all environments by one step.
@@ -252,7 +226,7 @@ class Batch:
         Returns:
             Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are new arrays.
         """
-        observations, outcomes = self.empty()
+        observations, outcomes = self._results.empty()
         if self.num_envs > 1 and not actions.flags.carray:  # the loop would be compiled anew for each kind of array
             actions = actions.copy()
         if not self._parallel or Threads.limit == 1 or Threads.count() == 1:
@@ -284,9 +258,11 @@ class Batch:
     def numbers(self, path: str) -> NDArray[np.float64]:
         """Return a copy of one part of all worlds by dotted path, such as "body.true_state": (N, k), or (N,) for a number."""
         world = self._loops.layout.world
-        if path in world.names:
-            return self._rows([world.places[world.names.index(path)]])[:, 0]
-        return self._rows(world.places[world.slices[path]])
+        single = path in world.names
+        places = world.places[world.names.index(path)] if single else world.places[world.slices[path]]
+        part = self._tiles.reshape(len(self._tiles), -1, TILE)[:, np.atleast_1d(places)]
+        rows = part.transpose(0, 2, 1).reshape(-1, part.shape[1])[: self.num_envs]
+        return rows[:, 0].copy() if single else rows.copy()
 
     def tell(self, *parts: ArrayLike) -> None:
         """Choose numbers of a world for `told` and `first_told`: arrays of any shape of their indices in the layout."""
@@ -321,8 +297,3 @@ class Batch:
     def world(self, index: int) -> Snapshot:
         """Return one environment's world in Python numbers."""
         return self._loops.layout.world.load(self._tiles[index // TILE].tolist(), index % TILE)
-
-    def _rows(self, places: Sequence[int]) -> NDArray[np.float64]:
-        """Return the numbers at k places for each environment, shape (N, k)."""
-        part = self._tiles.reshape(len(self._tiles), -1, TILE)[:, places]
-        return part.transpose(0, 2, 1).reshape(-1, len(places))[: self.num_envs].copy()

@@ -5,6 +5,9 @@ branches and call no library, so LLVM vectorizes the loop over a tile, with eigh
 share the tiles. Rare work with branches, such as a new waypoint or a reset, runs between those loops. The most common
 parameters have their own loop, see `systems.special`. Why it is exact: nothing is reordered or contracted
 (`kernel.algebra` says what is left out), so no bit of a result depends on the vector width, the number of threads or the batch.
+
+A condition that is constant when a loop is compiled, such as whether there are surroundings, leaves no branch in it; numba does
+not even look at what it excludes.
 """
 
 from __future__ import annotations
@@ -14,15 +17,13 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from turtlebot_gym.compiled.cache import compiled
-from turtlebot_gym.compiled.packing import LINE, TILE, Packing, as_tuple, packing
+from turtlebot_gym.compiled.packing import LINE, TILE, Layout, layout_of
 from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, prefer_wide, scratch
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import Outcome, System, step_of
 from turtlebot_gym.systems.episode import start_outcome
-from turtlebot_gym.systems.late import late_fixes
-from turtlebot_gym.systems.special import GENERAL, Special
-from turtlebot_gym.values import STOP, Pose
+from turtlebot_gym.systems.special import Special, late_fixes
 
 _SUCCESS = Outcome._fields.index("is_success")
 FLAGS = slice(_SUCCESS, _SUCCESS + 3)
@@ -31,67 +32,33 @@ _LARGE = 250_000
 """Numbers in the tiles of a thread from which on they are fetched ahead: 2 MB, about a core's own cache."""
 
 
-class _Layout(NamedTuple):
-    """Layout of a system's values in a tile, and in a thread's scratch: observation, outcome and action in sequence."""
-
-    parameters: Packing
-    """In a buffer of their own: what is shared, and then the tiles of what each environment has for itself."""
-    world: Packing
-    """The tile: the only state that is kept between steps."""
-    outcome: Packing
-    observation: Packing
-    at_outcome: int
-    """Offset of the outcome in the scratch."""
-    at_action: int
-    scratch: int
-    """Numbers in the scratch."""
-
-
 class _Loops(NamedTuple):
     """The compiled functions of a system, each compiled at its first call."""
 
-    layout: _Layout
+    layout: Layout
     step: Callable[..., None]
     """Advances some tiles. After the keys of a tile come its own number, and how many flags are set in it and those before."""
     reset: Callable[..., None]
     """Begins episodes of some environments in some tiles, or writes their current observations again."""
 
 
-def layout_of(system: System, special: Special = GENERAL) -> _Layout:
-    """Return the layout of a system's values in a tile, from an example of each."""
-    return _layout_of(system, special)
+def _access_of(system: System, special: Special) -> tuple[Callable[..., Any], ...]:
+    """Return the kernels that load parameters, load and store a world and an outcome, and write an observation to a scratch."""
+    layout, observe = layout_of(system, special), system.observe
+    store_observation = layout.observation.store
+
+    @kernel
+    def show(scratch, lane, world, p):
+        store_observation(scratch, lane, observe(world, p))
+
+    return layout.parameters.load, layout.world.load, layout.world.store, layout.outcome.load, layout.outcome.store, show
 
 
-@cache
-def _layout_of(system: System, special: Special) -> _Layout:
-    begin, transition, observe, *_ = step_of(system)
-    p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
-    scene = around.at(around.make([system.example]), 0) if around else ()
-    world, outcome = transition(begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene), STOP, 1, waypoints, p, scene)
-    parameters = packing(p, known=dict(special.parameters), own=special.own)
-    a_world = packing(world, known=dict(special.world), same=dict(special.same))
-    an_outcome, observation = packing(outcome), packing(observe(world, p))
-    at_outcome = observation.size * TILE
-    at_action = at_outcome + an_outcome.size * TILE
-    return _Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)
-
-
-@kernel
-def _no_scene(scenes: Any, index: int) -> tuple[()]:
-    """Return the scene of open ground."""
-    return ()
-
-
-@kernel
-def _show_nothing(environment: int, scene: tuple[()], observations: Any) -> None:
-    """Add nothing to an observation."""
-
-
-def _show_ranges_of(system: System) -> Callable[..., None]:
-    """Return the kernel that writes the ranges into an environment's observation, before its last number."""
-    around, before = system.surroundings, layout_of(system).observation.size - 1
+def _show_ranges_of(system: System, special: Special) -> Any:
+    """Return the kernel that writes the ranges into an environment's observation, before its last number; None without any."""
+    around, before = system.surroundings, layout_of(system, special).observation.size - 1
     if around is None:
-        return _show_nothing
+        return None
     ranges_of, seen = around.ranges, around.seen
 
     @kernel
@@ -103,37 +70,14 @@ def _show_ranges_of(system: System) -> Callable[..., None]:
     return show_ranges
 
 
-def _show_of(system: System, special: Special) -> Callable[..., None]:
-    """Return the kernel that writes an environment's observation into a scratch."""
-    observe, store_observation = system.observe, layout_of(system, special).observation.store
-
-    @kernel
-    def show(scratch, lane, world, p):
-        store_observation(scratch, lane, observe(world, p))
-
-    return show
-
-
-@kernel
-def _show_later(scratch: Any, lane: int, world: Any, p: Any) -> None:
-    """Do nothing: the kernel of `_look_tile_of` writes the observation later."""
-
-
-def _look_tile_of(system: System, special: Special) -> Callable[..., None]:
+def _look_tile_of(system: System, special: Special) -> Any:
     """Return the kernel that senses the surroundings of each environment in a tile and writes the observations."""
     around = system.surroundings
     if around is None:
-
-        @kernel
-        def look_at_nothing(first, count, tile, scratch, keys, parameters, origin, observations, scenes):
-            """Do nothing: there are no surroundings, and the observations are already written."""
-
-        return look_at_nothing
-    look_round, scene_at, show_ranges = step_of(system).look_round, around.at, _show_ranges_of(system)
-    show = _show_of(system, special)
-    of_parameters, world, outcome, _, at_outcome, *_ = layout_of(system, special)
-    load_parameters, load_world, load_outcome = of_parameters.load, world.load, outcome.load
-    store_world, store_outcome = world.store, outcome.store
+        return None
+    look_round, scene_at, show_ranges = step_of(system).look_round, around.at, _show_ranges_of(system, special)
+    load_parameters, load_world, store_world, load_outcome, store_outcome, show = _access_of(system, special)
+    at_outcome = layout_of(system, special).at_outcome
 
     @kernel
     def look_tile(first, count, tile, scratch, keys, parameters, origin, observations, scenes):
@@ -150,18 +94,12 @@ def _look_tile_of(system: System, special: Special) -> Callable[..., None]:
     return look_tile
 
 
-def _catch_up_tile_of(system: System, special: Special) -> Callable[..., None]:
-    """Return the kernel that goes on where a fix has arrived, see `systems.late`."""
+def _catch_up_tile_of(system: System, special: Special) -> Any:
+    """Return the kernel that goes on where a fix has arrived, see `systems.special`; None if fixes are never late."""
     if not special.late:
-
-        @kernel
-        def catch_nothing(count, tile, scratch, keys, parameters, origin):
-            """Do nothing: no fix arrives."""
-
-        return catch_nothing
-    show, catch_up = _show_of(system, special), late_fixes(special.late).catch_up
-    of_parameters, world, *_ = layout_of(system, special)
-    load_parameters, load_world, store_world = of_parameters.load, world.load, world.store
+        return None
+    load_parameters, load_world, store_world, _, _, show = _access_of(system, special)
+    catch_up, world = late_fixes(special.late).catch_up, layout_of(system, special).world
     at_arrived = world.places[world.names.index("senses.fix.arrived")] * TILE
 
     @kernel
@@ -184,11 +122,11 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel of a tile's steps: in vectors up to looking, and one by one what is rare or has branches."""
     _, _, _, advance, retarget, *_ = step_of(late_fixes(special.late).hurried if special.late else system)
     catch_up_tile, look_tile = _catch_up_tile_of(system, special), _look_tile_of(system, special)
-    show = _show_later if system.surroundings else _show_of(system, special)
-    of_parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
-    load_parameters, load_world, load_outcome = of_parameters.load, world.load, outcome.load
-    store_world, store_outcome = world.store, outcome.store
-    at_reached = at_outcome + outcome.names.index("reached") * TILE
+    are_late, looks = catch_up_tile is not None, look_tile is not None
+    load_parameters, load_world, store_world, load_outcome, store_outcome, show = _access_of(system, special)
+    layout = layout_of(system, special)
+    at_outcome, at_action = layout.at_outcome, layout.at_action
+    at_reached = at_outcome + layout.outcome.names.index("reached") * TILE
 
     @kernel
     def advance_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
@@ -198,8 +136,10 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
             world, outcome = advance(load_world(tile, lane), command, int(keys[lane]), waypoints.shape[1], p)
             store_world(tile, lane, world)
             store_outcome(scratch, at_outcome + lane, outcome)
-            show(scratch, lane, world, p)
-        catch_up_tile(count, tile, scratch, keys, parameters, origin)
+            if not looks:
+                show(scratch, lane, world, p)
+        if are_late:
+            catch_up_tile(count, tile, scratch, keys, parameters, origin)
         for lane in range(count):
             if scratch[at_reached + lane] != 0.0:
                 p = load_parameters(parameters, origin + lane)
@@ -207,8 +147,10 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
                 world, outcome = retarget(world, outcome, waypoints[first + lane], p)
                 store_world(tile, lane, world)
                 store_outcome(scratch, at_outcome + lane, outcome)
-                show(scratch, lane, world, p)
-        look_tile(first, count, tile, scratch, keys, parameters, origin, observations, scenes)
+                if not looks:
+                    show(scratch, lane, world, p)
+        if looks:
+            look_tile(first, count, tile, scratch, keys, parameters, origin, observations, scenes)
 
     return advance_tile
 
@@ -217,12 +159,10 @@ def _drive_tile_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel of a tile's steps for a filter that reads the scan: in vectors up to looking, and then one by one."""
     step, around = step_of(system), system.surroundings
     assert around is not None
-    act, conclude, scene_at, show_ranges = step.act, step.conclude_by_scan, around.at, _show_ranges_of(system)
-    show = _show_of(system, special)
-    of_parameters, world, outcome, _, at_outcome, at_action, _ = layout_of(system, special)
-    load_parameters, load_world, store_world, store_outcome = of_parameters.load, world.load, world.store, outcome.store
-    scratch_of = compiled_scratch if HAS_NUMBA and system.compiled else scratch
-    size = world.size * TILE
+    act, conclude, scene_at, show_ranges = step.act, step.conclude_by_scan, around.at, _show_ranges_of(system, special)
+    load_parameters, load_world, store_world, _, store_outcome, show = _access_of(system, special)
+    layout, scratch_of = layout_of(system, special), _scratch_of(system)
+    at_outcome, at_action, size = layout.at_outcome, layout.at_action, layout.world.size * TILE
 
     @kernel
     def drive_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
@@ -244,24 +184,24 @@ def _drive_tile_of(system: System, special: Special) -> Callable[..., None]:
     return drive_tile
 
 
-def _do_nothing() -> None:
-    """Stand for `prefer_wide` in plain Python."""
+def _scratch_of(system: System) -> Callable[[int], Any]:
+    return compiled_scratch if HAS_NUMBA and system.compiled else scratch
 
 
-def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., int]:
+def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
     _, _, outcome, observation, at_outcome, at_action, size = layout_of(system, special)
     first_flag, end_of_flags = FLAGS.start, FLAGS.stop
     work_tile = (_drive_tile_of if system.reads_scan else _advance_tile_of)(system, special)
     seen = system.surroundings.seen if system.surroundings else 0
     n_outcome, n_observation = outcome.size, observation.size
-    is_compiled = HAS_NUMBA and system.compiled
-    widen, scratch_of = (prefer_wide, compiled_scratch) if is_compiled else (_do_nothing, scratch)
+    is_compiled, scratch_of = HAS_NUMBA and system.compiled, _scratch_of(system)
 
     @kernel
     def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
         """Advance the ``count`` environments of a tile whose first environment is ``first``; return how many flags are set."""
-        widen()
+        if is_compiled:
+            prefer_wide()
         scratch = scratch_of(size)
         asked, shown = actions[first : first + count], observations[first : first + count]
         for lane in range(count):
@@ -284,15 +224,14 @@ def _step_tile_of(system: System, special: Special = GENERAL) -> Callable[..., i
     return step_tile
 
 
-def _reset_lane_of(system: System, special: Special = GENERAL) -> Callable[..., None]:
+def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel that begins an episode of one environment, or writes its current observation."""
     begin, lay_out, around = step_of(system).begin, system.lay_out, system.surroundings
-    scene_at, seen = (around.at, around.seen) if around else (_no_scene, 0)
-    show, show_ranges = _show_of(system, special), _show_ranges_of(system)
-    of_parameters, world, outcome, observation, at_outcome, _, size = layout_of(system, special)
-    load_parameters, load_world, store_world, store_outcome = of_parameters.load, world.load, world.store, outcome.store
+    scene_at, seen = (around.at, around.seen) if around else (kernel(lambda scenes, index: ()), 0)
+    load_parameters, load_world, store_world, _, store_outcome, show = _access_of(system, special)
+    _, _, outcome, observation, at_outcome, _, size = layout_of(system, special)
     n_outcome, n_observation = outcome.size, observation.size
-    scratch_of = compiled_scratch if HAS_NUMBA and system.compiled else scratch
+    scratch_of, show_ranges = _scratch_of(system), _show_ranges_of(system, special)
 
     @kernel
     def reset_lane(environment, lane, begins, tile, key, parameters, origin, waypoints, observations, outcomes, scenes):
@@ -307,20 +246,17 @@ def _reset_lane_of(system: System, special: Special = GENERAL) -> Callable[..., 
         show(scratch, 0, world, p)
         for k in range(n_observation):
             observations[environment, k if k < n_observation - 1 else k + seen] = scratch[k * TILE]
-        show_ranges(environment, scene, observations)
+        if seen:
+            show_ranges(environment, scene, observations)
         for k in range(n_outcome):
             outcomes[k, environment] = scratch[at_outcome + k * TILE]
 
     return reset_lane
 
 
-def loops_of(system: System, special: Special = GENERAL) -> _Loops:
-    """Return the compiled loops of a system, general or for a special case; processes share them through the cache."""
-    return _loops_of(system, special)
-
-
 @cache
-def _loops_of(system: System, special: Special) -> _Loops:
+def loops_of(system: System, special: Special) -> _Loops:
+    """Return the compiled loops of a system, general or for a special case; processes share them through the cache."""
     step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
     layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
     ahead, width = layout.parameters.ahead, layout.parameters.size * TILE

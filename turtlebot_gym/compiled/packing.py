@@ -1,4 +1,4 @@
-"""Values in a flat buffer: generate functions that load a value from an array and store it there, from its structure.
+"""Values in a flat buffer: functions, made from a value's structure, that load it from an array and store it there.
 
 The buffer is divided into tiles of `TILE` environments; in a tile each number of a value has a run of `TILE` places,
 one per environment. So the compiled loop reads and writes whole vector registers at offsets that the compiler knows,
@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import sys
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache
@@ -19,6 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.kernel import Leaf, access
+from turtlebot_gym.systems import System, step_of
+from turtlebot_gym.systems.special import Special
+from turtlebot_gym.values import STOP, Pose
 
 TILE = 32
 """Environments per tile."""
@@ -34,6 +38,45 @@ def aligned(count: int) -> NDArray[np.float64]:
     room = np.zeros(count + LINE)
     start = -room.ctypes.data // room.itemsize % LINE
     return room[start : start + count]
+
+
+def _references() -> int:
+    """Return the reference count that `Results.empty` sees for an array that only it holds; this loop sees the same.
+
+    The count depends on the version of Python; one without a global lock may see too few, and then no array is reused.
+    """
+    if not getattr(sys, "_is_gil_enabled", lambda: True)():
+        return -1
+    for array, _ in [(np.empty(1), None)]:
+        return sys.getrefcount(array)
+    raise AssertionError
+
+
+_UNHELD = _references()
+
+
+class Results:
+    """Arrays for observations, shape (N, k), and outcomes, shape (m, N), of a step; freed ones are used again.
+
+    Freeing a large array returns its memory to the operating system, which would take up to a third of a step's time.
+    """
+
+    def __init__(self, num_envs: int, numbers: int, outcomes: int) -> None:
+        self._shapes = (num_envs, numbers), (outcomes, num_envs)
+        self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_given": []}
+
+    def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Return uninitialized arrays: new, or old ones without other references."""
+        for observations, outcomes in self._given:
+            if sys.getrefcount(observations) == _UNHELD == sys.getrefcount(outcomes):
+                return observations, outcomes
+        shape, shape_of_outcomes = self._shapes
+        fresh = np.empty(shape, np.float32), np.empty(shape_of_outcomes)
+        self._given = [*self._given[-1:], fresh]
+        return fresh
 
 
 @cache
@@ -204,3 +247,34 @@ def packing(
     load, store = access(scope["load"], scope["store"], _in_floats(example), leaves)
     size = max(places) + 1 if own is None else next(free)
     return Packing(size, load, store, tuple(names), slices, tuple(places), tuple(shared), len(writes))
+
+
+class Layout(NamedTuple):
+    """Layout of a system's values in a tile, and in a thread's scratch: observation, outcome and action in sequence."""
+
+    parameters: Packing
+    """In a buffer of their own: what is shared, and then the tiles of what each environment has for itself."""
+    world: Packing
+    """The tile: the only state that is kept between steps."""
+    outcome: Packing
+    observation: Packing
+    at_outcome: int
+    """Offset of the outcome in the scratch."""
+    at_action: int
+    scratch: int
+    """Numbers in the scratch."""
+
+
+@cache
+def layout_of(system: System, special: Special) -> Layout:
+    """Return the layout of a system's values in a tile, from an example of each."""
+    begin, transition, observe, *_ = step_of(system)
+    p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
+    scene = around.at(around.make([system.example]), 0) if around else ()
+    world, outcome = transition(begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene), STOP, 1, waypoints, p, scene)
+    parameters = packing(p, known=dict(special.parameters), own=special.own)
+    a_world = packing(world, known=dict(special.world), same=dict(special.same))
+    an_outcome, observation = packing(outcome), packing(observe(world, p))
+    at_outcome = observation.size * TILE
+    at_action = at_outcome + an_outcome.size * TILE
+    return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)

@@ -3,12 +3,15 @@
 The equations stay the same. Numbers that a case fixes are constants of its loop, and the compiler removes what follows from
 them: a draw multiplied by zero, a rule that is switched off, a covariance that stays zero. So the results are bit-identical to
 those of the general loop.
+
+Late fixes are rare: their cases have steps without one, and what follows for the few environments in which one arrives. Neither
+part has branches, so both run in vectors, the second only for vectors in which a fix has arrived.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -16,13 +19,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
-from turtlebot_gym.estimation.fixes import late_by, no_fix
+from turtlebot_gym.estimation.fixes import Remembered, late_by, no_fix, taking_fixes
 from turtlebot_gym.estimation.slip import SLIP
-from turtlebot_gym.systems.late import late_fixes
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.systems.fixes import TrackedFix, fix_parts
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import BELIEVED
 from turtlebot_gym.systems.system import System
-from turtlebot_gym.values import Covariance, State
+from turtlebot_gym.systems.world import Snapshot
+from turtlebot_gym.values import Covariance, Fix, State, senses_of
+
+
+class _LateFixes(NamedTuple):
+    """A system with fixes that are some steps late, in two parts."""
+
+    whole: System
+    hurried: System
+    """The system without what an arriving fix does; the task must not depend on the belief."""
+    catch_up: Callable[..., Snapshot]
+    """``catch_up(world, key, p)`` returns the world after a step of the hurried system, with what a fix does if one arrived."""
+
+
+_Senses = senses_of(("odometry", "fix"))
+
+
+@cache
+def late_fixes(late: int) -> _LateFixes:
+    """Return the system of open ground with an extended Kalman filter that takes fixes ``late`` steps late, at least one."""
+    (sensor, watch, measure), taking = fix_parts(late), taking_fixes(EXTENDED_KALMAN, late)
+    insert_last = taking.insert_last
+
+    @kernel
+    def catch_up(world, key, p):
+        fix, before = world.senses.fix, world.estimate
+        pose, R, age, arrived, cross, passed = measure(fix, key, int(world.steps), p)
+        oldest, newest = insert_last(before, Fix(pose, R, age, arrived, cross), p.tuning, p.middle)
+        after = Remembered(newest.belief, newest.nis, newest, before.told, oldest, before.steps)
+        senses = _Senses(world.senses.odometry, TrackedFix(pose, R, age, arrived, cross, passed) if fix.arrived else fix)
+        return Snapshot(world.body, senses, after if fix.arrived else before, world.course, world.steps, world.room)
+
+    hurried = open_ground(taking.filter._replace(step=taking.remember)).with_sensor(sensor._replace(sense=watch))
+    return _LateFixes(open_ground(taking.filter).with_sensor(sensor), hurried, catch_up)
 
 
 class Special(NamedTuple):
@@ -41,7 +78,7 @@ class Special(NamedTuple):
     name: str = ""
     """What the case is, for people."""
     late: int = 0
-    """Number of steps by which fixes are late, see `systems.late`; 0 without fixes."""
+    """Number of steps by which fixes are late, see `late_fixes`; 0 without fixes."""
 
     def holds(self, parameters: Mapping[str, NDArray[np.float64]], waypoints: int) -> bool:
         """Return whether a batch is a case of this kind.
