@@ -23,7 +23,7 @@ from turtlebot_gym.envs.common import (
     spaces_of,
     with_limit,
 )
-from turtlebot_gym.envs.pictures import make_renderer
+from turtlebot_gym.envs.pictures import Pictures
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -145,17 +145,13 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._seeded = False
         self.dark = False
         """Whether pictures are drawn on dark paper; set it before the first one, ``env.unwrapped.dark = True``."""
-        self._renderer: Any = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_renderer": None}  # a window cannot be pickled
+        windows = render_mode == "human"
+        self._pictures = Pictures(self._batch, rows=1, fps=self.metadata["render_fps"], windows=windows)
 
     @property
     def parameters(self) -> Parameters:
         """Everything that the environment's transition depends on."""
-        parameters = self._batch.parameters
-        assert isinstance(parameters, Parameters)
-        return parameters
+        return self._batch.parameters_of(0)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -190,10 +186,9 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._started = info.get("way_left") != UNKNOWN
         if not self._started:
             raise ValueError(no_way(self.parameters))
+        self._pictures.begin(self._everything)
         if self.render_mode == "human":
-            self._draw(anew=True)
-        elif self._renderer is not None:
-            self._renderer.reset()
+            self._pictures.draw(dark=self.dark)
         return observations[0], info
 
     def _warn_of_a_limit(self) -> None:
@@ -215,7 +210,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             room = make_room(world, p.room.lidar, p.dt)
             self._batch.set_world(p._replace(room=room), world if isinstance(world, FloorPlan) else None)
             self._world = world
-            self.close()  # the renderer holds the arrays of the old world
+            self.close()  # the pictures hold the arrays of the old world
 
     def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance by one control interval.
@@ -239,7 +234,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         observations, outcomes = self._batch.step(self._action)
         reward, distance, success, terminated, truncated, _ = outcomes.ravel().tolist()
         if self.render_mode == "human":
-            self._draw()
+            self._pictures.draw(dark=self.dark)
         return (
             observations[0], reward, terminated != 0.0, truncated != 0.0, self._info(distance, success != 0.0)
         )  # fmt: skip
@@ -272,18 +267,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         if not self._started:
             raise ResetNeeded("Call reset() before render().")
-        return self._draw() if self.render_mode == "rgb_array" else None
-
-    def _draw(self, *, anew: bool = False) -> NDArray[np.uint8] | None:
-        """Draw the world; ``anew`` begins with empty trails."""
-        if self._renderer is None:
-            mode = "human" if self.render_mode == "human" else "rgb_array"
-            self._renderer = make_renderer(self._batch, 0, mode, fps=self.metadata["render_fps"], dark=self.dark)
-        elif anew:
-            self._renderer.reset()
-        return self._renderer.draw(self._batch.world(0))
+        return self._pictures.draw(dark=self.dark)[0] if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._pictures.close()

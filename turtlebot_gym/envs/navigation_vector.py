@@ -248,10 +248,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         if self._poses and (lost := mask & (self._batch.numbers(ROOM_PARTS["way_left"]) == UNKNOWN)).any():
             # No step may follow an episode that did not begin.
             self._begun, row = False, int(np.argmax(lost))
-            parameters = self.parameters
-            raise ValueError(
-                f"Environment {row}: {no_way(parameters if isinstance(parameters, Parameters) else parameters[row])}"
-            )
+            raise ValueError(f"Environment {row}: {no_way(self._batch.parameters_of(row))}")
         self._pictures.begin(mask)
 
     def _info(

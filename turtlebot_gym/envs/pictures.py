@@ -1,4 +1,4 @@
-"""Pictures of a batch's first rows."""
+"""Pictures of a batch's first rows, for both environments."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rooms.scene import scene_at
-from turtlebot_gym.systems import Parameters
 from turtlebot_gym.values import Pose
 
 if TYPE_CHECKING:
@@ -19,42 +18,19 @@ _LARGE = 4
 """Most pictures at full size; if there are more, each has half the height and width."""
 
 
-def make_renderer(batch: Batch, row: int, mode: Literal["human", "rgb_array"], *, fps: float, dark: bool = False) -> Renderer:
-    """Return the renderer of one environment of a batch, including its room if it has one.
+class Pictures:
+    """Draws the first environments of a batch, each with the trails of its episode and its room if it has one.
 
     Args:
         batch: The environments; their parameters must not change while they are drawn.
-        row: Index of the environment.
-        mode: See `turtlebot_gym.envs.rendering.Renderer`.
-        fps: See there.
-        dark: See there.
-
-    Raises:
-        DependencyNotInstalled: If pygame is missing.
-    """
-    p = batch.parameters if isinstance(batch.parameters, Parameters) else batch.parameters[row]
-    waypoints = None if p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()]
-    options = {"robot": p.robot, "task": p.task, "waypoints": waypoints, "dt": p.dt, "fps": fps, "dark": dark}
-    if p.room:  # pygame is slow to import, and most runs draw nothing
-        from turtlebot_gym.envs.rendering_rooms import RoomRenderer
-
-        return RoomRenderer(mode, scene=scene_at(batch.scenes, row), lidar=p.room.lidar, **options)
-    from turtlebot_gym.envs.rendering import Renderer
-
-    return Renderer(mode, **options)
-
-
-class Pictures:
-    """Draws the first environments of a batch, each with the trails of its episode.
-
-    Args:
-        batch: The environments.
         rows: Number of environments to draw.
         fps: Pictures per second.
+        windows: Whether windows show them; if false, no display is needed.
     """
 
-    def __init__(self, batch: Batch, *, rows: int, fps: float) -> None:
+    def __init__(self, batch: Batch, *, rows: int, fps: float, windows: bool = False) -> None:
         self._batch, self._rows, self._fps = batch, rows, fps
+        self._mode: Literal["human", "rgb_array"] = "human" if windows else "rgb_array"
         self._renderers: list[Renderer] = []
 
     def __getstate__(self) -> dict[str, Any]:
@@ -69,15 +45,27 @@ class Pictures:
     def draw(self, *, dark: bool) -> tuple[NDArray[np.uint8], ...]:
         """Return a picture of each environment, (height, width, 3), on light paper or, from the first picture on, on dark.
 
+        If windows show them, the tuple is empty.
+
         Raises:
             DependencyNotInstalled: If pygame is missing.
         """
         if not self._renderers:
-            self._renderers = [
-                make_renderer(self._batch, row, "rgb_array", fps=self._fps, dark=dark) for row in range(self._rows)
-            ]
-        pictures = (renderer.draw(self._batch.world(row)) for row, renderer in enumerate(self._renderers))
+            self._renderers = [self._make_renderer(row, dark) for row in range(self._rows)]
+        pictures = [renderer.draw(self._batch.world(row)) for row, renderer in enumerate(self._renderers)]
         return tuple(self._sized(picture) for picture in pictures if picture is not None)
+
+    def _make_renderer(self, row: int, dark: bool) -> Renderer:
+        batch, p = self._batch, self._batch.parameters_of(row)
+        waypoints = None if p.task.random else [Pose(*pose) for pose in batch.waypoints[row].tolist()]
+        options = {"robot": p.robot, "task": p.task, "waypoints": waypoints, "dt": p.dt, "fps": self._fps, "dark": dark}
+        if p.room:  # pygame is slow to import, and most runs draw nothing
+            from turtlebot_gym.envs.rendering_rooms import RoomRenderer
+
+            return RoomRenderer(self._mode, scene=scene_at(batch.scenes, row), lidar=p.room.lidar, **options)
+        from turtlebot_gym.envs.rendering import Renderer
+
+        return Renderer(self._mode, **options)
 
     def _sized(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return a picture, averaged over 2 x 2 pixels if there are many."""
@@ -87,4 +75,6 @@ class Pictures:
         return picture.reshape(height // 2, 2, width // 2, 2, colours).mean(axis=(1, 3)).round().astype(np.uint8)
 
     def close(self) -> None:
+        for renderer in self._renderers:
+            renderer.close()
         self._renderers = []
