@@ -118,13 +118,9 @@ class Numbers:
     def check(self, name: str, value: Any) -> tuple[float, ...]:
         """Return a list, a tuple or an array as a tuple of floats."""
         rows = value.tolist() if hasattr(value, "tolist") else value
-        if not isinstance(rows, (list, tuple)):
-            raise refusal(name, self, value)
-        if self.diagonal and any(isinstance(row, (list, tuple)) for row in rows):
-            if not _is_diagonal(rows):
-                raise refusal(name, self, value)
+        if self.diagonal and _is_diagonal(rows):
             rows = [row[at] for at, row in enumerate(rows)]
-        if self.size not in (None, len(rows)):
+        if not _is_row(rows) or self.size not in (None, len(rows)) or (self.diagonal and any(map(_is_row, rows))):
             raise refusal(name, self, value)
         check = _number if self.each is None else self.each.check
         return tuple(check(f"{name}[{at}]", item) for at, item in enumerate(rows))
@@ -157,8 +153,12 @@ def variances(size: int) -> Numbers:
     return Numbers(NON_NEGATIVE, size, diagonal=True)
 
 
+def _is_row(value: Any) -> bool:
+    return isinstance(value, (list, tuple))
+
+
 def _is_diagonal(rows: Any) -> bool:
-    square = all(isinstance(row, (list, tuple)) and len(row) == len(rows) for row in rows)
+    square = _is_row(rows) and all(_is_row(row) and len(row) == len(rows) for row in rows)
     return square and all(item == 0.0 for i, row in enumerate(rows) for j, item in enumerate(row) if i != j)
 
 
@@ -187,20 +187,12 @@ def _number(name: str, value: Any) -> float:
 
 
 def whole(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
-    """Return a whole number in a range as an int.
-
-    Raises:
-        ValueError: If it is something else.
-    """
+    """Return a whole number in a range as an int, or raise the `refusal` of anything else."""
     return Range(least, most, whole=True).check(name, value)
 
 
 def flag(name: str, value: Any) -> bool:
-    """Return a boolean, of Python or NumPy.
-
-    Raises:
-        ValueError: If it is something else.
-    """
+    """Return a boolean, of Python or NumPy, as Python's, or raise the `refusal` of anything else."""
     truth = _item(value)
     if not isinstance(truth, bool):
         raise refusal(name, "True or False", value)
@@ -226,10 +218,10 @@ def did_you_mean(name: Any, known: Iterable[Any]) -> str:
 
     if not isinstance(name, str):
         return ""
-    plain = {each.lower(): each for each in known if isinstance(each, str)}
+    known_as = {text.lower(): text for text in known if isinstance(text, str)}
     asked = name.lower()
-    similar = get_close_matches(asked, plain, 1) or [each for each in plain if len(asked) > 2 and asked in each]
-    return f" Did you mean {plain[similar[0]]!r}?" if similar else ""
+    similar = get_close_matches(asked, known_as, 1) or [text for text in known_as if len(asked) > 2 and asked in text]
+    return f" Did you mean {known_as[similar[0]]!r}?" if similar else ""
 
 
 def typed(owner: Any, prefix: str | None = None) -> None:
