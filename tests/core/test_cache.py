@@ -18,12 +18,13 @@ from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.kernel import in_loops
 from turtlebot_gym.systems import Options, open_ground, system_of
+from turtlebot_gym.systems.special import GENERAL
 
 
-def with_source(source, **names):
-    """Return the function ``f`` of a source text."""
+def with_source(source, file="here.py", **names):
+    """Return the function ``f`` of a source text, as if it were in a file."""
     scope = dict(names)
-    exec(source, scope)
+    exec(compile(source, file, "exec"), scope)
     return scope["f"]
 
 
@@ -45,7 +46,7 @@ SOURCE = "def f(x):\n    return helper(x) * FACTOR\n"
     ids=["operator", "constant", "constant of a helper", "operator of a helper", "type", "comments and lines", "other names"],
 )
 def test_a_change_of_anything_that_a_function_reaches_and_of_nothing_else_changes_its_fingerprint(source, names, is_same):
-    first, second = with_source(HELPER + SOURCE, FACTOR=2.0), with_source(source, **{"FACTOR": 2.0} | names)
+    first, second = with_source(HELPER + SOURCE, FACTOR=2.0), with_source(source, "there.py", **{"FACTOR": 2.0} | names)
     assert (_fingerprint(first) == _fingerprint(second)) is is_same
 
 
@@ -82,9 +83,9 @@ def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
     odometry = system.sensors[0]._replace(sense=copied(system.sensors[0].sense))
     names = ("move", "estimate", "judge", "observe")
     changed = [system.with_sensor(odometry), *(system._replace(**{name: copied(getattr(system, name))}) for name in names)]
-    prints = {_fingerprint(loop._step_tile_of(each)) for each in (system, *changed)}
+    prints = {_fingerprint(loop._step_tile_of(each, GENERAL)) for each in (system, *changed)}
     assert len(prints) == 6
-    assert _fingerprint(loop._reset_lane_of(system)) not in prints
+    assert _fingerprint(loop._reset_lane_of(system, GENERAL)) not in prints
 
 
 # Files and processes.
@@ -128,7 +129,7 @@ def start(folder, program=FUNCTION, **options):
 
 
 ADDRESSES = f"""
-from turtlebot_gym.compiled.parallel import address_of
+from turtlebot_gym.compiled.threads import address_of
 addresses = set()
 for program in ({FUNCTION!r}, {FUNCTION!r}.replace("+ 1.0", "+ 2.0")):
     exec(program)

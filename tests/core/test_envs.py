@@ -141,9 +141,6 @@ def test_a_reset_of_one_row_leaves_the_trails_of_the_others_and_other_parameters
     assert (envs.render()[0] != after[0]).any()
 
 
-LARGE, SMALL = (704, 640, 3), (352, 320, 3)
-
-
 @pytest.mark.parametrize(("rows", "number", "shape"), [(2, 2, LARGE), (4, 4, LARGE), (5, 5, SMALL), (99, 6, SMALL)])
 def test_the_first_rows_are_drawn_the_smaller_where_they_are_many(rows, number, shape):
     envs = square(6, render_rows=rows)

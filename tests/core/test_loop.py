@@ -1,8 +1,6 @@
-"""The compiled loop: its rows, numba's cache, forks, and life without numba or Gymnasium."""
+"""The compiled loop: its rows, threads, forks, and life without numba or Gymnasium."""
 
 import os
-import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -144,34 +142,6 @@ def stepped(number, steps=3):
         observations, _ = batch.step(np.full((number, 2), 0.5, np.float32))
     return batch.world(0).body.true_state.x, observations.tobytes().hex()
 """
-CACHE = """
-x, _ = stepped(1)
-print(json.dumps([module.__file__, sum(module.Batch(1, p, SQUARE_WAYPOINTS)._loops.step.stats.cache_hits.values()), x]))
-"""
-
-
-def test_clones_share_the_cache_until_one_of_them_changes_an_equation(tmp_path, run):
-    clones = [tmp_path / name / "turtlebot_gym" for name in ("first", "second")]
-    for clone in clones:
-        shutil.copytree(Path(turtlebot_gym.__file__).parent, clone, ignore=shutil.ignore_patterns("__pycache__"))
-
-    def cached(clone):
-        file, *others = run(BATCH + CACHE, path=clone.parent, NUMBA_CACHE_DIR=tmp_path / "cache")
-        assert file == str(clone / "compiled" / "batch.py")
-        return others
-
-    hits, x = cached(clones[0])
-    assert hits == 0
-    unused = clones[1] / "compiled" / "loop.py"
-    unused.write_text("# One line more.\n" + unused.read_text())
-    assert cached(clones[1]) == [1, x]
-    helper = clones[1] / "models" / "unicycle.py"
-    changed = helper.read_text().replace("        v * cosine * dt, v", "        2.0 * v * cosine * dt, v")
-    assert changed != helper.read_text()
-    helper.write_text(changed)
-    hits, farther = cached(clones[1])
-    assert hits == 0, "the loop was loaded from before its helper changed"
-    assert farther > 1.5 * x
 
 
 THREADS = f"""

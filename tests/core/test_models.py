@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from turtlebot_gym.models import angles
 from turtlebot_gym.models.angles import sincos, wrap, wrap_once
 from turtlebot_gym.models.odometry import increment, measure, quantize
 from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, expected, limit, slips
@@ -51,10 +50,6 @@ def test_sincos_is_odd_and_even():
     for angle in RANDOM[:2000]:
         if abs(abs(angle) * 2.0 / math.pi % 1.0 - 0.5) > 1e-9:  # on the border of two quadrants rounding may choose either
             assert sincos(-angle) == (-sincos(angle)[0], sincos(angle)[1])
-
-
-def test_a_turn_is_360_degrees():
-    assert (angles.PI, angles.TWO_PI) == (3.141592653589793, 6.283185307179586)
 
 
 EULER, MIDPOINT = INTEGRATORS["euler"], INTEGRATORS["midpoint"]
@@ -249,14 +244,6 @@ def test_half_of_the_spikes_go_each_way():
     noise = OdometryNoise(spike_probability=0.4, spike=0.7)
     turns = [read(noise, pose=Pose(0.0, 0.0, 0.0), event=event).theta for event in (0.01, 0.19, 0.2, 0.21, 0.39, 0.4, 0.41)]
     assert turns == [0.7, 0.7, -0.7, -0.7, -0.7, 0.0, 0.0]
-
-
-def test_an_increment_by_hand():
-    # The odometry goes 2 ahead and 1 to its left and turns by 0.3; the pose's frame is turned by 90 degrees against it.
-    got = increment(Pose(5.0, 6.0, 2.0), Pose(1.0, 1.0, 0.4), Pose(3.0, 2.0, 0.7), (1.0, 0.0))
-    assert got == pytest.approx((4.0, 8.0, 2.3), rel=1e-12)
-    wrapped = increment(Pose(0.0, 0.0, 3.0), Pose(0.0, 0.0, 3.0), Pose(0.0, 0.0, 3.5), (0.0, 1.0))
-    assert wrapped.theta == pytest.approx(3.5 - 6.283185307179586)
 
 
 # Drop-outs, in the environment: whoever reads the odometry then has the last one, all of it.

@@ -9,20 +9,20 @@ from dataclasses import fields, replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from own_parts import slide
 
 from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.estimation.gyro import Gyro
-from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.presets import matched
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import Body, Episode, Options, Parameters, system_of
+from turtlebot_gym.systems import Episode, Options, Parameters, system_of
 from turtlebot_gym.systems.imu import ImuNoise
 from turtlebot_gym.systems.parameters import SENSORS
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.values import Pose, State
+from turtlebot_gym.values import Pose
 
 STEPS = 240
 
@@ -184,14 +184,6 @@ def test_an_exception_really_changes_nothing(owner, name):
 
 
 # Keyword arguments, in scalar and vector environment.
-
-
-@kernel
-def slide(body, command, key, at, p):
-    """A sledge that moves sideways as well."""
-    s = body.true_state
-    truth = State(s.x + command.v * p.dt, s.y + command.omega * p.dt, s.theta, command.v, command.omega)
-    return Body(truth, command, body.asked, body.wheels, False)
 
 
 NEAR = Task(radius=3.0, laps=3)

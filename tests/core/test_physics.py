@@ -1,4 +1,4 @@
-"""Open ground with a physics engine as its plant: the episode around it, alone, in an environment, and in a batch."""
+"""Open ground with a physics engine as its plant: what the episode around it reads and obeys."""
 
 import gymnasium as gym
 import numpy as np
@@ -14,64 +14,11 @@ pytest.importorskip("mujoco")
 
 SLIPPERY = MujocoBurger(friction=0.5, caster_friction=0.3)
 NAV = "turtlebot_gym/TurtleBotNav-v0"
-ACTIONS = np.random.default_rng(0).uniform([0.0, -0.4], [1.0, 0.4], (60, 2)).astype(np.float32)
 
 
 def parameters(**options):
     task, waypoints = Options(task="nav").course()
     return make_parameters(task, **{"plant": "mujoco", **options}), waypoints
-
-
-def driven(episode, actions=ACTIONS):
-    """Return all that an episode remembers and tells."""
-    return [(episode.act(action.tolist()), episode.world) for action in actions]
-
-
-@pytest.mark.parametrize("noise", ["rough", "wheel"])
-def test_an_episode_depends_on_its_seed_alone(noise):
-    p, waypoints = parameters(noise=noise, plant=SLIPPERY)
-    alone = driven(Episode(p, waypoints, seed=4))
-    after = Episode(p, waypoints, seed=4)
-    driven(after, ACTIONS[:7])
-    beside, again = Episode(p, waypoints, seed=5), Episode(p, waypoints, seed=4)
-    mixed = []
-    for action in ACTIONS:
-        beside.act(action.tolist())
-        mixed.append((again.act(action.tolist()), again.world))
-    assert mixed == alone
-    after.reset()
-    after.number = -1  # the seed's first episode again, after others
-    after.reset()
-    assert driven(after) == alone
-    assert driven(Episode(p, waypoints, seed=5)) != alone
-    assert not any(world.body.slipping for world in (Episode(p, waypoints).world, *(world for _, world in alone)))
-
-
-@pytest.mark.parametrize(
-    "options",
-    [{"noise": "rough", "filter": "slip"}, {"noise": "wheel", "delay": 1}, {"noise": "documented", "filter": "scale"}],
-)
-def test_the_environments_are_the_episode(options):
-    p, waypoints = parameters(plant=SLIPPERY, **options)
-    env = gym.make(NAV, plant=SLIPPERY, **options)
-    envs = gym.make_vec(NAV, num_envs=34, vectorization_mode="vector_entry_point", info="full", plant=SLIPPERY, **options)
-    env.reset(seed=35)
-    envs.reset(seed=2)
-    episode = Episode(p, waypoints, seed=35)
-    for action in ACTIONS[:20]:
-        outcome = episode.act(action.tolist())
-        observation, reward, *_, info = env.step(action)
-        observations, rewards, *_, infos = envs.step(np.tile(action, (34, 1)))
-        world = episode.world
-        for seen, told, gained in (
-            (observation, info, reward),
-            (observations[33], {k: infos[k][33] for k in info}, rewards[33]),
-        ):
-            np.testing.assert_array_equal(seen, np.array(episode.observe(), np.float32))
-            np.testing.assert_array_equal(told["true_state"], world.body.true_state)
-            np.testing.assert_array_equal(told["odometry"], world.senses.odometry.pose)
-            np.testing.assert_array_equal(told["estimate"], world.estimate.belief.mean)
-            assert gained == outcome.reward
 
 
 def test_without_noise_the_odometry_is_the_truth_and_on_wheels_what_they_have_rolled():
@@ -114,18 +61,6 @@ def test_one_system_serves_all_of_a_kind():
     assert not system_of(p).compiled
     assert system_of(p) is not system_of(parameters(plant=SLIPPERY)[0])
     assert system_of(make_parameters()).compiled
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"robot": "waffle"}, "robot must be 'burger', 'tutorial' or another one with that track, got 0.287 m"),
-        ({"dt": 0.0333}, "must be multiples of MujocoBurger.step"),
-    ],
-)
-def test_what_does_not_fit_is_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        gym.make(NAV, **{"plant": "mujoco", **options})
 
 
 def test_plants_cannot_be_mixed_in_a_batch():

@@ -9,6 +9,7 @@ from gymnasium.error import Error, InvalidAction, ResetNeeded
 
 from turtlebot_gym import Options, make_parameters
 from turtlebot_gym.envs.navigation import NavigationEnv
+from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES
@@ -64,6 +65,7 @@ def test_an_option_of_another_name_or_type_is_refused_by_its_name(maker, name):
         refused(lambda id=id, bad=bad: maker(id, **{name: bad}), rf"{name}\b")
 
 
+GYRO = {"Q": (0.0,) * 5, "R": (1.0,) * 3, "kind": Gyro(variance=1e-4, bias_deviation=0.05)}
 POSES = r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e\+09 m away, got "
 
 
@@ -81,6 +83,14 @@ POSES = r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e
         ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints, .* are for tasks with given waypoints: this one draws"),
         ({"world": "dense"}, "world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task"),
         ({"task": "room", "plant": "mujoco"}, "plant must be 'unicycle' in a room"),
+        (
+            {"plant": "mujoco", "robot": "waffle"},
+            "plant is a robot with a track .*, got 0.287 m",
+        ),
+        ({"plant": "mujoco", "dt": 0.0333}, "dt, MujocoBurger.lead and .* must be multiples of MujocoBurger.step"),
+        ({"imu": {"variance": -1.0}}, "ImuNoise.variance must be"),
+        ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu': choose one with imu="),
+        ({"filter": GYRO}, "The filter reads the sensor 'imu': choose one with imu="),
     ],
     ids=str,
 )

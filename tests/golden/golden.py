@@ -23,6 +23,7 @@ import gymnasium as gym
 import numpy as np
 
 import turtlebot_gym  # noqa: F401  # registers the environments
+from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.systems import Episode
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 
@@ -150,14 +151,10 @@ def by_plain(chosen: dict[str, Any]) -> list[Row]:
 
         def numbers_of(episode: Episode = episode, low: np.ndarray = low, high: np.ndarray = high) -> np.ndarray:
             world, outcome = episode.world, episode.outcome
-            P = world.estimate.belief.covariance
-            matrix = np.zeros((5, 5))
-            matrix[np.triu_indices(5)] = P
-            matrix = np.triu(matrix) + np.triu(matrix, 1).T
-            odometry = getattr(world.senses.odometry, "pose", world.senses.odometry)
+            mean, P = world.estimate.belief
             state = {
-                "true_state": world.body.true_state, "odometry": odometry, "estimate": world.estimate.belief.mean,
-                "covariance": matrix, "command": world.body.command, "distance": outcome.distance,
+                "true_state": world.body.true_state, "odometry": world.senses.odometry.pose, "estimate": mean,
+                "covariance": matrix(P), "command": world.body.command, "distance": outcome.distance,
             }  # fmt: skip
             seen = np.clip(np.array(episode.observe(), np.float32), low, high)
             return numbers(seen, outcome.reward, outcome.terminated, state)

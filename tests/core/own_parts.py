@@ -1,0 +1,48 @@
+"""Filters, systems and failures of a user's own, which tests name as "own_parts:NAME"."""
+
+import numpy as np
+from textbook import Textbook
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.systems import Body, system_of
+from turtlebot_gym.values import State
+
+
+class Extended(Textbook):
+    """The package's filter, written with matrices, and a state more that nothing touches."""
+
+    def __init__(self, tuning):
+        super().__init__([0.0, 0.0, 0.0, 0.0, 0.0, 7.0], np.diag([*tuning.R, 0.0, 0.0, 0.5]), tuning)
+
+    def predict(self, twist, dt):
+        self.dt = dt
+        super().predict(twist)
+
+
+class Small(Extended):
+    def __init__(self, tuning):
+        self.x, self.P = [0.0], [[1.0]]
+
+
+class Late(Extended):
+    def update(self, z, R):
+        return z[7]
+
+
+@kernel
+def slide(body, command, key, at, p):
+    """A sledge that moves sideways as well: nothing that a unicycle can do."""
+    s = body.true_state
+    truth = State(s.x + command.v * p.dt, s.y + command.omega * p.dt, s.theta, command.v, command.omega)
+    return Body(truth, command, body.asked, body.wheels, False)
+
+
+def sledge(p):
+    return system_of(p)._replace(move=slide)
+
+
+def broken(given):
+    raise KeyError("nothing")
+
+
+nothing = 3
