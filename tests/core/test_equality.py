@@ -47,6 +47,7 @@ CASES = {
     "gyro": {"noise": "rough", "filter": "gyro", "imu": "calibrated"},
     "gyro under late fixes": {"noise": "rough", "filter": "gyro", "imu": "mpu9250", "fix": "late"},
     "gyro that the filter does not read": {"noise": "rough", "filter": "mixture", "imu": "mpu9250", "fix": "beacons"},
+    "a class as filter": {"noise": "rough", "filter": "own_parts:Extended", "fix": "late"},
 }
 if find_spec("mujoco"):
     CASES["physics"] = {"plant": MujocoBurger(friction=0.5), "noise": "rough", "filter": "slip", "delay": 1}
@@ -71,7 +72,8 @@ def ends_of(case, number, rows, steps, in_step):
     return sum(outcomes[3:5].sum(axis=1) for outcomes in in_step(Batch(number, p, waypoints), plain, steps=steps, policy=drive))
 
 
-SIZES = [*((case, 2 if case == "physics" else 35) for case in CASES), ("nav", 1), (NOISY, 1)]
+SLOW = ("a class as filter", "physics")
+SIZES = [*((case, 2 if case in SLOW else 35) for case in CASES), ("nav", 1), (NOISY, 1)]
 
 
 @pytest.mark.parametrize(("case", "number"), SIZES)

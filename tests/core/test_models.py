@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from scipy import stats
@@ -12,7 +11,7 @@ from scipy import stats
 from turtlebot_gym.models.angles import sincos, wrap, wrap_once
 from turtlebot_gym.models.odometry import increment, measure, quantize
 from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, expected, limit, slips
-from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import Command, Pose
 
@@ -244,31 +243,3 @@ def test_half_of_the_spikes_go_each_way():
     noise = OdometryNoise(spike_probability=0.4, spike=0.7)
     turns = [read(noise, pose=Pose(0.0, 0.0, 0.0), event=event).theta for event in (0.01, 0.19, 0.2, 0.21, 0.39, 0.4, 0.41)]
     assert turns == [0.7, 0.7, -0.7, -0.7, -0.7, 0.0, 0.0]
-
-
-# Drop-outs, in the environment: whoever reads the odometry then has the last one, all of it.
-
-
-def drive(noise, *, steps=40):
-    """Return what the odometry was after each step, and the true poses, of a robot that drives in a circle."""
-    world = gym.make("turtlebot_gym/TurtleBotSquare-v0", noise=noise)
-    _, info = world.reset(seed=3)
-    measured, true = [info["odometry"]], [info["true_state"]]
-    for _ in range(steps):
-        *_, info = world.step(np.array([0.5, 0.3], np.float32))
-        measured.append(info["odometry"])
-        true.append(info["true_state"])
-    world.close()
-    return np.array(measured), np.array(true)[:, :3]
-
-
-def test_measurements_are_lost_whole_or_not_at_all_and_as_often_as_stated():
-    # Without other noise what arrives is the true pose, and what does not is the one of the step before.
-    measured, true = drive(Noise(odometry=OdometryNoise(dropout_probability=0.3)), steps=500)
-    measured, true = measured[1:], true[1:]  # in the first step the robot has not moved yet
-    kept = (measured[1:] == measured[:-1]).all(axis=1)
-    np.testing.assert_array_equal(measured[1:][~kept], true[1:][~kept])
-    assert (np.ptp(true, axis=0) > 0.1).all()  # else keeping and measuring were the same
-    # binomial(499, 0.3): this fails for one seed in 10^4
-    assert stats.binomtest(int(kept.sum()), 499, 0.3).pvalue > 1e-4
-    assert stats.binomtest(int(kept.sum()), 499, 0.45).pvalue < 1e-4

@@ -28,22 +28,6 @@ def test_the_same_equations_as_a_class_give_the_same_estimates(options):
     assert math.dist(one.mean[:2], episodes[0].world.body.true_state[:2]) < 0.5
 
 
-def test_a_class_runs_in_scalar_and_vector_environments_alike():
-    env, envs = (
-        gym.make(NAV, filter="own_parts:Extended"),
-        gym.make_vec(NAV, num_envs=2, info="full", filter="own_parts:Extended"),
-    )
-    (observation, info), (observations, infos) = env.reset(seed=5), envs.reset(seed=5)
-    error = 0.0
-    for _ in range(40):
-        np.testing.assert_array_equal(observation, observations[0])
-        np.testing.assert_array_equal(info["estimate"], infos["estimate"][0])
-        observation, *_, info = env.step(np.array([0.9, 0.1], np.float32))
-        observations, *_, infos = envs.step(np.array([[0.9, 0.1], [0.1, 0.9]], np.float32))
-        error = max(error, math.dist(info["estimate"][:2], info["true_state"][:2]))
-    assert 0.0 < error < 0.6
-
-
 def test_a_function_of_the_noise_may_return_any_tuning():
     noise = make_noise("rough")
     assert make_filter(lambda noise: make_filter("slip", noise), noise) == make_filter("slip", noise)
