@@ -1,7 +1,6 @@
 """The policy bundle: what it says, what it refuses, and that it needs neither torch nor Stable-Baselines3."""
 
 import hashlib
-import json
 import os
 import pickle
 import re
@@ -13,7 +12,8 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from onnx import TensorProto, helper, numpy_helper
+from bundles import CARD, WEIGHTS, linear_model, metadata, rewritten, seal
+from onnx import TensorProto, helper
 from stable_baselines3 import PPO
 
 from turtlebot_gym import ROBOTS
@@ -21,29 +21,6 @@ from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training.export import load_model
-
-CARD = Card(
-    env="turtlebot_gym/TurtleBotNav-v0",
-    robot=describe_robot("burger"),
-    dt=0.1,
-    noise="tutorial",
-    filter="matched",
-    observation="ekf",
-    training={"seed": 3, "sha256": "0" * 64},
-)
-WEIGHTS = np.random.default_rng(0).normal(size=(13, 2)).astype(np.float32)
-
-
-def linear_model() -> onnx.ModelProto:
-    """Return the policy ``action = tanh(observation W)``."""
-    graph = helper.make_graph(
-        [helper.make_node("MatMul", ["observation", "W"], ["product"]), helper.make_node("Tanh", ["product"], ["action"])],
-        "linear",
-        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["n", 13])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", 2])],
-        [numpy_helper.from_array(WEIGHTS, "W")],
-    )
-    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
 
 
 @pytest.fixture
@@ -160,13 +137,6 @@ def test_code_in_a_pickled_file_is_run_only_where_it_is_allowed(tmp_path):
     assert sprung.exists()  # it would have run
 
 
-def metadata(path):
-    """Return what a bundle's metadata say, read by ONNX."""
-    [entry] = onnx.load(path).metadata_props
-    assert entry.key == "turtlebot_gym"
-    return json.loads(entry.value)
-
-
 def test_the_card_in_the_file_word_for_word(bundle):
     burger = {
         "name": "burger",
@@ -221,21 +191,6 @@ def test_a_missing_onnxruntime_is_named_with_the_remedy(bundle, monkeypatch):
         BundlePolicy(bundle)
 
 
-def seal(path, blank):
-    """Write a file with the hash that fits it, whatever else stands in it."""
-    path.write_bytes(blank.replace(b"0" * 64, hashlib.sha256(blank).hexdigest().encode(), 1))
-
-
-def rewritten(bundle, *, card=lambda card: card, change=lambda model: None):
-    """Write a bundle with another card and another model, and its own hash."""
-    model, content = onnx.load(bundle), {"sha256": "0" * 64, "card": card(metadata(bundle)["card"])}
-    change(model)
-    del model.metadata_props[:]
-    model.metadata_props.add(key="turtlebot_gym", value=json.dumps(content))
-    seal(bundle, model.SerializeToString())
-    return bundle
-
-
 @pytest.mark.parametrize("added", [{}, {"license": "MIT"}])
 def test_a_rewritten_bundle_is_one_and_what_a_newer_version_adds_to_its_card_is_left_out(bundle, added):
     assert BundlePolicy(rewritten(bundle, card=lambda card: card | added)).card == CARD
@@ -265,95 +220,6 @@ def test_a_card_or_a_robot_that_is_not_whole_is_refused(bundle, card):
     said = metadata(bundle)["card"] | card if isinstance(card, dict) and card else card
     with pytest.raises(ValueError, match=re.escape(str(bundle))):
         BundlePolicy(rewritten(bundle, card=lambda _: said), robot="burger", dt=0.1)
-
-
-def outside(model):
-    (weights,) = model.graph.initializer
-    weights.ClearField("raw_data")
-    weights.data_location = TensorProto.EXTERNAL
-    for key, value in (("location", "secret.bin"), ("offset", "0"), ("length", str(WEIGHTS.nbytes))):
-        weights.external_data.add(key=key, value=value)
-
-
-def outside_in_a_subgraph(model):
-    inner = helper.make_graph([], "inner", [], [], [numpy_helper.from_array(WEIGHTS, "V")])
-    inner.initializer[0].data_location = TensorProto.EXTERNAL
-    node = model.graph.node.add(op_type="Relu", input=["observation"], output=["unused"])
-    node.attribute.append(helper.make_attribute("then_branch", inner))
-
-
-def operator(name, domain=""):
-    def change(model):
-        model.graph.node[0].op_type, model.graph.node[0].domain = name, domain
-
-    return change
-
-
-def with_a_function(model):
-    relu = helper.make_node("Relu", ["x"], ["y"])
-    model.functions.append(helper.make_function("own", "Twice", ["x"], ["y"], [relu], []))
-
-
-def not_finite(bad, packed):
-    def change(model):
-        values = WEIGHTS.copy()
-        values[12, 1] = bad
-        spoiled = numpy_helper.from_array(values, "W")
-        if not packed:
-            spoiled = helper.make_tensor("W", TensorProto.FLOAT, values.shape, values.ravel().tolist())
-        model.graph.initializer[0].CopyFrom(spoiled)
-
-    return change
-
-
-def widths(inputs, outputs):
-    def change(model):
-        model.graph.initializer[0].CopyFrom(numpy_helper.from_array(np.zeros((inputs, outputs), np.float32), "W"))
-        for info, size in ((model.graph.input[0], inputs), (model.graph.output[0], outputs)):
-            info.type.tensor_type.shape.dim[1].dim_value = size
-
-    return change
-
-
-def fixed_batch(model):
-    model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
-
-
-def doubles(model):
-    model.graph.initializer[0].CopyFrom(numpy_helper.from_array(WEIGHTS.astype(np.float64), "W"))
-    for info in (model.graph.input[0], model.graph.output[0]):
-        info.type.tensor_type.elem_type = TensorProto.DOUBLE
-
-
-def two_outputs(model):
-    model.graph.output.append(helper.make_tensor_value_info("product", TensorProto.FLOAT, ["n", 2]))
-
-
-def answers_nan(model):
-    model.graph.node[1].op_type = "Log"  # of the zeros that it is tried with
-
-
-ELSEWHERE, OPERATOR = "its weights are in another file", "is not a policy bundle: a network has no operator"
-SHAPE = "its model must be from float observations (n, 13) to float actions (n, 2)"
-WRONG_MODELS = [
-    (outside, ELSEWHERE),
-    (outside_in_a_subgraph, ELSEWHERE),
-    *((operator(name), f"{OPERATOR} '{name}'") for name in ("Loop", "Expand", "NoSuchOperator")),  # which may take for ever
-    (operator("MatMul", "com.microsoft"), f"{OPERATOR} 'com.microsoft.MatMul'"),
-    (with_a_function, "its model has functions of its own"),
-    *((not_finite(bad, packed), "its weights are not all finite numbers")
-      for bad in (np.nan, np.inf, -np.inf) for packed in (True, False)),
-    *((change, SHAPE) for change in (widths(12, 2), widths(50, 2), widths(13, 3), fixed_batch, doubles, two_outputs)),
-    (answers_nan, "must give 1 finite actions"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("change", "message"), WRONG_MODELS)
-def test_a_model_that_a_robot_should_not_run_is_refused_without_a_word_on_standard_error(bundle, change, message, capfd):
-    (bundle.parent / "secret.bin").write_bytes(WEIGHTS.tobytes())
-    with pytest.raises(ValueError, match=re.escape(message)):
-        BundlePolicy(rewritten(bundle, change=change))
-    assert capfd.readouterr() == ("", "")
 
 
 def test_models_without_a_card_and_random_bytes_with_a_hash_are_no_bundles(tmp_path):

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 import turtlebot_gym.drives
@@ -14,7 +13,7 @@ from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.cluster.attachments import Attachments, attach, hashes, placed, unpacked
 from turtlebot_gym_agents.cluster.units import Result, Runner, complete
 from turtlebot_gym_agents.evaluation.episodes import Episodes, concatenate
-from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, batches, drive, require_known
+from turtlebot_gym_agents.evaluation.evaluate import NAV, Evaluation, batches, drive, make_envs, require_known
 from turtlebot_gym_agents.evaluation.metrics import Errors
 from turtlebot_gym_agents.provenance import plain
 
@@ -57,9 +56,7 @@ class DriveUnit:
     def run(self) -> Result:
         with unpacked(self.files) as places:
             options = {name: placed(value, places) for name, value in self.options.items()}
-            envs = gym.make_vec(
-                self.env, num_envs=self.episodes, vectorization_mode="vector_entry_point", info="full", **options
-            )
+            envs = make_envs(self.env, self.episodes, **options)
             episodes, trajectory, p = drive(envs, placed(self.policy, places), self.seed, allow_mismatch=self.allow_mismatch)
             envs.close()
         arrays = dict(_columns(episodes))

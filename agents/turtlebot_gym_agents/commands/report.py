@@ -44,8 +44,9 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
     )  # fmt: skip
     estimate = Table("", *ERRORS, title="errors of the estimate, mean over episodes")
     odometry = Table("", *ERRORS, title="errors of raw odometry, mean over episodes")
+    summaries = {label: evaluation.summary() for label, evaluation in evaluations.items()}
     for label, evaluation in evaluations.items():
-        s = evaluation.summary()
+        s = summaries[label]
         beside = [_number(s[name], 3 if name == "efficiency" else 2, brief=True) for name in MORE]
         driven.add_row(
             label,
@@ -58,30 +59,28 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
         estimate.add_row(label, *_errors(evaluation.episodes.estimate))
         odometry.add_row(label, *_errors(evaluation.episodes.odometry))
     tables = [driven, estimate, odometry] if details else [driven]
-    if all("collision" in evaluation.summary() for evaluation in evaluations.values()):
-        tables.insert(1, _rooms_table(evaluations, details=details))
-    if all("goals" in evaluation.summary() for evaluation in evaluations.values()):
-        tables.insert(1, _missions_table(evaluations))
+    if all("collision" in summary for summary in summaries.values()):
+        tables.insert(1, _rooms_table(summaries, details=details))
+    if all("goals" in summary for summary in summaries.values()):
+        tables.insert(1, _missions_table(summaries))
     return tuple(tables)
 
 
-def _missions_table(evaluations: Mapping[str, Evaluation]) -> Table:
+def _missions_table(summaries: Mapping[str, Mapping[str, Interval]]) -> Table:
     table = Table(
         "", "truly reached, %", "falsely, %", "truly reached an hour", "lost, % of the time",
         title="goals, of those given", caption="lost: the observed pose is more than 0.5 m off",
     )  # fmt: skip
-    for label, evaluation in evaluations.items():
-        s = evaluation.summary()
+    for label, s in summaries.items():
         true, false, lost = (f"{s[name]:.1%}" for name in ("goals", "false_goals", "lost"))
         table.add_row(label, true, false, _number(s["goals_an_hour"], 1), lost)
     return table
 
 
-def _rooms_table(evaluations: Mapping[str, Evaluation], *, details: bool) -> Table:
+def _rooms_table(summaries: Mapping[str, Mapping[str, Interval]], *, details: bool) -> Table:
     more = ("BARN's score", "least clearance, m", "its 5th percentile, m") if details else ()
     table = Table("", "collision, %", "time-out, %", "SPL", *more, title="in rooms")
-    for label, evaluation in evaluations.items():
-        s = evaluation.summary()
+    for label, s in summaries.items():
         shares = (f"{s[name]:.1%}" for name in ("collision", "timeout"))
         shown = ("spl", "barn", "clearance", "clearance_5th") if details else ("spl",)
         table.add_row(label, *shares, *(_number(s[name], 3) for name in shown))

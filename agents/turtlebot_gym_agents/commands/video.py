@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from turtlebot_gym.envs.rendering import HEADER, SIDE
-from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import POSITIVE, choose, whole
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.outputs import require_file
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
+from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replacing
 
 MIN_WIDTH = 160
@@ -82,8 +82,7 @@ def record(
     world = gym.make(env, render_mode="rgb_array", disable_env_checker=True, **options)
     assert world.spec is not None
     world.unwrapped.dark = dark  # pyright: ignore[reportAttributeAccessIssue]
-    limit = world.spec.max_episode_steps or 0
-    p: Parameters = world.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    limit, dt = world.spec.max_episode_steps or 0, parameters_of(world).dt
     driver = driver_of(policy, world, allow_mismatch=allow_mismatch)
     size = width, 2 * round(0.5 * width * (HEADER + SIDE) / SIDE)  # even, which an MP4 needs
     frames, steps, success = 0, 0, False
@@ -95,7 +94,7 @@ def record(
             progress(steps, limit)
             success = bool(info["is_success"])
             image = Image.fromarray(picture).resize(size)
-            until = (steps + 1) * p.dt + (HOLD * speed if ended else 0.0)
+            until = (steps + 1) * dt + (HOLD * speed if ended else 0.0)
             while frames * speed / fps < until - 1e-9:
                 frames += 1
                 yield image
@@ -105,7 +104,7 @@ def record(
             write(beside, play(), fps)
     finally:
         world.close()
-    return _Video(size=size, duration=frames / fps, time=steps * p.dt, success=success)
+    return _Video(size=size, duration=frames / fps, time=steps * dt, success=success)
 
 
 def _drive(env: gym.Env, policy: Policy, seed: int) -> Iterator[tuple[NDArray[np.uint8], dict[str, Any], bool]]:

@@ -25,7 +25,7 @@ from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatena
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
-from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, require_layout, require_task
+from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_layout, require_task
 from turtlebot_gym_agents.policies.policy import ShrinkingPolicy
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
@@ -146,7 +146,7 @@ def evaluate(
     runs = []
     # In batches, which bound the memory of the record.
     for start, size in batches(episodes, BATCH):
-        envs = gym.make_vec(env, num_envs=size, vectorization_mode="vector_entry_point", info="full", **options)
+        envs = make_envs(env, size, **options)
         so_far = lambda ended, start=start: progress(start + ended)  # noqa: E731
         runs.append(drive(envs, policy, seed + start, so_far, allow_mismatch=allow_mismatch))
         envs.close()
@@ -159,6 +159,11 @@ def evaluate(
         episodes=concatenate(parts),
         trajectory=trajectories[0],
     )
+
+
+def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:
+    """Return environments whose infos say all that is measured."""
+    return gym.make_vec(env, num_envs=num_envs, vectorization_mode="vector_entry_point", info="full", **options)
 
 
 def batches(episodes: int, size: int) -> list[tuple[int, int]]:
@@ -194,8 +199,7 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
         return policy
     if policy == ORACLE and isinstance(envs, VectorEnv):
         return Oracle(envs)
-    parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    p: Parameters = parameters if isinstance(parameters, Parameters) else parameters[0]
+    p = parameters_of(envs)
     try:
         driver = make_policy(policy, robot=p.robot, dt=p.dt, noise=p.noise, allow_mismatch=allow_mismatch)
     except Mismatch as error:
@@ -228,7 +232,7 @@ def drive(
     Returns:
         The episodes, the first one's trajectory, and the environments' parameters.
     """
-    p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+    p = parameters_of(envs)
     driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
     rows = [_row(info, running) for info, running in driven(envs, driver, seed, progress)]
     record = Record(*map(np.array, zip(*rows, strict=True)))

@@ -13,8 +13,8 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.rooms.geodesic import UNREACHED, cell_of, centre_of, extent
 from turtlebot_gym.rooms.scene import RESOLUTION, scene_at
 from turtlebot_gym.rooms.sensing import clearance
-from turtlebot_gym.systems import Parameters
 from turtlebot_gym_agents.policies import BearingPolicy
+from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.policies.sight import arc
 
 LOOK = 20
@@ -35,11 +35,9 @@ class Oracle:
 
     def __init__(self, envs: Any) -> None:
         bare = envs.unwrapped
-        p: Any = getattr(bare, "parameters", None)
-        self._p: Parameters = p if isinstance(p, Parameters) or not p else p[0]
-        if not isinstance(bare, NavigationVectorEnv) or not self._p.room:
+        if not isinstance(bare, NavigationVectorEnv) or not parameters_of(bare).room:
             raise ValueError(f"the oracle needs a room: there is no map of {bare.spec.id if bare.spec else bare}.")
-        self._envs = bare
+        self._envs, self._p = bare, parameters_of(bare)
         self._drive = BearingPolicy(self._p.robot, self._p.dt, tolerance=0.0)
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:

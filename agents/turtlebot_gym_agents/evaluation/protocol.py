@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from turtlebot_gym.files import load
 from turtlebot_gym.systems import SEEING
 from turtlebot_gym.validation import shown
-from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate
 from turtlebot_gym_agents.policies import layout_of, make_policy
 from turtlebot_gym_agents.policies.fit import MISSIONS, ROOMS
 from turtlebot_gym_agents.provenance import plain
@@ -21,7 +21,6 @@ from turtlebot_gym_agents.provenance import plain
 FORMAT = "turtlebot-gym-protocol/1"
 SEED = 20_260_000
 """Seed of the first episode; nothing of this package was trained or tuned on these seeds."""
-NAV = "turtlebot_gym/TurtleBotNav-v0"
 
 
 class Setting(NamedTuple):

@@ -10,7 +10,7 @@ from typing import Any
 
 from turtlebot_gym import ROBOTS, Robot, make_robot
 from turtlebot_gym.files import is_file
-from turtlebot_gym.systems import SEEING
+from turtlebot_gym.systems import SEEING, Parameters
 from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym.validation import made, shown
 from turtlebot_gym_agents.policies.policy import layout_of
@@ -43,6 +43,12 @@ def robot_of(described: Mapping[str, Any]) -> Robot:
     """
     limits = {name: math.inf if limit is None else limit for name, limit in described.items() if name != "name"}
     return made(Robot, limits, "robot")
+
+
+def parameters_of(envs: Any) -> Parameters:
+    """Return the parameters of an environment or a vector environment; those of the first one if they differ."""
+    parameters = envs.unwrapped.parameters
+    return parameters if isinstance(parameters, Parameters) else parameters[0]
 
 
 def require_task(policy: object, name: str, env: str, observation: str) -> None:

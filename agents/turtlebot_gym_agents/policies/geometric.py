@@ -13,6 +13,7 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
@@ -154,7 +155,7 @@ class PolarPolicy(Baseline):
         robot, to = self._robot, upcoming(observations, self._robot, self.dt)
         direction = np.where((to.waypoint.real < 0.0) & robot.reverse, -1.0, 1.0)
         alpha, distance = np.angle(direction * to.waypoint), np.abs(to.waypoint)
-        phi = wrap(alpha - to.turn)
+        phi = wrap_all(alpha - to.turn)
         v = self.gamma * distance * np.cos(alpha)
         # NumPy has sinc(x) = sin(pi x) / (pi x).
         omega = self.k * alpha + self.gamma * np.sinc(alpha / np.pi) * np.cos(alpha) * (alpha + self.h * phi)
@@ -193,12 +194,7 @@ def upcoming(observations: ArrayLike, robot: Robot, dt: float) -> _Upcoming:
     frame = np.exp(-1j * turned)
     waypoint = (o.distance * (o.cos_bearing + 1j * o.sin_bearing) - moved) * frame
     following = (o.next_distance * (o.cos_next + 1j * o.sin_next) - moved) * frame
-    return _Upcoming(waypoint, following, wrap(np.arctan2(o.sin_turn, o.cos_turn) - turned))
-
-
-def wrap(angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Wrap angles to [-pi, pi)."""
-    return np.mod(angles + np.pi, 2.0 * np.pi) - np.pi
+    return _Upcoming(waypoint, following, wrap_all(np.arctan2(o.sin_turn, o.cos_turn) - turned))
 
 
 def _fields(observations: ArrayLike) -> Observation:

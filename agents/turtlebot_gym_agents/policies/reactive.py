@@ -12,13 +12,14 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, Range
-from turtlebot_gym_agents.policies.geometric import Baseline, action_of, wrap
+from turtlebot_gym_agents.policies.geometric import Baseline, action_of
 from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, arc, look, time_to_contact
 
 _TURNS = 72
-_ANGLES = wrap(2.0 * np.pi * np.arange(_TURNS) / _TURNS)
+_ANGLES = wrap_all(2.0 * np.pi * np.arange(_TURNS) / _TURNS)
 """Candidate directions, the first one ahead, rad; shape (72,)."""
 Ahead = Annotated[float, FINITE, Range(0.0, 1.0)]
 Last = Annotated[float, FINITE, Range(0.0, 2.0)]
@@ -117,13 +118,13 @@ class VectorFieldHistogramPolicy(_Reactive):
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         to = self._look(observations)
-        goal, last = np.angle(to.goal), wrap(np.asarray(self._last - to.omega * self.dt))
+        goal, last = np.angle(to.goal), wrap_all(np.asarray(self._last - to.omega * self.dt))
         last = np.where(np.isfinite(last), last, goal)
-        cost = np.abs(wrap(_ANGLES - goal[..., None])) + self.ahead * np.abs(_ANGLES)
-        cost = cost + self.last * np.abs(wrap(_ANGLES - last[..., None]))
+        cost = np.abs(wrap_all(_ANGLES - goal[..., None])) + self.ahead * np.abs(_ANGLES)
+        cost = cost + self.last * np.abs(wrap_all(_ANGLES - last[..., None]))
         blocked = self._blocked(to, self.margin)
         angle = _ANGLES[np.argmin(np.where(blocked, np.inf, cost), axis=-1)]
-        angle = np.where(np.abs(wrap(angle - goal)) <= np.pi / _TURNS, goal, angle)  # exactly to the goal
+        angle = np.where(np.abs(wrap_all(angle - goal)) <= np.pi / _TURNS, goal, angle)  # exactly to the goal
         stuck = blocked.all(axis=-1)
         self._last = np.where(stuck, last, angle)
         return self._drive(to, np.where(stuck, np.where(last >= 0.0, 0.5 * np.pi, -0.5 * np.pi), angle))
@@ -152,12 +153,12 @@ class FollowTheGapPolicy(_Reactive):
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         to = self._look(observations)
         goal = np.angle(to.goal)
-        outside = np.abs(wrap(_ANGLES - goal[..., None])) > self.field
+        outside = np.abs(wrap_all(_ANGLES - goal[..., None])) > self.field
         blocked = self._blocked(to, self.margin)
         gap = _middle_of_widest(~(blocked | outside))
         nearest = np.maximum(np.abs(to.points).min(axis=-1) - self._robot.radius, 1e-3)
         share = self.alpha / (self.alpha + nearest)
-        angle = wrap(goal + share * wrap(np.where(np.isfinite(gap), gap, goal) - goal))
+        angle = wrap_all(goal + share * wrap_all(np.where(np.isfinite(gap), gap, goal) - goal))
         at = np.round(goal / (2.0 * np.pi) * _TURNS).astype(np.int64) % _TURNS
         is_open = ~np.take_along_axis(blocked, at[..., None], axis=-1)[..., 0]
         angle = np.where(is_open & ~blocked.any(axis=-1), goal, angle)
@@ -249,4 +250,4 @@ def _middle_of_widest(is_open: NDArray[np.bool_]) -> NDArray[np.float64]:
     end = np.argmax(length, axis=-1)
     longest = np.take_along_axis(length, end[..., None], axis=-1)[..., 0]
     middle = (end - 0.5 * (longest - 1)) * (2.0 * np.pi / _TURNS)
-    return np.where(is_open.any(axis=-1), wrap(middle), np.nan)
+    return np.where(is_open.any(axis=-1), wrap_all(middle), np.nan)

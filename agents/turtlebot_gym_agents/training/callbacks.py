@@ -25,10 +25,11 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from turtlebot_gym import Parameters
 from turtlebot_gym_agents.policies import Policy
+from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
-from turtlebot_gym_agents.training.model import parameters_of, save_checkpoint, save_model, weights_of
+from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
 
 EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""

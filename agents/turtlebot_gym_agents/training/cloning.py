@@ -23,11 +23,10 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
 from turtlebot_gym_agents.policies import Policy, make_policy
-from turtlebot_gym_agents.policies.fit import require_layout
+from turtlebot_gym_agents.policies.fit import parameters_of, require_layout
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory
 from turtlebot_gym_agents.training.callbacks import Callback
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.model import parameters_of
 from turtlebot_gym_agents.training.optimizer import Adam
 
 CLONING_SEED = 2**43

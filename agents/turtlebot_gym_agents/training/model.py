@@ -26,8 +26,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
 
-from turtlebot_gym import Parameters
 from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replacing
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure
@@ -128,12 +128,6 @@ def _made(value: Any) -> Any:
     if isinstance(value, str) and value.startswith("lin_"):
         return Linear(float(value.removeprefix("lin_")))
     return tuple(value) if isinstance(value, list) else value
-
-
-def parameters_of(envs: VectorEnv) -> Parameters:
-    """Return the environments' parameters; those of the first one if they differ."""
-    parameters: Any = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
-    return parameters if isinstance(parameters, Parameters) else parameters[0]
 
 
 def save_model(model: BaseAlgorithm, path: Path) -> None:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
@@ -23,9 +22,10 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import Parameters, Snapshot, system_of
 from turtlebot_gym.values import Pose, State
-from turtlebot_gym_agents.evaluation.evaluate import NAV, driven, driver_of, require_known
+from turtlebot_gym_agents.evaluation.evaluate import NAV, driven, driver_of, make_envs, require_known
 from turtlebot_gym_agents.evaluation.replay import replay, replayable
 from turtlebot_gym_agents.policies import Policy
+from turtlebot_gym_agents.policies.fit import parameters_of
 
 
 class _Row(NamedTuple):
@@ -60,9 +60,9 @@ def record_episode(
         ValueError: If an argument is unknown or out of its range.
     """
     require_known(env, seed)
-    envs = gym.make_vec(env, num_envs=1, vectorization_mode="vector_entry_point", info="full", **options)
+    envs = make_envs(env, 1, **options)
     try:
-        p: Parameters = envs.unwrapped.parameters  # pyright: ignore[reportAttributeAccessIssue]
+        p = parameters_of(envs)
         driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
         rows = list(_rows(envs, driver, seed, p))
         grid, chart = _grid_of(_scene_of(envs)), _chart_of(_scene_of(envs), p)
