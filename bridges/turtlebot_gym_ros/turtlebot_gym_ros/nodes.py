@@ -25,10 +25,13 @@ class Entry(NamedTuple):
     """Modes of the graph to which it belongs."""
     place: tuple[int, int] | None = None
     """Column and row in the diagram of the loop, which runs clockwise; None for pure listeners."""
-    is_block: bool = True
-    """Whether it is a block in the shell rather than a separate program."""
     guarded: str | None = None
     """Topic of its commands, instead of ``cmd_vel``, if there is a guard."""
+
+    @property
+    def is_block(self) -> bool:
+        """Whether it is a block in the shell rather than a separate program."""
+        return not self.target.endswith(":main")
 
 
 BOTH = ("autonomous", "teleoperation")
@@ -62,27 +65,20 @@ NODES = {
     ),
     "cmd_vel_guard": Entry(
         "robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", "guard",
-        place=(2, 1), is_block=False,
+        place=(2, 1),
     ),
     "cmd_vel_standby": Entry(
         "robot.standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives", "standby",
-        is_block=False,
     ),
-    "data_logger": Entry(
-        "recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV", "recorder", is_block=False
-    ),
+    "data_logger": Entry("recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV", "recorder"),
     "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers", "display"),
-    "bringup": Entry(
-        "graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer", is_block=False
-    ),
-    "watch": Entry("graph.watch:main", "shows the running graph in a browser", "viewer", is_block=False),
-    "field_test": Entry(
-        "field.program:main", "guides a person through the first afternoon with a robot", "field test", is_block=False
-    ),
+    "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer"),
+    "watch": Entry("graph.watch:main", "shows the running graph in a browser", "viewer"),
+    "field_test": Entry("field.program:main", "guides a person through the first afternoon with a robot", "field test"),
     "interfaces": Entry(
-        "interfaces:main", "builds nav2_msgs and tf2_msgs, which PyPI lacks, into this environment", "messages", is_block=False
+        "interfaces:main", "builds nav2_msgs and tf2_msgs, which PyPI lacks, into this environment", "messages",
     ),
-    "status": Entry("graph.status:main", "prints which node waits for what", "status", is_block=False),
+    "status": Entry("graph.status:main", "prints which node waits for what", "status"),
 }  # fmt: skip
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""

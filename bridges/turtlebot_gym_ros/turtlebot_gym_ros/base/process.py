@@ -6,10 +6,11 @@ import faulthandler
 import os
 import select
 import signal
+import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from threading import Event, Thread
 from typing import Any, NoReturn
@@ -22,10 +23,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from turtlebot_gym_ros.base.discovery import prepare
+from turtlebot_gym_ros.base.parameters import words_of
 from turtlebot_gym_ros.base.swift import SwiftExecutor
 
 LAST_WORD = 4.0
 """Time after which a process that was asked to end is terminated, s; launch files escalate at 5 s."""
+KILL = 10.0
+"""Time after which a node's process that was asked to end is killed, s."""
 SETTLE = 0.3
 """Time in which the announcements of nodes that end at the same moment usually arrive, s."""
 _ENDINGS = (signal.SIGINT, signal.SIGTERM)
@@ -231,3 +235,30 @@ def _leave(runner: Runner, *, code: int) -> NoReturn:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(code)
+
+
+@contextmanager
+def processes(
+    nodes: Sequence[tuple[str, Mapping[str, Any]]], words: Sequence[str], environment: Mapping[str, str] | None = None
+) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run nodes of this package in processes of their own, and end them.
+
+    Args:
+        nodes: Their names and parameters.
+        words: ROS arguments of each, such as remappings.
+        environment: Variables of each besides those of this process.
+    """
+    running: list[subprocess.Popen[bytes]] = []
+    try:
+        for name, parameters in nodes:
+            command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *words_of(parameters), *words]
+            running.append(subprocess.Popen(command, env={**os.environ, **(environment or {})}))
+        yield running
+    finally:
+        for process in running:
+            process.terminate()
+        for process in running:
+            try:
+                process.wait(KILL)
+            except subprocess.TimeoutExpired:
+                process.kill()

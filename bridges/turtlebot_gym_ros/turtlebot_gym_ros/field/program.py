@@ -18,14 +18,13 @@ from turtlebot_gym import __version__, make_robot
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
 from turtlebot_gym_ros.base.parameters import descriptions
-from turtlebot_gym_ros.base.process import Runner, be_interruptible, refuse
+from turtlebot_gym_ros.base.process import Runner, be_interruptible, processes, refuse
 from turtlebot_gym_ros.blocks.simulator import SPEECHES
 from turtlebot_gym_ros.field.findings import REFUSED, Finding, passed
-from turtlebot_gym_ros.field.processes import processes
 from turtlebot_gym_ros.field.rehearsal import Rehearsed, button, guards, simulated
 from turtlebot_gym_ros.field.report import MARKS, page, shown
 from turtlebot_gym_ros.field.session import Listener
-from turtlebot_gym_ros.field.shared import Field, Person
+from turtlebot_gym_ros.field.shared import QUIET, Field, Person
 from turtlebot_gym_ros.field.steps import walk
 
 WORDS = """It says before each motion what the robot will do, and waits for your word. Nothing moves before guard, standby and
@@ -127,8 +126,8 @@ def _field(
     nodes = guards(options.robot, stamped=not options.twist) if options.with_guard or options.simulate else []
     if options.simulate:
         nodes += simulated(options.simulate, options.robot, folder, noise=options.noise)
-    ending.enter_context(processes(nodes))
-    runner = Runner(["--ros-args", "--log-level", "error"], local=bool(options.simulate))
+    ending.enter_context(processes(nodes, QUIET))
+    runner = Runner(["--ros-args", *QUIET], local=bool(options.simulate))
     ending.callback(runner.close)
     listener = Listener(runner)
     person: Person = Console(answers, agrees=options.yes)

@@ -20,7 +20,7 @@ from std_msgs.msg import Bool
 
 from turtlebot_gym_ros.base.process import Runner, run
 from turtlebot_gym_ros.base.qos import EVERY, STREAM
-from turtlebot_gym_ros.field.shared import turned
+from turtlebot_gym_ros.field.shared import QUIET, turned
 from turtlebot_gym_ros.node.geometry import read_pose
 
 PRESS = 1.0
@@ -119,4 +119,4 @@ def button() -> Iterator[Callable[[bool], None]]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(run(_Button, ["--ros-args", "--log-level", "error"]))
+    raise SystemExit(run(_Button, ["--ros-args", *QUIET]))

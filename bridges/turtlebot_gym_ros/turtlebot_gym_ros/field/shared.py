@@ -20,6 +20,9 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.field.session import Listener
 from turtlebot_gym_ros.node.geometry import read_pose
 
+QUIET = ("--log-level", "error")
+"""ROS arguments of the nodes that a field test starts: the person reads its findings, not their logs."""
+
 
 class Person(Protocol):
     """Whoever is with the robot."""

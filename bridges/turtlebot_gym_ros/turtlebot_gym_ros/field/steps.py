@@ -16,14 +16,13 @@ from turtlebot_gym import Noise, write_parameters
 from turtlebot_gym.calibration import Leg, calibrate_by_tape
 from turtlebot_gym.calibration.fit import Z
 from turtlebot_gym.rooms.scan import scan_of
-from turtlebot_gym_ros.base.process import go_on
+from turtlebot_gym_ros.base.process import go_on, processes
 from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilter, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.field import findings
 from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
 from turtlebot_gym_ros.field.measured import MeasuredDrive
-from turtlebot_gym_ros.field.processes import processes
 from turtlebot_gym_ros.field.session import COMMANDS, VELOCITIES, Part, drive, enable, wait_for
-from turtlebot_gym_ros.field.shared import Field, drive_since, ends_of, poses_since, relative, turned
+from turtlebot_gym_ros.field.shared import QUIET, Field, drive_since, ends_of, poses_since, relative, turned
 
 NOISE = "noise.yaml"
 """Name of the noise file."""
@@ -97,7 +96,7 @@ def try_the_button(at: Field) -> list[Finding]:
 def record(at: Field) -> list[Finding]:
     """Start the recorder: everything from here on is in the bag."""
     folder = at.folder / "bag"
-    at.recording.enter_context(processes([("data_logger", {"output": str(folder)})]))
+    at.recording.enter_context(processes([("data_logger", {"output": str(folder)})], QUIET))
     if not wait_for(lambda: "data_logger" in at.listener.node.get_node_names(), STARTING):
         return [Finding("recording", WARNING, "The recorder does not run.", (), "python -m turtlebot_gym_ros data_logger")]
     return [Finding("recording", FINE, f"Everything that is sent is recorded in {folder.name}/, beside this page.")]

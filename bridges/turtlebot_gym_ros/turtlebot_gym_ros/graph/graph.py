@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
@@ -20,8 +19,7 @@ from turtlebot_gym_agents.policies import layout_of, make_policy
 from turtlebot_gym_agents.policies.fit import require_task
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
-from turtlebot_gym_ros.base.parameters import words_of
-from turtlebot_gym_ros.base.process import SETTLE, Runner, go_on
+from turtlebot_gym_ros.base.process import SETTLE, Runner, go_on, processes
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND, SPEECHES
 from turtlebot_gym_ros.graph.recorder import Recorder
@@ -91,6 +89,7 @@ class Graph:
         else:
             parameters.pop("localizer", None)
         self._processes: list[subprocess.Popen[bytes]] = []
+        self._ending = ExitStack()
         self._in_processes = processes
         self._domain = domain
         self._autonomous = mode == "autonomous"
@@ -145,8 +144,7 @@ class Graph:
                 namespace=self._namespace,
             )
             self._runner.add(self._recorder)
-            for name in self._names:
-                self._start(name)
+            self._start()
             self._runner.start()
             self._come_up()
         except BaseException:
@@ -154,9 +152,14 @@ class Graph:
             raise
         return self
 
-    def _start(self, name: str) -> None:
-        given = self._parameters[name]
-        if not self._in_processes:
+    def _start(self) -> None:
+        if self._in_processes:  # the command line cannot express empty text
+            nodes = [(name, {k: v for k, v in self._parameters[name].items() if v != ""}) for name in self._names]
+            words = [*OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
+            domain = {} if self._domain is None else {"ROS_DOMAIN_ID": str(self._domain)}
+            self._processes = self._ending.enter_context(processes(nodes, words, domain))
+            return
+        for name in self._names:
             block = load(name)
             shell = Shell(
                 block,
@@ -164,16 +167,10 @@ class Graph:
                 name=name,
                 namespace=self._namespace,
                 context=self._runner.context,
-                overrides=given,
+                overrides=self._parameters[name],
                 arguments=OWN_CLOCK,
             )
             self._runner.add(shell)
-            return
-        given = {key: value for key, value in given.items() if value != ""}  # the command line cannot express empty text
-        arguments = [*words_of(given), *OWN_CLOCK, "-r", f"__ns:={self._namespace}"]
-        domain = {} if self._domain is None else {"ROS_DOMAIN_ID": str(self._domain)}
-        command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *arguments]
-        self._processes.append(subprocess.Popen(command, env={**os.environ, **domain}))
 
     def _come_up(self) -> None:
         """Wait until the loop is closed, then reset it to the start."""
@@ -247,13 +244,10 @@ class Graph:
 
     def close(self) -> None:
         """End all nodes; the robot is stopped first."""
-        for process in self._processes:
-            process.terminate()
-        for process in self._processes:
-            process.wait()
+        self._ending.close()
         if self._processes:
-            time.sleep(SETTLE)  # until their departure has been announced, see `discovery.leave`
-        self._processes.clear()
+            time.sleep(SETTLE)  # until their departure has been announced, see `process._leave`
+        self._processes = []
         self._runner.close()
 
 

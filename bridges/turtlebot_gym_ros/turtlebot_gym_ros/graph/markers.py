@@ -17,8 +17,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from turtlebot_gym.plotting import BLACK, GREEN, VERMILLION
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
-from turtlebot_gym_ros.node.convert import register, unread
-from turtlebot_gym_ros.node.geometry import quaternion_of
+from turtlebot_gym_ros.node.convert import register
+from turtlebot_gym_ros.node.geometry import quaternion_of, unread
 from turtlebot_gym_ros.node.rooms import marker
 
 __all__ = ["LIFETIME", "Visualization"]

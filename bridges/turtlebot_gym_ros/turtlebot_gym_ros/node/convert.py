@@ -28,8 +28,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import Pose as RosPose
-from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
@@ -38,9 +37,9 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
-from turtlebot_gym_ros.node.block import Correction, Nis, Places
+from turtlebot_gym_ros.node.block import Correction, Nis
 from turtlebot_gym_ros.node.cdr import blank
-from turtlebot_gym_ros.node.geometry import Conversion, finite, quaternion_of, read_pose, read_twist, write_pose, write_twist
+from turtlebot_gym_ros.node.geometry import Conversion, finite, read_pose, read_twist, unread, write_pose, write_twist
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
@@ -50,14 +49,11 @@ _NOT_KNOWN = -1.0
 _NIS = ("nis", "fits", "weight")
 SURPRISING = 16.27
 """NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
-
-
 NO_TF = (
     "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or build it with python -m turtlebot_gym_ros "
     "interfaces."
 )
 """Refusal of a node that would publish on ``/tf``."""
-
 
 CONVERSIONS: dict[type, Conversion] = dict(ROOM_CONVERSIONS)
 
@@ -198,50 +194,24 @@ def _fix_of(message: PoseWithCovarianceStamped) -> Fix:
     return Fix(pose, R, 0.0, True, cross)
 
 
-def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
+def _pose_and_covariance(
+    pose: Iterable[float], variances: Iterable[float], cross: Iterable[float], header: Header
+) -> PoseWithCovarianceStamped:
     message = PoseWithCovarianceStamped(header=header)
-    write_pose(message.pose.pose, fix.pose)
-    x, y, heading = fix.R
-    _write_pose_covariance(message.pose.covariance, (x, y, heading if heading < math.inf else _NOT_KNOWN), fix.cross)
+    write_pose(message.pose.pose, pose)
+    _write_pose_covariance(message.pose.covariance, variances, cross)
     return message
+
+
+def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
+    x, y, heading = fix.R
+    return _pose_and_covariance(fix.pose, (x, y, heading if heading < math.inf else _NOT_KNOWN), fix.cross, header)
 
 
 def _located_to_message(located: Located, header: Header) -> PoseWithCovarianceStamped:
     mean, P = located.belief
     finite("the covariance", P)
-    message = PoseWithCovarianceStamped(header=header)
-    write_pose(message.pose.pose, mean[:3])
-    _write_pose_covariance(message.pose.covariance, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
-    return message
-
-
-def _places_to_message(places: Places, header: Header) -> PoseArray:
-    message = PoseArray(header=header, poses=[RosPose() for _ in places.poses])
-    for pose, place in zip(message.poses, places.poses, strict=True):
-        write_pose(pose, place)
-    return message
-
-
-def _register_correction() -> None:
-    """Register the transform to the odometry's frame, whose message comes with a ROS installation and is not on PyPI."""
-    try:
-        from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
-    except ImportError:
-        return
-
-    def write(correction: Correction, header: Header) -> Any:
-        made = TransformStamped(header=header, child_frame_id=correction.child)
-        (x, y, theta), to = correction.pose, made.transform.translation
-        finite("the pose", correction.pose)
-        to.x, to.y, made.transform.rotation = x, y, quaternion_of(theta)
-        return TFMessage(transforms=[made])
-
-    register(Correction, TFMessage, unread, write, in_world=True)
-
-
-def unread(message: Any) -> Any:
-    """Refuse messages that only others read."""
-    raise ValueError("no node takes it as an input")
+    return _pose_and_covariance(mean[:3], (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt), header)
 
 
 def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
@@ -257,25 +227,25 @@ def _command_to_message(command: Command, header: Header) -> Twist:
 
 
 def _nis_of(message: DiagnosticArray) -> Nis:
-    told: dict[str, float] = {}
+    numbers: dict[str, float] = {}
     for pair in (pair for status in message.status for pair in status.values if pair.key in _NIS):
-        if pair.key in told:
+        if pair.key in numbers:
             raise ValueError(f"it must have one value named {pair.key!r}, but has more")
         try:
-            told[pair.key] = float(pair.value)
+            numbers[pair.key] = float(pair.value)
         except ValueError:
-            told[pair.key] = math.nan
-        if not math.isfinite(told[pair.key]):
+            numbers[pair.key] = math.nan
+        if not math.isfinite(numbers[pair.key]):
             raise ValueError(f"the {pair.key} must be a finite number, got {pair.value!r}")
-    if _NIS[0] not in told:
+    if _NIS[0] not in numbers:
         raise ValueError(f"it must have one value named {_NIS[0]!r}, but has none")
-    return Nis(*map(told.get, _NIS))  # type: ignore[arg-type]
+    return Nis(*map(numbers.get, _NIS))  # type: ignore[arg-type]
 
 
 def _nis_to_message(nis: Nis, header: Any) -> Any:
     value = float(nis.value)
-    told = {name: float(number) for name, number in zip(_NIS, nis, strict=True) if number is not None}
-    finite("the NIS", tuple(told.values()))
+    numbers = {name: float(number) for name, number in zip(_NIS, nis, strict=True) if number is not None}
+    finite("the NIS", tuple(numbers.values()))
     surprising = value > SURPRISING
     kinds: Any = DiagnosticArray, DiagnosticStatus, KeyValue
     array, part, pair = (SimpleNamespace,) * 3 if isinstance(header, SimpleNamespace) else kinds
@@ -284,7 +254,7 @@ def _nis_to_message(nis: Nis, header: Any) -> Any:
         name="innovation",
         message=f"above {SURPRISING}, as one in a thousand is" if surprising else "as expected",
         hardware_id=header.frame_id,
-        values=[pair(key=name, value=repr(number)) for name, number in told.items()],
+        values=[pair(key=name, value=repr(number)) for name, number in numbers.items()],
     )
     return array(header=header, status=[status])
 
@@ -305,6 +275,4 @@ register(
 )
 register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
 register(Located, PoseWithCovarianceStamped, unread, _located_to_message, in_world=True)
-register(Places, PoseArray, unread, _places_to_message, in_world=True)
 register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
-_register_correction()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import product
 from typing import Any, NamedTuple
 
-from geometry_msgs.msg import Quaternion, Twist
+from geometry_msgs.msg import Quaternion, TransformStamped, Twist
 from std_msgs.msg import Header
 
 from turtlebot_gym.models.angles import yaw_of_rotation
@@ -25,6 +25,11 @@ class Conversion(NamedTuple):
     """``write(value, header)`` returns the message."""
     in_world: bool
     """Whether the value is in the world frame, which the header must then name."""
+
+
+def unread(message: Any) -> Any:
+    """Refuse messages that only others read."""
+    raise ValueError("no node takes it as an input")
 
 
 _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
@@ -91,6 +96,15 @@ def write_pose(message: Any, pose: Iterable[float]) -> None:
     finite("the pose", (x, y, theta))
     message.position.x, message.position.y = float(x), float(y)
     message.orientation.z, message.orientation.w = half_turn(theta)
+
+
+def transform_to(child: str, pose: Pose, header: Header) -> TransformStamped:
+    """Return the transform from a header's frame to one that has a pose in it, or raise ``ValueError``."""
+    finite("the pose", pose)
+    made = TransformStamped(header=header, child_frame_id=child)
+    made.transform.translation.x, made.transform.translation.y = pose.x, pose.y
+    made.transform.rotation = quaternion_of(pose.theta)
+    return made
 
 
 def read_twist(message: Twist) -> Command:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from types import SimpleNamespace
@@ -17,7 +16,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Header
 
-from turtlebot_gym.values import Command
+from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.base.frames import Common, Mount
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
@@ -25,6 +24,7 @@ from turtlebot_gym_ros.node import cdr
 from turtlebot_gym_ros.node.block import Aged, Output
 from turtlebot_gym_ros.node.convert import NO_TF, conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint
+from turtlebot_gym_ros.node.geometry import transform_to
 from turtlebot_gym_ros.node.triggers import SECOND
 
 BROADCAST = QoSProfile(depth=100)
@@ -202,12 +202,6 @@ def _publish_mounts(node: Node, mounts: Sequence[Mount], common: Common) -> None
     from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
 
     static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
-    static.publish(TFMessage(transforms=[_fixed(each, common) for each in mounts]))
-
-
-def _fixed(mount: Mount, common: Common) -> TransformStamped:
-    """Return the static transform from the robot's frame to a sensor's."""
-    made = TransformStamped(header=Header(frame_id=common.body), child_frame_id=common.sensor(mount))
-    made.transform.translation.x, made.transform.translation.y = mount.x, mount.y
-    made.transform.rotation.z, made.transform.rotation.w = math.sin(0.5 * mount.yaw), math.cos(0.5 * mount.yaw)
-    return made
+    header = Header(frame_id=common.body)
+    transforms = [transform_to(common.sensor(each), Pose(each.x, each.y, each.yaw), header) for each in mounts]
+    static.publish(TFMessage(transforms=transforms))

@@ -1,4 +1,4 @@
-"""What a robot sees and what surrounds it, as messages: scans, clearances, obstacles and maps.
+"""What a robot sees, what surrounds it and where in a map it may be, as messages.
 
 Ranges are bit-exact. What each beam of a scan says is defined in `turtlebot_gym.beams`; a scan is refused only if it cannot be
 read at all.
@@ -14,7 +14,8 @@ from array import array
 from collections.abc import Sequence
 
 import numpy as np
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point, PoseArray, Vector3
+from geometry_msgs.msg import Pose as RosPose
 from nav_msgs.msg import OccupancyGrid
 from rclpy.duration import Duration
 from sensor_msgs.msg import LaserScan, Range
@@ -24,7 +25,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from turtlebot_gym.beams import TURN
 from turtlebot_gym.rooms.grid import GridMap, grid_of
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
-from turtlebot_gym_ros.node.geometry import Conversion, read_pose, write_pose
+from turtlebot_gym_ros.node.block import Correction, Places
+from turtlebot_gym_ros.node.geometry import Conversion, read_pose, transform_to, unread, write_pose
 
 HEIGHT = 0.3
 """Height at which obstacles are drawn, m."""
@@ -116,10 +118,28 @@ def _write_grid(grid: GridMap, header: Header) -> OccupancyGrid:
     return message
 
 
-ROOM_CONVERSIONS = {
+def _write_places(places: Places, header: Header) -> PoseArray:
+    message = PoseArray(header=header, poses=[RosPose() for _ in places.poses])
+    for pose, place in zip(message.poses, places.poses, strict=True):
+        write_pose(pose, place)
+    return message
+
+
+ROOM_CONVERSIONS: dict[type, Conversion] = {
     Scan: Conversion(LaserScan, _read_scan, _write_scan, False),
     Obstacles: Conversion(MarkerArray, _read_obstacles, _write_obstacles, True),
     Clearance: Conversion(Range, _read_clearance, _write_clearance, False),
     GridMap: Conversion(OccupancyGrid, _read_grid, _write_grid, True),
+    Places: Conversion(PoseArray, unread, _write_places, True),
 }
-"""The conversions of this module, by the type of the value."""
+"""The conversions of this module, by the type of the value; that of a `Correction` only where its message is installed."""
+try:  # it comes with a ROS installation, and is not on PyPI
+    from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
+except ImportError:
+    pass
+else:
+
+    def _write_correction(correction: Correction, header: Header) -> TFMessage:
+        return TFMessage(transforms=[transform_to(correction.child, correction.pose, header)])
+
+    ROOM_CONVERSIONS[Correction] = Conversion(TFMessage, unread, _write_correction, True)

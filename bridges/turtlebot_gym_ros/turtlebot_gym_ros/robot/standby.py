@@ -132,9 +132,6 @@ class CmdVelStandby(Node):
         name = self.get_namespace().strip("/") or "turtlebot_gym_ros"
         self._diagnostics.publish(report(self, ERROR if acts else OK, text, hardware=name, values=values))
 
-    def close(self) -> None:
-        """Nothing is left to publish: a robot that moves is the guard's."""
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_standby``, before all other processes and the guard, where the system permits a real-time priority."""
