@@ -12,8 +12,9 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
-from turtlebot_gym.rooms.lidar import DRIVERS, LIDARS, NARROW, NEAR, SECTORS, SIGHT
-from turtlebot_gym.rooms.scan import Clearance, Obstacles, Pooling, Scan, as_sent
+from turtlebot_gym.rooms.lidar import DRIVERS, LIDARS, SECTORS, SIGHT
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, as_sent
+from turtlebot_gym.rooms.sectors import NARROW, NEAR, Pooling
 from turtlebot_gym.values import Command
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points
-from turtlebot_gym.rooms.lidar import Lidar, aim, divide
+from turtlebot_gym.rooms.lidar import Lidar, aim
 from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.sectors import divide
 from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.systems.localizing import _trail
 from turtlebot_gym.values import Pose

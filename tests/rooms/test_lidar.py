@@ -15,7 +15,6 @@ from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms.lidar import (
     LIDARS,
-    NEAR,
     SECTORS,
     SIGHT,
     Lidar,
@@ -23,10 +22,7 @@ from turtlebot_gym.rooms.lidar import (
     aim,
     beams_by,
     bias_of,
-    divide,
     is_drawn,
-    leave_out_blind,
-    pool,
     reading,
     reading_of,
     time_of_beam,
@@ -34,6 +30,7 @@ from turtlebot_gym.rooms.lidar import (
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.rooms.scene import Walls
+from turtlebot_gym.rooms.sectors import NEAR, divide, leave_out_blind, pool
 from turtlebot_gym.rooms.sensing import measure
 from turtlebot_gym.systems import Episode, make_parameters, make_room, system_of
 from turtlebot_gym.tasks import ROOM

@@ -23,18 +23,6 @@ def step(scene, robot=FAR, *, before=None, rules=ROOMS["crowd"]):
     walk(scene, before or robot, robot, RADIUS, rules, DT)
 
 
-def test_what_walks_turns_back_at_the_walls(empty_scene):
-    rules = ROOMS["crowd"]
-    scene = empty_scene(rules)
-    draw(scene, rules, RADIUS, 3)
-    n = scene.counts[0]
-    speeds = np.hypot(*scene.circles[:n, 3:].T)
-    assert ((speeds >= 0.05) & (speeds <= 0.2)).all()
-    for _ in range(500):
-        step(scene, rules=replace(ROOMS["crowd"], courtesy=0.0))
-    assert (np.abs(scene.circles[:n, :2]) <= 2.5 - scene.circles[:n, 2:3] + 0.1).all()
-
-
 def test_what_walks_waits_for_a_robot_that_is_near_and_in_its_way(empty_scene):
     def steps(robot, courtesy):
         scene = empty_scene(ROOMS["crowd"])
@@ -51,7 +39,7 @@ def test_what_walks_waits_for_a_robot_that_is_near_and_in_its_way(empty_scene):
     assert steps(behind, 0.4) == steps(aside, 0.4) == pytest.approx(1.0)
 
 
-def test_walls_that_are_not_in_the_middle_turn_walkers_back_as_well(empty_scene):
+def test_what_walks_turns_back_at_the_walls(empty_scene):
     scene = empty_scene(ROOMS["crowd"])
     scene.walls[:] = 3.0, -2.0, 1.0, 1.5
     scene.counts[0] = 1
@@ -81,7 +69,7 @@ def alone(empty_scene):
 
 def test_the_decay_of_forces_is_an_exponential():
     for x in np.linspace(0.0, 60.0, 301):
-        assert walking.decay(x) == pytest.approx(math.exp(-x), rel=1e-11, abs=1e-14)
+        assert walking._decay(x) == pytest.approx(math.exp(-x), rel=1e-11, abs=1e-14)
 
 
 def test_people_push_each_other_along_the_gradient_of_the_papers_potential():

@@ -69,6 +69,10 @@ class Stream:
             at[wanted - times[np.maximum(at, 0)] > fresh + SAME] = -1
         return at
 
+    def latest(self, wanted: NDArray[np.float64], otherwise: Any) -> list[Any]:
+        """Return the last value at or before each wanted time, and another where there is none."""
+        return [self.values[at] if at >= 0 else otherwise for at in self.last(wanted).tolist()]
+
     def held(self, wanted: NDArray[np.float64], size: int | tuple[int, ...] = (), *, fresh: float = math.inf) -> Any:
         """Return the last value at or before each wanted time, shape (n, *size); NaN if there is none, or it is too old."""
         at = self.last(wanted, fresh=fresh)

@@ -199,8 +199,7 @@ class Listener:
         if around is None:
             rooms, grids = self["obstacles"].values, self["map"].values
             around = Surroundings(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
-        places = self["diagnostics"].last(self["received"].held(time))
-        reports = [self["diagnostics"].values[at] if at >= 0 else (math.nan, "") for at in places.tolist()]
+        reports = self["diagnostics"].latest(self["received"].held(time), (math.nan, ""))
         drive = Drive(
             time=time,
             true_state=truth,
@@ -215,21 +214,15 @@ class Listener:
             level=np.array([level for level, _ in reports]),
             report=tuple(text for _, text in reports),
             circles=self._walkers(time, around.room),
-            hypotheses=self._hypotheses(time),
+            hypotheses=tuple(self["hypotheses"].latest(time, np.empty((0, 4)))),
             around=around,
         )
         return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, start, after))
 
     def _walkers(self, time: NDArray[np.float64], room: Obstacles | None) -> tuple[NDArray[np.float64], ...]:
         """Return the circles of each row where they are others than those of the room."""
-        rooms = self["obstacles"]
-        circles = [rooms.values[at].circles if at >= 0 and room else () for at in rooms.last(time).tolist()]
-        return tuple(np.array(() if room and each == room.circles else each).reshape(-1, 3) for each in circles)
-
-    def _hypotheses(self, time: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return the hypotheses that a localizer stated at each row."""
-        stated = self["hypotheses"]
-        return tuple(stated.values[at] if at >= 0 else np.empty((0, 4)) for at in stated.last(time).tolist())
+        now = self["obstacles"].latest(time, room)
+        return tuple(np.array(each.circles if room and each.circles != room.circles else ()).reshape(-1, 3) for each in now)
 
     def mount(self) -> tuple[Pose, str]:
         """Return the pose of the LiDAR on the robot, by ``/tf_static`` if that states it, and a remark if it is unexpected."""

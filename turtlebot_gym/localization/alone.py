@@ -6,8 +6,8 @@ from typing import Any
 
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.localization.descent import SETTLED
 from turtlebot_gym.localization.information import Guess, information
-from turtlebot_gym.localization.localizer import SETTLED
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 
 WEAK = 4.0

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.localization.around import WIDTH, agreement, gain_of, keep
+from turtlebot_gym.localization.descent import LEAST_BEAMS, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, fetch_ends
-from turtlebot_gym.localization.localizer import CALM, LEAST_BEAMS, SURE, Located, descend, locate, scan
+from turtlebot_gym.localization.localizer import CALM, SURE, Located, locate, scan
 from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.models.angles import sincos, wrap

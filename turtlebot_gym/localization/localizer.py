@@ -18,29 +18,18 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.localization.around import likelihood, starts_around
-from turtlebot_gym.localization.information import Guess, blurred, condition, information
+from turtlebot_gym.localization.descent import best_descent, widened
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
 
-LEAST_BEAMS = 5
-"""Fewest beams on known ground that a scan needs."""
-SETTLED = 1e-4
-"""Sum of the changes, m and rad, at which the descent ends."""
 FRESH, LEAST_TAKE = 0.5, 1e-9
 """Share of what the map can still say about a place that one scan says, and its least value: the variance stays finite."""
-STARTS = 4
-"""Starts from which the descent is tried."""
 FITTING = 0.9
 """Share of fitting beams from which a surprise is put down to the wheels."""
-BETTER_FIT, BETTER_VALUE = 0.1, 1.0
-"""By how much another start's share of fitting beams and log likelihood must be better than that of the prediction."""
 LEAP = 0.3
 """Correction by one scan, m or rad, after which the robot is sought in the whole map too."""
 UNUSUAL = 2.0
@@ -88,18 +77,6 @@ class Located(NamedTuple):
     """... and of the turn, rad^2."""
     strays: float
     """Share of a scan's beams that usually do not end near a surface: the map lacks something, or people walk about."""
-
-
-class Descent(NamedTuple):
-    """Where a descent has ended."""
-
-    belief: Belief
-    scale: Sixth
-    at: Guess
-    nis: float
-    freedom: float
-    fits: float
-    used: float
 
 
 @kernel
@@ -168,87 +145,6 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
 
 
 @kernel
-def descend(
-    field: Any,
-    frame: Any,
-    points: Any,
-    number: int,
-    prior: Belief,
-    scale: Sixth,
-    at: Guess,
-    bias: tuple[float, float],
-    q: Any,
-    drift: float = 0.0,
-) -> Descent:
-    """Return the belief conditioned on a scan, linearized anew at each step from a start on; unchanged with too few beams.
-
-    Args:
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        points: The scan, see `points.to_points`.
-        number: Number of points.
-        prior: The belief before.
-        scale: Prior of the ranges' scale.
-        at: The start.
-        bias: Variances of the scan's position and heading by what is wrong with the map, m^2 and rad^2.
-        q: A `LocalizerTuning`.
-        drift: See `information`.
-    """
-    end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0)
-    for _ in range(int(q.iterations)):
-        L = information(field, frame, points, number, end.at, prior, scale, q, drift)
-        if L.used < LEAST_BEAMS:
-            return Descent(prior, scale, at, 0.0, 0.0, 0.0, L.used)
-        belief, sixth, nis, freedom = condition(prior, scale, end.at, blurred(L, bias[0], bias[1]))
-        to, was = Guess(belief.mean.x, belief.mean.y, belief.mean.theta, sixth.mean), end.at
-        end = Descent(belief, sixth, to, nis, freedom, L.fits, L.used)
-        change = abs(to.x - was.x) + abs(to.y - was.y) + abs(to.theta - was.theta) + abs(to.scale - was.scale)
-        if change < SETTLED:
-            break
-    return end
-
-
-@kernel
-def _widened(belief: Belief, position: float, heading: float) -> Belief:
-    """Return a belief with further variances of position and heading, m^2 and rad^2."""
-    mean, P = belief
-    return Belief(mean, Covariance(
-        P.xx + position, P.xy, P.xt, P.xv, P.xw, P.yy + position, P.yt, P.yv, P.yw, P.tt + heading, P.tv, P.tw,
-        P.vv, P.vw, P.ww,
-    ))  # fmt: skip
-
-
-@kernel
-def _best_descent(
-    field: Any, frame: Any, points: Any, number: int, located: Located, bias: tuple[float, float], q: Any, drift: float
-) -> Descent:
-    """Return the descent from the prediction, or where that is in doubt a better one from a start around it."""
-    near, scale = located.belief, located.scale
-    wide = _widened(near, 0.25 * q.reach * q.reach, 0.25 * q.swing * q.swing)
-    start = Guess(near.mean.x, near.mean.y, near.mean.theta, scale.mean)
-    best, value, least = Descent(near, scale, start, 0.0, 0.0, 0.0, 0.0), -1e300, -1.0
-    starts, values, count, k = np.empty((STARTS, 3)), np.empty(STARTS), 0, -1
-    while k < count:  # one place from which the descent is called: machine code for each would take long to compile
-        if k >= 0:
-            start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
-        end = descend(field, frame, points, number, near if k < 0 else wide, scale, start, bias, q, drift)
-        in_doubt = k >= 0 or end.fits < q.doubt or end.nis > q.gate * q.gate * end.freedom
-        if k < 0:
-            best = end
-        if q.doubt == 0.0 or number < LEAST_BEAMS or not in_doubt:
-            break
-        worth = likelihood(field, frame, points, number, end.at, wide, q) if end.freedom > 0.0 else -1e300
-        if k < 0:
-            least = end.fits + BETTER_FIT if end.fits < q.doubt else q.doubt
-            value = worth + BETTER_VALUE
-            count = starts_around(field, frame, points, number, near, q, starts, values)
-        elif end.fits > least and worth > value:
-            best, value = end, worth
-        k += 1
-    return best
-
-
-@kernel
 def scan(
     located: Located, field: Any, frame: Any, points: Any, number: int, q: Any, unseen: tuple[float, float] = (0.0, 0.0)
 ) -> Located:
@@ -266,14 +162,16 @@ def scan(
     take = max(FRESH * (1.0 - located.taken), LEAST_TAKE)
     bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
     since, during = unseen
-    end = _best_descent(field, frame, points, number, located, bias, q, SHARED * during * located.turn_drift)
+    end = best_descent(
+        field, frame, points, number, located.belief, located.scale, bias, q, SHARED * during * located.turn_drift
+    )
     if end.freedom == 0.0:  # too few beams on known ground: it says nothing
         return located
     bad = 0.7 * q.doubt  # below this share no start has explained the scan
     loose = q.loosen * q.loosen * max(1.0 - end.fits / bad, 0.0) if bad > 0.0 else 0.0
     hidden = since + HIDDEN * during
     drift, turn_drift = 0.5 * hidden * located.way_drift, hidden * located.turn_drift
-    belief = wrapped(_widened(end.belief, loose + drift, 0.25 * loose + turn_drift))
+    belief = wrapped(widened(end.belief, loose + drift, 0.25 * loose + turn_drift))
     surprise = end.nis / end.freedom
     # Where beams do not fit, the map surprises and not the wheels.
     by_wheels = min(surprise / q.usual, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.kernel import in_loops, kernel
-from turtlebot_gym.localization.around import WIDTH, keep
+from turtlebot_gym.localization.descent import WIDTH, keep
 from turtlebot_gym.localization.points import X, Y
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
@@ -32,7 +32,7 @@ def _rate_each(row, agrees):
 
 @in_loops(_rate_each)
 def _rate(row: Any, agrees: Any) -> None:
-    """Write how well an end in each cell of a row agrees with its distance, shape (n,), see `around.agreement`."""
+    """Write how well an end in each cell of a row agrees with its distance, shape (n,), see `descent.agreement`."""
     d = row.astype(np.float64) / WIDTH
     agrees[:] = np.where(np.isnan(d), 0.0, 1.0 / (1.0 + d * d))
 
@@ -62,7 +62,7 @@ def seek(field: Any, frame: Any, points: Any, number: int, poses: Any, values: A
         points: The scan, see `points.to_points`.
         number: Number of points.
         poses: Output, shape (K, 3): x, y and heading; m, m, rad.
-        values: Output, shape (K,): their agreement, see `around.agreement`, from 0 to 1.
+        values: Output, shape (K,): their agreement, see `descent.agreement`, from 0 to 1.
     """
     rows, columns = field.shape
     side, yaw, places, count = float(frame[4]), math.atan2(float(frame[3]), float(frame[2])), 0, 0

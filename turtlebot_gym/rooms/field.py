@@ -37,7 +37,7 @@ def _lower_each(row, by, more):
 
 
 @in_loops(_lower_each)
-def lower(row: Any, by: Any, more: int) -> None:
+def _lower(row: Any, by: Any, more: int) -> None:
     """Lower each number of a row, shape (n,), to that of another one plus ``more``, where this is less."""
     np.minimum(row, by + more, out=row)
 
@@ -52,15 +52,15 @@ def _squares_to_nearest(marked: Any, reach: int) -> Any:
     rows, columns = marked.shape
     along = ((reach + 1) * (1 - marked)).astype(np.int32)
     for row in range(1, rows):
-        lower(along[row], along[row - 1], 1)
+        _lower(along[row], along[row - 1], 1)
     for row in range(rows - 2, -1, -1):
-        lower(along[row], along[row + 1], 1)
+        _lower(along[row], along[row + 1], 1)
     squares = along * along
     nearest = squares.copy()
     for shift in range(1, min(reach + 1, columns)):
         for row in range(rows):
-            lower(nearest[row, shift:], squares[row, : columns - shift], shift * shift)
-            lower(nearest[row, : columns - shift], squares[row, shift:], shift * shift)
+            _lower(nearest[row, shift:], squares[row, : columns - shift], shift * shift)
+            _lower(nearest[row, : columns - shift], squares[row, shift:], shift * shift)
     return nearest
 
 

@@ -73,7 +73,12 @@ def enclosed(
     goal: Pose | None = None,
 ) -> FloorPlan:
     """Return a floor plan with walls `APRON` away from its contents; the arguments are those of `FloorPlan`."""
-    walls = _around(circles, boxes, start, goal)
+    reach = [(x, y, radius) for x, y, radius in circles]
+    reach += [(x, y, math.hypot(length, width) / 2.0) for x, y, length, width, _ in boxes]
+    reach += [(pose.x, pose.y, 0.0) for pose in (start, goal) if pose is not None]
+    left, right = min(x - r for x, _, r in reach) - APRON, max(x + r for x, _, r in reach) + APRON
+    bottom, top = min(y - r for _, y, r in reach) - APRON, max(y + r for _, y, r in reach) + APRON
+    walls = Walls((left + right) / 2.0, (bottom + top) / 2.0, (right - left) / 2.0, (top - bottom) / 2.0)
     return FloorPlan(walls=walls, circles=tuple(circles), boxes=tuple(boxes), start=start, goal=goal)
 
 
@@ -91,12 +96,3 @@ def _geometries(root: ElementTree.Element) -> Iterator[tuple[_Frame, ElementTree
 def _frame(element: ElementTree.Element) -> _Frame:
     x, y, _, _, _, yaw = map(float, element.findtext("pose", "0 0 0 0 0 0").split())
     return _Frame(x, y, yaw)
-
-
-def _around(circles: Sequence[tuple[float, ...]], boxes: Sequence[tuple[float, ...]], *poses: Pose | None) -> Walls:
-    reach = [(x, y, radius) for x, y, radius in circles]
-    reach += [(x, y, math.hypot(length, width) / 2.0) for x, y, length, width, _ in boxes]
-    reach += [(pose.x, pose.y, 0.0) for pose in poses if pose is not None]
-    left, right = min(x - r for x, _, r in reach) - APRON, max(x + r for x, _, r in reach) + APRON
-    bottom, top = min(y - r for _, y, r in reach) - APRON, max(y + r for _, y, r in reach) + APRON
-    return Walls((left + right) / 2.0, (bottom + top) / 2.0, (right - left) / 2.0, (top - bottom) / 2.0)

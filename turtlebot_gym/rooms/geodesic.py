@@ -38,7 +38,7 @@ def _relax_each(row, behind, least, straight, diagonal):
 
 
 @in_loops(_relax_each)
-def relax(row: Any, behind: Any, least: Any, straight: Any, diagonal: Any) -> bool:
+def _relax(row: Any, behind: Any, least: Any, straight: Any, diagonal: Any) -> bool:
     """Shorten the paths of a row, shape (n,), by a step from the row behind it, and return whether any became shorter.
 
     Args:
@@ -143,7 +143,7 @@ def _sweep(lengths, least, first: int, last: int, step: int) -> bool:
     """
     shorter = False
     for row in range(first, last, step):
-        shorter = relax(lengths[row], lengths[row - step], least[row], _STRAIGHT, _DIAGONAL) | shorter
+        shorter = _relax(lengths[row], lengths[row - step], least[row], _STRAIGHT, _DIAGONAL) | shorter
     return shorter
 
 

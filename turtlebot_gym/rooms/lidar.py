@@ -1,4 +1,4 @@
-"""A rotating LiDAR: the time and the range of each beam, and the pooled ranges for a policy.
+"""A rotating LiDAR: the time and the range of each beam.
 
 The beams of a revolution are spread over its period, and each is cast from the robot's pose at that time. A scan is complete
 with the last beam of a revolution, and stays the newest one until the next revolution is complete. Beams are numbered from 0
@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from typing import Annotated
-
-import numpy as np
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos
@@ -32,13 +30,6 @@ MIN_RATE, MAX_RATE = 0.01, 1e4
 """Slowest and fastest LiDAR, revolutions per second: the age of a scan is counted in whole nanoseconds."""
 DEAD_SECTORS = 4
 """Most blind sectors of a LiDAR."""
-NARROW = 2
-"""Most neighbouring sectors without a beam that take the range beside them: 20 degrees at 0.4 m, from where a Burger at full
-speed stops, are narrower than the robot."""
-NEAR = 1.0
-"""Greatest range of more of them, m. A blind sector is unknown, never free; but shorter ranges look like a wall that was not
-there in training. Of free, the range beside them, 1.0, 0.5 and 0.3 m, `ppo-rooms` collided least with this one when it was
-blind to the back."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,11 +78,6 @@ class Lidar:
             width.check(f"Lidar.dead[{at}][1]", sector[1])
         object.__setattr__(self, "dead", sectors + ((0.0, 0.0),) * (DEAD_SECTORS - len(sectors)))
 
-
-_NEAREST, _FARTHEST = np.float32(0.0), np.float32(SIGHT)
-
-UNKNOWN = -1.0
-"""Marks a sector of which a scan says nothing, until it is filled."""
 
 LIDARS = {
     # Data sheet: precision 10 mm below 0.5 m, 3.5 % beyond, taken as two standard deviations; accuracy 5 %. The driver stamps a
@@ -252,86 +238,3 @@ def bias_of(key: int, lidar: Lidar) -> float:
     """Return the share by which the ranges of an episode are too long, drawn from the key of its scans."""
     share, _ = uniforms(key, 0, 2)
     return (2.0 * share - 1.0) * lidar.accuracy
-
-
-@kernel
-def divide(spans, first_angle: float, beams: int) -> None:
-    """Assign the beams of a scan to the sectors of a policy; a sector without a beam takes the one nearest to its middle.
-
-    Args:
-        spans: Shape (`SECTORS`, 2): each sector's first beam, from -beams on, and the one after its last.
-        first_angle: Direction of the first beam in the robot's frame, rad.
-        beams: Number of beams in the scan, evenly spaced counter-clockwise.
-    """
-    for sector in range(SECTORS):
-        turns = sector / SECTORS - first_angle / TWO_PI
-        middle = (turns - math.floor(turns)) * beams
-        first = math.ceil(middle - 0.5 * beams / SECTORS - 1e-9)
-        last = math.ceil(middle + 0.5 * beams / SECTORS - 1e-9)
-        first = first if last > first else math.floor(middle + 0.5)
-        last = max(last, first + 1)
-        around = beams if last > beams else 0
-        spans[sector, 0], spans[sector, 1] = first - around, last - around
-
-
-@kernel
-def leave_out_blind(spans, beams, number: int) -> None:
-    """Empty the sectors in which a LiDAR is blind to all beams; `pool` takes them for unknown.
-
-    Args:
-        spans: The assignment by `divide`.
-        beams: The beams by `aim`.
-        number: Number of beams.
-    """
-    for sector in range(SECTORS):
-        sees = False
-        for beam in range(spans[sector, 0], spans[sector, 1]):
-            sees = sees | (beams[2, beam if beam >= 0 else beam + number] < math.inf)
-        spans[sector, 1] = spans[sector, 1] if sees else spans[sector, 0]
-
-
-@kernel
-def fill(sectors) -> None:
-    """Fill the sectors of which a scan says nothing.
-
-    Each takes the shorter of the ranges beside its run of unknown sectors; in a run of more than `NARROW` at most `NEAR`.
-
-    Args:
-        sectors: Shape (`SECTORS`,), as shares of `SIGHT`; `UNKNOWN` where unknown. At least one must be known.
-    """
-    known = sectors.copy()
-    for sector in range(SECTORS):
-        if known[sector] < 0.0:
-            right, left = 1, 1
-            while known[(sector - right) % SECTORS] < 0.0 and right < SECTORS:
-                right += 1
-            while known[(sector + left) % SECTORS] < 0.0 and left < SECTORS:
-                left += 1
-            beside = min(known[(sector - right) % SECTORS], known[(sector + left) % SECTORS])
-            sectors[sector] = beside if right + left - 1 <= NARROW else min(beside, np.float32(NEAR / SIGHT))
-
-
-@kernel
-def pool(ranges, spans, beams: int, sectors) -> None:
-    """Pool the ranges of a scan into the sectors of a policy: the shortest in each, as a share of `SIGHT`.
-
-    NaN, negative and infinite ranges count as free, sectors without beams as unknown, see `fill`.
-
-    Args:
-        ranges: Shape (B,), m; B at least ``beams``.
-        spans: The assignment by `divide`.
-        beams: Number of beams in the scan.
-        sectors: Output for the shares, shape (`SECTORS`,).
-    """
-    unknown = 0
-    for sector in range(SECTORS):
-        shortest = _FARTHEST  # in single precision, as ranges are: each conversion would take as long as the comparison
-        for beam in range(spans[sector, 0], spans[sector, 1]):
-            length = ranges[beam if beam >= 0 else beam + beams]
-            shortest = length if _NEAREST <= length < shortest else shortest
-        sectors[sector] = np.float32(float(shortest) / SIGHT)
-        if spans[sector, 1] <= spans[sector, 0]:
-            sectors[sector] = np.float32(UNKNOWN)
-            unknown += 1
-    if unknown > 0:
-        fill(sectors)

@@ -39,14 +39,7 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
 
 
 def _read_grid(path: str | Path) -> GridMap:
-    """Read a map's cells.
-
-    Args:
-        path: The YAML file.
-
-    Raises:
-        ValueError: If a file cannot be read, or says what cannot be.
-    """
+    """Read a map's cells; see `read_map`."""
     path = Path(path)
     content = _read_yaml(path)
     missing = [name for name in _NEEDED if name not in content]

@@ -1,4 +1,4 @@
-"""A room's data outside of the step: LiDAR scans and their pooling for a policy, clearance and obstacles."""
+"""A room's data outside of the step: LiDAR scans, clearance and obstacles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.beams import Beams, beams_of
 from turtlebot_gym.models.angles import TWO_PI, sincos, yaw_of_rotation
 from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.rooms.lidar import SECTORS, SIGHT, UNKNOWN, Driver, Lidar, fill
+from turtlebot_gym.rooms.lidar import Driver, Lidar
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import ORIGIN, Pose, State
 
@@ -134,51 +134,3 @@ def as_sent(scan: Scan, driver: Driver, rng: np.random.Generator) -> Scan:
         ranges = placed
     limits = driver.range_min, driver.range_max
     return Scan(ranges, first, increment, *limits, scan.period / number, scan.period)
-
-
-EDGE = 1e-5
-"""Share of a sector by which a beam on its edge may miss it: directions travel in single precision."""
-
-
-class Pooling:
-    """Pools scans into the sectors of a policy, as the environment does.
-
-    Each beam counts where it points, so the number of beams, their increment and its sign may differ from scan to scan. Sectors
-    without a beam are unknown, see `lidar.fill`.
-
-    Args:
-        yaw: Direction of the LiDAR's frame in the robot's frame, rad.
-        beams: Number of beams that a scan must have; 0 for any.
-    """
-
-    def __init__(self, *, yaw: float = 0.0, beams: int = 0) -> None:
-        self._yaw, self._beams = yaw, beams
-
-    def __call__(self, scan: Scan, mount: Pose | None = None) -> list[float]:
-        """Return the shortest range in each sector, as shares of `lidar.SIGHT`.
-
-        Args:
-            scan: The scan.
-            mount: Pose of its frame in a frame that is level with the robot's, at the place from which the policy is to see;
-                None for that place, turned by ``yaw``.
-
-        Raises:
-            ValueError: If the scan has another number of beams than ``beams``.
-        """
-        beams = len(scan.ranges)
-        if self._beams not in (0, beams):
-            raise ValueError(f"the scan has {beams} beams, but lidar_beams says {self._beams}")
-        there = np.flatnonzero(~np.isnan(scan.ranges))
-        ranges = scan.ranges[there]
-        directions = (mount.theta if mount else self._yaw) + scan.first + scan.increment * there
-        if mount and (mount.x or mount.y):
-            returned = np.isfinite(ranges)
-            points = mount.x + 1j * mount.y + np.where(returned, ranges, 0.0) * np.exp(1j * directions)
-            ranges, directions = np.where(returned, abs(points), ranges), np.where(returned, np.angle(points), directions)
-        at = np.floor(directions / TWO_PI * SECTORS + 0.5 + EDGE).astype(np.int64) % SECTORS
-        shortest = np.full(SECTORS, np.inf)
-        np.minimum.at(shortest, at, ranges)
-        sectors = (np.minimum(shortest, SIGHT) / SIGHT).astype(np.float32)
-        sectors[np.bincount(at, minlength=SECTORS) == 0] = UNKNOWN
-        fill(sectors)
-        return sectors.tolist()

@@ -51,7 +51,7 @@ class Scene(NamedTuple):
     """Shape (3, beams + `GROUP`): cosine and sine of each beam's direction in the robot's frame, and the least range it
     returns, m; zeros at the end, so that whole groups can be read."""
     spans: Any
-    """Shape (`SECTORS`, 2), int64: the beams of each sector, see `lidar.divide`."""
+    """Shape (`SECTORS`, 2), int64: the beams of each sector, see `sectors.divide`."""
     ranges: Any
     """Shape (2, beams), float32: the revolution in progress, and the newest complete one, m."""
     sectors: Any

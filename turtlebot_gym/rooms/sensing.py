@@ -7,7 +7,7 @@ import numpy as np
 from turtlebot_gym.kernel import borrowed, compiled_scratch, is_plain, kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.cells import distance_to_cells, ray_to_cells, to_cells
-from turtlebot_gym.rooms.lidar import Lidar, bias_of, is_drawn, pool, reading, reading_of, time_of_beam
+from turtlebot_gym.rooms.lidar import Lidar, bias_of, is_drawn, reading, reading_of, time_of_beam
 from turtlebot_gym.rooms.rays import (
     FAR,
     distance_to_circle,
@@ -19,6 +19,7 @@ from turtlebot_gym.rooms.rays import (
     ray_to_walls,
 )
 from turtlebot_gym.rooms.scene import GROUP, Scene, whole_groups
+from turtlebot_gym.rooms.sectors import pool
 from turtlebot_gym.values import Pose
 
 CLEAR = 1.0

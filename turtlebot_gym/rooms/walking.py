@@ -37,7 +37,7 @@ _STUCK = 0.05
 
 
 @kernel
-def decay(x: float) -> float:
+def _decay(x: float) -> float:
     """Return exp(-x) for x >= 0, to 1e-11; the same bits everywhere, unlike the function of the C library."""
     y = min(x, 60.0) * -0.015625  # exp(-x) = exp(-x / 64)^64
     term, value = 1.0, 1.0
@@ -56,7 +56,7 @@ def _repulsion(dx: float, dy: float, ahead_x: float, ahead_y: float) -> tuple[fl
     now, then = max(sqrt(dx * dx + dy * dy), 1e-3), max(sqrt(then_x * then_x + then_y * then_y), 1e-3)
     both, stride = now + then, ahead_x * ahead_x + ahead_y * ahead_y
     axis = max(0.5 * sqrt(max(both * both - stride, 0.0)), 0.05)  # of the ellipse
-    force = _OTHERS / _OTHERS_WIDTH * decay(axis / _OTHERS_WIDTH) * both / (4.0 * axis)
+    force = _OTHERS / _OTHERS_WIDTH * _decay(axis / _OTHERS_WIDTH) * both / (4.0 * axis)
     return force * (dx / now + then_x / then), force * (dy / now + then_y / then)
 
 
@@ -75,7 +75,7 @@ def _by_box(x: float, y: float, box: Any) -> tuple[float, float]:
     ahead, aside = dx * cosine + dy * sine, dy * cosine - dx * sine
     off_ahead, off_aside = ahead - min(max(ahead, -box[2]), box[2]), aside - min(max(aside, -box[3]), box[3])
     away = sqrt(off_ahead * off_ahead + off_aside * off_aside)
-    force = _WALLS / _WALLS_WIDTH * decay(away / _WALLS_WIDTH)
+    force = _WALLS / _WALLS_WIDTH * _decay(away / _WALLS_WIDTH)
     if away == 0.0:  # inside: away from its middle
         off_ahead, off_aside, away = ahead, aside, max(sqrt(ahead * ahead + aside * aside), 1e-3)
     off_ahead, off_aside = force * off_ahead / away, force * off_aside / away
@@ -91,8 +91,8 @@ def _acceleration(scene: Scene, k: int, robot: Pose, vx: float, vy: float) -> tu
     far = max(sqrt(to_x * to_x + to_y * to_y), 1e-3)
     to_x, to_y = to_x / far, to_y / far
     ax, ay = (person[4] * to_x - circle[3]) / _RELAXATION, (person[4] * to_y - circle[4]) / _RELAXATION
-    left, right = decay(max(x - walls[0] + walls[2], 0.0) / wide), decay(max(walls[0] + walls[2] - x, 0.0) / wide)
-    below, above = decay(max(y - walls[1] + walls[3], 0.0) / wide), decay(max(walls[1] + walls[3] - y, 0.0) / wide)
+    left, right = _decay(max(x - walls[0] + walls[2], 0.0) / wide), _decay(max(walls[0] + walls[2] - x, 0.0) / wide)
+    below, above = _decay(max(y - walls[1] + walls[3], 0.0) / wide), _decay(max(walls[1] + walls[3] - y, 0.0) / wide)
     ax, ay = ax + _WALLS / wide * (left - right), ay + _WALLS / wide * (below - above)
     for j in range(scene.counts[1]):
         fx, fy = _by_box(x, y, scene.boxes[j])

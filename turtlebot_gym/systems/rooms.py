@@ -19,9 +19,10 @@ from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
-from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by, divide, leave_out_blind
+from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
+from turtlebot_gym.rooms.sectors import divide, leave_out_blind
 from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
 from turtlebot_gym.systems.fixes import fix_parts

@@ -17,7 +17,8 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
-from turtlebot_gym.rooms.scan import Pooling, Scan, read_scan
+from turtlebot_gym.rooms.scan import Scan, read_scan
+from turtlebot_gym.rooms.sectors import Pooling
 from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING, SIZES
 from turtlebot_gym.systems.localizing import evidence_of
 from turtlebot_gym.systems.parameters import DT

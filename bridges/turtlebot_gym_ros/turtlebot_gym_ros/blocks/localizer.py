@@ -21,7 +21,8 @@ from turtlebot_gym.presets import make_filter, make_noise
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import aim
 from turtlebot_gym.rooms.maps import read_map
-from turtlebot_gym.rooms.scan import EDGE, Scan
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.localizing import drift_of
 from turtlebot_gym.validation import Names, Range, typed

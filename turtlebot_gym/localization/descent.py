@@ -1,16 +1,30 @@
-"""Starts all around a belief: where a scan fits badly, the descent from the prediction may have ended in a local minimum."""
+"""The descent of a belief to where a scan fits, by Gauss-Newton steps from the prediction.
+
+Where the scan fits badly there, that may be a local minimum: the descent is tried from starts all around the belief, too.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.localization.information import Guess
+from turtlebot_gym.localization.information import Guess, blurred, condition, information
 from turtlebot_gym.localization.points import LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
-from turtlebot_gym.values import Belief
+from turtlebot_gym.values import Belief, Covariance
 
+LEAST_BEAMS = 5
+"""Fewest beams on known ground that a scan needs."""
+SETTLED = 1e-4
+"""Sum of the changes, m and rad, at which the descent ends."""
+STARTS = 4
+"""Starts from which the descent is tried."""
+BETTER_FIT, BETTER_VALUE = 0.1, 1.0
+"""By how much another start's share of fitting beams and log likelihood must be better than that of the prediction."""
 SIDE = 0.14
 """Distance between two starts, m."""
 WIDTH = 0.2
@@ -19,6 +33,69 @@ APART, TURNED = 0.2, 0.12
 """Distance and turn from which on two starts are different ones; m, rad."""
 MOST_ALONG, MOST_TURNS = 6, 20
 """Most starts on each side of the prediction along an axis, and in heading."""
+
+
+class Descent(NamedTuple):
+    """Where a descent has ended."""
+
+    belief: Belief
+    scale: Sixth
+    at: Guess
+    nis: float
+    freedom: float
+    fits: float
+    used: float
+
+
+@kernel
+def descend(
+    field: Any,
+    frame: Any,
+    points: Any,
+    number: int,
+    prior: Belief,
+    scale: Sixth,
+    at: Guess,
+    bias: tuple[float, float],
+    q: Any,
+    drift: float = 0.0,
+) -> Descent:
+    """Return the belief conditioned on a scan, linearized anew at each step from a start on; unchanged with too few beams.
+
+    Args:
+        field: Distances, see `rooms.field`.
+        frame: Their frame.
+        points: The scan, see `points.to_points`.
+        number: Number of points.
+        prior: The belief before.
+        scale: Prior of the ranges' scale.
+        at: The start.
+        bias: Variances of the scan's position and heading by what is wrong with the map, m^2 and rad^2.
+        q: A `LocalizerTuning`.
+        drift: See `information`.
+    """
+    end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0)
+    for _ in range(int(q.iterations)):
+        L = information(field, frame, points, number, end.at, prior, scale, q, drift)
+        if L.used < LEAST_BEAMS:
+            return Descent(prior, scale, at, 0.0, 0.0, 0.0, L.used)
+        belief, sixth, nis, freedom = condition(prior, scale, end.at, blurred(L, bias[0], bias[1]))
+        to, was = Guess(belief.mean.x, belief.mean.y, belief.mean.theta, sixth.mean), end.at
+        end = Descent(belief, sixth, to, nis, freedom, L.fits, L.used)
+        change = abs(to.x - was.x) + abs(to.y - was.y) + abs(to.theta - was.theta) + abs(to.scale - was.scale)
+        if change < SETTLED:
+            break
+    return end
+
+
+@kernel
+def widened(belief: Belief, position: float, heading: float) -> Belief:
+    """Return a belief with further variances of position and heading, m^2 and rad^2."""
+    mean, P = belief
+    return Belief(mean, Covariance(
+        P.xx + position, P.xy, P.xt, P.xv, P.xw, P.yy + position, P.yt, P.yv, P.yw, P.tt + heading, P.tv, P.tw,
+        P.vv, P.vw, P.ww,
+    ))  # fmt: skip
 
 
 @kernel
@@ -87,7 +164,7 @@ def gain_of(number: int, q: Any) -> float:
 
 
 @kernel
-def starts_around(field: Any, frame: Any, points: Any, number: int, belief: Belief, q: Any, starts: Any, values: Any) -> int:
+def _starts_around(field: Any, frame: Any, points: Any, number: int, belief: Belief, q: Any, starts: Any, values: Any) -> int:
     """Write the best poses of a lattice around a belief, and return their number.
 
     It spans two standard deviations, at least `reach` and `swing`. The value of a pose is its tempered log likelihood less half
@@ -144,3 +221,35 @@ def likelihood(
     w = (c - l31 * u - l32 * v) / l33
     fit = agreement(field, frame, points, number, at, width)
     return gain_of(number, q) * fit - 0.5 * (u * u + v * v + w * w)
+
+
+@kernel
+def best_descent(
+    field: Any, frame: Any, points: Any, number: int, now: Belief, scale: Sixth, bias: tuple[float, float], q: Any, drift: float
+) -> Descent:
+    """Return the descent from the prediction, or where that is in doubt a better one from a start around it.
+
+    The arguments are those of `descend`; the start is the prediction ``now`` itself.
+    """
+    wide = widened(now, 0.25 * q.reach * q.reach, 0.25 * q.swing * q.swing)
+    start = Guess(now.mean.x, now.mean.y, now.mean.theta, scale.mean)
+    best, value, least = Descent(now, scale, start, 0.0, 0.0, 0.0, 0.0), -1e300, -1.0
+    starts, values, count, k = np.empty((STARTS, 3)), np.empty(STARTS), 0, -1
+    while k < count:  # one place from which the descent is called: machine code for each would take long to compile
+        if k >= 0:
+            start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
+        end = descend(field, frame, points, number, now if k < 0 else wide, scale, start, bias, q, drift)
+        in_doubt = k >= 0 or end.fits < q.doubt or end.nis > q.gate * q.gate * end.freedom
+        if k < 0:
+            best = end
+        if q.doubt == 0.0 or number < LEAST_BEAMS or not in_doubt:
+            break
+        worth = likelihood(field, frame, points, number, end.at, wide, q) if end.freedom > 0.0 else -1e300
+        if k < 0:
+            least = end.fits + BETTER_FIT if end.fits < q.doubt else q.doubt
+            value = worth + BETTER_VALUE
+            count = _starts_around(field, frame, points, number, now, q, starts, values)
+        elif end.fits > least and worth > value:
+            best, value = end, worth
+        k += 1
+    return best
