@@ -8,7 +8,7 @@ import pytest
 from drawing import draw
 from scipy import stats
 
-from turtlebot_gym.calibration import calibrate, detect_kind
+from turtlebot_gym.calibration import calibrate
 from turtlebot_gym.calibration.coordinates import PARAMETERS, from_coordinates, to_coordinates, value_of, with_values
 from turtlebot_gym.calibration.estimates import _of_headings
 from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, segment_rows
@@ -176,12 +176,6 @@ def test_real_wheels_are_fitted_over_segments():
     assert told.fitted[0, 0] == pytest.approx(told.measured[0, 0], rel=0.5)
     rows = drift(calibrate(Drive(time=drive.time, twist=lasting, true_state=drive.truth), segment=0.0), lengths=(1.0,))
     assert rows.fitted[0, 0] < 0.5 * rows.measured[0, 0]  # row by row it would be overconfident
-
-
-def test_the_kind_of_odometry_shows(known):
-    assert detect_kind(known) == "pose"
-    assert detect_kind(replace(known, odometry=known.truth)) == "wheel"
-    assert detect_kind(replace(known, odometry=np.full_like(known.odometry, np.nan))) == "wheel"
 
 
 def test_wheels_alone_are_refused(known):

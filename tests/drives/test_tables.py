@@ -70,9 +70,6 @@ def test_a_truth_without_heading_has_that_of_its_motion(tmp_path, columns):
     off = np.remainder(drive.truth[known, 2] - DRAWN.truth[known, 2] + np.pi, 2.0 * np.pi) - np.pi
     assert np.abs(off).mean() < 0.02  # half of the turn in a row
     assert "the truth has no heading: the direction of motion is taken" in drive.remarks[-1]
-    backwards = columns | {"v": -columns["v"]}
-    turned = read(write(tmp_path / "back.csv", backwards))
-    np.testing.assert_allclose(np.cos(turned.truth[known, 2] - drive.truth[known, 2]), -1.0, atol=1e-9)
 
 
 GOOD = "t,vx,gyro,px,py,theta"
@@ -104,17 +101,13 @@ def test_bad_tables_are_refused_with_file_and_line(tmp_path, text, message):
 
 
 def test_what_is_no_table_is_refused(tmp_path):
-    path = tmp_path / "drive.csv"
-    path.write_bytes(bytes(range(256)))
-    with pytest.raises(ValueError, match="the file is binary"):
-        read(path)
     with pytest.raises(OSError, match=r"none\.csv"):
         read(tmp_path / "none.csv")
     np.savez(tmp_path / "short.npz", t=np.arange(3.0), v=np.arange(4.0))
     with pytest.raises(ValueError, match="equally long, got lengths"):
         read(tmp_path / "short.npz")
     with pytest.raises(ValueError, match="columns must name time, v, omega"):
-        read(write(path, columns_of(DRAWN)), columns={"speed": "v"})
+        read(write(tmp_path / "drive.csv", columns_of(DRAWN)), columns={"speed": "v"})
 
 
 @pytest.mark.parametrize(
