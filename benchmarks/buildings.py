@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from harness.study import Study, each
+from harness.study import Study, each, run
 from turtlebot_gym.localization.localizer import LOST
 from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
 from turtlebot_gym.models.angles import TWO_PI
@@ -193,7 +193,7 @@ def figures(course: Course, building: Building, judged: slice, seconds: float) -
     }
 
 
-def run(building: Building, charts: dict[tuple[float, bool], Chart], condition: Condition, seed: int) -> dict[str, float]:
+def localized(building: Building, charts: dict[tuple[float, bool], Chart], condition: Condition, seed: int) -> dict[str, float]:
     """Drive a building under a condition and return its figures."""
     drive, at = driven(building, condition, seed), (condition.cell, condition.halves)
     if at not in charts:
@@ -222,8 +222,10 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     results: dict[str, dict[str, Any]] = {}
     for name in BUILDINGS:
         building, charts = load(config.data / "carmen" / f"{name}.npz"), {}
-        run(building, charts, CONDITIONS[0], config.seed)  # compiled before it is timed
-        results[name] = {condition.name: run(building, charts, condition, config.seed) for condition in each(CONDITIONS, name)}
+        localized(building, charts, CONDITIONS[0], config.seed)  # compiled before it is timed
+        results[name] = {
+            condition.name: localized(building, charts, condition, config.seed) for condition in each(CONDITIONS, name)
+        }
     return {"buildings": results}, [table_of(results)]
 
 

@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from buildings import chart, load
 from calibration_intervals import summaries
+from harness.beliefs import begun
 from turtlebot_gym.calibration import Calibration
 from turtlebot_gym.calibration.execution import at_axle
 from turtlebot_gym.calibration.likelihood import tuning_of
 from turtlebot_gym.calibration.poses import Scanned, nees_of
-from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.drives import Drive, Seen, known, read
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.consistency import nees
@@ -65,10 +65,7 @@ def toured(seed: int, seconds: float = 300.0, world: str = "office") -> tuple[Dr
     random = np.random.default_rng([seed, 1])
     wheels = drawn(random)
     p, waypoints, plan, _ = Options(world=world, lidar="lds01", noise="wheel", localizer="match").setup()
-    batch = Batch(1, p._replace(noise=replace(WHEEL, process=wheels)), waypoints, plan=plan)
-    batch.seeds[:] = seed
-    observations, outcomes = batch.empty()
-    batch.reset(np.ones(1, np.bool_), observations, outcomes)
+    batch, observations = begun(1, seed, p._replace(noise=replace(WHEEL, process=wheels)), waypoints, plan=plan)
     start, beam, action = Pose(*batch.numbers("body.true_state")[0, :3].tolist()), 1.0 / (LIDAR.rate * LIDAR.beams), np.zeros(2)
     twists, odometry, scans = [np.zeros(2)], [batch.numbers("senses.odometry.pose")[0]], []
     for step in range(1, round(seconds / p.dt) + 1):

@@ -28,7 +28,7 @@ from typing import Any, Literal
 
 import tyro
 
-from harness.machine import busy, machine
+from harness.machine import busy, in_child, machine
 from harness.turns import Turn
 
 LIMIT = 1.25
@@ -157,11 +157,7 @@ def _arguments(config: Config) -> list[str]:
 
 def _child(config: Config, part: str) -> Any:
     """Run a part of this program in its own process, and return what it prints."""
-    options = ["--part", part, "--env", config.env, "--steps", str(config.steps), "--seed", str(config.seed)]
-    done = subprocess.run([sys.executable, __file__, *options], capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"{part} failed: {done.stderr}")
-    return json.loads(done.stdout.splitlines()[-1])
+    return in_child(__file__, "--part", part, "--env", config.env, "--steps", config.steps, "--seed", config.seed)
 
 
 def one_round(config: Config) -> dict[str, Turn]:

@@ -12,11 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.table import Table
 
+from harness.beliefs import begun, errors_of
 from harness.study import Study, each, run
 from turtlebot_gym import FixNoise, make_parameters
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.envs.common import SYMMETRIC
-from turtlebot_gym.estimation.consistency import difference, nees
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.presets import FIXES
 from turtlebot_gym.systems import Parameters, System, system_of
@@ -83,13 +81,9 @@ def naive(system: System) -> System:
 def drive(p: Parameters, system: System, on_square: bool, config: Config) -> dict[str, Any]:
     """Return errors and consistency, each a mean over a drive, and the cost of a step."""
     n, steps = config.runs, round(config.seconds / DT)
-    batch, policy = Batch(n, p, SQUARE_WAYPOINTS, system=system), BearingPolicy()
-    batch.seeds[:] = config.seed + np.arange(n)
-    observations, outcomes = batch.empty()
-    batch.reset(np.ones(n, np.bool_), observations, outcomes)
-    random = np.random.default_rng(config.seed)
-    actions = np.zeros((n, 2), np.float32)
-    position, heading, consistent, cpu = (np.zeros((steps, n)), np.zeros((steps, n)), np.zeros((steps, n)), 0.0)
+    batch, observations = begun(n, config.seed, p, SQUARE_WAYPOINTS, system=system)
+    policy, random = BearingPolicy(), np.random.default_rng(config.seed)
+    actions, errors, cpu = np.zeros((n, 2), np.float32), [], 0.0
     for step in range(steps):
         if on_square:
             actions = np.asarray(policy(observations), np.float32)
@@ -98,11 +92,8 @@ def drive(p: Parameters, system: System, on_square: bool, config: Config) -> dic
         began = time.process_time()
         observations, _ = batch.step(actions)
         cpu += time.process_time() - began if step else 0.0  # the first one compiles
-        mean, truth = batch.numbers("estimate.belief.mean"), batch.numbers("body.true_state")
-        error = difference(mean[:, :3], truth[:, :3])
-        position[step], heading[step] = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
-        covariance = batch.numbers("estimate.belief.covariance")[..., SYMMETRIC]
-        consistent[step] = nees(mean, truth, covariance, components=3)
+        errors.append(errors_of(batch))
+    position, heading, consistent = map(np.array, zip(*errors, strict=True))
     return {
         "position": metrics.mean(position.mean(axis=0)),
         "position_rms": metrics.mean(np.sqrt((position**2).mean(axis=0))),

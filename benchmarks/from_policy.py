@@ -9,8 +9,6 @@ from __future__ import annotations
 import itertools
 import json
 import statistics
-import subprocess
-import sys
 import time
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -19,6 +17,7 @@ from typing import Any
 
 import tyro
 
+from harness.machine import in_child
 from turtlebot_gym_agents.provenance import write_json
 
 ENVS = {"Nav": ("bearing", 0.99), "Pose": ("polar", 0.99), "Square": ("corner", 0.95), "Rooms": ("vfh", 0.95)}
@@ -98,25 +97,16 @@ def main() -> None:
     for task, seed in itertools.product(config.tasks, range(config.seeds)):
         policy, success = ENVS[task]
         for begin in (policy, "none"):
-            told = known.setdefault(task, {}).setdefault(begin, {"runs": []})
-            if len(told["runs"]) > seed:
+            begun = known.setdefault(task, {}).setdefault(begin, {"runs": []})
+            if len(begun["runs"]) > seed:
                 continue
-            told["runs"].append(_run(config, task, begin, seed))
-            told |= summary(told["runs"], success)
-            print(task, begin, seed, {name: value for name, value in told.items() if name != "runs"}, flush=True)
+            options = ("--steps", config.steps, "--evaluations", config.evaluations, "--child", task, begin, seed)
+            begun["runs"].append(in_child(__file__, *options))
+            begun |= summary(begun["runs"], success)
+            print(task, begin, seed, {name: value for name, value in begun.items() if name != "runs"}, flush=True)
             if config.json is not None:
                 settings = {name: value for name, value in asdict(config).items() if name not in ("json", "child", "tasks")}
                 write_json(config.json, {"tasks": known}, config=settings)
-
-
-def _run(config: Config, task: str, policy: str, seed: int) -> list[dict[str, float]]:
-    """Return the history of a training in a process of its own."""
-    options = ["--steps", str(config.steps), "--evaluations", str(config.evaluations)]
-    command = [sys.executable, __file__, *options, "--child", task, policy, str(seed)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command)} failed: {done.stderr}")
-    return json.loads(done.stdout.splitlines()[-1])
 
 
 if __name__ == "__main__":

@@ -8,31 +8,27 @@ other seeds, from 13,000, 20,000, 21,000, 50,000 and 52,000.
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from rich.table import Table
 
+from harness.beliefs import Errors, begun, errors_of
+from harness.study import Study, run
+from harness.turns import timed
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.envs.common import SYMMETRIC
-from turtlebot_gym.estimation.consistency import difference, nees
 from turtlebot_gym.localization.tuning import matched
 from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.presets import matched as matched_filter
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.systems import Options
-from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.provenance import plain, provenance, replace_json, settings_of, write_json
+from turtlebot_gym_agents.provenance import provenance
 
-RESULTS = Path(__file__).with_suffix(".json")
 DT = 0.1
 WORLDS = ("dense", "office", "corridor")
 MATCHED = matched(LIDARS["lds01"])
@@ -66,7 +62,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config:
+class Config(Study):
     """Drive with a localizer."""
 
     runs: int = 32
@@ -77,8 +73,6 @@ class Config:
     """Seed of the first drive."""
     only: Literal["", "cases", "needless", "blocked", "unknown", "kidnapped", "speed"] = ""
     """Measure this part alone, and leave the others in the file as they are: steps are timed on a quiet machine."""
-    json: Path | None = RESULTS
-    """File for the results."""
 
 
 class Wander:
@@ -105,11 +99,7 @@ def make_batch(world: str, number: int, case: Mapping[str, Any], seed: int) -> t
     given = {"noise": "wheel", "localizer": MATCHED, "filter": matched_filter(WHEEL)} | dict(case)
     rules = replace(ROOMS[world], **given.pop("rules", {}))
     p, waypoints, _, _ = Options(world=rules, lidar="lds01", **given).setup()
-    batch = Batch(number, p, waypoints)
-    batch.seeds[:] = seed + np.arange(number)
-    observations, outcomes = batch.empty()
-    batch.reset(np.ones(number, np.bool_), observations, outcomes)
-    return batch, observations
+    return begun(number, seed, p, waypoints)
 
 
 def drive(
@@ -119,8 +109,8 @@ def drive(
     seed: int,
     at: Callable[[Batch, int], None] = lambda b, s: None,
     after: Callable[[Batch, int], None] = lambda b, s: None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Wander, and return the errors of position and heading, and the NEES of the pose, each of shape (steps, N); m, rad.
+) -> Errors:
+    """Wander, and return the errors after each step.
 
     Args:
         batch: The environments.
@@ -130,18 +120,13 @@ def drive(
         at: Called before each step with the batch and the step's number.
         after: Called after it.
     """
-    steps, policy = round(seconds / DT), Wander(batch.num_envs, seed)
-    position, heading, consistent = (np.zeros((steps, batch.num_envs)) for _ in range(3))
-    for step in range(steps):
+    policy, errors = Wander(batch.num_envs, seed), []
+    for step in range(round(seconds / DT)):
         at(batch, step)
         observations, _ = batch.step(policy(observations))
-        mean, truth = batch.numbers("estimate.belief.mean"), batch.numbers("body.true_state")
-        error = difference(mean[:, :3], truth[:, :3])
-        position[step], heading[step] = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
-        covariance = batch.numbers("estimate.belief.covariance")[..., SYMMETRIC]
-        consistent[step] = nees(mean, truth, covariance, components=3)
+        errors.append(errors_of(batch))
         after(batch, step)
-    return position, heading, consistent
+    return Errors(*map(np.array, zip(*errors, strict=True)))
 
 
 def right(position: NDArray[np.float64], heading: NDArray[np.float64], after: float) -> Any:
@@ -164,50 +149,50 @@ def blocked(world: str, config: Config) -> dict[str, Any]:
     return {f"after {after:g} s": right(position, heading, 15.0 + after) for after in (0.1, 2.0, 5.0)}
 
 
-class Surely:
+class Sure:
     """Where robots are sure of their place: there is one hypothesis, and the last scan leaves no doubt of it."""
 
     def __init__(self, seconds: float, runs: int) -> None:
-        self.sure, self.searches, self.fits = np.zeros((round(seconds / DT), runs), np.bool_), 0, []
+        self.rows, self.searches, self.fits = np.zeros((round(seconds / DT), runs), np.bool_), 0, []
         self._looked = np.zeros(runs, np.bool_)
 
     def __call__(self, batch: Batch, step: int) -> None:
         misfits, fits = batch.numbers("estimate.misfits"), batch.numbers("estimate.fits")
-        self.sure[step] = (misfits <= 0.0) & (fits >= 0.7 * MATCHED.doubt)
+        self.rows[step] = (misfits <= 0.0) & (fits >= 0.7 * MATCHED.doubt)
         self.fits.append(fits.mean())
         looks = misfits >= MATCHED.patience
         self.searches += int((looks & ~self._looked).sum())
         self._looked = looks
 
 
-def found(position: Any, heading: Any, surely: Surely, since: float, times: tuple[float, ...]) -> dict[str, Any]:
+def placed(position: Any, heading: Any, sure: Sure, since: float, times: tuple[float, ...]) -> dict[str, Any]:
     """Return the share of robots that are right some seconds after a time, of those that are sure, and sure but wrong."""
     wrong, first = (position >= 0.3) | (heading >= 0.3), round(since / DT)
-    at_end = surely.sure[first + round(times[-1] / DT) - 1]
+    at_end = sure.rows[first + round(times[-1] / DT) - 1]
     return {
         **{f"after {after:g} s": right(position, heading, since + after) for after in times},
         **{
-            f"sure and wrong after {after:g} s": metrics.share((wrong & surely.sure)[first + round(after / DT) - 1])
+            f"sure and wrong after {after:g} s": metrics.share((wrong & sure.rows)[first + round(after / DT) - 1])
             for after in times
         },
         "sure at the end": metrics.share(at_end),
-        "sure and wrong": float((wrong & surely.sure)[first:].mean()),
+        "sure and wrong": float((wrong & sure.rows)[first:].mean()),
     }
 
 
 def unknown(world: str, config: Config) -> dict[str, Any]:
     """Return the share of robots that are right some seconds after an unknown start."""
     number, seconds = 6 * config.runs, 20.0
-    surely = Surely(seconds, number)
+    sure = Sure(seconds, number)
     batch, seen = make_batch(world, number, {"start": "unknown"}, config.seed)
-    position, heading, _ = drive(batch, seen, seconds, config.seed, after=surely)
-    return found(position, heading, surely, 0.0, (1.0, 5.0, 10.0, 20.0))
+    position, heading, _ = drive(batch, seen, seconds, config.seed, after=sure)
+    return placed(position, heading, sure, 0.0, (1.0, 5.0, 10.0, 20.0))
 
 
 def kidnapped(world: str, config: Config) -> dict[str, Any]:
     """Return the share of robots that are right some seconds after they were carried to their goal, turned anyhow."""
     number, seconds, random = 6 * config.runs, 50.0, np.random.default_rng(config.seed)
-    surely = Surely(seconds, number)
+    sure = Sure(seconds, number)
     batch, seen = make_batch(world, number, {}, config.seed)
 
     def carry(batch: Batch, step: int) -> None:
@@ -217,8 +202,8 @@ def kidnapped(world: str, config: Config) -> dict[str, Any]:
             batch.put("body.true_state", state)
             batch.put("room.pose", state[:, :3])
 
-    position, heading, _ = drive(batch, seen, seconds, config.seed, carry, surely)
-    return found(position, heading, surely, 30.0, (2.0, 5.0, 20.0))
+    position, heading, _ = drive(batch, seen, seconds, config.seed, carry, sure)
+    return placed(position, heading, sure, 30.0, (2.0, 5.0, 20.0))
 
 
 def speed() -> dict[str, Any]:
@@ -227,16 +212,13 @@ def speed() -> dict[str, Any]:
     for number in (512, 4096):
         batches = {name: make_batch("office", number, CASES[name], 0)[0] for name in ("wheels only", "localizer")}
         actions = np.random.default_rng(0).uniform([-0.1, -0.5], [0.3, 0.5], (number, 2)).astype(np.float32)
-        wall, cpu = dict.fromkeys(batches, np.inf), dict.fromkeys(batches, np.inf)
+        wall, cpu, calls = dict.fromkeys(batches, np.inf), dict.fromkeys(batches, np.inf), max(20_000 // number, 4)
         for _ in range(8):
             for name, batch in batches.items():
                 batch.step(actions)
-                began, used = time.perf_counter(), time.process_time()
-                for _ in range(max(20_000 // number, 4)):
-                    batch.step(actions)
-                steps = number * max(20_000 // number, 4)
-                wall[name] = min(wall[name], (time.perf_counter() - began) / steps)
-                cpu[name] = min(cpu[name], (time.process_time() - used) / steps)
+                spent = timed(lambda k, batch=batch, actions=actions: batch.step(actions))(calls)
+                wall[name] = min(wall[name], spent.wall / (number * calls))
+                cpu[name] = min(cpu[name], spent.cpu / (number * calls))
         results[str(number)] = {
             "steps_per_second": {name: 1.0 / value for name, value in wall.items()},
             "cpu_microseconds": {name: 1e6 * value for name, value in cpu.items()},
@@ -249,20 +231,20 @@ def cases(world: str, config: Config) -> dict[str, Any]:
     """Return errors, honesty and searches in each of the `CASES`."""
     results = {}
     for name, case in CASES.items():
-        surely, localized = Surely(config.seconds, config.runs), case.get("localizer", MATCHED) is not None
+        sure, localized = Sure(config.seconds, config.runs), case.get("localizer", MATCHED) is not None
         position, heading, consistent = drive(
             *make_batch(world, config.runs, case, config.seed),
             config.seconds,
             config.seed,
-            after=surely if localized else lambda b, s: None,
+            after=sure if localized else lambda b, s: None,
         )
         results[name] = {
             "position": metrics.mean(np.sqrt((position**2).mean(0))),
             "heading": metrics.mean(np.sqrt((heading**2).mean(0))),
             "position_rms": float(np.sqrt((position**2).mean())), "heading_rms": float(np.sqrt((heading**2).mean())),
             "nees": metrics.mean(consistent[20:].mean(0)), "most": float(position.max()),
-            "lost": metrics.mean((position > 0.5).mean(0)), "searches": surely.searches,
-            "fits": float(np.mean(surely.fits)) if localized else None,
+            "lost": metrics.mean((position > 0.5).mean(0)), "searches": sure.searches,
+            "fits": float(np.mean(sure.fits)) if localized else None,
         }  # fmt: skip
     return results
 
@@ -270,9 +252,9 @@ def cases(world: str, config: Config) -> dict[str, Any]:
 def needless(world: str, config: Config) -> dict[str, Any]:
     """Return how often robots that know where they are search the whole map, and in how many hours."""
     number = 120
-    surely = Surely(config.seconds, number)
-    drive(*make_batch(world, number, {}, config.seed), config.seconds, config.seed, after=surely)
-    return {"hours": number * config.seconds / 3600.0, "searches": surely.searches}
+    sure = Sure(config.seconds, number)
+    drive(*make_batch(world, number, {}, config.seed), config.seconds, config.seed, after=sure)
+    return {"hours": number * config.seconds / 3600.0, "searches": sure.searches}
 
 
 PARTS = {"cases": cases, "needless": needless, "blocked": blocked, "unknown": unknown, "kidnapped": kidnapped}
@@ -300,20 +282,17 @@ def tables_of(results: Mapping[str, Any]) -> list[Table]:
     return [table for table in (errors, places, costs) if table.row_count]
 
 
-def main() -> None:
-    """Drive, print tables, and write the results."""
-    config = tyro.cli(Config, description=__doc__)
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results of all parts, or of one with the others from the file, and the tables of what was measured."""
     results: dict[str, Any] = {}
     for name in [config.only] if config.only else (*PARTS, "speed"):
         results[name] = speed() if name == "speed" else {world: PARTS[name](world, config) for world in WORLDS}
-    print_tables(*tables_of(results))
-    if config.json is not None and config.only:
+    tables = tables_of(results)
+    if config.only and config.json is not None:  # also the options and the origin of the other parts stay those of the file
         kept = json.loads(config.json.read_text(encoding="utf-8"))
-        again = kept.get("again", {}) | {config.only: provenance()}
-        replace_json(config.json, plain(kept | results | {"again": again}))
-    elif config.json is not None:
-        write_json(config.json, results, config=settings_of(config))
+        results = kept | results | {"again": kept.get("again", {}) | {config.only: provenance()}}
+    return results, tables
 
 
 if __name__ == "__main__":
-    main()
+    run(Config, measure, beside=__file__)

@@ -9,23 +9,21 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from queue import SimpleQueue
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import tomllib
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from harness.pairs import PACKAGES
+from harness.study import each
 from mutation import Mutant
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
-PACKAGES = (".", "agents", "bridges/turtlebot_gym_ros")
-"""Folders from which the packages are imported."""
 MEMORY = 8 * 2**20
 """Largest address space of a test process, KiB, since a mutant may fill any memory."""
 
@@ -75,19 +73,8 @@ class Copy:
 
     def test(self, module: Module, limit: float) -> tuple[str, float, str]:
         """Run the tests of a module; return "passed", "failed" or "timeout", the seconds and the output."""
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "-m",
-            "not slow and not nightly",
-            "-p",
-            "no:cacheprovider",
-            *module.tests,
-        ]
-        command += [f"--deselect={name}" for name in module.without]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow and not nightly", "-p", "no:cacheprovider"]
+        command += [*module.tests, *(f"--deselect={name}" for name in module.without)]
         paths = [str(self.folder / package) for package in PACKAGES]
         kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NUMBA", "PYTHON"))}
         # Without bytecode files no stale one can hide a mutant with the size and modification second of its original.
@@ -120,17 +107,16 @@ class Copy:
             file.write_text(original, encoding="utf-8")
         return Result(mutant, {"passed": "survived", "failed": "killed"}.get(outcome, outcome), seconds)
 
-    def baseline(self, modules: list[Module]) -> Iterator[tuple[str, float]]:
-        """Run each module's tests on the unchanged code, and yield their duration.
+    def baseline(self, module: Module) -> float:
+        """Run a module's tests on the unchanged code, and return their duration, s.
 
         Raises:
             SystemExit: If they fail.
         """
-        for module in modules:
-            outcome, seconds, output = self.test(module, 600.0)
-            if outcome != "passed":
-                raise SystemExit(f"The tests of {module.path} fail without any mutant:\n{output[-5000:]}")
-            yield module.path, seconds
+        outcome, seconds, output = self.test(module, 600.0)
+        if outcome != "passed":
+            raise SystemExit(f"The tests of {module.path} fail without any mutant:\n{output[-5000:]}")
+        return seconds
 
     def require_import(self, module: Module) -> None:
         """Raise `SystemExit` if the tests of a module pass without it; where a mutant has died there is no need to ask."""
@@ -175,37 +161,26 @@ def judge_all(mutants: list[tuple[Module, Mutant]], jobs: int) -> list[Result]:
             waiting.append((module, mutant))
         else:
             results.append(Result(mutant, "equivalent", 0.0, why))
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed} of {task.total}"))
-    bars = Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True)
-    with copies(jobs) as made, bars, ThreadPoolExecutor(jobs) as pool:
-        bar = bars.add_task("without mutants", total=len(modules))
-
-        def measured(copy: Copy, part: list[Module]) -> dict[str, float]:
-            times = {}
-            for path, seconds in copy.baseline(part):
-                times[path] = seconds
-                bars.advance(bar)
-            return times
-
+    with copies(jobs) as made, ThreadPoolExecutor(jobs) as pool:
         free: SimpleQueue[Copy] = SimpleQueue()
-        try:
-            parts = [modules[at :: len(made)] for at in range(len(made))]
-            times = {path: seconds for part in pool.map(measured, made, parts) for path, seconds in part.items()}
-            for copy in made:
+        for copy in made:
+            free.put(copy)
+
+        def in_copy(work: Callable[..., Any], *arguments: Any) -> Any:
+            copy = free.get()
+            try:
+                return work(copy, *arguments)
+            finally:
                 free.put(copy)
 
-            def judged(module: Module, mutant: Mutant) -> Result:
-                copy = free.get()
-                try:
-                    return copy.judge(mutant, module, 20.0 + 4.0 * times[module.path])
-                finally:
-                    free.put(copy)
-
-            bar = bars.add_task("mutants", total=len(waiting))
-            for count, done in enumerate(as_completed([pool.submit(judged, *pair) for pair in waiting]), 1):
-                results.append(done.result())
-                bars.advance(bar)
-                if not bars.console.is_terminal and count % 20 == 0:
+        try:
+            baselines = {pool.submit(in_copy, Copy.baseline, module): module.path for module in modules}
+            done = each(as_completed(baselines), "without mutants", len(baselines))
+            limits = {baselines[future]: 20.0 + 4.0 * future.result() for future in done}
+            futures = [pool.submit(in_copy, Copy.judge, mutant, module, limits[module.path]) for module, mutant in waiting]
+            for count, future in enumerate(each(as_completed(futures), "mutants", len(futures)), 1):
+                results.append(future.result())
+                if not sys.stderr.isatty() and count % 20 == 0:
                     print(f"{count} of {len(waiting)}", file=sys.stderr, flush=True)
             died = {result.mutant.path for result in results if result.outcome in ("killed", "timeout")}
             for module in modules:
