@@ -78,15 +78,11 @@ def drives(
 ) -> list[DriveUnit]:
     """Return the units of an evaluation.
 
+    The arguments are those of `evaluation.evaluate.evaluate`, and:
+
     Args:
-        policy: See `evaluation.evaluate.evaluate`, as for the others.
-        env: Environment id.
-        episodes: Number of episodes.
-        seed: Seed of the first episode.
         chunk: Episodes per unit.
         files: Files that policy and options name, if they do not exist on this machine.
-        allow_mismatch: See there.
-        **options: Arguments of the environment.
     """
     carried = {**attach(policy, *options.values()), **(files or {})}
     common = {"policy": policy, "env": env, "options": options, "files": carried, "allow_mismatch": allow_mismatch}
@@ -103,7 +99,7 @@ def evaluation(results: Sequence[Result], config: Mapping[str, Any]) -> Evaluati
         config=dict(config),
         limit=first.facts["limit"],
         max_linear=first.facts["max_linear"],
-        episodes=concatenate([_episodes(result.arrays) for result in results]),
+        episodes=concatenate(list(map(_episodes, results))),
         trajectory=turtlebot_gym.drives.Drive(**rows),
     )
 
@@ -144,7 +140,7 @@ def _columns(episodes: Episodes) -> Iterator[tuple[str, np.ndarray]]:
             yield name, value
 
 
-def _episodes(arrays: Mapping[str, np.ndarray]) -> Episodes:
+def _episodes(result: Result) -> Episodes:
+    arrays: Any = result.arrays
     errors = {name: Errors(*(arrays[f"{name}.{part}"] for part in Errors._fields)) for name in ("estimate", "odometry")}
-    values: dict[str, Any] = {**arrays, **errors}
-    return Episodes(**{name: values[name] for name in Episodes._fields})
+    return Episodes(**{name: (errors | arrays)[name] for name in Episodes._fields})

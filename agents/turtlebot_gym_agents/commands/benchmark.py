@@ -53,12 +53,6 @@ class Benchmark(Writing):
     """Draw the rates here."""
 
     def run(self) -> None:
-        """Measure, print tables, and write the requested files.
-
-        Raises:
-            ImportError: If there is no harness, or torch is missing.
-            ValueError: If an option is out of its range.
-        """
         if not _PROGRAM.is_file():
             raise ImportError(
                 "benchmark needs a clone of the repository, installed with `pip install --editable .`: "
@@ -66,15 +60,12 @@ class Benchmark(Writing):
             )
         self._check_options()
         if self.training and self.check is None and self.against is None:
-            self._require_training()
+            for name in ("torch", "stable_baselines3"):
+                if find_spec(name) is None:
+                    raise ImportError(f"{name} is not installed: {installing('agents')}, or use --no-training.")
         if str(_BENCHMARKS) not in sys.path:
             sys.path.append(str(_BENCHMARKS))
         run_path(str(_PROGRAM))["run"](self)
-
-    def _require_training(self) -> None:
-        for name in ("torch", "stable_baselines3"):
-            if find_spec(name) is None:
-                raise ImportError(f"{name} is not installed: {installing('agents')}, or use --no-training.")
 
     def _check_options(self) -> None:
         if not self.num_envs or min(self.num_envs) < 2 or len({*self.num_envs}) < len(self.num_envs):

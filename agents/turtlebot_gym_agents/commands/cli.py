@@ -51,9 +51,7 @@ if TYPE_CHECKING:
 class _Command(Protocol):
     """A subcommand with its options."""
 
-    def run(self) -> None:
-        """Run the subcommand."""
-        ...
+    def run(self) -> None: ...
 
 
 _SEVERAL = flags(several=("noise", "observation"))

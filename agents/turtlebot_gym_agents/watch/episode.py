@@ -49,15 +49,12 @@ def record_episode(
     """Drive an episode and return it: the first episode of `evaluate` with the same arguments.
 
     Args:
-        policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle" in rooms.
-        env: The id of an environment of this package.
+        policy: As the other arguments, what `evaluate` takes.
+        env: Environment id.
         seed: Seed of the episode.
         label: Label in the view; by default the policy's name.
-        allow_mismatch: Whether a policy made for another task, observation, robot or rate may drive.
-        **options: The environment's, see `turtlebot_gym.Options`.
-
-    Raises:
-        ValueError: If an argument is unknown or out of its range.
+        allow_mismatch: See `evaluate`.
+        **options: The environment's.
     """
     require_known(env, seed)
     envs = make_envs(env, 1, **options)
@@ -112,6 +109,7 @@ def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator
 def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None, chart: GridMap | None) -> Drive:
     infos = [{name: values[0] for name, values in row.info.items()} for row in rows]
     rooms = [row.room for row in rows if row.room]
+    ending = "success" if infos[-1]["is_success"] else "collision" if infos[-1].get("collision", False) else "time is up"
     walking = any(room.circles != rooms[0].circles for room in rooms)
     drive = Drive.stack(
         infos,
@@ -126,15 +124,9 @@ def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap |
             robot_radius=p.robot.radius,
             goal_radius=p.task.radius,
         ),
-        outcome=f"{_ending(infos[-1])} after {p.dt * (len(infos) - 1):.1f} s",
+        outcome=f"{ending} after {p.dt * (len(infos) - 1):.1f} s",
     )
     return replace(drive, scans=_scans(rows, drive, p))
-
-
-def _ending(info: dict[str, Any]) -> str:
-    if info["is_success"]:
-        return "success"
-    return "collision" if info.get("collision", False) else "time is up"
 
 
 def _scans(rows: Sequence[_Row], drive: Drive, p: Parameters) -> tuple[Seen, ...]:

@@ -134,14 +134,9 @@ class Server:
 def serve(drives: Sequence[Drive], *, title: str, host: str = "localhost", port: int = 5006) -> None:
     """Serve complete drives, print the URL, and return when the process is interrupted (Ctrl-C)."""
     with Server([Growing(drive) for drive in drives], title=title, live=False, host=host, port=port) as server:
-        _wait(server)
-
-
-def _wait(server: Server) -> None:
-    """Print the URL of a view, and return when the process is interrupted."""
-    print(f"{server.url}  (Ctrl-C ends)", flush=True)
-    with suppress(KeyboardInterrupt):
-        Event().wait()
+        print(f"{server.url}  (Ctrl-C ends)", flush=True)
+        with suppress(KeyboardInterrupt):
+            Event().wait()
 
 
 def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) -> None:

@@ -70,11 +70,16 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
     if not 0 < len(drives) <= MOST_RUNS or not all(map(len, drives)):
         raise ValueError(f"drives must hold 1 to {MOST_RUNS} drives with rows, got {list(map(len, drives))}.")
     theme = Theme()
-    runs = [_run(drive) for drive in drives]
+    runs = []
+    for drive in drives:
+        start = float(drive.time[0])
+        runs.append(_Run(ColumnDataSource(rows_of(drive, start=start)), ColumnDataSource(scans_of(drive.scans)), start))
     if len(drives) == 2 and not live:
         for at, run in enumerate(runs):
             run.rows.data["apart"] = apart(drives[at], drives[1 - at])
-    maps = _maps(drives, runs, theme)
+    maps: list[Map] = []
+    for at, drive in enumerate(drives):  # they are panned and zoomed together
+        maps.append(make_map(drive, drives, theme, name=f"map{at}", beside=maps[0].figure if maps else None))
     plots = make_plots(drives, [run.rows for run in runs], theme, live=live)
     for root in (*(shown.figure for shown in maps), *plots.figures):
         document.add_root(root)
@@ -98,20 +103,6 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
     document.template = _template()
     document.template_variables.update(_variables(drives, maps, [str(figure.name) for figure in plots.figures], title, live))
     return View(runs, again)
-
-
-def _run(drive: Drive) -> _Run:
-    start = float(drive.time[0])
-    rows = ColumnDataSource(rows_of(drive, start=start))
-    return _Run(rows, ColumnDataSource(scans_of(drive.scans)), start)
-
-
-def _maps(drives: Sequence[Drive], runs: Sequence[_Run], theme: Theme) -> list[Map]:
-    """Return the runs' maps, which are panned and zoomed together."""
-    maps: list[Map] = []
-    for at, drive in enumerate(drives):
-        maps.append(make_map(drive, drives, theme, name=f"map{at}", beside=maps[0].figure if maps else None))
-    return maps
 
 
 def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str], title: str, live: bool) -> dict[str, Any]:

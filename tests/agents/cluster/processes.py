@@ -1,24 +1,21 @@
-"""What processes there are, and where they listen, from /proc."""
+"""What processes there are, and where they listen."""
 
+import contextlib
 import os
 import signal
 import time
-from pathlib import Path
 
-LISTENS = "0A"
+import psutil
 
 
 def marked(mark):
     """Return the processes that have a text in the environment that they were started with."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            alive = (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
-            if alive and mark.encode() in (folder / "environ").read_bytes():
-                found.append(int(folder.name))
-        except OSError:  # it has ended, or is somebody else's
-            continue
-    return [process for process in found if process != os.getpid()]
+    marked = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):  # it has ended, or is somebody else's
+            if mark in process.environ().values() and process.status() != psutil.STATUS_ZOMBIE:
+                marked.append(process.pid)
+    return [process for process in marked if process != os.getpid()]
 
 
 def wait_until(true, seconds=60.0):
@@ -32,21 +29,13 @@ def wait_until(true, seconds=60.0):
 
 
 def addresses(processes):
-    """Return the addresses at which processes listen, as hexadecimal digits of /proc/net."""
-    sockets = set()
+    """Return the addresses at which processes listen."""
+    listening = []
     for process in processes:
-        for link in Path(f"/proc/{process}/fd").glob("*"):
-            try:
-                sockets.add(os.readlink(link))
-            except OSError:
-                continue
-    found = {}
-    for name in ("tcp", "tcp6"):
-        for line in Path(f"/proc/net/{name}").read_text().splitlines()[1:]:
-            words = line.split()
-            if words[3] == LISTENS and f"socket:[{words[9]}]" in sockets:
-                found[words[9]] = words[1].partition(":")[0]
-    return sorted(found.values())
+        with contextlib.suppress(psutil.Error):
+            connections = psutil.Process(process).net_connections()
+            listening += [socket.laddr.ip for socket in connections if socket.status == psutil.CONN_LISTEN]
+    return sorted(listening)
 
 
 def end(process, seconds=20.0):
