@@ -2,10 +2,10 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from drawing import recorded
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_noise
 from turtlebot_gym.calibration import calibrate
@@ -15,7 +15,6 @@ from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.calibration import judge, simulated_log
 from turtlebot_gym_agents.evaluation.replay import replay
 
-DATA = Path(__file__).parents[3] / "shared" / "data"
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 MINE = Noise(
     process=ProcessNoise(alpha1=0.006, alpha2=0.005, alpha3=0.004, alpha4=0.007, scale=0.97),
@@ -95,12 +94,9 @@ def test_what_innovations_cannot_tell_is_said(table, capsys):
 @pytest.mark.parametrize(("name", "other"), [RECORDED, RECORDED[::-1]])
 def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, other):
     # 20 seeds: `benchmarks/calibration_recorded.json`
-    if not all((DATA / each).is_file() for each in RECORDED):
-        pytest.skip(f"NOT TESTED ON REAL DATA: the recorded drives in {DATA} are missing")
-    drive = read(DATA / other)
-    recorded = read(DATA / name)
-    measured = replay(recorded, noise="documented", seed=1000, rate=np.inf).odometry
-    found = calibrate(replace(recorded, odometry=measured))
+    drive, calibrated = read(recorded(other)), read(recorded(name))
+    measured = replay(calibrated, noise="documented", seed=1000, rate=np.inf).odometry
+    found = calibrate(replace(calibrated, odometry=measured))
     assert found.segment > 0.0
     after, before = (judge(drive, noise, range(2)) for noise in (found.noise, None))
     assert after.nees.mean() <= 4.0 < before.nees.mean()

@@ -13,7 +13,7 @@ import pytest
 from turtlebot_gym.extras import installing
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
-from turtlebot_gym_agents.commands.counts import read_whole
+from turtlebot_gym_agents.commands.flags import read_whole
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
 NAV, ROOMS = (f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Rooms"))

@@ -116,19 +116,15 @@ def test_offline_the_library_itself_keeps_the_curves(tmp_path):
     folder = tmp_path / "run"
     command = ["train", "--steps", "20000", "--evaluations", "2", "--out", str(folder), "--wandb", "mine"]
     environment = {"WANDB_MODE": "offline", "WANDB_SILENT": "true", "HOME": str(tmp_path), "PATH": "/usr/bin:/bin"}
+    environment |= {"PYTHONPATH": os.environ["PYTHONPATH"]} if "PYTHONPATH" in os.environ else {}
     done = subprocess.run(
-        [sys.executable, "-m", "turtlebot_gym_agents", *command], env=environment | _paths(), capture_output=True, text=True
+        [sys.executable, "-m", "turtlebot_gym_agents", *command], env=environment, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     (kept,) = (folder / "wandb").glob("offline-run-*/run-*.wandb")
     found = _history(kept)
     for name, values in curves(folder).items():
         assert found[name] == pytest.approx(values, rel=1e-6), name
-
-
-def _paths():
-    """Return the search path of this Python, for one of its children."""
-    return {"PYTHONPATH": os.environ["PYTHONPATH"]} if "PYTHONPATH" in os.environ else {}
 
 
 def _history(path):

@@ -323,7 +323,7 @@ def test_the_drive_on_the_first_page_is_touched(visitor, width, scheme):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_builder_makes_the_commands_that_are_copied(visitor, width, scheme):
     from turtlebot_gym_agents.commands.cli import COMMANDS
-    from turtlebot_gym_agents.commands.counts import REGISTRY
+    from turtlebot_gym_agents.commands.flags import REGISTRY
 
     page = visitor.page
     visitor.open("builder.html")

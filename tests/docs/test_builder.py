@@ -14,7 +14,7 @@ import tyro
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.commands.cli import COMMANDS
-from turtlebot_gym_agents.commands.counts import REGISTRY
+from turtlebot_gym_agents.commands.flags import REGISTRY
 
 ROOT = Path(__file__).parents[2]
 

@@ -32,11 +32,10 @@ from turtlebot_gym_agents.commands.console import (
     save_figure,
     write_anywhere,
 )
-from turtlebot_gym_agents.commands.counts import REGISTRY
 from turtlebot_gym_agents.commands.course import Check
 from turtlebot_gym_agents.commands.data import Data
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
-from turtlebot_gym_agents.commands.flags import flags, own_first
+from turtlebot_gym_agents.commands.flags import REGISTRY, flags, own_first
 from turtlebot_gym_agents.commands.learning import Train, Tune
 from turtlebot_gym_agents.commands.localize import Localize
 from turtlebot_gym_agents.commands.protocol import Entry

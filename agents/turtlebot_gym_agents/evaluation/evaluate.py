@@ -206,9 +206,9 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
         raise Mismatch(f"{error} {ANYWAY}") from error
     if envs.spec is not None:
         require_layout(driver, policy, envs.spec.id)
-    if not allow_mismatch and envs.spec is not None:
-        shown = next(name for name, code in OBSERVED.items() if code == p.observed)
-        require_task(driver, policy, envs.spec.id, shown)
+        if not allow_mismatch:
+            shown = next(name for name, code in OBSERVED.items() if code == p.observed)
+            require_task(driver, policy, envs.spec.id, shown)
     return driver
 
 

@@ -35,6 +35,12 @@ EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
 
 
+def mean_actions(policy: ActorCriticPolicy, observations: torch.Tensor) -> torch.Tensor:
+    """Return the means of a Gaussian policy's actions."""
+    features = policy.pi_features_extractor(observations)
+    return policy.action_net(policy.mlp_extractor.forward_actor(features))
+
+
 def policy_of(model: BaseAlgorithm) -> Policy:
     """Return a model's deterministic policy: ``model.predict`` to the bit, in half the time."""
     policy: Any = model.policy
@@ -47,8 +53,7 @@ def policy_of(model: BaseAlgorithm) -> Policy:
 
     def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
         with torch.no_grad():
-            features = policy.pi_features_extractor(torch.as_tensor(observations, device=device).float())
-            mean = policy.action_net(policy.mlp_extractor.forward_actor(features))
+            mean = mean_actions(policy, torch.as_tensor(observations, device=device).float())
         return np.clip(mean.cpu().numpy(), done.low, done.high)
 
     return act

@@ -25,7 +25,7 @@ from torch import nn
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of, require_layout
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory
-from turtlebot_gym_agents.training.callbacks import Callback
+from turtlebot_gym_agents.training.callbacks import Callback, mean_actions
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.optimizer import Adam
 
@@ -86,7 +86,7 @@ def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: in
             right = np.clip(policy(observations), -1.0, 1.0).astype(np.float32)
             seen.append(observations)
             done.append(right)
-            drives = right if number == 0 else _mean(network, torch.from_numpy(observations)).detach().numpy()
+            drives = right if number == 0 else mean_actions(network, torch.from_numpy(observations)).detach().numpy()
             stray = drives + random.normal(0.0, DEVIATION, drives.shape).astype(np.float32)
             observations, _, terminated, truncated, _ = envs.step(stray)
             over = terminated | truncated
@@ -100,17 +100,12 @@ def _actor(network: ActorCriticPolicy) -> Iterator[nn.Parameter]:
     yield from network.action_net.parameters()
 
 
-def _mean(network: ActorCriticPolicy, observations: torch.Tensor) -> torch.Tensor:
-    features = network.pi_features_extractor(observations)
-    return network.action_net(network.mlp_extractor.forward_actor(features))
-
-
 def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, seen: torch.Tensor, done: torch.Tensor) -> None:
     """Reduce the mean squared difference of the actions."""
     for _ in range(PASSES):
         for rows in torch.randperm(len(seen)).split(BATCH):
             optimizer.zero_grad()
-            nn.functional.mse_loss(_mean(network, seen[rows]), done[rows]).backward()
+            nn.functional.mse_loss(mean_actions(network, seen[rows]), done[rows]).backward()
             optimizer.step()
 
 

@@ -115,12 +115,7 @@ def _flat(layers: Iterable[nn.Module]) -> Iterator[nn.Module]:
 def _graph_of(layers: Sequence[nn.Module], size: int) -> ModelProto | None:
     """Return a chain of layers as ONNX, from observations (n, size) to actions (n, 2), clipped to [-1, 1].
 
-    Args:
-        layers: The layers.
-        size: Size of an observation.
-
-    Returns:
-        The model; None if a layer is of an unsupported kind.
+    None if a layer is of an unsupported kind.
     """
     from onnx import TensorProto, helper
 

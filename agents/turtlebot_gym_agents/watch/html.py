@@ -15,22 +15,14 @@ from turtlebot_gym_agents.watch.view import fill
 
 
 def _to_html(drives: Sequence[Drive], *, title: str) -> str:
-    """Return the view of some drives as a self-contained page.
-
-    Args:
-        drives: The drives; several are shown side by side.
-        title: Title of the page.
-
-    Raises:
-        ValueError: See `view.fill`.
-    """
+    """Return the view of some drives, as `view.fill` makes it, as a self-contained page."""
     document = Document()
     fill(document, drives, title=title)
     return file_html(document, INLINE, title=title, template=document.template, template_variables=document.template_variables)
 
 
 def write_html(drives: Sequence[Drive], path: str | Path, *, title: str) -> int:
-    """Write the view of some drives, and return the file's size in bytes; see `_to_html`."""
+    """Write the view of some drives, side by side, and return the file's size in bytes; see `view.fill`."""
     path, page = Path(path), _to_html(drives, title=title)
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:

@@ -142,10 +142,7 @@ def serve(drives: Sequence[Drive], *, title: str, host: str = "localhost", port:
 def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) -> None:
     """Send new pieces to one browser, or reload its page if another drive has begun.
 
-    Args:
-        drives: The drives shown.
-        view: The view in this browser.
-        seen: Number of each drive, and how many of its pieces the view has; updated in place.
+    Of each drive ``seen`` has the number, and how many of its pieces the view has; it is updated.
     """
     for at, (drive, run) in enumerate(zip(drives, view.runs, strict=True)):
         number, piece, pieces = drive.read(*seen[at])
