@@ -20,6 +20,7 @@ import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +151,7 @@ def drive_all(config: Config) -> dict[str, Worlds]:
     plans, folder = read(config.worlds)[: config.first], config.runs or results_folder("barn")
     firsts = range(0, len(plans), AT_ONCE)
     jobs = [
-        (driven, (folder, policy, first, plans[first : first + AT_ONCE], config))
+        partial(driven, folder, policy, first, plans[first : first + AT_ONCE], config)
         for policy in config.policy for first in firsts
     ]  # fmt: skip
     results = iter(run_all(jobs, "policies and worlds", config.processes))

@@ -207,7 +207,7 @@ def compared(setting: str, by_policy: Mapping[str, list[dict[str, Any]]], config
 
 
 def measure(config: Config) -> tuple[dict[str, Any] | None, list[Table]]:
-    """Return the results of all policies in all settings, and their table; no results where some seeds are trained alone."""
+    """Return the results in all settings, and their table; none where some seeds are trained alone."""
     drivers: dict[str, list[str | Path]] = {name: [name] for name in config.policy} if not config.only else {}
     for name in config.trained:
         drivers[name] = [train(name, seed, config) for seed in config.only or range(config.seeds)]

@@ -23,7 +23,7 @@ import tyro
 from numpy.typing import NDArray
 
 from buildings import chart, load
-from calibration_intervals import summaries
+from calibration_intervals import judgement, summaries
 from harness.beliefs import begun
 from turtlebot_gym.calibration import Calibration
 from turtlebot_gym.calibration.execution import at_axle
@@ -99,14 +99,10 @@ def motion(random: np.random.Generator, ranges: NDArray[Any], before: NDArray[np
 def judged(seed: int, setting: str) -> dict[str, Any]:
     """Return of a drive for each parameter that it determines its error, and whether the interval holds the truth."""
     drive, place, wheels = toured(seed)
-    fitted, rows = calibrate_by_map(drive, place), {}
-    for name, estimate in fitted.estimates.items():
-        true = float(getattr(wheels, name, 0.0))
-        if estimate.is_determined:
-            holds = estimate.low <= true <= estimate.high
-            rows[name] = {"true": true, "value": estimate.value, "low": estimate.low, "high": estimate.high, "holds": holds}
-    right = {"kind": fitted.kind == "wheel", "integrator": fitted.integrator == "euler", "described": fitted.verdict.is_good}
-    return {"seed": seed, "setting": setting, "right": right, "estimates": rows}
+    fitted = calibrate_by_map(drive, place)
+    determined = [name for name, estimate in fitted.estimates.items() if estimate.is_determined]
+    true = {name: float(getattr(wheels, name, 0.0)) for name in determined}
+    return {"seed": seed, "setting": setting, **judgement(fitted, true, "wheel", "euler")}
 
 
 def halves(path: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from harness.study import each, finished
-from turtlebot_gym.calibration import calibrate
+from turtlebot_gym.calibration import Calibration, calibrate
 from turtlebot_gym.drives import Drive
 from turtlebot_gym_agents.provenance import settings_of, write_json
 
@@ -143,12 +143,19 @@ def judged(seed: int, setting: str) -> dict[str, Any]:
     integrator, kind, truth = setting.split("-")
     drive, values = simulated(seed, integrator, kind, truth)
     fitted = calibrate(drive)
+    true = {name: values[name] for name in fitted.estimates}
+    return {"seed": seed, "setting": setting, **judgement(fitted, true, kind, integrator)}
+
+
+def judgement(fitted: Calibration, true: Mapping[str, float], kind: str, integrator: str) -> dict[str, Any]:
+    """Return what a fit has detected rightly, and its estimates beside the true values."""
     rows = {}
-    for name, estimate in fitted.estimates.items():
-        holds = estimate.low <= values[name] <= estimate.high
-        rows[name] = {"true": values[name], "value": estimate.value, "low": estimate.low, "high": estimate.high, "holds": holds}
+    for name, value in true.items():
+        estimate = fitted.estimates[name]
+        ends = {"low": estimate.low, "high": estimate.high, "holds": estimate.low <= value <= estimate.high}
+        rows[name] = {"true": value, "value": estimate.value, **ends}
     right = {"kind": fitted.kind == kind, "integrator": fitted.integrator == integrator, "described": fitted.verdict.is_good}
-    return {"seed": seed, "setting": setting, "right": right, "estimates": rows}
+    return {"right": right, "estimates": rows}
 
 
 def summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
@@ -172,7 +179,7 @@ def summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def summaries(judge: Any, names: Sequence[str], config: Any) -> dict[str, dict[str, Any]]:
-    """Return the summary of each setting over all drives, and print it; drives of an earlier run are not judged again."""
+    """Return and print the summary of each setting; finished drives are not judged again."""
     wanted = [(seed, name) for seed in range(config.seed, config.seed + config.drives) for name in names]
     with ProcessPoolExecutor(config.processes) as pool:
         drives = list(each(finished(judge, wanted, config.kept, ("seed", "setting"), pool), "drives", len(wanted)))

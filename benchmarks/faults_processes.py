@@ -1,7 +1,4 @@
-"""Faults of processes, buttons and commands: what is suspended, ends, falls silent, floods a topic or talks nonsense.
-
-Each begins with a driving robot, and returns the number of unsafe motions, see `faults_kinds`.
-"""
+"""Faults of processes, buttons and commands, see `faults_kinds`."""
 
 from __future__ import annotations
 

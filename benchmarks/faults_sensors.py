@@ -1,7 +1,4 @@
-"""Faults of what is measured: measurements that are old or late, clocks that are off, and sensors that lie.
-
-Each begins with a driving robot, and returns the number of unsafe motions, see `faults_kinds`.
-"""
+"""Faults of what is measured: old measurements, clocks and sensors, see `faults_kinds`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The room that the faults' robot drives in, without ROS: where it is, how far the walls are, and what its LiDAR measures."""
+"""The room in which the faults' robot drives, and what its LiDAR measures; without ROS."""
 
 from __future__ import annotations
 

@@ -283,12 +283,12 @@ def tables_of(results: Mapping[str, Any]) -> list[Table]:
 
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
-    """Return the results of all parts, or of one with the others from the file, and the tables of what was measured."""
+    """Return the results of all parts, or of one beside the file's others, and their tables."""
     results: dict[str, Any] = {}
     for name in [config.only] if config.only else (*PARTS, "speed"):
         results[name] = speed() if name == "speed" else {world: PARTS[name](world, config) for world in WORLDS}
     tables = tables_of(results)
-    if config.only and config.json is not None:  # also the options and the origin of the other parts stay those of the file
+    if config.only and config.json is not None:  # options and origin stay those of the file
         kept = json.loads(config.json.read_text(encoding="utf-8"))
         results = kept | results | {"again": kept.get("again", {}) | {config.only: provenance()}}
     return results, tables

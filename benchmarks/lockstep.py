@@ -169,7 +169,7 @@ def error(trajectory: Drive, steps: int) -> float:
 
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Any]]:
-    """Return the results of all parts, each with the load of the machine before and after it (1 min average)."""
+    """Return the results of all parts with the machine's load around each."""
     os.environ["ROS_DOMAIN_ID"] = str(DOMAINS.stop + os.getpid() % 17)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     parts: dict[str, Callable[[Config], dict[str, Any]]] = {

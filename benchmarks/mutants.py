@@ -8,7 +8,8 @@ folder: an interrupted run leaves nothing behind.
     python benchmarks/mutants.py --only presets parameters --quota 100
 
 ``--record`` writes the mutants that died in an earlier result as a list, drawn from the clone of that time, and ``--replay``
-tests the mutants of such a list wherever their code is now:
+tests the mutants of such a list wherever their code is now: in the module of its path or, if that no longer has the changed
+lines, in the one module of the project that has them in a function of that name:
 
     python benchmarks/mutants.py --record died.json --result benchmarks/mutants.json --tree ../before
     python benchmarks/mutants.py --replay died.json
@@ -16,20 +17,21 @@ tests the mutants of such a list wherever their code is now:
 
 from __future__ import annotations
 
+import ast
 import json
 import resource
 import signal
 import sys
 import time
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import tomllib
 import tyro
 from rich.table import Table
 
-import mutant_list
 from mutant_tests import HERE, ROOT, Module, Result, judge_all
 from mutation import Mutant, draw
 from turtlebot_gym_agents.commands.console import print_tables
@@ -58,6 +60,109 @@ class Config:
     """With --record: clone in which they are drawn."""
     replay: Path | None = None
     """Test the mutants of this list instead of drawing."""
+
+
+class Entry(NamedTuple):
+    """A mutant of a list."""
+
+    path: str
+    """The module, from the root of the project."""
+    function: str
+    """Qualified name of the function; "" at the top of the module."""
+    operator: str
+    was: str
+    """The changed lines before, without indentation."""
+    now: str
+    """The same lines afterwards."""
+
+
+def recorded(tree: Path, quotas: Mapping[str, int], seed: int, left_out: Sequence[Mapping[str, Any]]) -> list[Entry]:
+    """Draw mutants of the modules in a tree, without testing them.
+
+    Args:
+        tree: Root of a clone of the project.
+        quotas: Number of mutants by module.
+        seed: Seed of the draw.
+        left_out: Mutants to leave out, such as those that survived or are equivalent.
+    """
+    known = {(row["path"], row["function"], row["was"], row["now"]) for row in left_out}
+    entries = []
+    for path, quota in quotas.items():
+        for mutant in draw(path, (tree / path).read_text(encoding="utf-8"), quota, seed=seed):
+            if (path, mutant.function, mutant.was, mutant.now) not in known:
+                entries.append(Entry(path, mutant.function, mutant.operator, mutant.was, mutant.now))
+    return entries
+
+
+def write_list(path: Path, entries: Sequence[Entry]) -> None:
+    """Write a list."""
+    path.write_text(json.dumps([entry._asdict() for entry in entries], indent=1) + "\n", encoding="utf-8")
+
+
+def read_list(path: Path) -> list[Entry]:
+    """Read a list."""
+    return [Entry(**row) for row in json.loads(path.read_text(encoding="utf-8"))]
+
+
+def find(entry: Entry, sources: Mapping[str, str]) -> Mutant | None:
+    """Return the mutant of an entry in the sources as they are, or None if its code is gone or stands in several modules.
+
+    Args:
+        entry: What to find.
+        sources: Source by path of every module that may hold it.
+    """
+    if entry.path in sources and (mutant := _in_module(entry, entry.path, sources[entry.path])):
+        return mutant
+    mutants = [mutant for path, code in sources.items() if (mutant := _in_module(entry, path, code))]
+    return mutants[0] if len(mutants) == 1 else None
+
+
+def _in_module(entry: Entry, path: str, code: str) -> Mutant | None:
+    was, now = entry.was.split("\n"), entry.now.split("\n")
+    if was[0] not in code:
+        return None
+    lines = code.split("\n")
+    for name, first, last in _functions(code):
+        if name.rpartition(".")[2] != entry.function.rpartition(".")[2]:
+            continue
+        for at in range(first - 1, last - len(was) + 1):
+            if [line.strip() for line in lines[at : at + len(was)]] == was:
+                changed = "\n".join([*lines[:at], *_indented(lines[at : at + len(was)], now), *lines[at + len(was) :]])
+                if _is_python(changed):
+                    return Mutant(path, entry.operator, at + 1, name, entry.was, entry.now, changed)
+    return None
+
+
+def _functions(code: str) -> Iterator[tuple[str, int, int]]:
+    """Yield the qualified name, first and last line of each function and class, outer ones first, and of the module last."""
+
+    def inside(node: ast.AST, names: tuple[str, ...]) -> Iterator[tuple[str, int, int]]:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, (ast.FunctionDef, ast.ClassDef)):
+                start = min([child.lineno, *(decorator.lineno for decorator in child.decorator_list)])
+                yield ".".join((*names, child.name)), start, child.end_lineno or child.lineno
+                yield from inside(child, (*names, child.name))
+            else:
+                yield from inside(child, names)
+
+    yield from inside(ast.parse(code), ())
+    yield "", 1, code.count("\n") + 1
+
+
+def _indented(before: Sequence[str], now: Sequence[str]) -> list[str]:
+    """Return the new lines with the indentation of the old ones; further lines have that of the first."""
+    indents = [line[: len(line) - len(line.lstrip())] for line in before]
+    if len(now) != len(before):
+        indents = [indents[0]] * len(now)
+    return [indent + line for indent, line in zip(indents, now, strict=True)]
+
+
+def _is_python(code: str) -> bool:
+    try:
+        ast.parse(code)
+    except SyntaxError:
+        return False
+    return True
 
 
 def table(config: Config) -> list[Module]:
@@ -91,13 +196,13 @@ def drawn(modules: list[Module], config: Config) -> list[tuple[Module, Mutant]]:
     ]
 
 
-def replayed(modules: list[Module], config: Config, path: Path) -> tuple[list[tuple[Module, Mutant]], list[mutant_list.Entry]]:
+def replayed(modules: list[Module], config: Config, path: Path) -> tuple[list[tuple[Module, Mutant]], list[Entry]]:
     """Return the mutants of a list that are found in the modules, and the entries that are not."""
     by_path = {module.path: module for module in modules}
     sources = {name: (ROOT / name).read_text(encoding="utf-8") for name in by_path}
     mutants, gone = [], []
-    for entry in mutant_list.read(path):
-        mutant = mutant_list.find(entry, sources)
+    for entry in read_list(path):
+        mutant = find(entry, sources)
         if mutant is not None:
             mutants.append((by_path[mutant.path], mutant))
         else:
@@ -124,8 +229,8 @@ def main() -> None:
     if config.record is not None:
         result = json.loads(config.result.read_text(encoding="utf-8"))
         left_out = result["survived"] + result["equivalent"]
-        entries = mutant_list.record(config.tree, result["config"]["quota"], result["config"]["seed"], left_out)
-        mutant_list.write(config.record, entries)
+        entries = recorded(config.tree, result["config"]["quota"], result["config"]["seed"], left_out)
+        write_list(config.record, entries)
         print(f"{config.record}: {len(entries)} mutants of {len(result['config']['quota'])} modules")
         return
     modules, start, gone = table(config), time.monotonic(), []

@@ -10,6 +10,7 @@ the noise of the comparison: one policy for all noises against specialists.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from shutil import copyfile
 from typing import Any, Literal
@@ -58,11 +59,6 @@ class Config(Budget):
     """Folder of tuned baselines; by default those of the study, out/study/COMMIT."""
     out: Path = Path("out/pretrained")
     """Folder for policies, cards and pretrained.json."""
-
-
-def prepare(folder: Path, policy: str, budget: Budget, task: str, noise: str) -> None:
-    """Tune a baseline, unless it is already tuned."""
-    tuned(folder, policy, budget, **scenario(task, noise))
 
 
 def scenario(task: str, noise: str) -> dict[str, Any]:
@@ -135,19 +131,20 @@ def main() -> None:
     """Train, tune, evaluate, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     folder, tunings = config.runs or results_folder("pretrained"), config.tunings or results_folder("study")
-    jobs = [job for task in reversed(config.tasks) for job in trainings(folder, config.steps, config.seeds, TASKS[task])]
+    training_of = {task: trainings(folder, config.steps, config.seeds, TASKS[task]) for task in config.tasks}
+    jobs = [job for task in reversed(config.tasks) for job in training_of[task]]
     jobs += [
-        (prepare, (tunings, policy, config, task, noise))
+        partial(tuned, tunings, policy, config, **scenario(task, noise))
         for task in config.tasks for noise in NOISES for policy in BASELINES[TASKS[task]]
     ]  # fmt: skip
     run_all(jobs, "trainings and tunings", config.processes)
     config.out.mkdir(parents=True, exist_ok=True)
     for task in config.tasks:
-        runs = [trained(*arguments) for trained, arguments in trainings(folder, config.steps, config.seeds, TASKS[task])]
-        best = best_of_trainings(runs)
+        best = best_of_trainings([training() for training in training_of[task]])
         copyfile(best / "policy.onnx", config.out / f"ppo-{task}.onnx")
     bundles = {task: config.out / f"ppo-{task}.onnx" for task in config.tasks}
-    rows = run_all([(compared, (config, tunings, bundles[task], task)) for task in config.tasks], "cards", config.processes)
+    cards = [partial(compared, config, tunings, bundles[task], task) for task in config.tasks]
+    rows = run_all(cards, "cards", config.processes)
     results = dict(zip((f"ppo-{task}" for task in config.tasks), rows, strict=True))
     for task in config.tasks:
         text = card(task, config, bundles[task], results[f"ppo-{task}"])

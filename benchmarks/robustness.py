@@ -11,6 +11,7 @@ only.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -76,17 +77,12 @@ class Config(Budget):
     """Folder for robustness.json and robustness.png."""
 
 
-def training(folder: Path, steps: int | None, seed: int, options: dict[str, Any]) -> Path:
-    """Return the bundle of a training, which is run if missing."""
-    return trained(folder, seed, steps, **options) / "policy.onnx"
-
-
 def compared(config: Config, folder: Path, name: str) -> dict[str, Any]:
     """Return the row of a scenario with finished trainings and tunings."""
     options = SCENARIOS[name]
     baselines = evaluate_baselines(folder, config, config.first_seed, **options)
     common = {**options, "episodes": config.episodes, "seed": config.first_seed}
-    bundles = [BundlePolicy(training(folder, config.steps, seed, options)) for seed in range(config.seeds)]
+    bundles = [BundlePolicy(trained(folder, seed, config.steps, **options) / "policy.onnx") for seed in range(config.seeds)]
     best = next(iter(baselines))
 
     def described(policy: str) -> dict[str, Any]:
@@ -157,12 +153,16 @@ def main() -> None:
     names = config.only or tuple(SCENARIOS)
     # Longest first, so that no process ends long after the others.
     ordered = sorted(names, key=lambda name: (SCENARIOS[name]["env"] == NAV, SCENARIOS[name]["env"]))
-    jobs = [(training, (folder, config.steps, seed, SCENARIOS[name])) for name in ordered for seed in range(config.seeds)]
+    jobs: list[Any] = [
+        partial(trained, folder, seed, config.steps, **SCENARIOS[name]) for name in ordered for seed in range(config.seeds)
+    ]
     jobs += [
-        (prepare, (folder, policy, config, SCENARIOS[name])) for name in ordered for policy in BASELINES[SCENARIOS[name]["env"]]
+        partial(tuned, folder, policy, config, **SCENARIOS[name])
+        for name in ordered
+        for policy in BASELINES[SCENARIOS[name]["env"]]
     ]
     run_all(jobs, "trainings and tunings", config.processes)
-    rows = run_all([(compared, (config, folder, name)) for name in names], "evaluations", config.processes)
+    rows = run_all([partial(compared, config, folder, name) for name in names], "evaluations", config.processes)
     for row, p in zip(rows, holm([row["ppo"]["p"] for row in rows]), strict=True):
         row["p_holm"] = p
         row["verdict"] = verdict(row)
@@ -171,11 +171,6 @@ def main() -> None:
     write_json(config.out / "robustness.json", results, config=settings_of(config))
     draw(plain(results)["comparisons"]).savefig(config.out / "robustness.png", dpi=120)
     Console(width=180).print(table(rows, config))
-
-
-def prepare(folder: Path, policy: str, budget: Budget, options: dict[str, Any]) -> None:
-    """Tune a baseline in its own process."""
-    tuned(folder, policy, budget, **options)
 
 
 if __name__ == "__main__":

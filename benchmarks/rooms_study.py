@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from shutil import copyfile
 from typing import Any
@@ -152,7 +153,7 @@ def study(config: Config, folder: Path, runs: Sequence[Path], shipped: str | Non
         kinds[f"ppo, {len(bundles)} trainings"] = bundles
     names = config.only or tuple(SETTINGS)
     pairs = [(policy, name) for name in names for policy in dict.fromkeys(driver for kind in kinds.values() for driver in kind)]
-    evaluations = run_all([(drive, (folder, *pair, config)) for pair in pairs], "settings and policies", config.processes)
+    evaluations = run_all([partial(drive, folder, *pair, config) for pair in pairs], "settings and policies", config.processes)
     by_pair: Mapping[tuple[str, str], Evaluation] = dict(zip(pairs, evaluations, strict=True))
     rows = []
     for name in names:

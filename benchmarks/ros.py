@@ -225,7 +225,7 @@ def in_room(policy: str, seed: int, seconds: float) -> tuple[float, list[float]]
 
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
-    """Return the results of all parts, each with the load of the machine before and after it (1 min average), and a table."""
+    """Return the results of all parts with the machine's load around each, and a table."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that no node is left behind
     os.environ["ROS_DOMAIN_ID"] = str(215 + os.getpid() % 17)  # above those of users and the tests
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

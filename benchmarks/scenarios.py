@@ -5,18 +5,17 @@ from __future__ import annotations
 import json
 import os
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
+from functools import partial
 from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from rich.console import Console
-from rich.progress import track
-
+from harness.study import each
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_baseline
@@ -26,8 +25,6 @@ from turtlebot_gym_agents.provenance import provenance, replacing
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
 
-Job = tuple[Callable[..., Any], tuple[Any, ...]]
-"""A function with its arguments, to be run in a process of its own."""
 NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
 BASELINES = {NAV: ("bearing",), POSE: ("polar", "rotate-drive-rotate"), SQUARE: ("bearing", "corner")}
 """Baselines of each task; on Nav, without a following waypoint, `corner` equals `bearing`."""
@@ -119,14 +116,9 @@ def trained(folder: Path, seed: int, steps: int | None, **options: Any) -> Path:
     return run
 
 
-def randomized(folder: Path, seed: int, steps: int | None, env: str) -> Path:
-    """Return the folder of a training with `TrainingConfig.randomize`, which is run if missing."""
-    return trained(folder, seed, steps, env=env, randomize=True)
-
-
-def trainings(folder: Path, steps: int | None, seeds: int, env: str) -> list[Job]:
-    """Return the jobs of the randomized trainings of a policy that is shipped."""
-    return [(randomized, (folder, seed, steps, env)) for seed in range(seeds)]
+def trainings(folder: Path, steps: int | None, seeds: int, env: str) -> list[Callable[[], Path]]:
+    """Return the randomized trainings of a policy that is shipped; each returns its folder, and runs if that is missing."""
+    return [partial(trained, folder, seed, steps, env=env, randomize=True) for seed in range(seeds)]
 
 
 def described(bundle: Path, policy: BundlePolicy, randomized: str, count: int | str) -> list[str]:
@@ -154,13 +146,13 @@ def best_of_trainings(runs: Sequence[Path]) -> Path:
     return max(returns, key=lambda run: returns[run])
 
 
-def run_all(jobs: Sequence[Job], label: str, processes: int) -> list[Any]:
-    """Run jobs in separate processes; return their results in order."""
+def run_all(jobs: Iterable[Callable[[], Any]], label: str, processes: int) -> list[Any]:
+    """Call functions in separate processes; return their results in order."""
     one_thread = patch.dict(os.environ, NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1")  # for the processes: each has one core
     with one_thread, ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(function, *arguments) for function, arguments in jobs]
+        futures = list(map(pool.submit, jobs))
         try:
-            for done in track(as_completed(futures), label, total=len(futures), console=Console(stderr=True)):
+            for done in each(as_completed(futures), label, len(futures)):
                 done.result()  # an error ends the run at once
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

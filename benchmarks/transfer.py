@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -131,25 +132,23 @@ def judged(folder: Path, noise: str, floor: str, config: Config) -> list[dict[st
     return kept(folder / f"{stem}.pickle", filter_rows, folder, noise, floor, config)
 
 
-def trained_policy(folder: Path, env: str, error: float, seed: int) -> str:
-    """Return the bundle of a policy trained with errors of the speed, which is trained if missing."""
-    return str(trained(folder, seed, None, env=env, randomize=True, speed_error=error) / "policy.onnx")
-
-
 def study(config: Config, folder: Path) -> dict[str, Any]:
     """Run missing drives, and return the rows."""
 
-    def run(function: Any, cases: Sequence[tuple[Any, ...]], label: str, *last: Any) -> dict[tuple[Any, ...], Any]:
-        jobs = [(function, (folder, *case, *last)) for case in cases]
+    def run(function: Any, cases: Sequence[tuple[Any, ...]], label: str) -> dict[tuple[Any, ...], Any]:
+        jobs = [partial(function, folder, *case, config) for case in cases]
         return dict(zip(cases, run_all(jobs, label, config.processes), strict=True))
 
-    evaluations = run(evaluated, [(*case, floor) for case in CASES for floor in FLOORS], "policies", config)
-    drives = run(recorded, [(noise, floor) for noise in NOISES for floor in FLOORS], "drives", config)
-    filters = run(judged, [(noise, floor) for noise in MEASURED for floor in FLOORS], "filters", config)
+    evaluations = run(evaluated, [(*case, floor) for case in CASES for floor in FLOORS], "policies")
+    drives = run(recorded, [(noise, floor) for noise in NOISES for floor in FLOORS], "drives")
+    filters = run(judged, [(noise, floor) for noise in MEASURED for floor in FLOORS], "filters")
     learned = [(NAV, error, seed) for error in SPEED_ERRORS for seed in range(config.trainings)]
-    bundles = run(trained_policy, learned, "trainings")
-    ours = [(env, bundles[env, error, seed], MEASURED[0]) for env, error, seed in learned]
-    evaluations |= run(evaluated, [(*case, floor) for case in ours for floor in FLOORS], "trained policies", config)
+    trainings = [
+        partial(trained, folder, seed, None, env=env, randomize=True, speed_error=error) for env, error, seed in learned
+    ]
+    runs = run_all(trainings, "trainings", config.processes)
+    ours = [(NAV, str(run / "policy.onnx"), MEASURED[0]) for run in runs]
+    evaluations |= run(evaluated, [(*case, floor) for case in ours for floor in FLOORS], "trained policies")
 
     def row(case: tuple[str, ...], floor: str, **names: Any) -> dict[str, Any]:
         return policy_row(*case, floor, evaluations[(*case, floor)], evaluations[(*case, UNICYCLE)]) | names

@@ -24,7 +24,7 @@ class Errors(NamedTuple):
 
 
 def begun(number: int, seed: int, *given: Any, **options: Any) -> tuple[Batch, NDArray[np.float32]]:
-    """Return a batch at the start of its episodes, with its observations; arguments but the seeds are those of `Batch`."""
+    """Return a `Batch` at the start of its episodes, and its observations."""
     batch = Batch(number, *given, **options)
     batch.seeds[:] = seed + np.arange(number)
     observations, outcomes = batch.empty()

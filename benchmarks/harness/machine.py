@@ -1,4 +1,4 @@
-"""The machine on which speed is measured: what it is, its load by other programs, and processes that this program starts."""
+"""The machine on which speed is measured, its load, and processes that a benchmark starts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What every study does: read its options, measure beside a bar of progress, print tables, and write results with their origin.
-
-A study is a module with the options that distinguish it, and a function that measures.
-"""
+"""What every study does around its options and the function that measures."""
 
 from __future__ import annotations
 
@@ -44,8 +41,8 @@ def run(
 
     Args:
         options: Its options.
-        measure: Returns the results, or None to write none, and the tables. Results may hold another ``config`` to be written.
-        beside: Path of the module beside which results are written by default; "" to write none unless asked.
+        measure: Returns the results, or None to write none, and tables. A ``config`` in results counts.
+        beside: Module beside which results are written by default; "" for none.
     """
     default: dict[str, Any] = {"default": options(json=Path(beside).with_suffix(".json"))} if beside else {}
     config = tyro.cli(options, description=inspect.getdoc(inspect.getmodule(measure)), **default)
@@ -57,7 +54,7 @@ def run(
 
 
 def each(units: Iterable[Unit], label: str, number: int | None = None) -> Iterable[Unit]:
-    """Yield units of work one by one, with their progress on standard error; their number is asked for if it is not given."""
+    """Yield units of work one by one, with their progress on standard error."""
     return track(units, label, number, console=Console(stderr=True))
 
 
@@ -71,7 +68,7 @@ def measured(parts: Mapping[str, Callable[[], dict[str, Any]]]) -> Iterator[tupl
 def finished(
     judge: Callable[..., Results], wanted: Iterable[Sequence[Any]], kept: Path, names: Sequence[str], pool: Executor
 ) -> Iterator[dict[str, Any]]:
-    """Yield the result of each unit of work: those of an earlier run first, then the others as they are judged and kept.
+    """Yield the result of each unit of work, those of an earlier run first.
 
     Args:
         judge: Called in a process of the pool with the numbers of a unit; its result holds them by their names.

@@ -138,7 +138,7 @@ def small(tmp_path):
 def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
     name = "Square, tutorial"
     options = robustness.SCENARIOS[name]
-    bundle = robustness.training(tmp_path, small.steps, 0, options)
+    bundle = scenarios.trained(tmp_path, 0, small.steps, **options) / "policy.onnx"
     trained = bundle.stat().st_mtime_ns
     found = plain(robustness.compared(small, tmp_path, name))
     assert bundle.stat().st_mtime_ns == trained
@@ -157,7 +157,8 @@ def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
 
 def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
     config = pretrained.Config(seeds=1, steps=1024, episodes=12, tries=1, tasks=("nav",), out=tmp_path)
-    run = scenarios.randomized(tmp_path, 0, config.steps, pretrained.NAV)
+    (training,) = scenarios.trainings(tmp_path, config.steps, config.seeds, pretrained.NAV)
+    run = training()
     assert scenarios.best_of_trainings([run]) == run
     bundle = run / "policy.onnx"
     rows = pretrained.compared(config, tmp_path, bundle, "nav")
@@ -182,7 +183,7 @@ def test_the_delay_by_the_safety_layer_is_that_of_rooms_crossed_either_way():
 
 def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
     config = rooms_study.Config(policy=("bearing",), seeds=2, steps=1024, only=("dense", "map"), episodes=12, processes=1)
-    runs = [train(*given) for train, given in scenarios.trainings(tmp_path, config.steps, config.seeds, rooms_study.ROOMS)]
+    runs = [train() for train in scenarios.trainings(tmp_path, config.steps, config.seeds, rooms_study.ROOMS)]
     bundle = scenarios.best_of_trainings(runs) / "policy.onnx"
     rows = rooms_study.study(config, tmp_path, runs, str(bundle))
     assert len(list((tmp_path / "drives").iterdir())) == 2 * 5  # each once: bearing, vfh, two trainings, one within the layer

@@ -36,7 +36,7 @@ def test_each_world_is_driven_once_and_kept(archive, tmp_path, monkeypatch):
 def test_a_policy_is_added_to_earlier_results_with_the_commit_of_each(archive, tmp_path, monkeypatch, capsys):
     first, second = tmp_path / "first.json", tmp_path / "second.json"
     common = ["barn.py", str(archive), "--episodes", "1", "--limit", "400", "--runs", str(tmp_path)]
-    monkeypatch.setattr(barn, "run_all", lambda jobs, *_: [job(*arguments) for job, arguments in jobs])
+    monkeypatch.setattr(barn, "run_all", lambda jobs, *_: [job() for job in jobs])
     monkeypatch.setattr(barn, "provenance", lambda: {"commit": "a"})
     monkeypatch.setattr(sys, "argv", [*common, "--policy", "bearing", "--json", str(first)])
     run(barn.Config, barn.measure)

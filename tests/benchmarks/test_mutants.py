@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-import mutant_list
 import mutant_tests
 import mutants
 import mutation
@@ -102,7 +101,7 @@ def test_every_equivalent_mutant_says_why_and_was_drawn_from_code_that_is_there(
 
 def entries_of(count=1000):
     return [
-        mutant_list.Entry(mutant.path, mutant.function, mutant.operator, mutant.was, mutant.now)
+        mutants.Entry(mutant.path, mutant.function, mutant.operator, mutant.was, mutant.now)
         for mutant in mutation.draw("area.py", CODE, count, seed=0)
     ]
 
@@ -112,7 +111,7 @@ def test_a_listed_mutant_is_found_again_also_where_its_function_has_moved_to():
     inside = "class Shape:\n" + "".join(f"    {line}\n" if line else "\n" for line in CODE.split("\n")[3:])
     moved = {"other.py": "def area():\n    return 1\n", "shapes.py": f"import math\n\n\n{inside}"}
     for entry in entries_of():
-        same, other = (mutant_list.find(entry, sources) for sources in ({"area.py": CODE}, moved))
+        same, other = (mutants.find(entry, sources) for sources in ({"area.py": CODE}, moved))
         assert ast.dump(ast.parse(same.code)) == ast.dump(ast.parse(by_text[entry.was, entry.now]))
         assert (same.path, same.function) == ("area.py", "area")
         assert (other.path, other.function) == ("shapes.py", "Shape.area")
@@ -120,20 +119,20 @@ def test_a_listed_mutant_is_found_again_also_where_its_function_has_moved_to():
 
 
 def test_a_listed_mutant_is_gone_where_its_code_has_changed_or_is_not_unique():
-    entry = mutant_list.Entry("area.py", "area", "", "return x * height", "return x / height")
-    assert mutant_list.find(entry, {"area.py": CODE.replace("* height", "* abs(height)")}) is None
-    assert mutant_list.find(entry, {"area.py": CODE.replace("def area", "def volume")}) is None
-    assert mutant_list.find(entry, {"a.py": CODE, "b.py": CODE}) is None
+    entry = mutants.Entry("area.py", "area", "", "return x * height", "return x / height")
+    assert mutants.find(entry, {"area.py": CODE.replace("* height", "* abs(height)")}) is None
+    assert mutants.find(entry, {"area.py": CODE.replace("def area", "def volume")}) is None
+    assert mutants.find(entry, {"a.py": CODE, "b.py": CODE}) is None
 
 
 def test_a_list_has_what_died_and_reads_back(tmp_path):
     (tmp_path / "area.py").write_text(CODE)
-    everything = mutant_list.record(tmp_path, {"area.py": 9}, 3, ())
+    everything = mutants.recorded(tmp_path, {"area.py": 9}, 3, ())
     survived = everything[0]._asdict() | {"line": 7}
-    died = mutant_list.record(tmp_path, {"area.py": 9}, 3, [survived])
+    died = mutants.recorded(tmp_path, {"area.py": 9}, 3, [survived])
     assert died == everything[1:]
-    mutant_list.write(tmp_path / "died.json", died)
-    assert mutant_list.read(tmp_path / "died.json") == died
+    mutants.write_list(tmp_path / "died.json", died)
+    assert mutants.read_list(tmp_path / "died.json") == died
 
 
 @pytest.mark.slow

@@ -3,16 +3,20 @@
 import math
 import resource
 import signal
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
+"""Folder for the files that the tests write."""
 LIMIT = 60.0
 """Longest time that an input may take, s: a hang takes longer, and a busy machine less."""
 WORK = 10.0

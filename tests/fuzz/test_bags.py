@@ -5,13 +5,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from fuzzing import answered, fuzzed, mutated
+from fuzzing import FOLDER, answered, fuzzed, mutated
 from hypothesis import strategies as st
 from rosbag_messages import ODOMETRY, Plugin, make, odometry, write_bag
 
 from turtlebot_gym.drives import read
 
-FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 NUMBERS = st.one_of(st.floats(width=64), st.sampled_from([math.nan, math.inf, 1e308, -1.0, 0.0, 1e9]))
 
 

@@ -2,12 +2,10 @@
 
 import hashlib
 import json
-import tempfile
-from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzzing import VALUES, answered, fuzzed, mutated, replaced
+from fuzzing import FOLDER, VALUES, answered, fuzzed, mutated, replaced
 from hypothesis import strategies as st
 
 pytest.importorskip("onnxruntime", reason="needs the extra [deploy]")
@@ -16,7 +14,6 @@ onnx = pytest.importorskip("onnx", reason="needs the extra [agents]")
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, _verified_hash, _with_hash
 from turtlebot_gym_agents.policies.named import pretrained_folder
 
-FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 CONTENT = (pretrained_folder() / "ppo-nav.onnx").read_bytes()
 CARD = json.loads({one.key: one.value for one in onnx.load_from_string(CONTENT).metadata_props}["turtlebot_gym"])["card"]
 SHAPES = [(13,), (1, 13), (4, 13)]

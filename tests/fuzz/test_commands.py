@@ -2,14 +2,12 @@
 
 import contextlib
 import io
-import tempfile
 import warnings
 from dataclasses import fields, is_dataclass
-from pathlib import Path
 from typing import get_type_hints
 
 import pytest
-from fuzzing import HEADERS, answered, fuzzed, table
+from fuzzing import FOLDER, HEADERS, answered, fuzzed, table
 from hypothesis import strategies as st
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
@@ -25,7 +23,6 @@ try:
 except ImportError:
     ros = None
 
-FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 (FOLDER / "drive.csv").write_text(table(HEADERS["replay"]))
 (FOLDER / "binary.csv").write_bytes(bytes(range(256)))
 (FOLDER / "mine.yaml").write_text("process: {alpha1: 0.01}\n")
@@ -98,19 +95,19 @@ def code_of(run, argv):
         return "usage" if stop.code == 2 else stop.code
 
 
-def said(argv):
-    """Run a command, and return its exit code; what it refuses by itself becomes a ValueError of that one line."""
+def said(argv, run=main, begins="turtlebot-gym: "):
+    """Run a command, and return that it succeeded; what it refuses by itself becomes a ValueError of that one line."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.chdir(FOLDER), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = code_of(main, argv)
+        code = code_of(run, argv)
     if code == "usage":
         raise ValueError("usage")
+    message = err.getvalue()
     if code == 2:
-        message = err.getvalue()
-        assert message.startswith("turtlebot-gym: "), message
+        assert message.startswith(begins), message
         assert message.count("\n") == 1, message
         raise ValueError(message.strip())
-    assert code == 0, (argv, err.getvalue())
+    assert code == 0, (argv, message)
     return True
 
 
@@ -144,17 +141,4 @@ def test_ros_command_lines(name, data):
     if ros is None:
         pytest.skip("needs the extra [ros]")
     argv = [name, *POISON[name], data.draw(st.sampled_from(ROS_OPTIONS[name])), data.draw(WORDS)]
-
-    def call():
-        err, out = io.StringIO(), io.StringIO()
-        with contextlib.chdir(FOLDER), contextlib.redirect_stderr(err), contextlib.redirect_stdout(out):
-            code = code_of(ros, argv)
-        if code == "usage":
-            raise ValueError("usage")
-        message = err.getvalue()
-        assert code == 2, (argv, message)
-        assert message.startswith("error: "), message
-        assert message.count("\n") == 1, message
-        raise ValueError(message.strip())
-
-    answered("ROS command lines", call)
+    assert answered("ROS command lines", lambda: said(argv, ros, "error: ")) is None, argv

@@ -2,15 +2,13 @@
 
 import json
 import math
-import tempfile
 from dataclasses import asdict
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 import yaml
-from fuzzing import HEADERS, SCALARS, VALUES, answered, fuzzed, mutated, replaced, table
+from fuzzing import FOLDER, HEADERS, SCALARS, VALUES, answered, fuzzed, mutated, replaced, table
 from hypothesis import strategies as st
 
 from turtlebot_gym import FixNoise, Noise, Robot, read_parameters
@@ -28,7 +26,6 @@ from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.model import arguments
 
-FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 EXAMPLES = {Noise: asdict(NOISES["rough"]), Robot: asdict(ROBOTS["burger"]), FixNoise: asdict(FIXES["late"])}
 
 

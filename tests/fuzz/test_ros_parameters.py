@@ -1,12 +1,10 @@
 """Whatever parameters a node is given, it is made, or refuses them with one line before it publishes anything."""
 
 import atexit
-import tempfile
 from dataclasses import fields
-from pathlib import Path
 
 import pytest
-from fuzzing import answered, fuzzed
+from fuzzing import FOLDER, answered, fuzzed
 from hypothesis import strategies as st
 
 try:
@@ -30,7 +28,6 @@ from turtlebot_gym_ros.robot.arbiter import Arbiter
 from turtlebot_gym_ros.robot.arbiter import Parameters as GuardParameters
 
 prepare()
-FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-"))
 (FOLDER / "waypoints.yaml").write_text("- [1.0, 0.0, 0.0]\n- {x: 1, y: [2]}\n")
 WHOLE = st.one_of(st.integers(-(2**63), 2**63 - 1), st.sampled_from([0, 1, -1, 3, 1000]))
 REAL = st.one_of(st.floats(), st.sampled_from([0.0, 0.1, 1.0, -1.0, 1e-9, 1e9, 1e308]))
