@@ -16,7 +16,17 @@ from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, Shell
+from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED
+from turtlebot_gym_ros.blocks.simulator import FIX_OUTPUTS, MAP_OUTPUTS, ROOM_OUTPUTS
+from turtlebot_gym_ros.graph.diagram import _says
+from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.nodes import BLOCKS
+
+
+def node(name, *parameters, words=()):
+    """Return the arguments of a Python that runs a node with parameters such as "speed:=10.0", and other ROS arguments."""
+    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in parameters for word in ("-p", each)), *words]
 
 
 def over_the_wire(message):
@@ -47,6 +57,13 @@ def wait_for(what, patience=PATIENCE):
             pytest.fail(f"waited {patience} s in vain")
         time.sleep(0.005)
     return value
+
+
+def said_types():
+    """Return the type of each topic that a block publishes, in a room and with fixes, as the graph writes it."""
+    said = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
+    said |= {f"/{each.topic}": each.type for each in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values(), *FIX_OUTPUTS.values())}
+    return {topic: type_name(conversion(kind).message) for topic, kind in said.items()}
 
 
 class FakeTime:

@@ -36,13 +36,18 @@ def wait_for_fixture():
     return wait_for
 
 
-@pytest.fixture
-def runner():
-    """A context with its executor's thread, started."""
+def running():
+    """A context with its executor's thread, started; what runs in another one is as far away as in another process."""
     runner = Runner()
     runner.start()
     yield runner
     runner.close()
+
+
+runner, another_runner, third_runner = (
+    pytest.fixture(running, name=name) for name in ("runner", "another_runner", "third_runner")
+)
+module_runner = pytest.fixture(running, name="module_runner", scope="module")
 
 
 class Peer:
@@ -83,26 +88,14 @@ class Peer:
 
 
 @pytest.fixture
-def another_runner():
-    """A second context with its thread: what runs there is as far away as in another process."""
-    runner = Runner()
-    runner.start()
-    yield runner
-    runner.close()
-
-
-@pytest.fixture
 def peer(another_runner):
     return Peer(another_runner)
 
 
 @pytest.fixture(scope="module")
-def module_peer():
+def module_peer(module_runner):
     """A peer for all tests of a module."""
-    runner = Runner()
-    runner.start()
-    yield Peer(runner)
-    runner.close()
+    return Peer(module_runner)
 
 
 @pytest.fixture

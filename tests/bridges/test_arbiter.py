@@ -366,6 +366,16 @@ def test_the_rate_holds_back_everything_but_a_stop(speed):
     assert arbiter.step(T + 1.002) == STOP
 
 
+@pytest.mark.parametrize("v", [0.1, math.nan, -math.inf])
+@pytest.mark.parametrize("omega", [math.nan, math.inf, 0.2])
+def test_a_command_is_a_stop_unless_both_of_its_numbers_are_finite(v, omega):
+    arbiter, is_command = new(), math.isfinite(v) and math.isfinite(omega)
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    arbiter.hear("program", Command(v, omega), T + 1.0)
+    assert arbiter.step(T + 1.0) == (AHEAD if is_command else STOP)
+    assert arbiter.refused["not finite"] == (not is_command)
+
+
 def test_a_command_may_come_half_a_period_early():
     arbiter = new(rate=64.0)  # half a period is 1/128 s
     drive(arbiter, 0.0, 1.0, AHEAD)

@@ -2,6 +2,7 @@
 
 import time
 
+from bench import node
 from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
@@ -9,14 +10,10 @@ from std_srvs.srv import SetBool
 from turtlebot_gym_ros.base.qos import LATCHED
 
 
-def node(name, *arguments):
-    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in arguments for word in each.split())]
-
-
 def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(launch, peer, wait_for):
     launch(*node("turtlebot_simulator"))
     launch(*node("cmd_vel_guard"))
-    launch(*node("calibration_drive", "-r cmd_vel:=cmd_vel_in", "-p radius:=1.0"))
+    launch(*node("calibration_drive", "radius:=1.0", words=("-r", "cmd_vel:=cmd_vel_in")))
     wheels, wishes = peer.hear("cmd_vel", TwistStamped), peer.hear("cmd_vel_in", TwistStamped)
     states = peer.hear("calibration_drive/state", String, LATCHED)
     button, pressed = peer.speak("emergency_stop", Bool, 1), [False]

@@ -3,6 +3,7 @@
 import itertools
 
 import pytest
+from bench import node
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
@@ -17,10 +18,6 @@ from turtlebot_gym_ros.nodes import BLOCKS, MODES, NODES
 LOOP = MODES["autonomous"]
 ODOMETRY = "nav_msgs/msg/Odometry"
 GUARDED = (*LOOP, "simulated_teleop", "cmd_vel_guard", "data_logger", "visualization")
-
-
-def node(name, *arguments):
-    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in arguments for word in each.split())]
 
 
 def test_a_topic_joins_who_says_it_with_all_who_hear_it():
@@ -44,13 +41,13 @@ def test_what_is_declared_is_what_is_connected(stamped):
 @pytest.mark.nightly
 def test_a_guard_stands_between_and_recorder_and_display_change_nothing(launch, tmp_path):
     special = {
-        "velocity_controller": "-r cmd_vel:=cmd_vel_in",
-        "simulated_teleop": "-r cmd_vel:=cmd_vel_teleop",
-        "data_logger": f"-p output:={tmp_path / 'bag'}",
+        "velocity_controller": ("-r", "cmd_vel:=cmd_vel_in"),
+        "simulated_teleop": ("-r", "cmd_vel:=cmd_vel_teleop"),
+        "data_logger": ("-p", f"output:={tmp_path / 'bag'}"),
     }
     expected = declared(GUARDED)
     for name in GUARDED:
-        launch(*node(name, special.get(name, "")))
+        launch(*node(name, words=special.get(name, ())))
     assert connected(expected, timeout=30.0) == expected
     unwatched = {each for each in expected if each.subscriber not in ("data_logger", "visualization")}
     assert unwatched == declared((*LOOP, "simulated_teleop", "cmd_vel_guard"))

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+from bench import said_types
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
 from scipy.stats import chi2
@@ -18,12 +19,9 @@ from std_msgs.msg import Header, String
 
 from turtlebot_gym_ros import Graph, Shell
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.blocks.simulator import FIX_OUTPUTS, MAP_OUTPUTS, ROOM_OUTPUTS
-from turtlebot_gym_ros.graph.diagram import _says
 from turtlebot_gym_ros.node.block import Nis
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.nodes import BLOCKS, load
+from turtlebot_gym_ros.nodes import load
 from turtlebot_gym_ros.recording.bag import Bag
 
 LAYOUTS = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "layouts"
@@ -42,9 +40,7 @@ DRAWN_BY_FOXGLOVE = {
 @pytest.fixture(scope="module")
 def types():
     """Types of the graph's topics by name."""
-    said = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
-    said |= {f"/{each.topic}": each.type for each in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values(), *FIX_OUTPUTS.values())}
-    return {topic: type_name(conversion(kind).message) for topic, kind in said.items()} | {
+    return said_types() | {
         "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
         "/velocity_controller/state": "std_msgs/msg/String",
     }

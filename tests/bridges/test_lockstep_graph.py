@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bench import node
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
@@ -33,11 +34,6 @@ def lazy(observation, calls=[]):
         time.sleep(0.7)  # in real time, a fault after 0.5 s
     return bearing(observation)
 """
-
-
-def node(name, *parameters):
-    words = ("lock_step:=true", *parameters)
-    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in words for word in ("-p", each))]
 
 
 def assert_same(compare, expected, live):
@@ -193,20 +189,20 @@ def test_nodes_that_come_late_or_again_are_waited_for(launch, peer, wait_for):
         at = len({message.header.stamp.nanosec + message.header.stamp.sec * 10**9 for message in truths})
         wait_for(lambda: len({each.header.stamp.nanosec + each.header.stamp.sec * 10**9 for each in truths}) > at + 5)
 
-    running = {"turtlebot_simulator": launch(*node("turtlebot_simulator", "speed:=10.0"))}
+    running = {"turtlebot_simulator": launch(*node("turtlebot_simulator", "lock_step:=true", "speed:=10.0"))}
     wait_for(lambda: says("waits for /estimate of the step at 1.000 s: nobody publishes it"))
-    running["kalman_filter"] = launch(*node("kalman_filter"))
+    running["kalman_filter"] = launch(*node("kalman_filter", "lock_step:=true"))
     wait_for(lambda: says("waits for /reference of the step at 1.000 s: nobody publishes it"))
-    running["waypoint_generator"] = launch(*node("waypoint_generator"))
+    running["waypoint_generator"] = launch(*node("waypoint_generator", "lock_step:=true"))
     wait_for(lambda: says("waits for /cmd_vel of the step at 1.000 s: nobody publishes it"))
-    running["velocity_controller"] = launch(*node("velocity_controller", "start_enabled:=true"))
+    running["velocity_controller"] = launch(*node("velocity_controller", "lock_step:=true", "start_enabled:=true"))
     moves()
     for name in CHAIN[1:]:
         running[name].kill()
         running[name].wait()
         time.sleep(0.3)
         extra = ("start_enabled:=true",) if name == "velocity_controller" else ()
-        running[name] = launch(*node(name, *extra))
+        running[name] = launch(*node(name, "lock_step:=true", *extra))
         moves()
 
 

@@ -20,7 +20,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader, StoragePlugin
 from std_msgs.msg import String
 
-from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.recording.bag import Bag, rebuild
 
 NOW = 1_800_000_000_000_000_000  # ns
@@ -140,12 +139,9 @@ def matched(wait_for):
 
 
 @pytest.fixture
-def listener(peer):
+def listener(peer, third_runner):
     """A node with a context of its own."""
-    runner = Runner()
-    runner.start()
-    yield type(peer)(runner, "listener")
-    runner.close()
+    return type(peer)(third_runner, "listener")
 
 
 def end(process):

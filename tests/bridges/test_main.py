@@ -7,6 +7,7 @@ from threading import Event
 from types import SimpleNamespace
 
 import pytest
+from bench import node
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
@@ -39,10 +40,6 @@ def blocks(observation, calls=[]):
 """
 
 
-def node(name, *parameters):
-    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in parameters for word in ("-p", each))]
-
-
 def test_help_lists_the_nodes_and_what_a_person_must_know(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
@@ -63,22 +60,13 @@ def test_a_node_explains_itself(capsys, name):
         (["bringp"], "Did you mean 'bringup'?"),
         (["velocity_controller", "--ros-args", "-p", "policy:=clever"], "clever"),
         (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "did you mean policy?"),
-        (["velocity_controller", "--ros-args", "-p", "start_enabled:=1"], "start_enabled must be of type bool"),
         (["turtlebot_simulator", "--ros-args", "-p", "speed:=0"], "speed must be positive"),
         (["simulated_teleop", "--ros-args", "-p", "lock_step:=true"], "lock_step must be false"),
         (["kalman_filter", "--ros-args", "-p", "lock_step:=true", "-p", "twist:=commanded"], "lock_step must be false"),
-        (
-            ["simulated_teleop", "--ros-args", "-p", "period:=-1.0"],
-            "period must be a number above 0 and below 1000 s, got",
-        ),
         (["kalman_filter", "--ros-args", "-p", "filter"], "parse"),
         (["kalman_filter", "filter:=matched"], "unknown argument 'filter:=matched'"),
         (["kalman_filter", "quickly"], "unknown argument 'quickly'"),
         (["bringup", "--policy", "nope.onnx"], "No such file or directory: 'nope.onnx'"),
-        (
-            ["bringup", "--seed", str(2**70)],
-            "--seed must be a whole number from 0 to 9223372036854775807, got 1180591620717411303424",
-        ),
         (["bringup", "--seed", "-1"], "--seed must be a whole number from 0 to"),
         (["bringup", "--duration", "nan"], "--duration must be a positive number from 1e-15 to 1e+09, or infinite, got nan"),
         (["bringup", "--figure", "drive.jpg"], "drive.jpg: its name must end with .png or .pdf or .svg"),

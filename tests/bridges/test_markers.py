@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from bench import said_types
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from std_msgs.msg import Header
@@ -21,12 +22,11 @@ from turtlebot_gym_ros.base.qos import LATCHED, STREAM
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.simulator import MAP_OUTPUTS, ROOM_OUTPUTS
 from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
-from turtlebot_gym_ros.graph.diagram import HIDDEN, _says
+from turtlebot_gym_ros.graph.diagram import HIDDEN
 from turtlebot_gym_ros.graph.markers import LIFETIME
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.geometry import _yaw_of
 from turtlebot_gym_ros.node.shell import Shell
-from turtlebot_gym_ros.nodes import BLOCKS
 
 RVIZ = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "rviz" / "turtlebot.rviz"
 HEADER = Header(frame_id="odom")
@@ -128,13 +128,12 @@ IN_A_ROOM = {f"/{each.topic}": each for each in (*ROOM_OUTPUTS.values(), *MAP_OU
 
 
 def test_rviz_shows_topics_that_exist_with_their_type_in_their_frame():
-    said = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
-    said |= {topic: each.type for topic, each in IN_A_ROOM.items()}
+    said = said_types()
     shown = {each["Topic"]["Value"]: each for each in displays().values() if "Topic" in each}
     assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate", "/obstacles", "/map", "/scan"}
     for topic, display in shown.items():
         assert topic not in HIDDEN
-        assert CLASSES[display["Class"]] == type_name(conversion(said[topic]).message)
+        assert CLASSES[display["Class"]] == said[topic]
         assert all(display[key] is True for key in ("Enabled", "Value"))
     config = yaml.safe_load(RVIZ.read_text())["Visualization Manager"]
     assert config["Global Options"]["Fixed Frame"] == HEADER.frame_id

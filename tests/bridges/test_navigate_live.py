@@ -121,7 +121,6 @@ def test_a_cancelled_goal_and_one_that_failed_end_as_such_each_with_its_own_clie
     assert [result.error_code for result in door._server.results] == [Failure.OTHER, 0]
 
 
-pytestmark = pytest.mark.nightly
 CLIENT = Path(__file__).with_name("navigate_client.py")
 SIDE, DOOR = 0.05, 1.0
 ROOM = 3.0
@@ -180,6 +179,7 @@ def told(heard, name):
     return [each[name] for each in heard if name in each]
 
 
+@pytest.mark.nightly
 def test_goals_lead_through_three_rooms_or_end_with_the_reason(robot, send, peer, wait_for):
     commands, goals = [], peer.speak("goal_pose", PoseStamped)
     peer.node.create_subscription(
@@ -224,6 +224,7 @@ def test_goals_lead_through_three_rooms_or_end_with_the_reason(robot, send, peer
     assert remaining[0] > 20.0 > 5.0 > remaining[-1] > 0.0
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("robot", ["vfh"], indirect=True)
 def test_transforms_from_map_to_odom_and_to_the_robot_are_the_pose_in_the_map(robot, launch, interfaces):
     out, err = launch(str(CLIENT.with_name("tf_listener.py")), "8", **interfaces).communicate(timeout=60.0)

@@ -18,21 +18,12 @@ from std_msgs.msg import Empty, String
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros import Every, On, Output, Shell
-from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.node.geometry import quaternion_of
 from turtlebot_gym_ros.nodes import load
 
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
-
-
-@pytest.fixture
-def third_runner():
-    runner = Runner()
-    runner.start()
-    yield runner
-    runner.close()
 
 
 @pytest.fixture(scope="module")

@@ -32,11 +32,6 @@ def seen(x, y, theta, twist=STOP, measured=True):
     return Odometry(Pose(x, y, theta), twist, measured)
 
 
-def test_a_filter_that_reads_a_gyro_is_refused_without_one():
-    with pytest.raises(ValueError, match="filter 'gyro' reads the sensor 'imu'"):
-        KalmanFilter(KalmanFilter.Params(filter="gyro"))
-
-
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("filter", [name for name in FILTERS if name != "gyro"])
 def test_its_estimates_are_the_environments(noise, filter):

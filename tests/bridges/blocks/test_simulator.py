@@ -70,11 +70,6 @@ def test_a_drawn_room_has_the_map_of_the_environments_localizer_anew_in_each_epi
     assert (fields[0] != fields[1]).any()
 
 
-def test_goals_in_turn_need_a_world():
-    with pytest.raises(ValueError, match="goals must be 0 without a world"):
-        TurtlebotSimulator.Params(goals=2)
-
-
 AHEAD, LEFT, RIGHT, SPIN = Command(0.15, 0.0), Command(0.15, 0.8), Command(0.15, -0.8), Command(0.0, 1.5)
 
 
@@ -91,7 +86,3 @@ def test_it_follows_the_script_at_any_rate(period):
     assert teleop.step(period) == {}  # the end: the robot is left to others
     teleop.reset()
     assert teleop.step(period) == {"command": AHEAD}
-
-
-def test_a_person_needs_no_enabling():
-    assert SimulatedTeleop.Params().start_enabled
