@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from turtlebot_gym.localization.information import Sight
 from turtlebot_gym.rooms.field import field_of_cells, sample
 
 SIDE = 0.05
@@ -23,6 +24,11 @@ def make_room(occupied, yaw=0.0, corner=(0.0, 0.0)):
     field = np.empty(occupied.shape, np.float32)
     field_of_cells(occupied, SIDE, field)
     return Room(occupied, field, np.array([*corner, math.cos(yaw), math.sin(yaw), SIDE]))
+
+
+def sight(room, points):
+    """Return a scan, and the map of the room in which it is sought."""
+    return Sight(room.field, room.frame, points, points.shape[1])
 
 
 def hall():

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from localization_rooms import Room, hall, make_room, scan_of
+from localization_rooms import Room, hall, make_room, scan_of, sight
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.kernel import HAS_NUMBA
-from turtlebot_gym.localization.information import Guess, information
+from turtlebot_gym.localization.information import Guess, Sight, information
 from turtlebot_gym.localization.localizer import locate, scan
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.systems import Options
@@ -27,7 +27,7 @@ def _each(field, frame, points, noise, pose, q, off_by):
             noisy[1, beam] += noise[k, beam] * points[3, beam]
             noisy[4, beam] += noise[k, beam]
         start = locate(Pose(pose[0], pose[1], pose[2]), (1.0, 1.0, 1.0), q)
-        mean = scan(start, field, frame, noisy, points.shape[1], q).belief.mean
+        mean = scan(start, Sight(field, frame, noisy, points.shape[1]), q).belief.mean
         off_by[k, 0], off_by[k, 1], off_by[k, 2] = mean.x - pose[0], mean.y - pose[1], mean.theta - pose[2]
 
 
@@ -35,9 +35,7 @@ def ratio_at(room, pose, seed):
     """Return the root mean square error of x, y and heading, in units of Censi's bound."""
     points, off_by = scan_of(room, pose, 60), np.empty((300, 3))
     start = locate(Pose(*pose), (1e-3, 1e-3, 1e-3), Q)
-    L = information(
-        room.field, room.frame, points, points.shape[1], Guess(*start.belief.mean[:3], 0.0), start.belief, start.scale, Q
-    )
+    L = information(sight(room, points), Guess(*start.belief.mean[:3], 0.0), start.belief, start.scale, Q)
     M = np.array([[L.xx, L.xy, L.xt], [L.xy, L.yy, L.yt], [L.xt, L.yt, L.tt]])
     noise = 0.01 * np.random.default_rng(seed).standard_normal((300, points.shape[1]))
     compiled(_each, "scans at rest")(room.field, room.frame, points, noise, np.array(pose), as_tuple(Q), off_by)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from localization_rooms import corridor, hall, make_room, scan_of
+from localization_rooms import corridor, hall, make_room, scan_of, sight
 
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.scale import Sixth
@@ -33,11 +33,11 @@ def full(L):
 
 def informed(room, pose, points, q=Q, R=KNOWN, guess=None):
     start = locate(Pose(*pose), R, q)
-    return information(room.field, room.frame, points, points.shape[1], guess or at(pose), start.belief, start.scale, q)
+    return information(sight(room, points), guess or at(pose), start.belief, start.scale, q)
 
 
 def found(room, points, start, R=KNOWN, q=Q):
-    return scan(locate(Pose(*start), R, q), room.field, room.frame, points, points.shape[1], q)
+    return scan(locate(Pose(*start), R, q), sight(room, points), q)
 
 
 def off(located, pose):
@@ -102,7 +102,7 @@ def test_conditioning_is_that_of_matrices(in_hall):
     room, pose, points = in_hall
     start = locate(Pose(pose[0] + 0.02, pose[1] - 0.03, pose[2] + 0.01), (4e-3, 2e-3, 1e-3), Q)
     guess = at((pose[0] + 0.01, pose[1], pose[2]), 0.004)
-    L = information(room.field, room.frame, points, points.shape[1], guess, start.belief, start.scale, Q)
+    L = information(sight(room, points), guess, start.belief, start.scale, Q)
     belief, scale, nis, freedom = condition(start.belief, start.scale, guess, L)
     M, gradient = full(L)
     prior = np.diag([*np.diag(matrix(start.belief.covariance))[:3], start.scale.variance])
@@ -171,7 +171,7 @@ def test_where_wheels_drift_during_a_scan_older_beams_say_less_and_the_newest_as
     start, older = locate(Pose(*pose), KNOWN, Q), points.copy()
 
     def said(of, drift):
-        return full(information(room.field, room.frame, of, of.shape[1], at(pose), start.belief, start.scale, Q, drift))[0]
+        return full(information(sight(room, of), at(pose), start.belief, start.scale, Q, drift))[0]
 
     assert np.linalg.eigvalsh(said(points, 0.0) - said(points, 1e-3)).min() > -1e-6
     np.testing.assert_array_equal(said(points[:, -1:].copy(), 1e-3), said(points[:, -1:].copy(), 0.0))
@@ -180,7 +180,7 @@ def test_where_wheels_drift_during_a_scan_older_beams_say_less_and_the_newest_as
     older[:4, :half] = np.vstack((c * points[0] - s * points[1], s * points[0] + c * points[1],
                                   c * points[2] - s * points[3], s * points[2] + c * points[3]))[:, :half]  # fmt: skip
     drifted = locate(Pose(*pose), WIDE, Q)._replace(turn_drift=turn**2)
-    aware, unaware = (scan(drifted, room.field, room.frame, older, points.shape[1], Q, (0.0, sweep)) for sweep in (2.0, 0.0))
+    aware, unaware = (scan(drifted, sight(room, older), Q, (0.0, sweep)) for sweep in (2.0, 0.0))
     assert off(aware, pose)[1] < 0.8 * off(unaware, pose)[1]
     assert aware.belief.covariance.tt > unaware.belief.covariance.tt
 
@@ -190,7 +190,7 @@ def test_standing_still_never_gains_more_than_the_map_knows(in_hall):
     located = locate(Pose(*pose), WIDE, Q)
     for _ in range(200):
         located = move(located, Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), STOP, NO_DRIFT, Q)
-        located = scan(located, room.field, room.frame, points, points.shape[1], Q)
+        located = scan(located, sight(room, points), Q)
     P = located.belief.covariance
     assert min(P.xx, P.yy) > Q.bias**2
     assert P.tt > Q.turn_bias**2
@@ -251,7 +251,7 @@ def test_a_scan_that_no_place_explains_makes_it_unsure_and_in_the_end_lost(in_ha
     nonsense = np.array([lengths * np.cos(angles), lengths * np.sin(angles), np.cos(angles), np.sin(angles), lengths])
     located, variances, states = locate(Pose(*pose), (1e-4, 1e-4, 1e-4), ROBOT), [], []
     for _ in range(10):
-        located = scan(located, room.field, room.frame, nonsense, 40, ROBOT)
+        located = scan(located, sight(room, nonsense), ROBOT)
         variances.append(located.belief.covariance.xx)
         states.append(state_of(located, ROBOT))
     assert states == sorted(states)
@@ -263,6 +263,6 @@ def test_a_scan_that_no_place_explains_makes_it_unsure_and_in_the_end_lost(in_ha
 def test_too_few_beams_on_known_ground_say_nothing(in_hall):
     room, pose, points = in_hall
     before = locate(Pose(*pose), KNOWN, Q)
-    assert scan(before, room.field, room.frame, points[:, :4].copy(), 4, Q) == before
+    assert scan(before, sight(room, points[:, :4].copy()), Q) == before
     unknown = np.full_like(room.field, np.nan)
-    assert scan(before, unknown, room.frame, points, points.shape[1], Q) == before
+    assert scan(before, sight(room._replace(field=unknown), points), Q) == before

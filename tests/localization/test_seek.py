@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from localization_rooms import hall, make_room, scan_of
+from localization_rooms import hall, make_room, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.localization.hypotheses import CYCLE, LOG_WEIGHT, MOST, NONE, ROWS, exp, look, nowhere
@@ -20,7 +20,7 @@ POSES = [(1.7, 2.1, 0.4), (4.6, 0.8, -2.9), (1.0, 3.9, 1.6), (4.0, 3.0, 3.1)]
 def looks(located, room, points, times=CYCLE, bank=None):
     bank = np.zeros((ROWS, 4)) if bank is None else bank
     for _ in range(times):
-        located = look(located, bank, room.field, room.frame, points, points.shape[1], Pose(0.0, 0.0, 0.0), Q)
+        located = look(located, bank, sight(room, points), Pose(0.0, 0.0, 0.0), Q)
     return located
 
 
@@ -108,7 +108,7 @@ def test_hypotheses_move_with_the_wheels():
         wheels = now
         pose = (x + math.cos(theta) * now.x, y + math.sin(theta) * now.x, theta)
         points = scan_of(room, pose)
-        located = look(located, bank, room.field, room.frame, points, points.shape[1], wheels, Q)
+        located = look(located, bank, sight(room, points), wheels, Q)
         mirrored = (112 * 0.05 - pose[0], 92 * 0.05 - pose[1], pose[2] + math.pi)
         assert min(max(off(located, pose)), max(off(located, mirrored))) < 0.02
 
@@ -133,10 +133,9 @@ def test_the_whole_map_is_sought_the_same_in_loops_and_in_arrays(in_hall):
     from turtlebot_gym.compiled.cache import compiled
 
     room, _, points = in_hall
-    field = room.field.copy()
-    field[:20, :20] = np.nan
-    found = []
+    room, found = room._replace(field=room.field.copy()), []
+    room.field[:20, :20] = np.nan
     for function in (seek, compiled(lambda *arguments: seek(*arguments), "the whole map")):
         poses, values = np.empty((MOST, 3)), np.empty(MOST)
-        found.append((function(field, room.frame, points, points.shape[1], poses, values), poses.tolist(), values.tolist()))
+        found.append((function(sight(room, points), poses, values), poses.tolist(), values.tolist()))
     assert found[0] == found[1]

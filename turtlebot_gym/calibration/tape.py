@@ -290,11 +290,11 @@ def _verdict(chi_squared: float, numbers: int, parameters: int) -> Verdict:
     degrees = numbers - parameters
     nees = chi_squared / degrees if degrees > 0 else 1.0
     if not parameters:
-        return Verdict(False, False, "The measurements determine no parameter of the wheels.", nees, 3.0)
-    if degrees <= 0:
-        text = "As many numbers as parameters: nothing tests whether they agree. Measure again, or both ways."
-        return Verdict(True, False, text, nees, 3.0)
-    figure = f"chi-squared {chi_squared:.1f} for {degrees}"
-    if stats.chi2.sf(chi_squared, degrees) < LEVEL:
-        return Verdict(False, False, f"The measurements contradict each other or the model ({figure}).", nees, 3.0)
-    return Verdict(True, False, f"The measurements agree ({figure}).", nees, 3.0)
+        is_good, text = False, "The measurements determine no parameter of the wheels."
+    elif degrees <= 0:
+        is_good, text = True, "As many numbers as parameters: nothing tests whether they agree. Measure again, or both ways."
+    else:
+        is_good = bool(stats.chi2.sf(chi_squared, degrees) >= LEVEL)
+        how = "agree" if is_good else "contradict each other or the model"
+        text = f"The measurements {how} (chi-squared {chi_squared:.1f} for {degrees})."
+    return Verdict(is_good, False, text, nees, 3.0)

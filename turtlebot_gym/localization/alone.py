@@ -7,7 +7,7 @@ from typing import Any
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.descent import SETTLED
-from turtlebot_gym.localization.information import Guess, information
+from turtlebot_gym.localization.information import Guess, Sight, information
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 
 WEAK = 4.0
@@ -32,12 +32,13 @@ def alone(
         q: A `LocalizerTuning`.
         covariance: Output, the pose's covariance with what is wrong with the map, shape (3, 3); m^2, m, rad^2.
     """
+    sight = Sight(field, frame, points, number)
     x, y, theta, fits = start.x, start.y, start.theta, 0.0
     nothing = Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     belief = Belief(State(x, y, theta, 0.0, 0.0), nothing)  # weights by the beams' own variances
     sixth = Sixth(scale, 0.0, State(0.0, 0.0, 0.0, 0.0, 0.0))
     for _ in range(STEPS):
-        L = information(field, frame, points, number, Guess(x, y, theta, scale), belief, sixth, q)
+        L = information(sight, Guess(x, y, theta, scale), belief, sixth, q)
         fits = L.fits
         gx, gy, gt = L.x + WEAK * (x - start.x), L.y + WEAK * (y - start.y), L.theta + WEAK * (theta - start.theta)
         # The inverse of the symmetric 3 x 3 matrix by its cofactors.

@@ -11,7 +11,7 @@ import numpy as np
 
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.localization.information import Guess, blurred, condition, information
+from turtlebot_gym.localization.information import Guess, Sight, blurred, condition, information
 from turtlebot_gym.localization.points import LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
@@ -49,24 +49,12 @@ class Descent(NamedTuple):
 
 @kernel
 def descend(
-    field: Any,
-    frame: Any,
-    points: Any,
-    number: int,
-    prior: Belief,
-    scale: Sixth,
-    at: Guess,
-    bias: tuple[float, float],
-    q: Any,
-    drift: float = 0.0,
+    sight: Sight, prior: Belief, scale: Sixth, at: Guess, bias: tuple[float, float], q: Any, drift: float = 0.0
 ) -> Descent:
     """Return the belief conditioned on a scan, linearized anew at each step from a start on; unchanged with too few beams.
 
     Args:
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        points: The scan, see `points.to_points`.
-        number: Number of points.
+        sight: The scan and the map.
         prior: The belief before.
         scale: Prior of the ranges' scale.
         at: The start.
@@ -76,7 +64,7 @@ def descend(
     """
     end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0)
     for _ in range(int(q.iterations)):
-        L = information(field, frame, points, number, end.at, prior, scale, q, drift)
+        L = information(sight, end.at, prior, scale, q, drift)
         if L.used < LEAST_BEAMS:
             return Descent(prior, scale, at, 0.0, 0.0, 0.0, L.used)
         belief, sixth, nis, freedom = condition(prior, scale, end.at, blurred(L, bias[0], bias[1]))
@@ -99,11 +87,12 @@ def widened(belief: Belief, position: float, heading: float) -> Belief:
 
 
 @kernel
-def agreement(field: Any, frame: Any, points: Any, number: int, at: Guess, width: float) -> float:
+def agreement(sight: Sight, at: Guess, width: float) -> float:
     """Return the mean over a scan's beams of ``1 / (1 + d^2 / width^2)``: a soft share of those that fit, without a prior.
 
     The nearest cell's distance is enough for it; beams that end in the unknown count 0.
     """
+    field, frame, points, number = sight
     rows, columns = field.shape
     per_cell, per_square, dx, dy = 1.0 / frame[4], 1.0 / (width * width), at.x - frame[0], at.y - frame[1]
     sine, cosine = sincos(at.theta)
@@ -164,17 +153,14 @@ def gain_of(number: int, q: Any) -> float:
 
 
 @kernel
-def _starts_around(field: Any, frame: Any, points: Any, number: int, belief: Belief, q: Any, starts: Any, values: Any) -> int:
+def _starts_around(sight: Sight, belief: Belief, q: Any, starts: Any, values: Any) -> int:
     """Write the best poses of a lattice around a belief, and return their number.
 
     It spans two standard deviations, at least `reach` and `swing`. The value of a pose is its tempered log likelihood less half
     its squared Mahalanobis distance from the belief.
 
     Args:
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        points: The scan, see `points.to_points`.
-        number: Number of points.
+        sight: The scan and the map.
         belief: The prediction.
         q: A `LocalizerTuning`.
         starts: Output, shape (K, 3).
@@ -184,12 +170,12 @@ def _starts_around(field: Any, frame: Any, points: Any, number: int, belief: Bel
     var_x, var_y = P.xx + 0.25 * q.reach * q.reach, P.yy + 0.25 * q.reach * q.reach
     var_theta = P.tt + 0.25 * q.swing * q.swing
     total = 0.0
-    for k in range(number):
-        total += points[LENGTH, k]
+    for k in range(sight.number):
+        total += sight.points[LENGTH, k]
     # A turn moves the end of a mean beam by the distance between two starts.
-    turn = min(max(SIDE / max(total / max(number, 1), 0.5), 0.02), 0.1)
+    turn = min(max(SIDE / max(total / max(sight.number, 1), 0.5), 0.02), 0.1)
     in_x, in_y = min(int(2.0 * sqrt(var_x) / SIDE) + 1, MOST_ALONG), min(int(2.0 * sqrt(var_y) / SIDE) + 1, MOST_ALONG)
-    in_turn, gain, count = min(int(2.0 * sqrt(var_theta) / turn) + 1, MOST_TURNS), gain_of(number, q), 0
+    in_turn, gain, count = min(int(2.0 * sqrt(var_theta) / turn) + 1, MOST_TURNS), gain_of(sight.number, q), 0
     for a in range(-in_turn, in_turn + 1):
         for i in range(-in_y, in_y + 1):
             for j in range(-in_x, in_x + 1):
@@ -198,15 +184,13 @@ def _starts_around(field: Any, frame: Any, points: Any, number: int, belief: Bel
                 if count == len(starts) and gain + value <= values[count - 1]:
                     continue
                 x, y, theta = mean.x + dx, mean.y + dy, mean.theta + dtheta
-                value += gain * agreement(field, frame, points, number, Guess(x, y, theta, 0.0), WIDTH)
+                value += gain * agreement(sight, Guess(x, y, theta, 0.0), WIDTH)
                 count = keep(starts, values, count, (x, y, theta), value, APART, TURNED)
     return count
 
 
 @kernel
-def likelihood(
-    field: Any, frame: Any, points: Any, number: int, at: Guess, belief: Belief, q: Any, width: float = 0.1
-) -> float:
+def likelihood(sight: Sight, at: Guess, belief: Belief, q: Any, width: float = 0.1) -> float:
     """Return the value of a descended guess: its tempered log likelihood less half its squared Mahalanobis distance."""
     mean, P = belief
     a, b, c = at.x - mean.x, at.y - mean.y, at.theta - mean.theta
@@ -219,14 +203,12 @@ def likelihood(
     u = a / l11
     v = (b - l21 * u) / l22
     w = (c - l31 * u - l32 * v) / l33
-    fit = agreement(field, frame, points, number, at, width)
-    return gain_of(number, q) * fit - 0.5 * (u * u + v * v + w * w)
+    fit = agreement(sight, at, width)
+    return gain_of(sight.number, q) * fit - 0.5 * (u * u + v * v + w * w)
 
 
 @kernel
-def best_descent(
-    field: Any, frame: Any, points: Any, number: int, now: Belief, scale: Sixth, bias: tuple[float, float], q: Any, drift: float
-) -> Descent:
+def best_descent(sight: Sight, now: Belief, scale: Sixth, bias: tuple[float, float], q: Any, drift: float) -> Descent:
     """Return the descent from the prediction, or where that is in doubt a better one from a start around it.
 
     The arguments are those of `descend`; the start is the prediction ``now`` itself.
@@ -238,17 +220,17 @@ def best_descent(
     while k < count:  # one place from which the descent is called: machine code for each would take long to compile
         if k >= 0:
             start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
-        end = descend(field, frame, points, number, now if k < 0 else wide, scale, start, bias, q, drift)
+        end = descend(sight, now if k < 0 else wide, scale, start, bias, q, drift)
         in_doubt = k >= 0 or end.fits < q.doubt or end.nis > q.gate * q.gate * end.freedom
         if k < 0:
             best = end
-        if q.doubt == 0.0 or number < LEAST_BEAMS or not in_doubt:
+        if q.doubt == 0.0 or sight.number < LEAST_BEAMS or not in_doubt:
             break
-        worth = likelihood(field, frame, points, number, end.at, wide, q) if end.freedom > 0.0 else -1e300
+        worth = likelihood(sight, end.at, wide, q) if end.freedom > 0.0 else -1e300
         if k < 0:
             least = end.fits + BETTER_FIT if end.fits < q.doubt else q.doubt
             value = worth + BETTER_VALUE
-            count = _starts_around(field, frame, points, number, now, q, starts, values)
+            count = _starts_around(sight, now, q, starts, values)
         elif end.fits > least and worth > value:
             best, value = end, worth
         k += 1

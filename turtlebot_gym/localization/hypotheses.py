@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.descent import LEAST_BEAMS, WIDTH, agreement, descend, gain_of, keep
-from turtlebot_gym.localization.information import Guess, fetch_ends
+from turtlebot_gym.localization.information import Guess, Sight, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, SURE, Located, locate, scan
 from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
@@ -82,41 +82,34 @@ def _put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float) -> None
 
 
 @kernel
-def _search(
-    located: Located, is_hypothesis: bool, bank: Any, field: Any, frame: Any, points: Any, number: int, wheels: Pose, q: Any
-) -> None:
+def _search(located: Located, is_hypothesis: bool, bank: Any, sight: Sight, wheels: Pose, q: Any) -> None:
     """Fill a bank with the places of the whole map that fit a scan best, and the belief if it still fits somehow."""
-    poses, values, mean = np.empty((MOST, 3)), np.zeros(MOST), located.belief.mean
-    count = seek(field, frame, points, number, poses, values)
+    poses, values, mean, gain = np.empty((MOST, 3)), np.zeros(MOST), located.belief.mean, gain_of(sight.number, q)
+    count = seek(sight, poses, values)
     for k in range(ROWS):
         bank[k, LOG_WEIGHT] = NONE
     for k in range(count):
-        weight = max(gain_of(number, q) * (float(values[k]) - float(values[0])), UNLIKELY)
+        weight = max(gain * (float(values[k]) - float(values[0])), UNLIKELY)
         _put(bank, k, Pose(float(poses[k, 0]), float(poses[k, 1]), float(poses[k, 2])), wheels, weight)
     if is_hypothesis:
         bank[MOST, 0], bank[MOST, 1], bank[MOST, 2] = CLEAR, 0.0, 0.0
-        worth = agreement(field, frame, points, number, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH) - float(values[0])
-        bank[MOST, LOG_WEIGHT] = BONUS + gain_of(number, q) * worth
+        worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH) - float(values[0])
+        bank[MOST, LOG_WEIGHT] = BONUS + gain * worth
 
 
 @kernel
-def _follow(
-    located: Located, bank: Any, field: Any, frame: Any, points: Any, number: int, wheels: Pose, misfits: float, q: Any
-) -> Located:
+def _follow(located: Located, bank: Any, sight: Sight, wheels: Pose, misfits: float, q: Any) -> Located:
     """Follow the hypotheses of a bank at a scan, and return the localizer.
 
     Args:
         located: The localizer; conditioned on the scan if its belief is a hypothesis.
         bank: The bank.
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        points: The scan, see `points.to_points`.
-        number: Number of points.
+        sight: The scan and the map.
         wheels: The odometry at the present pose.
         misfits: Scans that left a doubt before this one, see `Located`.
         q: A `LocalizerTuning`.
     """
-    guesses, values, count, gain = np.empty((MOST, 5)), np.empty(MOST), 0, gain_of(number, q)
+    guesses, values, count, gain = np.empty((MOST, 5)), np.empty(MOST), 0, gain_of(sight.number, q)
     mean, own = located.belief.mean, float(bank[MOST, LOG_WEIGHT])
     for k in range(MOST):
         if bank[k, LOG_WEIGHT] > NONE:
@@ -124,9 +117,9 @@ def _follow(
             there = increment(seat, Pose(0.0, 0.0, 0.0), wheels, sincos(seat.theta))
             near = locate(there, (POSITION * POSITION, POSITION * POSITION, TURN * TURN), q)
             start = Guess(there.x, there.y, there.theta, 0.0)
-            end = descend(field, frame, points, number, near.belief, near.scale, start, (0.0, 0.0), q)
+            end = descend(sight, near.belief, near.scale, start, (0.0, 0.0), q)
             at = end.at
-            explained = agreement(field, frame, points, number, at, FINE)
+            explained = agreement(sight, at, FINE)
             value = FADING * float(bank[k, LOG_WEIGHT]) + gain * explained
             dx, dy, theta = at.x - mean.x, at.y - mean.y, wrap(at.theta)
             is_own = dx * dx + dy * dy < APART * APART and abs(wrap(theta - mean.theta)) < TURNED
@@ -134,7 +127,7 @@ def _follow(
                 count = keep(guesses, values, count, (at.x, at.y, theta, end.fits, explained), value, APART, TURNED)
     if own > NONE:
         at = Guess(mean.x, mean.y, mean.theta, located.scale.mean)
-        explained = agreement(field, frame, points, number, at, FINE)
+        explained = agreement(sight, at, FINE)
         own = FADING * own + gain * explained
         bank[MOST, 1] += 1.0 - explained
         bank[MOST, 2] += 1.0 - (float(guesses[0, 4]) if count > 0 else 0.0)
@@ -180,26 +173,13 @@ def _follow(
 
 
 @kernel
-def look(
-    located: Located,
-    bank: Any,
-    field: Any,
-    frame: Any,
-    points: Any,
-    number: int,
-    wheels: Pose,
-    q: Any,
-    unseen: tuple[float, float] = (0.0, 0.0),
-) -> Located:
+def look(located: Located, bank: Any, sight: Sight, wheels: Pose, q: Any, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
     """Condition the belief on a scan; where the place is in doubt, look for it in the whole map too, and follow what is found.
 
     Args:
         located: The localizer.
         bank: Hypotheses, shape (`ROWS`, 4), written and read while the place is in doubt.
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        points: The scan, see `points.to_points`, as seen from the present pose.
-        number: Number of points.
+        sight: The scan, as seen from the present pose, and the map.
         wheels: The odometry at the present pose.
         q: A `LocalizerTuning`.
         unseen: Number of moves since the scan and during it, see `points.swept`.
@@ -208,15 +188,15 @@ def look(
     is_hypothesis = located.belief.covariance.xx < FAR if since == 0 else bank[MOST, LOG_WEIGHT] > NONE
     after = located
     if is_hypothesis or not in_doubt:
-        after = scan(located, field, frame, points, number, q, unseen)
-    if not in_doubt or number < LEAST_BEAMS:
+        after = scan(located, sight, q, unseen)
+    if not in_doubt or sight.number < LEAST_BEAMS:
         return after
     if since == 0:
         bank[MOST, 0] = 1.0 * q.doubt
     fits_badly = since % CYCLE == 0 and located.fits < 0.7 * q.doubt
     if since % PATIENCE == 0 if is_hypothesis else fits_badly:
-        _search(located, is_hypothesis, bank, field, frame, points, number, wheels, q)
-    return _follow(after, bank, field, frame, points, number, wheels, located.misfits, q)
+        _search(located, is_hypothesis, bank, sight, wheels, q)
+    return _follow(after, bank, sight, wheels, located.misfits, q)
 
 
 @kernel
@@ -238,10 +218,10 @@ def correct_by_scan(
     """
     points = np.empty((5, int(q.beams)))
     number = to_points(ranges, beams, int(located.scans), timing, trail, points)
-    mean = located.belief.mean
-    fetch_ends(field, frame, points, number, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
+    sight, mean = Sight(field, frame, points, number), located.belief.mean
+    fetch_ends(sight, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
     wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))
-    return look(located, bank, field, frame, points, number, wheels, q, swept(timing, len(ranges), trail))
+    return look(located, bank, sight, wheels, q, swept(timing, len(ranges), trail))
 
 
 def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) -> NDArray[np.float64]:

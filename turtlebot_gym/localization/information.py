@@ -41,6 +41,19 @@ _NEAR, _FAR, _ABOVE, _ACROSS, _GX, _GY, _GT, _GS, _ALONG, _BEYOND, _WEIGHT, _D, 
 ROOM = 23 * BLOCK
 
 
+class Sight(NamedTuple):
+    """A scan, and the map in which it is sought."""
+
+    field: Any
+    """Distances, see `rooms.field`."""
+    frame: Any
+    """Their frame."""
+    points: Any
+    """The scan, see `points.to_points`."""
+    number: int
+    """Number of points."""
+
+
 class Guess(NamedTuple):
     """A pose, and the share by which ranges are too long."""
 
@@ -120,8 +133,9 @@ def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: Any, drift: float) 
 
 
 @kernel
-def fetch_ends(field: Any, frame: Any, points: Any, number: int, at: Guess) -> None:
+def fetch_ends(sight: Sight, at: Guess) -> None:
     """Ask for the part of a field that `information` will read at a guess; compiled code alone waits for memory."""
+    field, frame, points, number = sight
     sine, cosine = sincos(at.theta)
     for k in range(0 if is_plain() else number):
         x, y = float(points[X, k]), float(points[Y, k])
@@ -129,24 +143,20 @@ def fetch_ends(field: Any, frame: Any, points: Any, number: int, at: Guess) -> N
 
 
 @kernel
-def information(
-    field: Any, frame: Any, points: Any, number: int, at: Guess, belief: Belief, sixth: Sixth, q: Any, drift: float = 0.0
-) -> Information:
+def information(sight: Sight, at: Guess, belief: Belief, sixth: Sixth, q: Any, drift: float = 0.0) -> Information:
     """Return the information of a scan at a guess.
 
     The weights are those of Geman and McClure with the width of the innovation, so that a wide belief forgives large residuals.
 
     Args:
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        points: The scan, see `points.to_points`.
-        number: Number of points.
+        sight: The scan and the map.
         at: Where to linearize.
         belief: Prior belief, whose covariance widens the weights.
         sixth: Prior of the ranges' scale.
         q: A `LocalizerTuning`.
         drift: Variance of the heading by the wheels since the first beam was measured, rad^2: older beams say less.
     """
+    field, frame, points, number = sight
     sine, cosine = sincos(at.theta)
     stretch = 1.0 / (1.0 + at.scale) - 1.0
     room = np.empty(ROOM) if is_plain() else compiled_scratch(ROOM)

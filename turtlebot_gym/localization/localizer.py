@@ -22,6 +22,7 @@ from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.descent import best_descent, widened
+from turtlebot_gym.localization.information import Sight
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
@@ -145,26 +146,19 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
 
 
 @kernel
-def scan(
-    located: Located, field: Any, frame: Any, points: Any, number: int, q: Any, unseen: tuple[float, float] = (0.0, 0.0)
-) -> Located:
+def scan(located: Located, sight: Sight, q: Any, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
     """Condition the belief on a scan.
 
     Args:
         located: The localizer.
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        points: The scan, see `points.to_points`, as seen from the present pose.
-        number: Number of points.
+        sight: The scan, as seen from the present pose, and the map.
         q: A `LocalizerTuning`.
         unseen: Number of moves since the scan and during it, whose drift it does not show, see `points.swept`.
     """
     take = max(FRESH * (1.0 - located.taken), LEAST_TAKE)
     bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
     since, during = unseen
-    end = best_descent(
-        field, frame, points, number, located.belief, located.scale, bias, q, SHARED * during * located.turn_drift
-    )
+    end = best_descent(sight, located.belief, located.scale, bias, q, SHARED * during * located.turn_drift)
     if end.freedom == 0.0:  # too few beams on known ground: it says nothing
         return located
     bad = 0.7 * q.doubt  # below this share no start has explained the scan

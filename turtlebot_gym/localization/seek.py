@@ -12,6 +12,7 @@ import numpy as np
 
 from turtlebot_gym.kernel import in_loops, kernel
 from turtlebot_gym.localization.descent import WIDTH, keep
+from turtlebot_gym.localization.information import Sight
 from turtlebot_gym.localization.points import X, Y
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
@@ -53,17 +54,15 @@ def _add(total: Any, column: Any, row: Any, x: float, y: float, agrees: Any) -> 
 
 
 @kernel
-def seek(field: Any, frame: Any, points: Any, number: int, poses: Any, values: Any) -> int:
+def seek(sight: Sight, poses: Any, values: Any) -> int:
     """Write the poses of a map that fit a scan best, best first and each another hypothesis, and return their number.
 
     Args:
-        field: Distances, see `rooms.field`.
-        frame: Their frame.
-        points: The scan, see `points.to_points`.
-        number: Number of points.
+        sight: The scan and the map.
         poses: Output, shape (K, 3): x, y and heading; m, m, rad.
         values: Output, shape (K,): their agreement, see `descent.agreement`, from 0 to 1.
     """
+    field, frame, points, number = sight
     rows, columns = field.shape
     side, yaw, places, count = float(frame[4]), math.atan2(float(frame[3]), float(frame[2])), 0, 0
     step = max(int(SPACING / side), 1)

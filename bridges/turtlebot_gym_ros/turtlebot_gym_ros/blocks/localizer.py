@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.hypotheses import ROWS, followed, look, nowhere
+from turtlebot_gym.localization.information import Sight
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, Located, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points
 from turtlebot_gym.localization.tuning import make_localizer
@@ -212,7 +213,8 @@ class Localizer:
         self._measured, ranges, q = stamp, scan.value.ranges, self._q
         number = to_points(ranges, beams, int(located.scans), timing, self._trail, self._points)
         unseen, points = swept(timing, len(ranges), self._trail), self._points
-        after = look(located, self._bank, self._field, self._grid.frame, points, number, self._wheels(), q, unseen)
+        sight = Sight(self._field, self._grid.frame, points, number)
+        after = look(located, self._bank, sight, self._wheels(), q, unseen)
         if after.scans > located.scans:
             self._used = self._time
         return after
