@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.kernel import Leaf, access
+from turtlebot_gym.kernel import Leaf, access, kernel
 from turtlebot_gym.systems import System, step_of
 from turtlebot_gym.systems.special import Special
 from turtlebot_gym.values import STOP, Pose
@@ -278,3 +278,15 @@ def layout_of(system: System, special: Special) -> Layout:
     at_outcome = observation.size * TILE
     at_action = at_outcome + an_outcome.size * TILE
     return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)
+
+
+def access_of(system: System, special: Special) -> tuple[Callable[..., Any], ...]:
+    """Return the kernels that load parameters, load and store a world and an outcome, and write an observation to a scratch."""
+    layout, observe = layout_of(system, special), system.observe
+    store_observation = layout.observation.store
+
+    @kernel
+    def show(scratch, lane, world, p):
+        store_observation(scratch, lane, observe(world, p))
+
+    return layout.parameters.load, layout.world.load, layout.world.store, layout.outcome.load, layout.outcome.store, show
