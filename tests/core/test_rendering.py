@@ -72,12 +72,6 @@ def test_robot_is_drawn_where_it_is(x, y):
     assert pixel(picture, x + 0.3, y) not in (BLACK, BODY)
 
 
-def test_robot_is_drawn_in_its_size():
-    pictures = [make(robot=ROBOTS[name]).draw(world(Pose(0.0, 0.0, 0.0))) for name in ("burger", "waffle")]
-    sizes = [len(places_of(picture, BODY)[0]) for picture in pictures]
-    assert sizes[1] > 2 * sizes[0]
-
-
 @pytest.mark.parametrize("heading", [0.0, 0.7, 3.0])
 def test_the_robot_has_a_wheel_at_either_side(heading):
     picture = make(robot=replace(ROBOTS["burger"], radius=0.5)).draw(world(Pose(0.0, 0.0, heading)))

@@ -26,7 +26,6 @@ from turtlebot_gym.tasks import (
     remaining,
     reward_of,
     start_pose,
-    stated_deviations,
 )
 from turtlebot_gym.values import Command, Covariance, Pose, State
 
@@ -105,11 +104,6 @@ def test_observations_are_clipped_to_their_bounds():
             observation = np.array(seen(state, std=std, nis=abs(scale * rng.normal())))
             assert ((low <= observation) & (observation <= high)).all()
     assert seen(State(0.0, 1e9, 0.0, 9.0, -99.0), std=(9.0, 9.0), nis=1e9)[5:11] == (2.0, -2.0, 5.0, math.pi, 25.0, 20.0)
-
-
-def test_stated_deviations():
-    P = Covariance(*[0.0] * 15)._replace(xx=0.09, yy=0.16, tt=0.25, xy=0.1)
-    assert stated_deviations(P) == pytest.approx((0.5, 0.5))
 
 
 TURNED = State(2.0, 0.1, 1.0, 0.0, 0.0)

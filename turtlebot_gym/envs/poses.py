@@ -45,9 +45,8 @@ class GivenPoses:
             if _shape(value) not in ((3,), (size, 3)):
                 raise ValueError(f"{name} must be x, y and heading, or those of each of {size}, got {shown(value)}.")
         asked: dict[int, Parameters] = {}
-        rows = self._rows()
         for row in np.flatnonzero(mask).tolist() if given else ():
-            usual = self._usual[row] if row in self._usual else rows[row]
+            usual = self._usual.get(row, self._batch.parameters_of(row))
             rules, lidar = usual.room
             poses = {name: value[row] if np.ndim(value) == 2 else value for name, value in given.items()}
             asked[row] = usual._replace(room=make_room(with_options(self._plan or rules, poses), lidar, usual.dt))
@@ -57,16 +56,13 @@ class GivenPoses:
         """Set the parameters, asked for or usual, of rows whose episodes begin."""
         if not asked and not self._usual:
             return
-        rows = self._rows()
+        parameters = self._batch.parameters
+        rows = [parameters] * self._batch.num_envs if isinstance(parameters, Parameters) else list(parameters)
         for row in [row for row in self._usual if mask[row]]:
             rows[row] = self._usual.pop(row)
-        for row, parameters in asked.items():
-            self._usual[row], rows[row] = rows[row], parameters
+        for row, own in asked.items():
+            self._usual[row], rows[row] = rows[row], own
         self._batch.set_parameters(rows[0] if all(row is rows[0] for row in rows) else rows)
-
-    def _rows(self) -> list[Parameters]:
-        parameters = self._batch.parameters
-        return [parameters] * self._batch.num_envs if isinstance(parameters, Parameters) else list(parameters)
 
 
 def _shape(value: Any) -> tuple[int, ...] | None:

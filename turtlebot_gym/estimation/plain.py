@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.own import failure
@@ -87,8 +88,7 @@ def _packed(make: Any, x: Any, P: Any, nis: float) -> _PlainEstimate:
 
 def _unpacked(estimate: _PlainEstimate, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     x, P = np.array([*estimate.belief.mean, *estimate.more[: size - 5]], np.float64), np.zeros((size, size))
-    P[:5, :5][_UPPER] = estimate.belief.covariance
-    P[:5, :5] += np.triu(P[:5, :5], 1).T
+    P[:5, :5] = matrix(estimate.belief.covariance)
     P[5:] = np.reshape(estimate.more[size - 5 :], (size - 5, size))
     P[:5, 5:] = P[5:, :5].T
     return x, P
