@@ -21,9 +21,8 @@ from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, STREAM
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.simulator import MAP_OUTPUTS, ROOM_OUTPUTS
-from turtlebot_gym_ros.blocks.visualization import Scene, Visualization
 from turtlebot_gym_ros.graph.diagram import HIDDEN
-from turtlebot_gym_ros.graph.markers import LIFETIME
+from turtlebot_gym_ros.graph.markers import LIFETIME, Scene, Visualization
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.geometry import _yaw_of
 from turtlebot_gym_ros.node.shell import Shell

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -29,9 +29,6 @@ from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.simulator import SPEECHES
 from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_ros.nodes import MODES
-
-if TYPE_CHECKING:
-    from turtlebot_gym_ros.graph.watch import View
 
 REACHED = 0.3
 """Distance within which a waypoint counts as reached, m."""
@@ -148,7 +145,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     be_interruptible()
     with ExitStack() as viewing:
         try:
-            view = viewing.enter_context(_view(given, port)) if watch else None
+            view = None
+            if watch:
+                from turtlebot_gym_ros.graph.watch import View  # slow to import
+
+                title = f"bringup, policy {given.get('policy', 'bearing')}"
+                view = viewing.enter_context(View(given, title=title, port=port))
             with Graph(**given) as graph:
                 if view:
                     view.open()
@@ -167,12 +169,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         if view:
             view.stay()
     return 0
-
-
-def _view(given: dict[str, Any], port: int) -> View:
-    from turtlebot_gym_ros.graph.watch import View  # slow to import
-
-    return View(given, title=f"bringup, policy {given.get('policy', 'bearing')}", port=port)
 
 
 def _tell(

@@ -177,8 +177,8 @@ class Recorder:
                 return max(self._span, 0) / 1e9
             return (max(self._rows) - min(self._rows)) / 1e9 if self._rows else 0.0
 
-    def _collect(self) -> list[tuple[int, dict[str, Any]]]:
-        """Return the rows so far by their stamps; in lock-step up to the last complete step.
+    def trajectory(self) -> Drive:
+        """Return the drive so far, with NaN for missing values. In lock-step it ends with the last complete step.
 
         Raises:
             RuntimeError: If in lock-step a step before that one was not heard as a whole.
@@ -188,15 +188,6 @@ class Recorder:
             rows = [(stamp, dict(self._rows[stamp])) for stamp in sorted(self._rows) if first <= stamp <= end]
         if self._lock_step:
             _require_whole(rows, len(self._step))
-        return rows
-
-    def trajectory(self) -> Drive:
-        """Return the drive so far, with NaN for missing values. In lock-step it ends with the last complete step.
-
-        Raises:
-            RuntimeError: If in lock-step a step before that one was not heard as a whole.
-        """
-        rows = self._collect()
         return Drive.stack((_columns(row) for _, row in rows), time=self._time_of([stamp for stamp, _ in rows]))
 
     def _time_of(self, stamps: list[int]) -> Any:

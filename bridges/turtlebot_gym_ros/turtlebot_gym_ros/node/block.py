@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol
 
 from turtlebot_gym.validation import Range
 from turtlebot_gym.values import Covariance, Pose
@@ -157,22 +157,13 @@ class On:
     """Gap between two messages after which the block is reset, s."""
 
 
-@runtime_checkable
-class Notices(Protocol):
-    """A block with a notice for users, which is logged and shown in the diagnostics.
-
-    It may also have ``figures``, numbers by name, which the diagnostics show, and ``services``, functions without arguments by
-    name, which the node offers as ``std_srvs/Empty``.
-    """
-
-    @property
-    def notice(self) -> str | None:
-        """One line; None if there is none."""
-        ...
-
-
 class Block(Protocol):
-    """A block, which the shell turns into a node."""
+    """A block, which the shell turns into a node.
+
+    It may also have a ``notice``, one line for users or None, which is logged and shown in the diagnostics; ``figures``,
+    numbers by name, which the diagnostics show; and ``services``, functions without arguments by name, which the node offers
+    as ``std_srvs/Empty``.
+    """
 
     @property
     def inputs(self) -> Mapping[str, Input]:

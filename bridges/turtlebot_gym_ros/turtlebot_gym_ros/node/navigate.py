@@ -104,21 +104,21 @@ class NavigateToPose:
                 handle.publish_feedback(self._feedback(errand, errand.pose))
 
     def _feedback(self, errand: Errand, pose: Pose) -> Any:
-        told = self._action.Feedback()
-        told.current_pose.header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=self._frame)
-        write_pose(told.current_pose.pose, pose)
-        told.navigation_time = Duration(seconds=errand.time).to_msg()
-        told.estimated_time_remaining = Duration(seconds=errand.time_left).to_msg()
-        told.distance_remaining = errand.left
-        return told
+        feedback = self._action.Feedback()
+        feedback.current_pose.header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=self._frame)
+        write_pose(feedback.current_pose.pose, pose)
+        feedback.navigation_time = Duration(seconds=errand.time).to_msg()
+        feedback.estimated_time_remaining = Duration(seconds=errand.time_left).to_msg()
+        feedback.distance_remaining = errand.left
+        return feedback
 
     def _end(self, errand: Errand, handle: Any) -> Any:
         {"reached": handle.succeed, "failed": handle.abort, "cancelled": handle.canceled}[errand.state]()
-        told = self._action.Result()
+        result = self._action.Result()
         for name, value in (("error_code", int(errand.code)), ("error_msg", errand.reason)):
-            if hasattr(told, name):  # by distribution
-                setattr(told, name, value)
-        return told
+            if hasattr(result, name):  # by distribution
+                setattr(result, name, value)
+        return result
 
     def close(self) -> None:
         """Withdraw the action."""

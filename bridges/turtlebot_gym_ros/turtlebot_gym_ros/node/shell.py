@@ -158,7 +158,7 @@ class Shell:
                 switch.safety.end()
         self._steps += 1
         self._overruns += self._now() - now > drive.limit > 0.0
-        notice = getattr(self.block, "notice", None)  # of `Notices`, whose check takes long
+        notice = getattr(self.block, "notice", None)
         if notice and notice != self._notice:
             self._log.warning(notice)
         self._notice = notice
