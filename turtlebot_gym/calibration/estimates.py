@@ -80,7 +80,7 @@ HIDDEN = ("alpha1", "alpha3")
 POSE, WHEELS = "pose", "wheel"
 """Odometry that measures the pose, and odometry that integrates the wheels."""
 FEWEST = 6
-"""Fewest poses to which anything is fitted."""
+"""Fewest poses, motions or segments to which anything is fitted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

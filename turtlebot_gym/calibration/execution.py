@@ -13,7 +13,7 @@ from scipy import stats
 
 from turtlebot_gym.calibration.coordinates import ALPHAS, PARAMETERS, with_values
 from turtlebot_gym.calibration.diagnosis import Verdict, diagnose
-from turtlebot_gym.calibration.estimates import FINE, Estimate, Likelihood, estimates_of, profiled, remedy_of, search
+from turtlebot_gym.calibration.estimates import FEWEST, FINE, Estimate, Likelihood, estimates_of, profiled, remedy_of, search
 from turtlebot_gym.calibration.fit import LEVEL, Fit, Z, maximize
 from turtlebot_gym.calibration.likelihood import Rows, count_segments, innovations, segment_rows
 from turtlebot_gym.calibration.motions import Array, Motions, motions_of
@@ -38,8 +38,6 @@ over long ones. All lengths together count as much as the last one alone, since 
 evidence."""
 CAPTURED = (1e-3) ** 2
 """Variance of the truth over segments: that of motion capture, a millimetre and a milliradian."""
-FEWEST = 6
-"""Fewest segments to which anything is fitted."""
 BLOCKS = 20
 """Parts of a drive whose scores count as independent where errors are correlated."""
 PLAUSIBLE = np.array([0.3, 0.6, 0.5, 0.1, 0.3, 0.3, math.inf])

@@ -104,7 +104,8 @@ def _curvature(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
             if i == j:
                 curvature[i, i] = (cost(x + along) - 2.0 * middle + cost(x - along)) / steps[i] ** 2
             else:
-                rise = cost(x + along + across) - cost(x + along - across) - cost(x - along + across) + cost(x - along - across)
+                rise = cost(x + along + across) - cost(x + along - across)
+                rise = rise - cost(x - along + across) + cost(x - along - across)
                 curvature[i, j] = curvature[j, i] = rise / (4.0 * steps[i] * steps[j])
     return curvature
 
@@ -216,7 +217,9 @@ def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.
     Returns:
         Its ends, and whether one of them comes from the profile likelihood.
     """
-    deviation, direction, cost = fit.deviations[at], fit.covariance[at] / fit.covariance[at, at], _finite(likelihood)
+    cost = _finite(likelihood)
+    deviation = fit.deviations[at]
+    direction = fit.covariance[at] / fit.covariance[at, at]
     ends, is_profile = [], False
     for side in (-1.0, 1.0):
         if abs(fit.root(cost, fit.x + side * Z * deviation * direction) - Z) < QUADRATIC:
@@ -230,7 +233,8 @@ def interval(likelihood: Likelihood, fit: Fit, at: int, *, least: float = -math.
 def _profile_end(cost: Likelihood, fit: Fit, at: int, side: float, least: float) -> float:
     """Return where the profile's deviance reaches that of the interval, on one side."""
     others = np.arange(len(fit.x)) != at
-    deviation, direction = fit.deviations[at], fit.covariance[at] / fit.covariance[at, at]
+    deviation = fit.deviations[at]
+    direction = fit.covariance[at] / fit.covariance[at, at]
     metric = _inverse(fit.information[np.ix_(others, others)])
     steps = 0.1 * np.minimum(np.sqrt(np.diag(metric)), np.maximum(fit.deviations[others], 1e-9))
     best = {0.0: fit.x}

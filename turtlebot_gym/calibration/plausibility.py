@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives import Drive, known
-from turtlebot_gym.models.angles import wrap_all
+from turtlebot_gym.models.angles import TWO_PI, wrap_all
 from turtlebot_gym.robots import Robot
 
 DEGREES = 180.0 / math.pi
@@ -19,7 +19,6 @@ FEWEST = 20
 """Fewest rows of a drive to calibrate."""
 STILL = (0.5, 1.0)
 """Distance, m, and turn, rad, below which there is nothing to fit."""
-TURN = 2.0 * math.pi
 
 
 def check(drive: Drive, robot: Robot, where: str) -> None:
@@ -87,7 +86,7 @@ def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: flo
     heading = poses[there, 2]
     change = np.abs(np.diff(heading))
     jumps = change[(change > 0.9 * 360.0) & (change < 1.02 * 360.0)]
-    if jumps.size or (np.ptp(heading) > 8.0 * TURN and _turn(heading) > 8.0 * (turn + TURN)):
+    if jumps.size or (np.ptp(heading) > 8.0 * TWO_PI and _turn(heading) > 8.0 * (turn + TWO_PI)):
         moved = f"{what} heading runs from {heading.min():.4g} to {heading.max():.4g}"
         raise ValueError(f"{moved}: if it is in degrees, multiply it by pi/180.")
     # over a second each, so that the noise of measured poses does not count for way

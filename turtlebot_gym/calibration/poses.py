@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.calibration.coordinates import ALPHAS, from_coordinates
 from turtlebot_gym.calibration.diagnosis import judge
-from turtlebot_gym.calibration.estimates import Likelihood, estimates_of, search
-from turtlebot_gym.calibration.execution import FEWEST, Execution, at_axle
+from turtlebot_gym.calibration.estimates import FEWEST, Likelihood, estimates_of, search
+from turtlebot_gym.calibration.execution import Execution, at_axle
 from turtlebot_gym.calibration.fit import Fit
 from turtlebot_gym.calibration.likelihood import tuning_of
 from turtlebot_gym.calibration.motions import Array

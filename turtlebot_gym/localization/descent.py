@@ -30,7 +30,7 @@ SIDE = 0.14
 WIDTH = 0.2
 """Residual at which a beam's `agreement` has fallen to a half, m, for starts; the descent takes them the rest of the way."""
 APART, TURNED = 0.2, 0.12
-"""Distance and turn from which on two starts are different ones; m, rad."""
+"""Distance and turn from which on two starts, or two hypotheses, are different ones; m, rad."""
 MOST_ALONG, MOST_TURNS = 6, 20
 """Most starts on each side of the prediction along an axis, and in heading."""
 

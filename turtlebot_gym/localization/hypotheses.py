@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.localization.descent import LEAST_BEAMS, WIDTH, agreement, descend, gain_of, keep
+from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, Sight, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, SURE, Located, locate, scan
 from turtlebot_gym.localization.points import Timing, swept, to_points
@@ -42,8 +42,6 @@ FINE = 0.1
 """Residual at which a beam's agreement has fallen to a half, m, for hypotheses that have descended."""
 POSITION, TURN = 0.15, 0.1
 """Standard deviations of a hypothesis, m and rad: the next scan descends from there."""
-APART, TURNED = 0.2, 0.12
-"""Distance and turn up to which two hypotheses are the same; m, rad."""
 BONUS = 1.0
 """Added to the logarithm of the weight of a belief that is in doubt."""
 CLEAR = 0.95
@@ -84,7 +82,8 @@ def _put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float) -> None
 @kernel
 def _search(located: Located, is_hypothesis: bool, bank: Any, sight: Sight, wheels: Pose, q: Any) -> None:
     """Fill a bank with the places of the whole map that fit a scan best, and the belief if it still fits somehow."""
-    poses, values, mean, gain = np.empty((MOST, 3)), np.zeros(MOST), located.belief.mean, gain_of(sight.number, q)
+    poses, values = np.empty((MOST, 3)), np.zeros(MOST)
+    mean, gain = located.belief.mean, gain_of(sight.number, q)
     count = seek(sight, poses, values)
     for k in range(ROWS):
         bank[k, LOG_WEIGHT] = NONE
