@@ -253,15 +253,3 @@ def test_an_episode_that_is_stepped_beyond_its_end_stays_at_its_end():
     ends = [episode.step(Command(0.2, 0.0)).terminated for _ in range(5)]
     assert ends == [True] * 5  # within 0.3 m from the beginning
     assert episode.world.course.visited == 5.0
-
-
-def test_an_episode_begins_with_seed_0_counts_its_episodes_and_can_be_repeated():
-    p = make_parameters(NAV)
-    assert Episode(p).world == Episode(p, seed=0).world
-    one, other = (Episode(p, seed=5) for _ in range(2))
-    first = one.world
-    assert other.world == first
-    assert one.outcome[2:] == (False, False, False, False)
-    assert one.reset() != first
-    assert other.reset() == one.world
-    assert (one.number, one.outcome.reward, one.outcome.terminated) == (1, 0.0, False)
