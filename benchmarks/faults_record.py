@@ -1,4 +1,4 @@
-"""What the judge of the faults has recorded: commands, measurements and motions, and what follows from them."""
+"""What the judge of the faults has recorded, and what follows from it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Record:
         return min((at for at, *command in list(self.heard) if at > began and command == [0.0, 0.0]), default=math.inf) - began
 
     def age(self, at: float) -> float:
-        """Return how long before a time the newest measurement was made of those that had been sent, s."""
+        """Return how old the newest measurement was that had been sent until a time, s."""
         measured = list(self.measured)
         return at - measured[bisect_right(measured, at, key=lambda entry: entry[0]) - 1][1]
 

@@ -1,4 +1,4 @@
-"""Nodes of the live graph, each in a process of its own."""
+"""Nodes of the live graph as processes."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import Any
 
 
 class Nodes:
-    """The processes by the names of their nodes; none outlives this process.
+    """Processes by the names of their nodes; none outlives this one.
 
     Args:
-        folder: Folder in which they run and write their output, NAME.log.
+        folder: Where they run and write NAME.log.
         remappings: Remappings by node.
         words: Further arguments of every node.
-        environment: Variables that differ from this process's.
+        environment: Variables that differ.
     """
 
     def __init__(self, folder: Path, remappings: dict[str, list[str]], *words: str, **environment: str) -> None:

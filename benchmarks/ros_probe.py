@@ -162,12 +162,14 @@ def graph(*, speaks: bool, remappings: dict[str, list[str]]) -> Iterator[tuple[P
         Path(folder, "far.csv").write_text(f"{FAR.x},{FAR.y},{FAR.theta}\n")
         nodes = Nodes(Path(folder), remappings)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        probe = Probe(speaks=speaks)
         try:
-            yield Probe(speaks=speaks), nodes
+            yield probe, nodes
         except Exception:
             for log in Path(folder).glob("*.log"):
                 print(f"--- {log.stem}\n{log.read_text()[-2000:]}", file=sys.stderr)
             raise
         finally:
             nodes.close()
+            probe.node.destroy_node()  # the next graph's filter refuses odometry of two publishers
             rclpy.shutdown()

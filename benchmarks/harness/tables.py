@@ -1,4 +1,4 @@
-"""Tables of results: in Markdown, for pages, and of figures with their limits, for the terminal."""
+"""Tables of results in Markdown, and of figures with their limits."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def markdown(titles: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
 def figures_table(
     figures: Iterable[Figure], kept: Literal["below", "at most", "at least"], *, title: str | None = None
 ) -> Table:
-    """Return a table of figures that says whether each keeps its limit.
+    """Return a table that says whether each figure keeps its limit.
 
     Args:
         figures: What was measured.
