@@ -11,11 +11,12 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
-from probe import AHEAD, Probe, laser
+from probe import AHEAD, Probe, laser, stamp
 from std_msgs.msg import Bool, Empty
 from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command
+from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.robot.guard import CmdVelGuard
 
@@ -93,6 +94,50 @@ def driving(start, launch, probe):
         return guard, standby
 
     return begin
+
+
+@pytest.fixture
+def guard():
+    """A guard with a geofence in this process, which runs when the test calls it."""
+    runner = Runner(["--ros-args", "-p", "geofence:=1.0"])
+    node = CmdVelGuard(runner.context)
+    yield node
+    node.destroy_node()
+    runner.close()
+
+
+def test_the_end_of_a_button_is_a_stop_at_once(guard, peer, wait_for):
+    button = peer.speak("emergency_stop", Bool, 1)
+    wait_for(lambda: guard._buttons.get_publisher_count() == 1)
+
+    def heard():
+        button.publish(Bool(data=False))
+        guard._take_buttons()
+        return guard._arbiter.buttons.heard
+
+    wait_for(heard)
+    assert guard._arbiter.buttons.lost(guard._now()) == ""
+    peer.node.destroy_publisher(button)
+    wait_for(lambda: guard._buttons.get_publisher_count() == 0)
+    guard._take_buttons()
+    assert guard._arbiter.buttons.lost(guard._now()) == "an emergency stop has ended"
+
+
+@pytest.mark.parametrize(("x", "y", "age", "outside"), [(0.9, 0.1, 0.0, False), (0.9, 1.1, 0.0, True), (0.1, 0.9, 1.0, True)])
+def test_a_robot_is_inside_the_geofence_by_both_coordinates_of_a_pose_that_is_not_old(guard, x, y, age, outside):
+    pose, now = Odometry(), time.time_ns()
+    pose.header.frame_id, pose.pose.pose.position.x, pose.pose.pose.position.y = "odom", x, y
+    stamp(pose, -age)
+    guard._locate(pose, {"source_timestamp": now, "received_timestamp": now, "publication_sequence_number": 1})
+    assert guard._arbiter.outside(guard._now()) is outside
+
+
+def test_a_guard_says_whether_it_lets_pass(guard, peer, wait_for):
+    passing = peer.hear("cmd_vel_guard/enabled", Bool, LATCHED)
+    for on in (True, False):
+        guard._arbiter.enable(on, guard._now(), buttons=0)
+        guard._tick()
+        wait_for(lambda on=on: passing and passing[-1].data is on)
 
 
 @pytest.mark.parametrize(("on", "why"), [(True, ""), (True, "no emergency stop is heard"), (False, "")])
