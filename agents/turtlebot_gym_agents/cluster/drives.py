@@ -78,11 +78,15 @@ def drives(
 ) -> list[DriveUnit]:
     """Return the units of an evaluation.
 
-    The arguments are those of `evaluation.evaluate.evaluate`, and:
-
     Args:
+        policy: See `evaluation.evaluate.evaluate`, as for the others.
+        env: Environment id.
+        episodes: Number of episodes.
+        seed: Seed of the first episode.
         chunk: Episodes per unit.
         files: Files that policy and options name, if they do not exist on this machine.
+        allow_mismatch: See there.
+        **options: Arguments of the environment.
     """
     carried = {**attach(policy, *options.values()), **(files or {})}
     common = {"policy": policy, "env": env, "options": options, "files": carried, "allow_mismatch": allow_mismatch}

@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 def own_first(cls: type[T]) -> type[T]:
     """Put a dataclass's own fields and its `flags` before the others that it inherits, for its --help."""
-    made: Any = cls
+    made: Any = cls  # tyro takes the fields in the order in which the class has them
     known = made.__dataclass_fields__
     own = [
         name

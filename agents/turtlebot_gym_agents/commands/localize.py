@@ -63,7 +63,7 @@ class Localize(Reporting, Placed, Recorded):
         beliefs = {"poses": course.poses, "covariances": course.covariances, "fits": course.fits, "states": course.states}
         self.report({"errors": errors, "shares": states, "time": recorded.time, **beliefs})
         if self.plot is not None:
-            save_figure(path_figure(course, drive, grid, title=self.file.name), self.plot)
+            save_figure(_path_figure(course, drive, grid, title=self.file.name), self.plot)
 
 
 LABELS = {
@@ -77,7 +77,7 @@ LABELS = {
 """Headings of errors."""
 
 
-def path_figure(course: Course, drive: Drive, grid: GridMap, *, title: str) -> Figure:
+def _path_figure(course: Course, drive: Drive, grid: GridMap, *, title: str) -> Figure:
     """Return a figure of a localized drive in its map: the path, where the localizer was not sure, and the truth."""
     from matplotlib.figure import Figure
 

@@ -32,7 +32,7 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
 
     Args:
         evaluations: Label and evaluation of each, on the same seeds.
-        title: Title of the first table.
+        title: Title of the figure or table.
         details: Whether to return more than what decides between policies.
     """
     first = next(iter(evaluations.values()))
@@ -96,7 +96,12 @@ def evaluation_figure(evaluations: Mapping[str, Evaluation], *, title: str) -> F
 
 
 def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
-    """Return the errors of replayed drives by name, and their drift."""
+    """Return the errors of replayed drives, and their drift.
+
+    Args:
+        results: Name and result of each.
+        title: Title of the figure or table.
+    """
     table = Table("", "", *ERRORS, "drift, m per metre", "drift, rad per metre", title=title)
     for name, replayed in results.items():
         table.add_section()

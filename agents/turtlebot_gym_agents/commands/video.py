@@ -54,17 +54,17 @@ def record(
     """Drive an episode and write it as a video: the first episode of `evaluate` with the same arguments.
 
     Args:
-        policy: As ``env``, ``allow_mismatch`` and ``options``, what `evaluate` takes.
+        policy: A name for `turtlebot_gym_agents.make_policy`, or a policy.
         path: The file, ``*.gif`` or ``*.mp4``.
-        env: Environment id.
+        env: The id of an environment of this package.
         seed: Seed of the episode.
         speed: Playback speed, as a multiple of real time.
         fps: Frames per second.
         width: Width of the frames, pixels.
         dark: Whether the paper is dark.
         progress: Called with the number of steps so far and the largest possible number.
-        allow_mismatch: See `evaluate`.
-        **options: The environment's.
+        allow_mismatch: Whether a policy made for another task, observation, robot or rate may drive.
+        **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:
         ValueError: If an argument is unknown or out of its range.

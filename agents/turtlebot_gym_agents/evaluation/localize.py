@@ -96,6 +96,7 @@ def _follow(
     trail, bank = np.empty((TRAIL, 4)), np.zeros((ROWS, 4))
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
     rest(trail, time[first], now)
+    # As if the robot had come far: the first scan counts in any case.
     at, way, turn = int(np.searchsorted(rows, first)), 1.0, 0.0
     for row in range(first, len(odometry)):
         if row > first:

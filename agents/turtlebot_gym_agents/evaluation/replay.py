@@ -207,7 +207,14 @@ class Replayed(NamedTuple):
 def replay_seeds(
     drive: Drive, seeds: Sequence[int], *, progress: Callable[[], None] = lambda: None, **options: Any
 ) -> Replayed:
-    """Replay a drive with several seeds, and call ``progress`` after each; the options are those of `replay`."""
+    """Replay a drive with several seeds.
+
+    Args:
+        drive: The drive.
+        seeds: One or more seeds.
+        progress: Called after each seed.
+        **options: Passed to `replay`.
+    """
     trajectories = []
     for seed in seeds:
         trajectories.append(replay(drive, seed=seed, **options))
@@ -226,7 +233,13 @@ def replay_seeds(
 
 
 def replay_figure(trajectory: Drive, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:
-    """Return a figure of a replayed drive: its trajectory, pose over time, and errors, with those of dead reckoning, (T, 3)."""
+    """Return a figure of a replayed drive: its trajectory, pose over time, and errors, with those of dead reckoning.
+
+    Args:
+        trajectory: The drive.
+        wheels: The poses by dead reckoning, shape (T, 3).
+        title: Title of the figure or table.
+    """
     figure = tutorial_figure(trajectory, title=title, command="measured wheel twist")
     panels = {axes.get_label(): axes for axes in figure.axes}
     style: dict[str, Any] = {"color": PURPLE, "linestyle": ":", "linewidth": 1.5, "label": "wheels alone"}

@@ -172,12 +172,14 @@ def plan(
     for a, b in np.argwhere(vain > 0):
         if top <= a <= bottom and left <= b <= right:
             weights[a - top, b - left] += _VAIN * int(vain[a, b])
+    # Cells off the last way cost more, unless it has led nowhere.
     if not stuck and ways.any():
         for a in range(top, bottom + _PAD + 1):
             for b in range(left, right + _PAD + 1):
                 if not (0 <= a < SIDE and 0 <= b < SIDE and ways[a, b] > 0):
                     weights[a - top, b - left] += weights[a - top, b - left] * habit // 16
     ways[:] = 0
+    # A closed border, so that the search need not know where a row ends.
     weights[0], weights[-1], weights[:, 0], weights[:, -1] = 0, 0, 0, 0
     width, cells = weights.shape[1], int(preview / CELL) + 1
     start, goal = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
@@ -190,12 +192,14 @@ def plan(
             n += 1
         a, b = here // width + top, here % width + left
         ways[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = 1
+    # Where the robot does not get on, the third cell of its way has been tried in vain, and its neighbours.
     if stuck and n > 3:
         a, b = way[2] // width + top, way[2] % width + left
         area = vain[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2]
         area[:] = np.minimum(area, 99) + 1
     row, column = y / CELL + SIDE // 2 - top, x / CELL + SIDE // 2 - left
     target[0], target[1] = math.nan, math.nan
+    # From the farthest cell back, until a straight line is hardly dearer than the way.
     for k in range(n - 1, -1, -1):
         a, b = way[k] // width, way[k] % width
         allowed = detour * (costs[start] - costs[way[k]]) + _STRAIGHT * FREE

@@ -41,7 +41,12 @@ def model_card(path: Path) -> str:
     A page with measured results, NAME.md beside NAME.onnx, as the policies of the package have it, becomes its last section.
 
     Args:
-        path: The bundle, with the errors of `BundlePolicy`.
+        path: The bundle.
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: If the file is not a bundle, or is damaged.
+        ImportError: If onnxruntime is missing.
     """
     policy, measured = BundlePolicy(path), path.with_suffix(".md")
     card = policy.card

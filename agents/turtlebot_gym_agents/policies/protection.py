@@ -162,6 +162,7 @@ class SafetyLayer:
         """
         step, turn = (part[..., None] for part in self._motion.over(np.full(rows.shape[:-1], self.dt)))
         moved, turned = moved[..., None], turned[..., None]
+        # Of the highest turning rate, by which noise grows.
         share = np.angle(turn) / (self._robot.max_angular * self.dt)
         places, spread = (self._places - step) * np.conj(turn), self._spread + self._drift * share**2 * self.dt
         there = places * turned + moved - self.lidar_x  # from the LiDAR, when it measured

@@ -77,7 +77,7 @@ class Motion:
         parts[..., :-1] = np.minimum(parts[..., :-1], self._dt)
         steps, turns = arc(self._speeds[..., 1:, 0], self._speeds[..., 1:, 1], parts)
         moved, turned = np.zeros(time.shape, np.complex128), np.ones(time.shape, np.complex128)
-        for k in range(len(self._times)):
+        for k in range(len(self._times)):  # from the last step back: an earlier one comes before the way so far
             moved, turned = steps[..., k] + turns[..., k] * moved, turns[..., k] * turned
         return moved, turned
 

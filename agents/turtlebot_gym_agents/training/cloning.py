@@ -58,7 +58,7 @@ def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *,
     require_layout(policy, config.from_policy, config.env)
     if is_new:
         clone(model, envs, policy, seed=CLONING_SEED + config.seed)
-    return WarmUpCallback(round(WARM_UP * config.total))
+    return _WarmUpCallback(round(WARM_UP * config.total))
 
 
 def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: int) -> None:
@@ -109,7 +109,7 @@ def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, seen: tor
             optimizer.step()
 
 
-class WarmUpCallback(Callback):
+class _WarmUpCallback(Callback):
     """Let the critic alone learn at first.
 
     Args:

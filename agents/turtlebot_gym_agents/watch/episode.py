@@ -49,12 +49,15 @@ def record_episode(
     """Drive an episode and return it: the first episode of `evaluate` with the same arguments.
 
     Args:
-        policy: As the other arguments, what `evaluate` takes.
-        env: Environment id.
+        policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle" in rooms.
+        env: The id of an environment of this package.
         seed: Seed of the episode.
         label: Label in the view; by default the policy's name.
-        allow_mismatch: See `evaluate`.
-        **options: The environment's.
+        allow_mismatch: Whether a policy made for another task, observation, robot or rate may drive.
+        **options: The environment's, see `turtlebot_gym.Options`.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
     """
     require_known(env, seed)
     envs = make_envs(env, 1, **options)
