@@ -40,7 +40,8 @@ def read_bag(path: Path, *, topics: Topics, label: str, lidar: str) -> Drive:
         roles, child = _roles(path, kinds, topics)
         done = read = 0
         try:
-            for connection, received, data in reader.messages([each for each in reader.connections if each.topic in roles]):
+            wanted = [connection for connection in reader.connections if connection.topic in roles]
+            for connection, received, data in reader.messages(wanted):
                 topic = roles[connection.topic]
                 message = reader.deserialize(data, connection.msgtype)
                 done += 1
@@ -126,7 +127,7 @@ def _roles(path: Path, kinds: dict[str, str], wanted: Topics) -> tuple[dict[str,
     space = odom.rpartition("/")[0]
     searched = [(name, "true_state") for name in _TRUTHS if not truth] + [(name, name) for name in TYPES if name not in _ASKED]
     for name, role in searched:
-        there = next((each for each in (f"{space}/{name}", f"/{name}") if kinds.get(each) in TYPES[role]), None)
+        there = next((topic for topic in (f"{space}/{name}", f"/{name}") if kinds.get(topic) in TYPES[role]), None)
         if there and there not in roles and (role != "true_state" or role not in roles.values()):
             roles[there] = role
     return roles, child

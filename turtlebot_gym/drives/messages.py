@@ -96,7 +96,7 @@ def _scan(message: Any) -> Scan:
 
 def _places(message: Any) -> NDArray[np.float64]:
     """Return the poses of a localizer's hypotheses, all of the same weight, shape (H, 4)."""
-    places = [(*_motion(SimpleNamespace(pose=each))[:3], 1.0 / len(message.poses)) for each in message.poses]
+    places = [(*_motion(SimpleNamespace(pose=pose))[:3], 1.0 / len(message.poses)) for pose in message.poses]
     return np.array(places, np.float64).reshape(-1, 4)
 
 
@@ -113,10 +113,10 @@ _READ: dict[str, Callable[[Any], Any]] = {
 
 def _stamped(message: Any, received: float, child: str) -> Iterator[tuple[float, Any]]:
     """Yield what a message states with the time for which it does, s: the message, or each transform of the wanted frame."""
-    for each in getattr(message, "transforms", (message,)):
-        header = getattr(each, "header", None) or next((marker.header for marker in getattr(each, "markers", ())), None)
-        if not child or each.child_frame_id == child:
-            yield received if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9, each
+    for part in getattr(message, "transforms", (message,)):
+        header = getattr(part, "header", None) or next((marker.header for marker in getattr(part, "markers", ())), None)
+        if not child or part.child_frame_id == child:
+            yield received if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9, part
 
 
 class Listener:
@@ -154,16 +154,16 @@ class Listener:
             return True
         if topic in self._frames:
             self._frames[topic] = message.child_frame_id if topic == "odom" else message.header.frame_id
-        for stamp, each in _stamped(message, received, child):
+        for stamp, part in _stamped(message, received, child):
             time = stamp if stamp or self._live else received
             if not self._live:
                 time = self.clocks.setdefault(topic, Stamps()).read(time, received)
             if topic == "diagnostics":
-                newer |= self._hear_reports(each, received)
-            elif (value := _READ.get(topic, _motion)(each)) is not None and self[topic].add(time, value):
+                newer |= self._hear_reports(part, received)
+            elif (value := _READ.get(topic, _motion)(part)) is not None and self[topic].add(time, value):
                 newer = True
                 if topic == "estimate":
-                    self["covariance"].add(time, _covariance(each))
+                    self["covariance"].add(time, _covariance(part))
                 elif topic == "odom":
                     self["received"].add(time, received)
         return newer
@@ -222,7 +222,7 @@ class Listener:
     def _walkers(self, time: NDArray[np.float64], room: Obstacles | None) -> tuple[NDArray[np.float64], ...]:
         """Return the circles of each row where they are others than those of the room."""
         now = self["obstacles"].latest(time, room)
-        return tuple(np.array(each.circles if room and each.circles != room.circles else ()).reshape(-1, 3) for each in now)
+        return tuple(np.array(seen.circles if room and seen.circles != room.circles else ()).reshape(-1, 3) for seen in now)
 
     def mount(self) -> tuple[Pose, str]:
         """Return the pose of the LiDAR on the robot, by ``/tf_static`` if that states it, and a remark if it is unexpected."""

@@ -116,7 +116,7 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     names = []
     for name in ("time", *_MEASURED):
         known_as = (*NAMES[name], *NAMES.get(f"true_{name}", ()))
-        there = [each for each in known_as if each in table.names]
+        there = [column for column in known_as if column in table.names]
         if not there and name != "theta":
             raise ValueError(f"{path}: no column for {name} ({' or '.join(known_as)}); there are {_some_of(table.names)}.")
         names += there[:1]
@@ -206,7 +206,7 @@ def _choose(path: Path, names: Sequence[str], columns: Mapping[str, str]) -> dic
         raise ValueError(f"columns must name {', '.join(NAMES)}, got {', '.join(unknown)}.")
     chosen = dict(columns)
     for name, known_as in NAMES.items():
-        there = [each for each in known_as if each in names and each not in columns.values()]
+        there = [column for column in known_as if column in names and column not in columns.values()]
         if name not in chosen and there:
             chosen[name] = there[0]
     lone = "theta" in names and chosen.get("theta") == "theta" and chosen.get("true_theta") == "theta"

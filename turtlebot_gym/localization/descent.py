@@ -91,6 +91,11 @@ def agreement(sight: Sight, at: Guess, width: float) -> float:
     """Return the mean over a scan's beams of ``1 / (1 + d^2 / width^2)``: a soft share of those that fit, without a prior.
 
     The nearest cell's distance is enough for it; beams that end in the unknown count 0.
+
+    Args:
+        sight: The scan and the map.
+        at: The pose in the map, and the share by which ranges are too long.
+        width: Residual at which a beam counts a half, m.
     """
     field, frame, points, number = sight
     rows, columns = field.shape
@@ -191,7 +196,15 @@ def _starts_around(sight: Sight, belief: Belief, q: Any, starts: Any, values: An
 
 @kernel
 def likelihood(sight: Sight, at: Guess, belief: Belief, q: Any, width: float = 0.1) -> float:
-    """Return the value of a descended guess: its tempered log likelihood less half its squared Mahalanobis distance."""
+    """Return the value of a descended guess: its tempered log likelihood less half its squared Mahalanobis distance.
+
+    Args:
+        sight: The scan and the map.
+        at: The guess.
+        belief: The prediction.
+        q: A `LocalizerTuning`.
+        width: See `agreement`, m.
+    """
     mean, P = belief
     a, b, c = at.x - mean.x, at.y - mean.y, at.theta - mean.theta
     # The distance by Cholesky factors of the pose's 3 x 3 covariance.
@@ -211,7 +224,13 @@ def likelihood(sight: Sight, at: Guess, belief: Belief, q: Any, width: float = 0
 def best_descent(sight: Sight, now: Belief, scale: Sixth, bias: tuple[float, float], q: Any, drift: float) -> Descent:
     """Return the descent from the prediction, or where that is in doubt a better one from a start around it.
 
-    The arguments are those of `descend`; the start is the prediction ``now`` itself.
+    Args:
+        sight: The scan and the map.
+        now: The prediction, which is the first start.
+        scale: Prior of the ranges' scale.
+        bias: Variances of the scan's position and heading by what is wrong with the map, m^2 and rad^2.
+        q: A `LocalizerTuning`.
+        drift: See `information`, rad^2.
     """
     wide = widened(now, 0.25 * q.reach * q.reach, 0.25 * q.swing * q.swing)
     start = Guess(now.mean.x, now.mean.y, now.mean.theta, scale.mean)
