@@ -121,9 +121,9 @@ def test_drop_outs_are_counted(known, by_truth):
     lost = np.random.default_rng(4).random(len(odometry)) < 0.1
     lost[[0, -1]] = False
     odometry[lost] = np.nan
-    told = calibrate(replace(known, odometry=odometry), segment=0.0).estimates["dropout_probability"]
-    assert told.value == pytest.approx(lost.sum() / (len(lost) - 1))
-    assert told.low < 0.1 < told.high
+    share = calibrate(replace(known, odometry=odometry), segment=0.0).estimates["dropout_probability"]
+    assert share.value == pytest.approx(lost.sum() / (len(lost) - 1))
+    assert share.low < 0.1 < share.high
     assert by_truth.estimates["dropout_probability"].value == 0.0
 
 
@@ -172,8 +172,8 @@ def test_real_wheels_are_fitted_over_segments():
     found = calibrate(Drive(time=drive.time, twist=lasting, true_state=drive.truth))
     assert found.segment == 1.0
     assert found.segments == count_segments(segment_rows(found.drive, 1.0))
-    told = drift(found, lengths=(0.25,))
-    assert told.fitted[0, 0] == pytest.approx(told.measured[0, 0], rel=0.5)
+    short = drift(found, lengths=(0.25,))
+    assert short.fitted[0, 0] == pytest.approx(short.measured[0, 0], rel=0.5)
     rows = drift(calibrate(Drive(time=drive.time, twist=lasting, true_state=drive.truth), segment=0.0), lengths=(1.0,))
     assert rows.fitted[0, 0] < 0.5 * rows.measured[0, 0]  # row by row it would be overconfident
 

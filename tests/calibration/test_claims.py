@@ -14,11 +14,11 @@ def measured(name):
 
 
 def test_intervals_from_innovations_hold_the_truth_as_often_as_they_say():
-    told = measured("calibration.json")["coverage"]["innovations"]
+    coverage = measured("calibration.json")["coverage"]["innovations"]
     held = drives = 0
     for name in BLIND:
-        one = told[name]
-        n, hits = one["drives"], round(one["coverage"] * one["drives"])
+        parameter = coverage[name]
+        n, hits = parameter["drives"], round(parameter["coverage"] * parameter["drives"])
         # each alone: a correct 95 % interval fails this for one in 1000 parameters
         low, high = stats.binom.interval(0.999, n, 0.95)
         assert low <= hits <= high, name
@@ -42,7 +42,7 @@ def test_intervals_with_the_truth_hold_it_as_often_as_they_say():
 
 
 def test_a_calibrated_filter_knows_its_error_on_the_other_recorded_drive():
-    for drive, told in measured("calibration_recorded.json")["recorded"].items():
-        judged = told["judged"]
+    for drive, results in measured("calibration_recorded.json")["recorded"].items():
+        judged = results["judged"]
         assert judged["calibrated"]["nees"] <= 4.0 < judged["matched, uncalibrated"]["nees"], drive
         assert judged["calibrated"]["position"] <= judged["matched, uncalibrated"]["position"], drive

@@ -149,6 +149,6 @@ def test_heavy_tails_are_named(truth):
 def test_an_alpha_beyond_any_robot_is_not_described(low, is_good):
     usual = Estimate(value=0.01, low=0.005, high=0.02)
     good = Verdict(True, False, "The model describes the drive.", 1.0, 3.0)
-    told = _capped(good, {**dict.fromkeys(ALPHAS, usual), "alpha3": replace(usual, value=174.0, low=low)})
-    assert told.is_good == is_good
-    assert ("alpha3 is 174, above 2.5" in told.text) != is_good
+    verdict = _capped(good, {**dict.fromkeys(ALPHAS, usual), "alpha3": replace(usual, value=174.0, low=low)})
+    assert verdict.is_good == is_good
+    assert ("alpha3 is 174, above 2.5" in verdict.text) != is_good

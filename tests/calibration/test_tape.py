@@ -55,8 +55,8 @@ def taped(drive, end, random, names):
     x, y, turn = end
     frame = random.normal(0.0, np.radians(1.0))
     x, y = np.cos(frame) * x + np.sin(frame) * y, np.cos(frame) * y - np.sin(frame) * x
-    told = {"distance": np.hypot(x, y), "x": x, "y": y, "turn": turn}
-    return Leg(drive=drive, **{n: told[n] + random.normal(0.0, np.radians(1.0) if n == "turn" else 0.0025) for n in names})
+    true = {"distance": np.hypot(x, y), "x": x, "y": y, "turn": turn}
+    return Leg(drive=drive, **{n: true[n] + random.normal(0.0, np.radians(1.0) if n == "turn" else 0.0025) for n in names})
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +74,8 @@ def fits():
         fitted = calibrate_by_tape([taped(*driven(plan, random, **wheels), random, names) for plan, names in plans])
         assert fitted.verdict.is_good
         for name, value in true_values(**wheels).items():
-            told = fitted.estimates[name]
-            shares.append((told.value - value) / (0.5 * (told.high - told.low)))
+            estimate = fitted.estimates[name]
+            shares.append((estimate.value - value) / (0.5 * (estimate.high - estimate.low)))
     return np.abs(shares)
 
 
@@ -121,10 +121,10 @@ def test_loops_that_close_both_ways_find_a_wrong_track():
 
 def test_measurements_that_contradict_each_other_are_no_calibration():
     drive, _ = driven(STRAIGHT, noise=0.0)
-    assert calibrate_by_tape([Leg(drive=drive, distance=each) for each in (10.0, 10.1)]).verdict.is_good
-    told = calibrate_by_tape([Leg(drive=drive, distance=each) for each in (9.0, 11.0)]).verdict
-    assert not told.is_good
-    assert "contradict" in told.text
+    assert calibrate_by_tape([Leg(drive=drive, distance=metres) for metres in (10.0, 10.1)]).verdict.is_good
+    verdict = calibrate_by_tape([Leg(drive=drive, distance=metres) for metres in (9.0, 11.0)]).verdict
+    assert not verdict.is_good
+    assert "contradict" in verdict.text
 
 
 def test_a_table_holds_parts_of_logs(tmp_path):
@@ -137,7 +137,7 @@ def test_a_table_holds_parts_of_logs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("length\n3\n", "the columns must be some of"),
         ("distance\nfar\n", r"line 2: could not convert"),
@@ -145,9 +145,9 @@ def test_a_table_holds_parts_of_logs(tmp_path):
         ("start,distance\n5000,3\n", "line 2: a part of a drive needs two rows"),
     ],
 )
-def test_a_bad_table_is_refused_with_its_line(tmp_path, text, told):
+def test_a_bad_table_is_refused_with_its_line(tmp_path, text, message):
     (tmp_path / "tape.csv").write_text(text)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         read_legs(tmp_path / "tape.csv", driven(STRAIGHT)[0], lambda path: None)
 
 

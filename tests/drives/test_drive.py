@@ -32,7 +32,7 @@ def test_columns_that_are_not_given_are_unknown():
     np.testing.assert_array_equal(drive.true_state, [[1.0, 1.0, 1.0, np.nan, np.nan]] * 3)  # a pose says nothing of the twist
     assert (drive.has_truth, drive.has_odometry) == (True, False)
     assert drive.report == ("", "", "")
-    assert [each.shape for each in drive.circles] == [(0, 3)] * 3
+    assert [circles.shape for circles in drive.circles] == [(0, 3)] * 3
 
 
 def test_rows_far_apart_do_not_continue_each_other():

@@ -226,8 +226,10 @@ def test_in_walls_of_some_cells_long_ranges_say_as_much_as_short_ones(monkeypatc
         scans.append((pose, points))
 
     def scale():
-        told = [informed(room, pose, points, q=LocalizerTuning(deviation=0.04, deviation_share=0.0)) for pose, points in scans]
-        return -sum(L.scale for L in told) / sum(L.ss for L in told)
+        scanned = [
+            informed(room, pose, points, q=LocalizerTuning(deviation=0.04, deviation_share=0.0)) for pose, points in scans
+        ]
+        return -sum(L.scale for L in scanned) / sum(L.ss for L in scanned)
 
     assert abs(scale()) < 0.0015
     if cells == 2:  # its partner: the field between the two cells is flat

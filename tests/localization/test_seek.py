@@ -125,7 +125,7 @@ def test_a_scan_that_no_place_explains_leaves_it_lost():
 
 def test_weights_are_exponentials():
     x = np.linspace(-10.0, 0.0, 41)
-    np.testing.assert_allclose([exp(each) for each in x], np.exp(x), rtol=0.05)
+    np.testing.assert_allclose([exp(number) for number in x], np.exp(x), rtol=0.05)
 
 
 @pytest.mark.skipif(not HAS_NUMBA, reason="needs numba")
