@@ -1,5 +1,9 @@
 """The list of capabilities: each is a line of the CHANGELOG, and a run tells what failed and what was left out."""
 
+import re
+
+import pytest
+
 import capabilities
 from capabilities import Config
 
@@ -11,6 +15,13 @@ def test_every_entry_is_a_line_of_the_changelog():
     for says in (*listed["pages"], *(row["says"] for row in listed["capability"])):
         assert f"\n* {says}" in CHANGELOG, says
     assert all(("run" in row) != ("python" in row) for row in listed["capability"])
+
+
+@pytest.mark.parametrize("table", ["capabilities.toml", "mutants.toml"])
+def test_the_tests_that_a_table_names_are_there(table):
+    names = re.findall(r"tests/[\w/]+\.py", (capabilities.HERE / table).read_text(encoding="utf-8"))
+    assert names
+    assert [name for name in names if not (capabilities.ROOT / name).is_file()] == []
 
 
 def test_lines_without_an_entry_are_listed():
