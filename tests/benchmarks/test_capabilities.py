@@ -10,11 +10,12 @@ from capabilities import Config
 CHANGELOG = (capabilities.ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-def test_every_entry_is_a_line_of_the_changelog():
+def test_every_entry_is_a_line_of_the_changelog_and_every_line_has_one():
     listed = capabilities.read()
     for says in (*listed["pages"], *(row["says"] for row in listed["capability"])):
         assert f"\n* {says}" in CHANGELOG, says
     assert all(("run" in row) != ("python" in row) for row in listed["capability"])
+    assert capabilities.unlisted(CHANGELOG, listed) == []
 
 
 @pytest.mark.parametrize("table", ["capabilities.toml", "mutants.toml"])
