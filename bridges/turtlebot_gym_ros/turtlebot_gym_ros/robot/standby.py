@@ -75,7 +75,7 @@ class Standby:
         self._looked = now
         if any(motions):
             self._until = -math.inf
-        if motions and now >= self._until:
+        if motions:
             self._heard, self._moves = came, motions[-1]
         if self._moves and now - self._heard > SILENCE:
             self._moves, self._until = False, now + ZEROS

@@ -1,0 +1,116 @@
+"""The standby's rule in made-up time, and its node in this process; with a guard that dies it is tested in test_guard."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped
+from std_msgs.msg import Empty
+
+from turtlebot_gym_ros.base.process import Runner
+from turtlebot_gym_ros.robot.standby import CmdVelStandby, Parameters, Standby
+
+PERIOD = 0.02
+
+
+def zeros_of(messages, end, *, late=()):
+    """Return the times of the zeros for messages of a guard, (time, whether it moves), and times without a look."""
+    rule, zeros, messages, own = Standby(), [], sorted(messages), []
+    for now in np.arange(0.0, end, PERIOD).tolist():
+        if any(first <= now < last for first, last in late):
+            continue
+        came = [moves for at, moves in messages if at <= now]
+        del messages[: len(came)]
+        acts = rule.look(own + came, now)
+        assert rule.acts(now) is acts
+        zeros += [now] * acts
+        own = [False] * acts  # at the next look it hears itself
+    return zeros, rule.takeovers
+
+
+def speech(first, last, moves=True, period=0.05):
+    return [(at, moves) for at in np.arange(first, last, period)]
+
+
+def test_zeros_follow_the_silence_of_a_guard_that_moves_the_robot_for_a_second():
+    zeros, takeovers = zeros_of(speech(0.5, 1.0), 4.0)
+    last = 0.95
+    assert last + 0.16 < zeros[0] <= last + 0.2
+    assert zeros[-1] - zeros[0] == pytest.approx(0.98)
+    assert np.diff(zeros) == pytest.approx(PERIOD)
+    assert takeovers == 1
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [[], speech(0.5, 2.0, moves=False), [*speech(0.5, 1.0), (1.0, False)], speech(0.5, 4.0), speech(0.5, 4.0, period=0.14)],
+    ids=["nobody", "a guard that stands", "a guard that stopped", "a guard that drives", "a guard that lost two messages"],
+)
+def test_a_guard_that_speaks_or_has_stopped_the_robot_is_left_alone(messages):
+    assert zeros_of(messages, 4.0) == ([], 0)
+
+
+def test_a_guard_that_speaks_again_is_obeyed_at_once_and_watched_again():
+    zeros, takeovers = zeros_of([*speech(0.5, 1.0), *speech(1.5, 2.0)], 5.0)
+    assert max(at for at in zeros if at < 1.6) < 1.5
+    assert min(at for at in zeros if at > 1.6) == pytest.approx(2.13, abs=0.02)
+    assert takeovers == 2
+    stopped, takeovers = zeros_of([*speech(0.5, 1.0), *speech(1.5, 2.0, moves=False)], 5.0)
+    assert stopped[-1] - stopped[0] == pytest.approx(0.98)
+    assert takeovers == 1
+
+
+def test_what_came_while_the_standby_was_held_up_is_dated_at_its_last_look_but_at_most_so_long_ago():
+    for held, earliest in ((0.06, 1.0), (0.5, 1.4)):
+        (first, *_), _ = zeros_of([*speech(0.5, 1.0), (1.0 + 0.5 * held, True)], 4.0, late=[(1.0 + 1e-9, 1.0 + held)])
+        assert earliest + 0.16 <= first <= earliest + 0.22
+
+
+def test_other_types_of_its_parameter_are_refused():
+    with pytest.raises(ValueError, match="enable_stamped_cmd_vel must be True or False"):
+        Parameters(enable_stamped_cmd_vel="yes")
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_the_node_sends_zeros_in_the_frame_of_the_guard_and_says_so(stamped, peer, wait_for, monkeypatch):
+    monkeypatch.setattr(os, "sched_getscheduler", lambda process: os.SCHED_BATCH)
+    runner = Runner(["--ros-args", "-p", f"enable_stamped_cmd_vel:={str(stamped).lower()}"])
+    standby, kind = CmdVelStandby(runner.context), TwistStamped if stamped else Twist
+    runner.add(standby)
+    runner.start()
+    heard, alive = peer.hear("cmd_vel", kind), peer.hear("cmd_vel_standby/alive", Empty)
+    reports = peer.hear("/diagnostics", DiagnosticArray)
+    wait_for(lambda: reports)
+    assert not alive  # nobody else is on the topic
+    guard = peer.speak("cmd_vel", kind)
+    wait_for(lambda: alive and standby._guard.get_publisher_count() == 2 and guard.get_subscription_count() == 2)
+    assert reports[-1].status[0].level == DiagnosticStatus.OK
+    motion = kind()
+    if stamped:
+        motion.header.frame_id = "robot1/base_link"
+        motion.twist.angular.z = 0.5
+    else:
+        motion.linear.x = 0.1
+    guard.publish(motion)
+    wait_for(lambda: len(heard) > 1)
+    zero = heard[-1]
+    assert (zero.twist if stamped else zero) == Twist()
+    assert not stamped or (zero.header.frame_id == "robot1/base_link" and zero.header.stamp.sec > 0)
+    status = wait_for(lambda: (last := reports[-1].status[0]).values[0].value == "1" and last)
+    values = {each.key: each.value for each in status.values}
+    assert values == {"takeovers": "1", "real-time priority": "False"}
+    assert status.hardware_id == "turtlebot_gym_ros"
+    runner.close()
+
+
+def test_zeros_are_an_error_in_the_diagnostics(runner, peer, wait_for):
+    standby, reports = CmdVelStandby(runner.context), peer.hear("/diagnostics", DiagnosticArray)
+    standby._rule.look([True], time.monotonic() - 0.5)
+    wait_for(lambda: standby._diagnostics.get_subscription_count())
+    standby._look()
+    standby._diagnose()
+    (status,) = wait_for(lambda: reports)[0].status
+    assert (status.level, status.message) == (DiagnosticStatus.ERROR, "the guard is silent: zeros")
+    standby.destroy_node()
