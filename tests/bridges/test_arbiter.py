@@ -473,3 +473,21 @@ def test_the_limits_of_a_robot_in_a_file_hold(tmp_path):
         new(robot=str(path), collision_monitor=True)
     with pytest.raises(ValueError, match="There is no robot file"):
         new(robot=str(tmp_path / "none.yaml"))
+
+
+@pytest.mark.parametrize(("sent", "measured"), [(0.35, 0.35), (0.0, 0.45)])
+def test_a_command_is_obeyed_while_it_is_fresh_by_both_of_its_ages(sent, measured):
+    arbiter = new()
+    drive(arbiter, 0.0, 2.0)
+    arbiter.hear("program", AHEAD, T + 2.0, sent=T + 2.0 - sent, measured=T + 2.0 - measured)
+    assert arbiter.step(T + 2.02) not in (STOP, None)
+    assert arbiter.step(T + 2.08) == STOP
+
+
+def test_the_end_of_a_button_is_a_stop_at_once():
+    arbiter = new()
+    arbiter.count_buttons(1, T)
+    assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
+    arbiter.count_buttons(0, T + 1.0)
+    arbiter.hear("program", AHEAD, T + 1.02)
+    assert arbiter.step(T + 1.02) == STOP

@@ -630,3 +630,40 @@ def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
     assert arbiter.monitor.state == "the last scan is older than 0.4 s"
     arbiter.hear_scan(scan([2.0] * 8), now + 0.11, sent=now + 0.1, dated=True)
     assert arbiter.step(now + 0.12).v > 0.0
+
+
+# What a scan says, as stop zones.
+
+
+def drawn_views(seed, reach, number=20):
+    """Yield drawn mounts, and what a drawn scan with gaps says there within a reach."""
+    rng = np.random.default_rng(seed)
+    for _ in range(number):
+        mount = Mount("base_scan", *rng.uniform(-0.05, 0.05, 2), rng.uniform(-math.pi, math.pi))
+        body = Body(0.1, rng.uniform(-0.05, 0.05), mount)
+        ranges = rng.uniform(0.2, 1.5, 60).repeat(6)
+        ranges[(np.arange(360) + rng.integers(360)) % 360 < 40] = np.nan
+        ranges[rng.integers(360, size=20)] = np.nan
+        scanned = scan(ranges, range_min=0.02)
+        yield body, view_of(scanned, body, LIMITS, reach=reach, narrow=narrow_gap(body, LIMITS, 0.3), room=0.04)
+
+
+@pytest.mark.parametrize("reach", [0.2, 0.5, 2.0])
+def test_what_is_beyond_the_reach_is_left_out_and_nothing_else(reach):
+    for (body, near), (_, everything) in zip(drawn_views(1, reach), drawn_views(1, 20.0), strict=True):
+        for name in ("seen", "unknown"):
+            part, whole = (getattr(view, name).T for view in (near, everything))
+            within = whole[gaps(whole.T, body.center_x) <= reach]
+            assert set(map(tuple, np.round(within, 9))) == set(map(tuple, np.round(part, 9)))
+
+
+def test_the_border_of_a_wide_gap_is_a_circle_about_the_footprint_whose_stop_zone_is_its_room_away():
+    angles = np.linspace(-math.pi, math.pi, 50)
+    for body, _ in drawn_views(2, 0.5):
+        ranges, mount = collision._edge(angles, body, LIMITS, 0.04), body.scan
+        x = mount.x + ranges * np.cos(angles + mount.yaw) - body.center_x
+        y = mount.y + ranges * np.sin(angles + mount.yaw)
+        away = np.hypot(x, y)
+        assert away == pytest.approx(away[0])
+        room = away - body.radius - LIMITS.margin - LIMITS.error * ranges
+        assert 0.04 <= room.min() < 0.06

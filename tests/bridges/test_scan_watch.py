@@ -1,6 +1,7 @@
 """A LiDAR that is frozen, covered or mounted otherwise is refused with the reason; one at work is not."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.motion import Motion
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
 BURGER = ROBOTS["burger"]
@@ -167,3 +169,10 @@ def test_a_wrong_mount_stays_refused_until_a_person_enables_the_robot():
         assert w.trouble() == said
     w.forget()
     assert w.trouble() == ""
+
+
+def test_a_scan_is_compared_by_where_the_robot_was_in_the_middle_of_its_age():
+    watched, asked = watch(), []
+    watched.track = SimpleNamespace(at=lambda time: asked.append(time) or Motion((0.0, 0.0, 0.0), 0.0, 0.0))
+    watched.hear(BOX, AROUND, T + 1.0)
+    assert asked[-1] == pytest.approx(T + 0.8)

@@ -146,7 +146,8 @@ def view_of(scan: Scan, body: Body, limits: Limits, *, reach: float, narrow: flo
     beams = beams_of(
         scan.ranges, first=scan.angle_min, increment=scan.angle_increment, range_min=scan.range_min, range_max=scan.range_max
     )
-    blind = math.hypot(mount.x - body.center_x, mount.y) + scan.range_min * (1.0 - limits.error)
+    away = math.hypot(mount.x - body.center_x, mount.y)
+    blind = away + scan.range_min * (1.0 - limits.error)
     if scan.range_min > 0.0 and blind > body.radius + limits.margin:
         raise ValueError(
             f"it sees nothing below range_min, {scan.range_min:g} m, so the margin must be at least {blind - body.radius:.3f} m"
@@ -155,7 +156,8 @@ def view_of(scan: Scan, body: Body, limits: Limits, *, reach: float, narrow: flo
     seen = _points(beams.directions[returned], beams.ranges[returned].astype(np.float64), body, limits)
     gaps_there = gaps_of(beams)
     wide = gaps_there[:, 2] > narrow
-    far = reach + (body.radius + limits.margin + GRAIN) / (1.0 - limits.error) + blind
+    # Where the stop zone, which grows with the range, is out of reach whatever the direction.
+    far = (reach + away + body.radius + limits.margin + COVER) / (1.0 - limits.error)
     solid = partial(_solid, spacing=beams.spacing, far=far, body=body, limits=limits)
     fills = [solid(first, last, partial(np.full_like, fill_value=shorter)) for first, last, _, shorter in gaps_there[~wide]]
     borders = [
@@ -204,10 +206,12 @@ def _solid(
         body: Mount and footprint.
         limits: The stop zone.
     """
-    nearest = float(border(np.array([first]))[0])
+    missing = min(round((last - first) / spacing), MOST)
+    at_beams = border(np.linspace(first, last, missing + 1))
+    nearest, farthest = float(at_beams.min()), float(at_beams.max())
     if not nearest < far:
         return np.empty((3, 0))
-    beams = min(round((last - first) / spacing), MOST) * math.ceil(spacing * nearest / GRAIN)  # the missing ones, and between
+    beams = missing * math.ceil(spacing * farthest / GRAIN)  # the missing ones, and between
     across = np.linspace(first, last, beams + 1)
     ranges = border(across)
     behind = np.arange(1.5 * GRAIN, far - nearest + GRAIN, GRAIN)
