@@ -10,7 +10,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from std_msgs.msg import Empty
 
 from turtlebot_gym_ros.base.process import Runner
-from turtlebot_gym_ros.robot.standby import CmdVelStandby, Parameters, Standby
+from turtlebot_gym_ros.robot.standby import CmdVelStandby, Parameters, Standby, main
 
 PERIOD = 0.02
 
@@ -45,7 +45,13 @@ def test_zeros_follow_the_silence_of_a_guard_that_moves_the_robot_for_a_second()
 
 @pytest.mark.parametrize(
     "messages",
-    [[], speech(0.5, 2.0, moves=False), [*speech(0.5, 1.0), (1.0, False)], speech(0.5, 4.0), speech(0.5, 4.0, period=0.14)],
+    [
+        [],
+        speech(0.5, 2.0, moves=False),
+        [*speech(0.5, 1.0), (1.001, True), (1.002, False)],
+        speech(0.5, 4.0),
+        speech(0.5, 4.0, period=0.14),
+    ],
     ids=["nobody", "a guard that stands", "a guard that stopped", "a guard that drives", "a guard that lost two messages"],
 )
 def test_a_guard_that_speaks_or_has_stopped_the_robot_is_left_alone(messages):
@@ -76,8 +82,11 @@ def test_other_types_of_its_parameter_are_refused():
 @pytest.mark.parametrize("stamped", [True, False])
 def test_the_node_sends_zeros_in_the_frame_of_the_guard_and_says_so(stamped, peer, wait_for, monkeypatch):
     monkeypatch.setattr(os, "sched_getscheduler", lambda process: os.SCHED_BATCH)
+    logged = []
+    monkeypatch.setattr("turtlebot_gym_ros.robot.standby.log", lambda node, level, text: logged.append(text))
     runner = Runner(["--ros-args", "-p", f"enable_stamped_cmd_vel:={str(stamped).lower()}"])
     standby, kind = CmdVelStandby(runner.context), TwistStamped if stamped else Twist
+    assert sorted(timer.timer_period_ns * 1e-9 for timer in standby.timers) == pytest.approx([PERIOD, 0.1, 1.0])
     runner.add(standby)
     runner.start()
     heard, alive = peer.hear("cmd_vel", kind), peer.hear("cmd_vel_standby/alive", Empty)
@@ -102,6 +111,7 @@ def test_the_node_sends_zeros_in_the_frame_of_the_guard_and_says_so(stamped, pee
     values = {each.key: each.value for each in status.values}
     assert values == {"takeovers": "1", "real-time priority": "False"}
     assert status.hardware_id == "turtlebot_gym_ros"
+    assert logged == ["the guard fell silent for 0.18 s while the robot moved: zeros"]
     runner.close()
 
 
@@ -114,3 +124,13 @@ def test_zeros_are_an_error_in_the_diagnostics(runner, peer, wait_for):
     (status,) = wait_for(lambda: reports)[0].status
     assert (status.level, status.message) == (DiagnosticStatus.ERROR, "the guard is silent: zeros")
     standby.destroy_node()
+
+
+def test_it_runs_before_the_guard_and_serves_the_network(monkeypatch):
+    ran = []
+    monkeypatch.setattr("turtlebot_gym_ros.robot.standby.precede", ran.append)
+    monkeypatch.setattr(
+        "turtlebot_gym_ros.robot.standby.run", lambda make, argv, *, local: ran.append((make, argv, local)) or 3
+    )
+    assert main(["--ros-args"]) == 3
+    assert ran == [2, (CmdVelStandby, ["--ros-args"], False)]
