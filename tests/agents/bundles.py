@@ -7,7 +7,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from turtlebot_gym_agents.policies.bundle import Card
+from turtlebot_gym_agents.policies.bundle import Card, write_bundle
 from turtlebot_gym_agents.policies.fit import describe_robot
 
 CARD = Card(
@@ -32,6 +32,13 @@ def linear_model() -> onnx.ModelProto:
         [numpy_helper.from_array(WEIGHTS, "W")],
     )
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 18)], ir_version=10)
+
+
+def small_bundle(folder):
+    """Write that policy into a folder, and return the bundle's path."""
+    path = folder / "policy.onnx"
+    write_bundle(path, linear_model(), CARD)
+    return path
 
 
 def metadata(path):

@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from bundles import CARD, WEIGHTS, linear_model, metadata, rewritten, seal
+from bundles import CARD, WEIGHTS, linear_model, metadata, rewritten, seal, small_bundle
 from onnx import TensorProto, helper
 from stable_baselines3 import PPO
 
@@ -25,9 +25,7 @@ from turtlebot_gym_agents.training.export import load_model
 
 @pytest.fixture
 def bundle(tmp_path):
-    path = tmp_path / "policy.onnx"
-    write_bundle(path, linear_model(), CARD)
-    return path
+    return small_bundle(tmp_path)
 
 
 def test_round_trip(bundle):

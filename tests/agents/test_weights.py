@@ -4,17 +4,15 @@ import re
 
 import numpy as np
 import pytest
-from bundles import CARD, WEIGHTS, linear_model, rewritten
+from bundles import WEIGHTS, rewritten, small_bundle
 from onnx import TensorProto, helper, numpy_helper
 
-from turtlebot_gym_agents.policies.bundle import BundlePolicy, write_bundle
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
 
 @pytest.fixture
 def bundle(tmp_path):
-    path = tmp_path / "policy.onnx"
-    write_bundle(path, linear_model(), CARD)
-    return path
+    return small_bundle(tmp_path)
 
 
 def outside(model):

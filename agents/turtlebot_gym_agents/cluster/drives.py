@@ -145,6 +145,7 @@ def _columns(episodes: Episodes) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _episodes(result: Result) -> Episodes:
-    arrays: Any = result.arrays
+    arrays = result.arrays
     errors = {name: Errors(*(arrays[f"{name}.{part}"] for part in Errors._fields)) for name in ("estimate", "odometry")}
-    return Episodes(**{name: (errors | arrays)[name] for name in Episodes._fields})
+    values: dict[str, Any] = {**arrays, **errors}
+    return Episodes(**{name: values[name] for name in Episodes._fields})
