@@ -15,6 +15,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -86,7 +87,7 @@ def _local_results(units: Iterable[tuple[str, Unit]], workers: int | None) -> It
         waiting, names = iter(missing.copy().items()), {}
         try:
             while missing:
-                # Few at a time: the pool's thread fails at a shutdown while units are queued outside its pipe.
+                # Few at a time, so that all of them, and one more, have room in the pool's pipe.
                 for name, unit in itertools.islice(waiting, 2 * count - len(names)):
                     names[pool.submit(run, unit)] = name
                 for done in wait(names, return_when=FIRST_COMPLETED).done:
@@ -100,9 +101,20 @@ def _local_results(units: Iterable[tuple[str, Unit]], workers: int | None) -> It
                 if done.done() and done.exception() is None:
                     del missing[name]
                     yield name, done.result()
+        except BaseException:  # Ctrl-C as well
+            _put_into_pipe(pool)
+            raise
         finally:
             pool.shutdown(kill_workers=True)
     raise OSError(f"Workers have died {1 + RETRIES} times: {reason}")
+
+
+def _put_into_pipe(pool: Any) -> None:
+    """Wait until a pool's thread has put all units into its pipe: at a shutdown, it fails on one that it has not."""
+    with contextlib.suppress(RuntimeError):  # the pool broke, and its thread has ended
+        last = pool.submit(int)
+        while not (last.running() or last.done()):
+            time.sleep(0.001)
 
 
 def _token() -> dict[str, str]:

@@ -6,6 +6,8 @@ import random
 import signal
 import subprocess
 import sys
+import threading
+import time
 import uuid
 from pathlib import Path
 
@@ -168,6 +170,23 @@ def test_an_interrupt_ends_all_and_the_work_goes_on_later(group, tmp_path, envir
     plain = tmp_path / "plain.json"
     assert main([*asked[:-1], str(plain)]) == 0
     assert plain.read_bytes() == out.read_bytes()
+
+
+def test_the_pool_ends_in_silence_wherever_it_is_interrupted(tmp_path, monkeypatch):
+    """Here, while the pool's thread, slowed down, has a unit to put into its pipe."""
+    from joblib.externals.loky import process_executor
+
+    thread, failures = process_executor._ExecutorManagerThread, []
+    fast = thread.process_result_item
+    monkeypatch.setattr(thread, "process_result_item", lambda self, item: (fast(self, item), time.sleep(0.2)))
+    monkeypatch.setattr(threading, "excepthook", failures.append)
+    with workers_on("local", workers=2) as workers:
+        results = workers([(str(unit), killed.Logged(number=unit, folder=str(tmp_path))) for unit in range(8)])
+        next(results)
+        threading.Timer(0.1, signal.pthread_kill, [threading.get_ident(), signal.SIGINT]).start()
+        with pytest.raises(KeyboardInterrupt):
+            list(results)
+    assert not failures
 
 
 def test_workers_listen_nowhere(environment, monkeypatch):
