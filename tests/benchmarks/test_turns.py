@@ -1,5 +1,6 @@
 """The benchmark: rates and ratios worked out by hand, turns in their order, threads, busy processes; no test is timed."""
 
+import itertools
 import json
 import os
 import signal
@@ -8,6 +9,7 @@ import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import pytest
@@ -258,11 +260,11 @@ def test_tables_have_training_and_the_busy_machine_where_they_were_measured():
     assert "3.3, 3.4" in training.columns[1].cells
 
 
-def test_python_takes_a_part_of_a_step():
-    envs = environments._vector(environments.NAV, 64, by="turtlebot_gym", threads=1)
-    steps = calls_for(envs.run, 0.002)
-    whole = 1e6 * min(envs.run(steps).wall for _ in range(20)) / steps
-    assert 0.1 * whole < environments.python_of_a_step(64, seconds=0.002) < 2.0 * whole  # a busy machine adds to either
+def test_the_loops_of_a_step_are_not_counted_as_python(monkeypatch):
+    """On a clock that advances by a second per reading, a step takes two, and one of them is the loop's."""
+    readings = itertools.count()
+    monkeypatch.setattr(environments, "time", SimpleNamespace(perf_counter=lambda: float(next(readings))))
+    assert environments.python_of_a_step(64, rounds=1, seconds=100.0) == pytest.approx(1e6, rel=0.1)
 
 
 def test_the_command_writes_what_it_measured_and_guards_it(tmp_path, capsys):
