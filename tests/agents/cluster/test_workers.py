@@ -180,12 +180,14 @@ def test_the_pool_ends_in_silence_wherever_it_is_interrupted(tmp_path, monkeypat
     fast = thread.process_result_item
     monkeypatch.setattr(thread, "process_result_item", lambda self, item: (fast(self, item), time.sleep(0.2)))
     monkeypatch.setattr(threading, "excepthook", failures.append)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
     with workers_on("local", workers=2) as workers:
         results = workers([(str(unit), killed.Logged(number=unit, folder=str(tmp_path))) for unit in range(8)])
         next(results)
         threading.Timer(0.1, signal.pthread_kill, [threading.get_ident(), signal.SIGINT]).start()
         with pytest.raises(KeyboardInterrupt):
             list(results)
+    signal.signal(signal.SIGINT, before)
     assert not failures
 
 
