@@ -42,14 +42,14 @@ def small_bundle(folder):
 
 
 def metadata(path):
-    """Return what a bundle's metadata say, read by ONNX."""
+    """Return a bundle's metadata, read by ONNX."""
     [entry] = onnx.load(path).metadata_props
     assert entry.key == "turtlebot_gym"
     return json.loads(entry.value)
 
 
 def seal(path, blank):
-    """Write a file with the hash that fits it, whatever else stands in it."""
+    """Write a file with its own hash, whatever else it contains."""
     path.write_bytes(blank.replace(b"0" * 64, hashlib.sha256(blank).hexdigest().encode(), 1))
 
 

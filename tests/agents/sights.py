@@ -1,4 +1,4 @@
-"""What policies are shown, for tests of several of them."""
+"""Observations for tests of policies."""
 
 import numpy as np
 
@@ -12,19 +12,19 @@ ANGLES = 2.0 * np.pi * np.arange(SECTORS) / SECTORS
 
 
 def seen(state, goal, robot, following=None):
-    """Return what a policy is shown on open ground."""
+    """Return an observation on open ground."""
     return np.array(observe(state, (0.05, 0.1), 1.0, goal, following or goal, robot), np.float32)
 
 
 def sight(goal=(2.0, 0.0, 0.0), *, at=(0.0, 0.0, 0.0), shares=None, age=0.0, v=0.0, omega=0.0):
-    """Return what a policy is shown in a room."""
+    """Return an observation in a room."""
     belief = seen(State(*at, v, omega), Pose(*goal), BURGER)
     sectors = np.ones(SECTORS) if shares is None else np.asarray(shares)
     return np.concatenate([belief, sectors, [age]]).astype(np.float32)
 
 
 def wall_ahead(distance):
-    """Return the shares of a wall across the way, so far ahead."""
+    """Return the ranges to a wall at a distance straight ahead, as shares of `SIGHT`."""
     with np.errstate(divide="ignore"):
         lengths = np.where(np.cos(ANGLES) > 0.05, distance / np.cos(ANGLES), np.inf)
     return np.minimum(lengths / SIGHT, 1.0)

@@ -1,4 +1,4 @@
-"""The policy bundle: what it says, what it refuses, and that it needs neither torch nor Stable-Baselines3."""
+"""The policy bundle: its card, what it refuses, and that it needs neither torch nor Stable-Baselines3."""
 
 import hashlib
 import os
@@ -68,13 +68,13 @@ def test_the_refusal_of_another_robot_or_period_names_every_difference(tmp_path,
     path = tmp_path / "policy.onnx"
     write_bundle(path, linear_model(), replace(CARD, robot=describe_robot(made_for)))
     limits = {name: value for name, value in options.items() if name not in ("robot", "dt")}
-    asked = {name: value for name, value in options.items() if name in ("robot", "dt")}
-    asked |= {"robot": replace(ROBOTS[made_for], **limits)} if limits else {}
+    arguments = {name: value for name, value in options.items() if name in ("robot", "dt")}
+    arguments |= {"robot": replace(ROBOTS[made_for], **limits)} if limits else {}
     if difference is None:
-        BundlePolicy(path, **asked)
+        BundlePolicy(path, **arguments)
     else:
         with pytest.raises(ValueError, match="^" + re.escape(f"{path}: made for {difference}.") + "$"):
-            BundlePolicy(path, **asked)
+            BundlePolicy(path, **arguments)
 
 
 def test_refuses_every_damaged_byte(bundle):
@@ -105,7 +105,7 @@ print(len(os.listdir("/proc/self/task")) - before, actions.tolist())
 
 
 class _Trap:
-    """Makes a file when it is unpickled."""
+    """Creates a file when it is unpickled."""
 
     def __init__(self, path):
         self.path = path
@@ -171,7 +171,7 @@ def test_the_hash_is_that_of_the_file_with_zeros_in_its_place(bundle):
     assert BundlePolicy(bundle).sha256 == digest
 
 
-def test_a_bundle_tells_nothing_of_the_machine_that_it_was_made_on(tmp_path):
+def test_a_bundle_does_not_reveal_the_machine_it_was_made_on(tmp_path):
     model = linear_model()
     graph = model.graph
     graph.value_info.append(helper.make_tensor_value_info("product", TensorProto.FLOAT, ["n", 2]))
@@ -190,7 +190,7 @@ def test_a_missing_onnxruntime_is_named_with_the_remedy(bundle, monkeypatch):
 
 
 @pytest.mark.parametrize("added", [{}, {"license": "MIT"}])
-def test_a_rewritten_bundle_is_one_and_what_a_newer_version_adds_to_its_card_is_left_out(bundle, added):
+def test_a_rewritten_bundle_loads_and_unknown_fields_of_its_card_are_ignored(bundle, added):
     assert BundlePolicy(rewritten(bundle, card=lambda card: card | added)).card == CARD
 
 
@@ -214,13 +214,13 @@ def test_a_malformed_card_is_refused_in_one_line(bundle, name):
 @pytest.mark.parametrize(
     "card", [None, [], "x", 3, {}, *({"robot": robot} for robot in ({}, {"name": "burger"}, {"max_linear": "fast"}))], ids=str
 )
-def test_a_card_or_a_robot_that_is_not_whole_is_refused(bundle, card):
-    said = metadata(bundle)["card"] | card if isinstance(card, dict) and card else card
+def test_an_incomplete_card_or_robot_is_refused(bundle, card):
+    changed = metadata(bundle)["card"] | card if isinstance(card, dict) and card else card
     with pytest.raises(ValueError, match=re.escape(str(bundle))):
-        BundlePolicy(rewritten(bundle, card=lambda _: said), robot="burger", dt=0.1)
+        BundlePolicy(rewritten(bundle, card=lambda _: changed), robot="burger", dt=0.1)
 
 
-def test_models_without_a_card_and_random_bytes_with_a_hash_are_no_bundles(tmp_path):
+def test_models_without_a_card_and_random_bytes_with_a_hash_are_not_bundles(tmp_path):
     path = tmp_path / "policy.onnx"
     onnx.save(linear_model(), path)
     with pytest.raises(ValueError, match="not a policy bundle"):

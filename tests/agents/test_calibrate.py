@@ -1,4 +1,4 @@
-"""The command ``calibrate``: from a drive of the environment to a noise file, and what it is worth on recorded drives."""
+"""The command ``calibrate``: from a drive of the environment to a noise file, and how good it is on recorded drives."""
 
 import json
 from dataclasses import replace
@@ -84,7 +84,7 @@ def test_wheels_by_tape_need_no_truth(tmp_path, capsys):
     assert make_noise(str(out)).process.scale == pytest.approx(0.98, rel=0.01)
 
 
-def test_what_innovations_cannot_tell_is_said(table, capsys):
+def test_parameters_that_innovations_cannot_determine_are_reported(table, capsys):
     assert main(["calibrate", str(table), "--truth", "none"]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "fitted to the innovations alone" in printed
@@ -96,8 +96,8 @@ def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, oth
     # 20 seeds: `benchmarks/calibration_recorded.json`
     drive, calibrated = read(recorded(other)), read(recorded(name))
     measured = replay(calibrated, noise="documented", seed=1000, rate=np.inf).odometry
-    found = calibrate(replace(calibrated, odometry=measured))
-    assert found.segment > 0.0
-    after, before = (judge(drive, noise, range(2)) for noise in (found.noise, None))
+    fitted = calibrate(replace(calibrated, odometry=measured))
+    assert fitted.segment > 0.0
+    after, before = (judge(drive, noise, range(2)) for noise in (fitted.noise, None))
     assert after.nees.mean() <= 4.0 < before.nees.mean()
     assert after.position.mean() <= 0.026

@@ -38,9 +38,9 @@ def test_evaluate_prints_tables_and_writes_all_combinations(tmp_path, capsys):
     assert "proportional, clean, ekf" in printed.out
     assert "time*, s" in printed.out
     assert "false arrivals" not in printed.out  # a detail
-    *_, one, two = printed.out.splitlines()
-    assert re.fullmatch(r"bearing, documented, ekf (is|reaches) .*proportional, documented, ekf.*\.", one)
-    assert re.fullmatch(r"bearing, documented, truth (is|reaches) .*proportional, documented, truth.*\.", two)
+    *_, first, second = printed.out.splitlines()
+    assert re.fullmatch(r"bearing, documented, ekf (is|reaches) .*proportional, documented, ekf.*\.", first)
+    assert re.fullmatch(r"bearing, documented, truth (is|reaches) .*proportional, documented, truth.*\.", second)
     assert not printed.err.strip()
     content = json.loads(paths[0].read_text())
     assert [run["label"] for run in content["runs"]] == [
@@ -57,7 +57,7 @@ def test_evaluate_prints_tables_and_writes_all_combinations(tmp_path, capsys):
     assert paths[1].read_bytes().startswith(b"\x89PNG")
 
 
-def test_evaluate_draws_a_single_run_at_a_glance(tmp_path, capsys):
+def test_evaluate_draws_a_single_run(tmp_path, capsys):
     path = tmp_path / "run.svg"
     square = ["--env", "turtlebot_gym/TurtleBotSquare-v0", "--switch", "time", "--robot", "tutorial", "--arrival", "belief"]
     assert main(["evaluate", *square, "--policy", "bearing", "--episodes", "2", "--plot", str(path)]) == 0
@@ -189,7 +189,7 @@ def test_help_explains(arguments, capsys):
     assert "usage: turtlebot-gym" in capsys.readouterr().out
 
 
-def test_a_policy_of_ones_own_is_found_where_one_is(tmp_path):
+def test_a_users_policy_is_found_in_the_working_folder(tmp_path):
     (tmp_path / "mine.py").write_text("import numpy as np\ndef drive(o):\n    return np.ones((*o.shape[:-1], 2), np.float32)\n")
     script = Path(sys.executable).with_name("turtlebot-gym")
     arguments = ["evaluate", "--policy", "mine:drive", "--episodes", "2"]
@@ -198,7 +198,7 @@ def test_a_policy_of_ones_own_is_found_where_one_is(tmp_path):
     assert "mine:drive" in done.stdout
 
 
-def test_evaluate_drives_in_mujoco_on_a_floor_of_ones_own(tmp_path, capsys):
+def test_evaluate_drives_in_mujoco_with_the_given_friction(tmp_path, capsys):
     pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
     path = tmp_path / "slippery.json"
     floor = ["--plant", "mujoco", "--friction", "0.5", "--caster-friction", "0.3"]
@@ -239,10 +239,10 @@ def test_benchmark_says_what_it_needs_before_it_measures(monkeypatch, capsys):
     assert line == f"turtlebot-gym: torch is not installed: {installing('agents')}, or use --no-training."
 
 
-@pytest.mark.parametrize(("told", "number"), [("1e3", 1000), ("1_000", 1000), ("2.5e2", 250), ("7", 7)])
-def test_counts_may_have_an_exponent(told, number):
-    assert read_whole(told) == number
-    for wrong in (f"{told}x", "1.5", "1e-3", "inf", "nan"):
+@pytest.mark.parametrize(("text", "number"), [("1e3", 1000), ("1_000", 1000), ("2.5e2", 250), ("7", 7)])
+def test_counts_may_have_an_exponent(text, number):
+    assert read_whole(text) == number
+    for wrong in (f"{text}x", "1.5", "1e-3", "inf", "nan"):
         with pytest.raises(ValueError, match=r"whole number|could not convert|cannot convert"):
             read_whole(wrong)
 
@@ -253,7 +253,7 @@ def test_a_command_takes_a_count_with_an_exponent(capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["train", "--out", "run"], "The same command with --resume continues from the last checkpoint in run."),
         (["train", "--out", "run", "--store", "kept"], "The same command continues: finished trainings are in kept."),
@@ -264,14 +264,14 @@ def test_a_command_takes_a_count_with_an_exponent(capsys):
         (["video"], ""),
     ],
 )
-def test_an_interrupted_command_says_how_to_continue(arguments, told, capsys, tmp_path, monkeypatch):
+def test_an_interrupted_command_says_how_to_continue(arguments, message, capsys, tmp_path, monkeypatch):
     def interrupted(_):
         raise KeyboardInterrupt
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(COMMANDS[arguments[0]], "run", interrupted)
     assert main(arguments) == 130
-    assert capsys.readouterr().err == f"turtlebot-gym: interrupted. {told}".rstrip() + "\n"
+    assert capsys.readouterr().err == f"turtlebot-gym: interrupted. {message}".rstrip() + "\n"
 
 
 @pytest.mark.parametrize(

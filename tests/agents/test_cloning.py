@@ -1,4 +1,4 @@
-"""A training may begin with a known policy: its network acts like it, and the first updates leave the actions alone."""
+"""A training may begin with a known policy: its network acts like it, and the first updates do not change the actions."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def made(config=small):
     return make_model(config, envs), envs
 
 
-def test_the_network_drives_as_its_teacher_also_where_it_leads_itself():
+def test_the_network_drives_like_its_teacher_in_the_states_that_it_reaches():
     (model, envs), teacher, judges = made(), make_policy("bearing"), small.make(200)
     cloning.begin_with(model, envs, small, is_new=True)
     act = policy_of(model)
@@ -56,13 +56,13 @@ def test_a_resumed_training_does_not_begin_again(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("changed", "told"),
+    ("changed", "message"),
     [
         ({"from_policy": "vfh"}, "steers by a LiDAR"),
         ({"from_policy": "no"}, "policy must"),
         ({"algo": "sac"}, "from_policy needs"),
     ],
 )
-def test_what_cannot_be_cloned_is_refused(changed, told):
-    with pytest.raises(ValueError, match=told):
+def test_what_cannot_be_cloned_is_refused(changed, message):
+    with pytest.raises(ValueError, match=message):
         learn(replace(small, config=None, **changed), small.make(64), [])

@@ -24,18 +24,18 @@ def outcomes(successes: int, n: int) -> list[bool]:
 
 
 @pytest.mark.parametrize(
-    ("one", "other", "low", "high"),
+    ("first", "second", "low", "high"),
     [  # Newcombe (1998), "... independent proportions: comparison of eleven methods", table II, method 10
         ((56, 70), (48, 80), 0.0524, 0.3339),
         ((9, 10), (3, 10), 0.1705, 0.8090),
         ((10, 10), (0, 20), 0.6791, 1.0),
     ],
 )
-def test_newcombes_interval_for_independent_shares(one, other, low, high):
-    got = metrics.share_difference(metrics.share(outcomes(*one)), metrics.share(outcomes(*other)))
-    np.testing.assert_allclose(got, [one[0] / one[1] - other[0] / other[1], low, high], rtol=0, atol=ROUNDED)
-    back = metrics.share_difference(metrics.share(outcomes(*other)), metrics.share(outcomes(*one)))
-    np.testing.assert_allclose(back, [-got.value, -got.high, -got.low], rtol=0, atol=1e-12)
+def test_newcombes_interval_for_independent_shares(first, second, low, high):
+    interval = metrics.share_difference(metrics.share(outcomes(*first)), metrics.share(outcomes(*second)))
+    np.testing.assert_allclose(interval, [first[0] / first[1] - second[0] / second[1], low, high], rtol=0, atol=ROUNDED)
+    back = metrics.share_difference(metrics.share(outcomes(*second)), metrics.share(outcomes(*first)))
+    np.testing.assert_allclose(back, [-interval.value, -interval.high, -interval.low], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -48,22 +48,23 @@ def test_newcombes_interval_for_independent_shares(one, other, low, high):
     ],
 )
 def test_newcombes_interval_for_paired_shares(both, first, second, neither, low, high):
-    one = [True] * (both + first) + [False] * (second + neither)
-    other = [True] * both + [False] * first + [True] * second + [False] * neither
-    got = metrics.paired_share_difference(one, other)
-    np.testing.assert_allclose(got, [(first - second) / len(one), low, high], rtol=0, atol=ROUNDED)
+    events = [True] * (both + first) + [False] * (second + neither)
+    others = [True] * both + [False] * first + [True] * second + [False] * neither
+    interval = metrics.paired_share_difference(events, others)
+    np.testing.assert_allclose(interval, [(first - second) / len(events), low, high], rtol=0, atol=ROUNDED)
 
 
-def test_pairs_that_agree_tell_more_than_independent_shares():
-    one, other = np.arange(1000) % 10 != 0, np.arange(1000) % 9 != 0
-    alike = metrics.paired_share_difference(one, one & (np.arange(1000) != 5))
-    apart = metrics.share_difference(metrics.share(one), metrics.share(one))
-    assert alike.high - alike.low < 0.3 * (apart.high - apart.low)
-    assert metrics.paired_share_difference(one, other).low < 0.0111 < metrics.paired_share_difference(one, other).high
+def test_paired_shares_have_narrower_intervals_than_independent_ones():
+    first, second = np.arange(1000) % 10 != 0, np.arange(1000) % 9 != 0
+    paired = metrics.paired_share_difference(first, first & (np.arange(1000) != 5))
+    independent = metrics.share_difference(metrics.share(first), metrics.share(first))
+    assert paired.high - paired.low < 0.3 * (independent.high - independent.low)
+    difference = metrics.paired_share_difference(first, second)
+    assert difference.low < 0.0111 < difference.high
 
 
 @pytest.mark.parametrize(
-    ("given", "adjusted"),
+    ("p_values", "adjusted"),
     [
         # 4 * 0.005, 3 * 0.01, 2 * 0.03, and 0.04 not below the one before it.
         ([0.01, 0.04, 0.03, 0.005], [0.03, 0.06, 0.06, 0.02]),
@@ -74,11 +75,11 @@ def test_pairs_that_agree_tell_more_than_independent_shares():
         ([], []),
     ],
 )
-def test_holms_correction(given, adjusted):
-    assert metrics.holm(given) == pytest.approx(adjusted)
+def test_holms_correction(p_values, adjusted):
+    assert metrics.holm(p_values) == pytest.approx(adjusted)
 
 
-def test_holm_keeps_the_rate_of_any_false_claim():
+def test_holm_controls_the_family_wise_error_rate():
     random = np.random.default_rng(5)
     p_values = random.uniform(size=(DATA_SETS, 20))
     corrected = np.mean([min(metrics.holm(row.tolist())) < 0.05 for row in p_values])
@@ -95,7 +96,7 @@ def tables(random, *, trainings=0.0, episodes=0.0, rest=1.0, k=5, n=60):
 
 def missed(intervals, truth=0.0) -> float:
     """Return how often intervals do not contain the truth."""
-    return float(np.mean([not one.low <= truth <= one.high for one in intervals]))
+    return float(np.mean([not interval.low <= truth <= interval.high for interval in intervals]))
 
 
 SPREADS = [
@@ -109,29 +110,30 @@ SPREADS = [
 
 
 @pytest.mark.parametrize("parts", SPREADS)
-def test_intervals_over_trainings_cover_what_they_say(parts):
+def test_intervals_over_trainings_have_the_stated_coverage(parts):
     errors = missed(comparison.spread(table).interval() for table in tables(np.random.default_rng(6), **parts))
     assert errors < 0.05 + MARGIN
 
 
-def test_intervals_over_trainings_are_no_wider_than_need_be():
+def test_intervals_over_trainings_are_no_wider_than_necessary():
     # Where trainings differ much, the interval is Student's of their means, which is exact.
     errors = missed(comparison.spread(table).interval() for table in tables(np.random.default_rng(7), trainings=3.0))
     assert abs(errors - 0.05) < MARGIN
     # Where only episodes differ, no interval could be much narrower than Student's over them.
     table = next(tables(np.random.default_rng(8), episodes=3.0, rest=0.1, n=400))
-    width, least = (one.high - one.low for one in (comparison.spread(table).interval(), metrics.mean(table[0])))
+    intervals = comparison.spread(table).interval(), metrics.mean(table[0])
+    width, least = (interval.high - interval.low for interval in intervals)
     assert width < 1.1 * least
 
 
 @pytest.mark.parametrize(
     ("wrong", "parts"),
     [
-        # The first release's: trainings averaged first, and forgotten.
+        # That of the first release: averaged over trainings first, whose variation is lost.
         (lambda table: metrics.mean(table.mean(axis=0)), SPREADS[0]),
         # As if all episodes of all trainings were independent.
         (lambda table: metrics.mean(table.ravel()), SPREADS[0]),
-        # Episodes averaged first, and forgotten.
+        # Averaged over episodes first, whose variation is lost.
         (lambda table: metrics.mean(table.mean(axis=1)), SPREADS[2]),
     ],
 )
@@ -160,7 +162,7 @@ def test_by_hand():
 
 
 @pytest.mark.parametrize(("share", "differ"), [(0.5, 0.0), (0.9, 20.0), (0.98, 60.0)])
-def test_shares_over_trainings_cover_what_they_say(share, differ):
+def test_shares_over_trainings_have_the_stated_coverage(share, differ):
     # All trainings drove the same 100 episodes: Wilson's limit is 100 / (100 + 1.96^2).
     np.testing.assert_allclose(comparison.share(np.ones((5, 100), bool)), (1.0, 100.0 / (100.0 + 1.96**2), 1.0), atol=1e-5)
     # Each training has a rate of its own, beta distributed about the share; the wrong method takes all episodes as independent.
@@ -176,18 +178,18 @@ def test_shares_over_trainings_cover_what_they_say(share, differ):
 
 
 @pytest.mark.parametrize("shape", [(1, 10), (5, 1), (10,), (0, 3), (2, 2, 2)])
-def test_one_training_says_nothing_of_trainings(shape):
+def test_a_single_training_or_episode_is_refused(shape):
     with pytest.raises(ValueError, match="at least two trainings and two episodes"):
         comparison.spread(np.zeros(shape))
 
 
-def test_trainings_beside_a_baseline():
+def test_trainings_compared_with_a_baseline():
     options = {"episodes": 40, "noise": "rough"}
     learned = [evaluate(policy, **options) for policy in ("bearing", "proportional", "bearing")]
     baseline = evaluate("bearing", **options)
     compared = comparison.compare(learned, baseline)
     assert (compared["trainings"], compared["episodes"]) == (3, 40)
-    np.testing.assert_allclose(compared["time_of_each_training"], [one.times().mean() for one in learned])
+    np.testing.assert_allclose(compared["time_of_each_training"], [evaluation.times().mean() for evaluation in learned])
     np.testing.assert_allclose(compared["time"].value, np.mean(compared["time_of_each_training"]))
     assert compared["difference"].value == pytest.approx((learned[1].times() - baseline.times()).mean() / 3.0)
     assert compared["difference"].low < 0.0 < compared["difference"].high  # two of three are the baseline itself
@@ -217,7 +219,7 @@ def in_room(evaluation, collisions):
     return with_(evaluation, clearance=np.ones(N), collision=np.arange(N) < collisions)
 
 
-def test_the_slower_one_is_called_slower_by_its_interval(driven):
+def test_the_slower_policy_is_reported_with_its_interval(driven):
     spread = np.tile([-0.1, 0.1], N // 2)  # the standard error of the mean is 0.1 / sqrt(N - 1)
     slow = with_(driven, time=10.5 + spread)
     margin = 1.966 * 0.1 / np.sqrt(N - 1)
@@ -228,40 +230,40 @@ def test_the_slower_one_is_called_slower_by_its_interval(driven):
 
 def test_goals_decide_before_time(driven):
     few = with_(driven, success=np.arange(N) >= N // 10)
-    (said,) = verdicts({"a": driven, "b": few})
-    assert said.startswith("b reaches ")
-    assert " points fewer of the goals than a; it is " in said
-    assert "s slower, a failure counted as the time limit." in said
-    low, high = (float(word) for word in said.split()[2:5:2])
+    (sentence,) = verdicts({"a": driven, "b": few})
+    assert sentence.startswith("b reaches ")
+    assert " points fewer of the goals than a; it is " in sentence
+    assert "s slower, a failure counted as the time limit." in sentence
+    low, high = (float(word) for word in sentence.split()[2:5:2])
     assert low < 10.0 < high  # percent
 
 
-def test_what_does_not_differ_is_said_with_its_interval(driven):
+def test_no_difference_is_reported_with_its_interval(driven):
     spread = np.tile([-1.0, 1.0], N // 2)
-    (said,) = verdicts({"a": driven, "b": with_(driven, time=10.0 + spread)})
-    assert said.startswith("b is neither faster nor slower than a (-0.1")
+    (sentence,) = verdicts({"a": driven, "b": with_(driven, time=10.0 + spread)})
+    assert sentence.startswith("b is neither faster nor slower than a (-0.1")
 
 
-def test_collisions_are_said_in_rooms(driven):
-    (said,) = verdicts({"a": in_room(driven, 0), "b": in_room(driven, 40)})
-    assert "; it collides " in said
-    assert said.endswith(" points more often.")
+def test_collisions_are_reported_in_rooms(driven):
+    (sentence,) = verdicts({"a": in_room(driven, 0), "b": in_room(driven, 40)})
+    assert "; it collides " in sentence
+    assert sentence.endswith(" points more often.")
     assert verdicts({"a": in_room(driven, 0), "b": in_room(driven, 0)})[0].endswith("; neither collides.")
 
 
-def test_policies_are_compared_in_the_same_setting_and_a_single_one_with_its_first(driven):
+def test_policies_are_compared_in_the_same_setting_and_a_single_policy_with_its_first_setting(driven):
     names = ("a, clean", "a, rough", "b, clean", "b, rough")
-    said = verdicts(dict.fromkeys(names, driven), size=2)
-    assert [sentence.partition(" (")[0] for sentence in said] == [
+    sentences = verdicts(dict.fromkeys(names, driven), size=2)
+    assert [sentence.partition(" (")[0] for sentence in sentences] == [
         f"b, {noise} is neither faster nor slower than a, {noise}" for noise in ("clean", "rough")
     ]
-    (said,) = verdicts(dict.fromkeys(names[:2], driven), size=2)
-    assert said.startswith("a, rough is neither faster nor slower than a, clean")
+    (sentence,) = verdicts(dict.fromkeys(names[:2], driven), size=2)
+    assert sentence.startswith("a, rough is neither faster nor slower than a, clean")
 
 
-def test_a_single_one_is_described(driven):
+def test_a_single_evaluation_is_described(driven):
     assert verdicts({"a": driven}) == ["a reaches the goal in 99.0 to 100.0 % of the episodes, in 10.00 to 10.00 s."]
-    (said,) = verdicts({"a": in_room(driven, 40)})
-    assert said.endswith(", and collides in 7.4 to 13.3 %.")
+    (sentence,) = verdicts({"a": in_room(driven, 40)})
+    assert sentence.endswith(", and collides in 7.4 to 13.3 %.")
     none = with_(driven, success=np.zeros(N, np.bool_))
     assert verdicts({"a": none}) == ["a reaches the goal in 0.0 to 1.0 % of the episodes."]

@@ -16,7 +16,7 @@ CONTENT = b"t vx gyro\n" * 100
 
 @pytest.fixture
 def origin(tmp_path, monkeypatch):
-    """The folder of a server on this machine, which has the one recording."""
+    """The folder of a server on this machine, with a single recording."""
     folder = tmp_path / "origin"
     folder.mkdir()
     (folder / "drive.txt").write_bytes(CONTENT)
@@ -28,8 +28,8 @@ def origin(tmp_path, monkeypatch):
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Quiet, directory=str(folder)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     url = f"http://127.0.0.1:{server.server_port}/drive.txt"
-    one = Recording(url, hashlib.sha256(CONTENT).hexdigest(), len(CONTENT), "MIT")
-    monkeypatch.setattr(data, "RECORDINGS", {"set/drive.txt": one})
+    recording = Recording(url, hashlib.sha256(CONTENT).hexdigest(), len(CONTENT), "MIT")
+    monkeypatch.setattr(data, "RECORDINGS", {"set/drive.txt": recording})
     yield folder
     server.shutdown()
     server.server_close()
@@ -56,7 +56,7 @@ def test_another_file_is_not_kept(origin, content, tmp_path, capsys):
     assert not (tmp_path / "data" / "set").exists()
 
 
-def test_a_file_of_ones_own_is_not_replaced(origin, tmp_path, capsys):
+def test_an_existing_file_is_not_replaced(origin, tmp_path, capsys):
     mine = tmp_path / "data" / "set" / "drive.txt"
     mine.parent.mkdir(parents=True)
     mine.write_text("mine")

@@ -1,4 +1,4 @@
-"""A policy on one's own sensors: the environment's actions to the last bit, and a refusal of all that cannot be read."""
+"""A policy on one's own sensors: the environment's actions to the last bit, and invalid inputs are refused."""
 
 import math
 from dataclasses import replace
@@ -76,7 +76,7 @@ def test_its_actions_are_those_of_the_environments_loop_to_the_last_bit(place):
     assert differences(1000, **PLACES[place]) == [0, 0]
 
 
-def test_with_a_localizer_outside_layout_3_is_the_environments_too():
+def test_layout_3_equals_the_environments_with_an_external_localizer():
     options = {"world": "office", "noise": "wheel", "localizer": "match", "start": "unknown", "observation": "located"}
     episode, deployment = Episode(make_parameters(**options), seed=5), Deployment(f"{__name__}:WithEvidence")
     shown = set()
@@ -95,9 +95,9 @@ def test_with_a_localizer_outside_layout_3_is_the_environments_too():
         episode.act(deployment.action.tolist())
     assert len(shown) > 2
     with pytest.raises(ValueError, match=r"^evidence must be the share of fitting beams and the weight .* layout 3, got None"):
-        deployment.act(**GIVEN)
+        deployment.act(**INPUTS)
     with pytest.raises(ValueError, match=r"^evidence\[1\] must be a probability"):
-        deployment.act(**GIVEN, evidence=(0.5, 1.1))
+        deployment.act(**INPUTS, evidence=(0.5, 1.1))
     with pytest.raises(ValueError, match="filter must be None for a policy of layout 3"):
         Deployment(f"{__name__}:WithEvidence", filter="matched")
 
@@ -117,21 +117,21 @@ class WithEvidence:
         return self._policy(observations) * observations[..., 16:17]
 
 
-def test_a_milliradian_of_heading_would_be_seen():
+def test_an_error_of_a_milliradian_would_be_noticed():
     inside, outside = differences(50, wrong=1e-3, **PLACES["rooms"])
     assert inside > 40
     assert outside > 40
 
 
 def test_a_command_is_the_limited_action(seeing):
-    command = seeing.act(**GIVEN)
+    command = seeing.act(**INPUTS)
     forward, turn = (np.clip(seeing.action, -1.0, 1.0) * (0.2108, 2.635)).tolist()
     assert abs(command.v) + 0.08 * abs(command.omega) <= 0.2097 + 1e-12
     assert command.v * turn == pytest.approx(command.omega * forward)
 
 
 SCAN = Scan(np.full(360, 2.0, np.float32), 0.0, TURN / 360, 0.1, 3.5)
-GIVEN = {"pose": (0.0, 0.0, 0.0), "covariance": (0.0, 0.0, 0.0), "twist": (0.1, 0.0), "scan": SCAN, "goal": (2.0, 1.0, 0.0)}
+INPUTS = {"pose": (0.0, 0.0, 0.0), "covariance": (0.0, 0.0, 0.0), "twist": (0.1, 0.0), "scan": SCAN, "goal": (2.0, 1.0, 0.0)}
 
 
 @pytest.fixture(scope="module")
@@ -165,36 +165,36 @@ def seeing():
     ],
 )
 def test_what_cannot_be_read_is_refused_in_one_line(seeing, changed, message):
-    seeing.act(**GIVEN)
+    seeing.act(**INPUTS)
     with pytest.raises(ValueError, match=message) as refused:
-        seeing.act(**{**GIVEN, **changed})
+        seeing.act(**{**INPUTS, **changed})
     assert "\n" not in str(refused.value)
 
 
-def test_single_beams_without_a_number_are_no_reason_to_refuse(seeing):
-    whole = seeing.act(**GIVEN)
+def test_single_invalid_beams_are_accepted(seeing):
+    whole = seeing.act(**INPUTS)
     ranges = SCAN.ranges.copy()
     ranges[::10] = np.nan
-    assert seeing.act(**{**GIVEN, "scan": SCAN._replace(ranges=ranges)}) == whole
+    assert seeing.act(**{**INPUTS, "scan": SCAN._replace(ranges=ranges)}) == whole
 
 
 def test_a_clockwise_scan_is_seen_where_it_points(seeing):
     ranges = SCAN.ranges.copy()
     ranges[90] = 0.5  # to the left of one that turns counter-clockwise
     for increment, sector in ((SCAN.increment, 9), (-SCAN.increment, 27)):
-        seeing.act(**{**GIVEN, "scan": SCAN._replace(ranges=ranges, increment=increment)})
+        seeing.act(**{**INPUTS, "scan": SCAN._replace(ranges=ranges, increment=increment)})
         assert np.flatnonzero(seeing.observation[13:-1] < 0.5).tolist() == [sector]
 
 
 def test_a_matrix_states_the_same_as_its_variances(seeing):
-    seeing.act(**{**GIVEN, "covariance": [[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]})
+    seeing.act(**{**INPUTS, "covariance": [[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.16]]})
     matrix = seeing.observation
-    seeing.act(**{**GIVEN, "covariance": (0.04, 0.09, 0.16)})
+    seeing.act(**{**INPUTS, "covariance": (0.04, 0.09, 0.16)})
     np.testing.assert_array_equal(seeing.observation, matrix)
 
 
-def test_exact_poses_have_no_deviation_and_no_surprise(seeing):
-    seeing.act(**GIVEN)
+def test_exact_poses_have_no_deviation_and_no_nis(seeing):
+    seeing.act(**INPUTS)
     assert seeing.observation[7:10].tolist() == [0.0, 0.0, 0.0]
 
 
@@ -209,11 +209,11 @@ def test_robot_and_period_are_those_on_the_card():
 
 def test_a_policy_without_sight_refuses_scans():
     with pytest.raises(ValueError, match=r"^scan must be None for a policy of observation layout 1"):
-        Deployment("bearing").act(**GIVEN)
+        Deployment("bearing").act(**INPUTS)
 
 
 class TestTheFilterInside:
-    GIVEN = {**GIVEN, "covariance": None, "scan": None}
+    INPUTS = {**INPUTS, "covariance": None, "scan": None}
 
     @pytest.fixture
     def estimating(self):
@@ -230,28 +230,28 @@ class TestTheFilterInside:
     )
     def test_it_needs_no_covariance_and_a_known_interval(self, estimating, changed, message):
         with pytest.raises(ValueError, match=message):
-            estimating.act(**{**self.GIVEN, **changed})
+            estimating.act(**{**self.INPUTS, **changed})
 
     def test_it_begins_with_a_pose(self, estimating):
         with pytest.raises(ValueError, match=r"^pose must be given in the first call"):
-            estimating.act(**{**self.GIVEN, "pose": None})
+            estimating.act(**{**self.INPUTS, "pose": None})
 
     def test_a_refusal_leaves_it_as_it_was(self, estimating):
-        estimating.act(**self.GIVEN)
+        estimating.act(**self.INPUTS)
         before = estimating.filter.belief
         with pytest.raises(ValueError, match="goal"):
-            estimating.act(**{**self.GIVEN, "pose": (0.1, 0.0, 0.0), "goal": None})
+            estimating.act(**{**self.INPUTS, "pose": (0.1, 0.0, 0.0), "goal": None})
         assert estimating.filter.belief == before
 
     def test_it_predicts_for_the_time_that_passed(self, estimating):
         for dt, driven in ((None, 0.0), (0.1, 0.0), (0.3, 0.03)):
-            estimating.act(**{**self.GIVEN, "pose": (0.0, 0.0, 0.0) if dt is None else None}, dt=dt)
+            estimating.act(**{**self.INPUTS, "pose": (0.0, 0.0, 0.0) if dt is None else None}, dt=dt)
             assert estimating.filter.belief.mean.x == pytest.approx(driven)
 
     def test_a_reset_forgets_the_pose(self, estimating):
-        estimating.act(**self.GIVEN)
+        estimating.act(**self.INPUTS)
         estimating.reset()
-        estimating.act(**{**self.GIVEN, "pose": (5.0, 0.0, 0.0)})
+        estimating.act(**{**self.INPUTS, "pose": (5.0, 0.0, 0.0)})
         assert estimating.filter.belief.mean[:3] == (5.0, 0.0, 0.0)
 
     def test_a_filter_of_another_sensor_is_refused(self):
@@ -260,8 +260,8 @@ class TestTheFilterInside:
             Deployment("bearing", filter=tuning)
 
 
-def test_with_a_margin_a_policy_that_sees_drives_within_its_layer():
-    """Towards a wall that is 0.25 m ahead of the LiDAR: bare, with little clearance, and with more, where it creeps."""
+def test_with_a_margin_a_policy_that_sees_drives_within_a_safety_layer():
+    """Towards a wall 0.25 m ahead of the LiDAR: without a layer, with a small margin, and with a large one, where it creeps."""
     angles = 2.0 * math.pi * np.arange(360) / 360.0
     with np.errstate(divide="ignore"):
         wall = np.where(np.cos(angles) > 0.05, 0.25 / np.cos(angles), np.inf).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Evaluations as a whole: what they state, their summaries, and progress; single episodes are in `test_evaluation`."""
+"""Evaluations as a whole: configuration, summaries and progress; single episodes are in `test_evaluation`."""
 
 import math
 from dataclasses import replace
@@ -28,9 +28,9 @@ def test_students_interval_by_hand(numbers, mean, margin):
     np.testing.assert_allclose(metrics.mean(numbers), (mean, mean - margin, mean + margin), rtol=1e-6)
 
 
-def test_an_evaluation_says_what_was_evaluated_and_closes_its_environments(monkeypatch):
+def test_an_evaluation_records_its_configuration_and_closes_its_environments(monkeypatch):
     made, make = [], gym.make_vec
-    monkeypatch.setattr(gym, "make_vec", lambda *given, **options: made.append(make(*given, **options)) or made[-1])
+    monkeypatch.setattr(gym, "make_vec", lambda *args, **options: made.append(make(*args, **options)) or made[-1])
     result = evaluate("proportional", max_episode_steps=2, noise="clean")
     assert result.config == {
         "env": "turtlebot_gym/TurtleBotNav-v0",
@@ -50,10 +50,10 @@ def test_an_evaluation_says_what_was_evaluated_and_closes_its_environments(monke
     assert [envs.closed for envs in made] == [True] * 5
 
 
-def test_the_summary_is_made_of_the_episodes():
+def test_the_summary_follows_from_the_episodes():
     result = evaluate("bearing", episodes=60, seed=9, max_episode_steps=110)
     e, summary = result.episodes, result.summary()
-    assert 5 < e.success.sum() < 55  # else successes and failures were the same
+    assert 5 < e.success.sum() < 55  # otherwise successes and failures would be the same
     times = np.where(e.success, e.time, 11.0)
     expected = {
         name: np.nanmean(getattr(e, name)) for name in ("success", "reached", "miss", "path", "effort", "false_arrival")
@@ -61,9 +61,10 @@ def test_the_summary_is_made_of_the_episodes():
     expected |= {"time": times.mean(), "time_to_goal": e.time[e.success].mean()}
     expected |= {"efficiency": (e.ideal / e.time)[e.success].mean(), "arrival_distance": np.nanmean(e.arrival_distance)}
     for source in ("estimate", "odometry"):
-        for what in ("position", "heading"):
-            for over in ("mean", "max", "final"):
-                expected[f"{source}_{what}_{over}"] = getattr(getattr(e, source), f"{what}_{over}").mean()
+        for quantity in ("position", "heading"):
+            for statistic in ("mean", "max", "final"):
+                name = f"{quantity}_{statistic}"
+                expected[f"{source}_{name}"] = getattr(getattr(e, source), name).mean()
     assert summary.keys() == expected.keys()
     for name, number in expected.items():
         assert summary[name].value == pytest.approx(number, rel=1e-9), name
@@ -72,8 +73,8 @@ def test_the_summary_is_made_of_the_episodes():
 
 
 @pytest.mark.parametrize("max_linear", [0.05, 0.22, 0.6, 20.0])
-def test_the_summary_of_rooms_is_made_of_the_episodes(max_linear):
-    """The challenge clips times at two and at eight times the fastest: the speeds meet both ends and what lies between."""
+def test_the_summary_of_rooms_follows_from_the_episodes(max_linear):
+    """The challenge clips times at two and at eight times the fastest: the speeds cover both ends and the range between."""
     result = evaluate("bearing", env="turtlebot_gym/TurtleBotRooms-v0", world="dense", episodes=60, max_episode_steps=110)
     assert result.max_linear == 0.2108  # the wheels allow of no more
     result = replace(result, max_linear=max_linear)
@@ -81,7 +82,7 @@ def test_the_summary_of_rooms_is_made_of_the_episodes(max_linear):
     fastest = e.shortest / max_linear
     scores = [s * f / min(max(t, 2.0 * f), 8.0 * f) for s, f, t in zip(e.success, fastest, e.time, strict=True)]
     timeouts = [not success and not collision for success, collision in zip(e.success, e.collision, strict=True)]
-    assert min(e.success.sum(), e.collision.sum(), sum(timeouts)) > 3  # else they could not be told apart
+    assert min(e.success.sum(), e.collision.sum(), sum(timeouts)) > 3  # otherwise they could not be distinguished
     assert summary["barn"].value == pytest.approx(np.mean(scores), rel=1e-9)
     assert summary["timeout"].value == pytest.approx(np.mean(timeouts), rel=1e-9)
     assert summary["collision"].value == pytest.approx(e.collision.mean(), rel=1e-9)

@@ -14,7 +14,7 @@ from turtlebot_gym_agents.evaluation import estimation
 from turtlebot_gym_agents.evaluation.estimation import estimate, innovations
 
 
-def test_a_right_filter_reaches_the_bound_and_says_so_and_a_wrong_one_does_not():
+def test_a_matched_filter_reaches_the_bound_and_is_consistent_and_a_wrong_one_is_not():
     result = estimate(["matched", "tutorial"], noise="tutorial", runs=1500)
     right, wrong = result.filters["matched"], result.filters["tutorial"]
     low, high = result.band
@@ -34,10 +34,10 @@ def test_a_right_filter_reaches_the_bound_and_says_so_and_a_wrong_one_does_not()
     assert right.ratio[0].value == pytest.approx(right.rmse[-1, 0] / result.bound[-1, 0])
 
 
-def test_who_knows_of_spikes_and_of_slip_comes_nearer_to_the_bound():
+def test_filters_that_model_spikes_and_slip_come_nearer_to_the_bound():
     filters = estimate(["matched", "gated", "mixture", "slip"], noise="rough", runs=600).filters
-    heading = {name: one.ratio[2].value for name, one in filters.items()}
-    position = {name: one.ratio[0].value for name, one in filters.items()}
+    heading = {name: errors.ratio[2].value for name, errors in filters.items()}
+    position = {name: errors.ratio[0].value for name, errors in filters.items()}
     assert heading["slip"] < 2.3 < heading["mixture"] < 4.0 < heading["matched"]
     assert heading["gated"] < heading["matched"]
     assert position["slip"] < 1.35 < position["matched"]
@@ -55,25 +55,25 @@ def test_a_bias_can_be_left_out():
 
 def test_wheels_alone_drift_as_the_filter_says():
     result = estimate(["matched"], noise="wheel", runs=1000)
-    one, (low, high) = result.filters["matched"], result.band
-    assert low < one.nees.value < high
-    assert all(0.9 < ratio.value < 1.1 for ratio in one.ratio)
+    matched, (low, high) = result.filters["matched"], result.band
+    assert low < matched.nees.value < high
+    assert all(0.9 < ratio.value < 1.1 for ratio in matched.ratio)
     assert (np.diff(result.bound[2:], axis=0) > 0.0).all()  # nothing corrects it
 
 
-def test_drives_do_not_depend_on_the_filter_and_follow_each_other(monkeypatch):
-    one = estimate(["matched"], runs=30, seconds=1.0)
-    other = estimate(["mixture", "matched"], runs=30, seconds=1.0)
-    np.testing.assert_array_equal(one.bound, other.bound)
-    np.testing.assert_array_equal(one.filters["matched"].rmse, other.filters["matched"].rmse)
+def test_drives_depend_neither_on_the_filter_nor_on_the_batch(monkeypatch):
+    alone = estimate(["matched"], runs=30, seconds=1.0)
+    both = estimate(["mixture", "matched"], runs=30, seconds=1.0)
+    np.testing.assert_array_equal(alone.bound, both.bound)
+    np.testing.assert_array_equal(alone.filters["matched"].rmse, both.filters["matched"].rmse)
     monkeypatch.setattr(estimation, "BATCH", 10)
     ended = []
     several = estimate(["matched", "mixture"], runs=30, seconds=1.0, progress=ended.append)
     assert ended == [5, 10, 15, 20, 25, 30]
-    assert several.bound[0] == pytest.approx(one.bound[0])
+    assert several.bound[0] == pytest.approx(alone.bound[0])
 
 
-def test_what_is_known_exactly_has_no_ratio(tmp_path):
+def test_a_bound_of_zero_gives_an_infinite_ratio(tmp_path):
     result = estimate(["matched"], noise="clean", runs=5, seconds=0.5)
     assert (result.bound == 0.0).all()
     assert result.filters["matched"].ratio[0].value == math.inf
@@ -82,19 +82,19 @@ def test_what_is_known_exactly_has_no_ratio(tmp_path):
 def test_innovations_are_measured_minus_predicted():
     noise = Noise(odometry=OdometryNoise(R=(0.01, 0.01, 0.01), dropout_probability=0.3))
     drives = estimation.drive(3, 20, 7, noise=noise, filter=make_filter("matched", noise))
-    found = innovations(drives, 0.1, 0.0)
+    measured = innovations(drives, 0.1, 0.0)
     lost = ~drives.measured[:, 1:]
     assert 5 < lost.sum() < 40
-    assert np.isnan(found[lost]).all()
+    assert np.isnan(measured[lost]).all()
     run, k = np.argwhere(~lost)[10]
     x, y, theta, v, omega = drives.estimate[run, k]
     z = drives.odometry[run, k + 1]
     turn = (z[2] - theta - 0.1 * omega + math.pi) % (2.0 * math.pi) - math.pi
     expected = (z[0] - x - 0.1 * v * math.cos(theta), z[1] - y - 0.1 * v * math.sin(theta), turn)
-    np.testing.assert_allclose(found[run, k], expected, atol=1e-12)
+    np.testing.assert_allclose(measured[run, k], expected, atol=1e-12)
 
 
-def test_what_is_not_measured_leaves_the_bound_wider():
+def test_missing_measurements_widen_the_bound():
     states, commands = np.zeros((4, 11, 5)), np.tile([0.2, 0.1], (4, 10, 1))
     tuning = true_tuning(Noise(process=ProcessNoise(alpha1=0.02, alpha4=0.02), odometry=OdometryNoise(R=(0.01, 0.01, 0.01))))
     always = cramer_rao_bound(states, commands, tuning)

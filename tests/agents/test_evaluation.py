@@ -1,4 +1,4 @@
-"""Evaluation: its numbers are those of the scalar environment, counted by hand; and it tells policies and filters apart."""
+"""Evaluation: its numbers are those of the scalar environment, counted by hand; and it distinguishes policies and filters."""
 
 import json
 import math
@@ -85,9 +85,9 @@ def by_hand(policy: str, seed: int, *, env: str, **options) -> dict[str, float]:
         "shortest": shortest,
     }
     for name, rows in errors.items():
-        for what, column in zip(("position", "heading"), np.array(rows).T, strict=True):
-            numbers |= {f"{name}_{what}_mean": column.mean(), f"{name}_{what}_max": column.max()}
-            numbers |= {f"{name}_{what}_final": column[-1]}
+        for quantity, column in zip(("position", "heading"), np.array(rows).T, strict=True):
+            numbers |= {f"{name}_{quantity}_mean": column.mean(), f"{name}_{quantity}_max": column.max()}
+            numbers |= {f"{name}_{quantity}_final": column[-1]}
     return numbers
 
 
@@ -108,12 +108,12 @@ def test_an_episode_is_that_of_the_scalar_environment(policy, options):
     for row in range(3):
         expected = by_hand(policy, 40 + row, **options)
         e = result.episodes
-        got = {name: getattr(e, name)[row] for name in e._fields if name not in ("seed", "estimate", "odometry")}
+        actual = {name: getattr(e, name)[row] for name in e._fields if name not in ("seed", "estimate", "odometry")}
         for source in ("estimate", "odometry"):
-            got |= {f"{source}_{name}": values[row] for name, values in getattr(e, source)._asdict().items()}
-        assert got.keys() == expected.keys()
+            actual |= {f"{source}_{name}": values[row] for name, values in getattr(e, source)._asdict().items()}
+        assert actual.keys() == expected.keys()
         for name, number in expected.items():
-            assert got[name] == pytest.approx(number, rel=1e-9, abs=1e-12, nan_ok=True), name
+            assert actual[name] == pytest.approx(number, rel=1e-9, abs=1e-12, nan_ok=True), name
     np.testing.assert_array_equal(result.episodes.seed, [40, 41, 42])
     assert options["env"] != ROOMS or 0 < result.episodes.collision.sum() < 3
 
@@ -146,29 +146,29 @@ def test_episodes_do_not_depend_on_the_batch_at_whose_start_memory_is_reset(monk
     whole = evaluate("bearing", episodes=7, noise="rough")
     monkeypatch.setattr(evaluation, "BATCH", 3)
     parts = evaluate(Remembers(), episodes=7, noise="rough")
-    for one, other in zip(whole.summary().values(), parts.summary().values(), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12)
+    for interval, in_parts in zip(whole.summary().values(), parts.summary().values(), strict=True):
+        np.testing.assert_allclose(interval, in_parts, rtol=1e-12)
     np.testing.assert_array_equal(whole.episodes.time, parts.episodes.time)
     np.testing.assert_allclose(whole.episodes.estimate, parts.episodes.estimate, rtol=1e-12)  # sums in another order
     assert masks == [[True] * 3, [True] * 4]
 
 
 def test_a_pose_needs_its_heading():
-    # BearingPolicy gets to the goal and does not care for the heading there: being near is not being there.
+    # BearingPolicy reaches the goal but ignores the final heading, so only some episodes succeed.
     result = evaluate("bearing", env=POSE, episodes=50, noise="clean")
     assert 0 < result.episodes.reached.sum() == result.episodes.success.sum() < 40
     assert np.median(result.episodes.miss) < 0.1
 
 
-def test_a_pair_is_the_first_minus_the_second_and_tells_more_than_two_means():
-    one, other = evaluate("bearing", episodes=200), evaluate("bearing", episodes=200, noise="documented")
-    difference = paired(one, other)
-    assert difference.value == pytest.approx(one.times().mean() - other.times().mean())
-    assert paired(other, one).value == -difference.value
-    alone = one.summary()["time"]
+def test_a_paired_difference_is_first_minus_second_and_narrower_than_an_unpaired_one():
+    first, second = evaluate("bearing", episodes=200), evaluate("bearing", episodes=200, noise="documented")
+    difference = paired(first, second)
+    assert difference.value == pytest.approx(first.times().mean() - second.times().mean())
+    assert paired(second, first).value == -difference.value
+    alone = first.summary()["time"]
     assert difference.high - difference.low < 0.3 * (alone.high - alone.low)
     with pytest.raises(ValueError, match="same seeds"):
-        paired(one, evaluate("bearing", episodes=200, seed=1))
+        paired(first, evaluate("bearing", episodes=200, seed=1))
 
 
 def test_the_reference_systems_numbers():
@@ -199,12 +199,14 @@ def test_the_interval_of_a_share_of_sums_ends_at_what_is_possible():
     assert metrics.ratio(np.array([0.0, 1.0]), given).low == 0.0
 
 
-def test_quantile_intervals_cover_as_often_as_they_say():
+def test_quantile_intervals_have_the_stated_coverage():
     random = np.random.default_rng(2)
-    values = [metrics.quantile(random.exponential(size=200), 0.05) for _ in range(1000)]
+    intervals = [metrics.quantile(random.exponential(size=200), 0.05) for _ in range(1000)]
     truth = -np.log(0.95)
-    assert 0.94 < np.mean([one.low <= truth <= one.high for one in values]) < 0.99  # a rank is whole: a little more than 95 %
-    assert np.mean([one.value for one in values]) == pytest.approx(truth, rel=0.05)
+    assert (
+        0.94 < np.mean([interval.low <= truth <= interval.high for interval in intervals]) < 0.99
+    )  # ranks are integers: > 95 %
+    assert np.mean([interval.value for interval in intervals]) == pytest.approx(truth, rel=0.05)
     assert metrics.quantile([3.0], 0.05) == (3.0, 3.0, 3.0)
 
 

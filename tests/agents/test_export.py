@@ -67,7 +67,7 @@ def test_a_saved_model_is_loaded_as_what_it_is(model, tmp_path):
 
 
 @pytest.mark.parametrize("wrong", ["activation", "shift"])
-def test_a_bundle_that_does_something_else_is_not_written(tmp_path, monkeypatch, wrong):
+def test_a_bundle_that_acts_differently_is_not_written(tmp_path, monkeypatch, wrong):
     model = untrained()
     changed = {
         "activation": (torch.nn.Tanh, lambda graph, layer: graph.add("Relu")),
@@ -103,12 +103,12 @@ def test_the_graph_is_that_of_torchs_exporter(tmp_path, monkeypatch):
         export(model, tmp_path / "ours.onnx", CARD)
     monkeypatch.setattr(module, "_graph_of", lambda layers, size: None)
     export(model, tmp_path / "torchs.onnx", CARD)
-    ours, torchs = (BundlePolicy(tmp_path / f"{whose}.onnx")(seen) for whose in ("ours", "torchs"))
+    ours, torchs = (BundlePolicy(tmp_path / f"{exporter}.onnx")(seen) for exporter in ("ours", "torchs"))
     np.testing.assert_array_equal(ours, torchs)
     assert ours.std() > 0.01
 
 
-def test_what_is_no_model_or_one_for_something_else_is_refused(tmp_path):
+def test_files_that_are_no_models_and_models_of_other_sizes_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"observations \(13,\)"):
         export(PPO("MlpPolicy", "Pendulum-v1", device="cpu"), tmp_path / "policy.onnx", CARD)
     for content in (b"", b"no zip at all"):

@@ -44,8 +44,8 @@ def test_a_command_searches_for_garbage_rarely_and_leaves_a_callers_process_as_i
 
 
 def test_a_training_is_configured_without_torch():
-    found = loaded("from turtlebot_gym_agents.training.config import TrainingConfig; TrainingConfig()")
-    assert not {"torch", "stable_baselines3", "matplotlib", "onnxruntime", "optuna"} & set(found)
+    modules = loaded("from turtlebot_gym_agents.training.config import TrainingConfig; TrainingConfig()")
+    assert not {"torch", "stable_baselines3", "matplotlib", "onnxruntime", "optuna"} & set(modules)
 
 
 def test_the_names_of_the_agents_package_are_found():

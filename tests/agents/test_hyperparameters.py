@@ -219,7 +219,7 @@ def test_each_hyperparameter_is_taken_in_its_range_and_refused_outside(algo, nam
 
 
 @pytest.mark.parametrize("algo", ALGORITHMS)
-def test_what_is_taken_makes_a_model_that_learns(algo):
+def test_all_accepted_values_make_a_model_that_learns(algo):
     """All good values of all hyper-parameters at once, the last of each: nothing that a rule allows ends in a traceback."""
     hyper = {name: GOOD[name][-1] for name in RULES[algo].rules if name in GOOD}
     off_policy = {"learning_starts": 4, "noise_type": "normal", "noise_std": 0.1, "gradient_steps": 1}

@@ -1,4 +1,4 @@
-"""The page of a policy's card: it says what the card says, and nothing on it breaks the page."""
+"""The page of a policy's card: it has all entries of the card, and no entry breaks the page."""
 
 from dataclasses import replace
 
@@ -18,8 +18,8 @@ def test_a_shipped_policy_has_a_page_with_its_card_and_its_results(capsys):
     page = capsys.readouterr().out
     head, card = page.split("---\n")[1], BundlePolicy(SHIPPED).card
     assert yaml.safe_load(head)["license"] == "mit"
-    for told in (card.env, card.robot["name"], "10 Hz", card.training["commit"], BundlePolicy(SHIPPED).sha256):
-        assert str(told) in page
+    for fact in (card.env, card.robot["name"], "10 Hz", card.training["commit"], BundlePolicy(SHIPPED).sha256):
+        assert str(fact) in page
     assert page.endswith(SHIPPED.with_suffix(".md").read_text(encoding="utf-8").partition("\n")[2])
 
 

@@ -27,7 +27,7 @@ SHIPPED = {
     "ppo-square": "turtlebot_gym/TurtleBotSquare-v0",
     "ppo-rooms": "turtlebot_gym/TurtleBotRooms-v0",
 }
-# 2 m away, 0.3 rad to the left, 0.5 rad to turn, driving at half of each limit: every number tells in some law.
+# 2 m away, 0.3 rad to the left, 0.5 rad to turn, driving at half of each limit: every number matters in some law.
 SIGHT = np.array(
     [2.0, math.cos(0.3), math.sin(0.3), math.cos(0.5), math.sin(0.5), 0.5, 0.5, 0.05, 0.1, 1.0, 2.0, 1.0, 0.0], np.float32
 )
@@ -42,7 +42,7 @@ def test_a_law_by_name_is_made_for_the_robot_and_the_period(name):
         for given in (robot, ROBOTS[robot]):
             np.testing.assert_array_equal(make_policy(name, robot=given, dt=dt)(SIGHT), acted[-1])
     np.testing.assert_array_equal(make_policy(name)(SIGHT), acted[0])
-    assert not np.array_equal(*acted)  # else the line above said nothing
+    assert not np.array_equal(*acted)  # otherwise the line above would prove nothing
 
 
 LOCATED = {"env": ROOMS, "world": "office", "noise": "wheel", "localizer": "match", "observation": "located"}
@@ -53,8 +53,8 @@ def test_rules_ignore_a_localizers_evidence(name):
     seen = np.random.default_rng(1).uniform(0.1, 1.0, (40, 3, SIZES[2])).astype(np.float32)
     two, three = make_policy(name), make_policy(name)
     for rows in seen:
-        told = np.concatenate([rows[:, :13], np.full((3, 4), 0.5, np.float32), rows[:, 13:]], axis=1)
-        np.testing.assert_array_equal(two(rows), three(told))
+        located = np.concatenate([rows[:, :13], np.full((3, 4), 0.5, np.float32), rows[:, 13:]], axis=1)
+        np.testing.assert_array_equal(two(rows), three(located))
 
 
 @pytest.mark.parametrize("name", ["ppo-rooms", f"{__name__}:seeing"])
@@ -77,11 +77,11 @@ def test_the_shipped_policies_have_their_names_and_tasks_and_are_made_for_their_
     assert isinstance(policy, BundlePolicy)
     assert (policy.card.env, policy.card.robot["name"], policy.card.dt) == (SHIPPED[name], "burger", 0.1)
     assert policy(np.resize(SIGHT, SIZES[policy.card.layout])).shape == (2,)
-    for asked in (name, str(pretrained_folder() / f"{name}.onnx")):
-        assert make_policy(asked).sha256 == policy.sha256
+    for reference in (name, str(pretrained_folder() / f"{name}.onnx")):
+        assert make_policy(reference).sha256 == policy.sha256
         for options, wanted in (({"robot": "waffle"}, "10 Hz waffle"), ({"dt": 0.25}, "4 Hz burger")):
             with pytest.raises(ValueError, match=f"made for 10 Hz burger, asked for {wanted}"):
-                make_policy(asked, **options)
+                make_policy(reference, **options)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""What environments are trained on: how observations are scaled, and what differs from environment to environment."""
+"""Scaling of observations, and domain randomization."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from turtlebot_gym_agents.training.randomization import ALL_ROUND, randomized
 
 
 class Still:
-    """Environments that show which step it is and the reset options that they received."""
+    """Environments whose observations are the number of the step."""
 
     num_envs = 500
 
@@ -40,7 +40,7 @@ def steady(observations):
 
 
 @pytest.mark.parametrize(("steps", "std"), [(4, np.std([1.0, 2.0, 3.0, 4.0])), (2, 0.5), (1, 1.0)])
-def test_statistics_are_those_of_what_is_seen_after_each_step(steps, std):
+def test_statistics_are_those_of_the_observations_after_each_step(steps, std):
     """What is constant keeps its scale."""
     assert measure(Still(13), steady, seed=7, steps=steps) == (
         pytest.approx([0.5 * (steps + 1)] * 13),
@@ -74,36 +74,36 @@ def test_ranges_are_spread_and_nothing_else():
     np.testing.assert_allclose(network(rows), np.clip((spread.numpy() - 0.5) / 0.1, -10.0, 10.0), rtol=0, atol=1e-5)
 
 
-def test_environments_differ_as_much_as_is_said(monkeypatch):
+def test_environments_differ_by_the_stated_ranges(monkeypatch):
     base = make_parameters(noise="tutorial")
     assert {drawn.noise.odometry.R != base.noise.odometry.R for drawn in randomized(base, 40, seed=3)} == {True}
     monkeypatch.setattr(randomization, "PRESETS", ("tutorial",))
     drawn = randomized(base, 600, seed=3)
-    size = np.array([np.array(one.noise.odometry.R) / NOISES["tutorial"].odometry.R for one in drawn])
+    size = np.array([np.array(p.noise.odometry.R) / NOISES["tutorial"].odometry.R for p in drawn])
     assert (size == size[:, :1]).all()  # one factor for all
     root = np.sqrt(size[:, 0])
     assert (root.min(), root.max()) == pytest.approx((0.5, 1.5), abs=0.02)
     assert root.mean() == pytest.approx(1.0, abs=0.05)
-    scale = np.array([one.noise.process.scale for one in drawn])
+    scale = np.array([p.noise.process.scale for p in drawn])
     assert (scale.min(), scale.max()) == pytest.approx((0.98, 1.02), abs=0.001)
     assert scale.mean() == pytest.approx(1.0, abs=0.002)
-    assert {(one.noise.process.turn_scale, one.noise.process.veer) for one in drawn} == {(1.0, 0.0)}
-    wheels = [one.noise.process for one in randomized(base, 600, seed=3, turn_error=0.1, veer=0.05)]
+    assert {(p.noise.process.turn_scale, p.noise.process.veer) for p in drawn} == {(1.0, 0.0)}
+    wheels = [p.noise.process for p in randomized(base, 600, seed=3, turn_error=0.1, veer=0.05)]
     for name, middle, error in (("scale", 1.0, 0.02), ("turn_scale", 1.0, 0.1), ("veer", 0.0, 0.05)):
         values = [getattr(process, name) for process in wheels]
         assert (min(values), max(values)) == pytest.approx((middle - error, middle + error), abs=0.05 * error)
-    assert {one.delay for one in drawn} == {0.0, 1.0}
-    assert np.mean([one.delay for one in drawn]) == pytest.approx(0.5, abs=0.1)
-    assert len({one.tuning for one in drawn}) > 590  # each filter is matched to its own noise
+    assert {p.delay for p in drawn} == {0.0, 1.0}
+    assert np.mean([p.delay for p in drawn]) == pytest.approx(0.5, abs=0.1)
+    assert len({p.tuning for p in drawn}) > 590  # each filter is matched to its own noise
 
 
 def test_rooms_differ_in_their_world_and_their_lidar():
     base = make_parameters(noise="tutorial")
-    assert not any(one.room for one in randomized(base, 20, seed=3))
+    assert not any(p.room for p in randomized(base, 20, seed=3))
     room = make_room(ROOMS["dense"], LIDARS["lds01"], base.dt)
-    drawn = [one.room for one in randomized(base._replace(reward=RoomReward(), room=room), 1400, seed=3)]
+    rooms = [p.room for p in randomized(base._replace(reward=RoomReward(), room=room), 1400, seed=3)]
     weights = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1, "people": 0}
-    share = {name: np.mean([one.rules == ROOMS[name] for one in drawn]) for name in weights}
+    share = {name: np.mean([drawn.rules == ROOMS[name] for drawn in rooms]) for name in weights}
     assert share == {name: pytest.approx(weight / 14.0, abs=0.04) for name, weight in weights.items()}
     for name in ALL_ROUND:
-        assert np.mean([one.lidar == LIDARS[name] for one in drawn]) == pytest.approx(0.25, abs=0.04)
+        assert np.mean([drawn.lidar == LIDARS[name] for drawn in rooms]) == pytest.approx(0.25, abs=0.04)

@@ -20,7 +20,7 @@ def trained(kind, *, again=None):
     return torch.cat([weight.detach().flatten() for weight in network.parameters()])
 
 
-def test_its_steps_and_its_state_are_torchs():
+def test_adams_steps_and_state_are_torchs():
     expected = trained(torch.optim.Adam)
     assert torch.equal(trained(Adam), expected)
     assert not torch.equal(expected, trained(torch.optim.AdamW))  # the comparison can fail

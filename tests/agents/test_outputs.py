@@ -1,4 +1,4 @@
-"""What commands write: tried before the work, never an input, and over a result only with --force."""
+"""Outputs of commands: checked before the work, never an input, and overwritten only with --force."""
 
 import os
 import sys
@@ -16,6 +16,7 @@ NEEDED = {name: ["drive.csv"] for name in ("replay", "calibrate", "export", "stu
 NEEDED["card"] = ["ppo-nav"]
 NEEDED["localize"] = ["drive.csv", "--map", "drive.csv"]
 WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in _kinds_of(command)]
+FILES = [(name, option) for name, option in WRITTEN if not _kinds_of(COMMANDS[name])[option].folder]
 
 
 def flag_of(option):
@@ -38,7 +39,7 @@ def test_each_option_that_names_a_path_is_known_as_an_input_or_an_output(name):
 
 @pytest.fixture
 def untouched(monkeypatch):
-    """No command begins its work."""
+    """Fail if a command begins its work."""
 
     def run(self):
         raise AssertionError("it has begun")
@@ -71,7 +72,7 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(name, optio
     assert sorted(path.name for path in folder.iterdir() if path.name != "runs") == ["drive.csv", "folder", f"folder{ending}"]
 
 
-@pytest.mark.parametrize(("name", "option"), [one for one in WRITTEN if not _kinds_of(COMMANDS[one[0]])[one[1]].folder])
+@pytest.mark.parametrize(("name", "option"), FILES)
 def test_a_result_is_overwritten_only_with_force(name, option, untouched, capsys, folder):
     kind = _kinds_of(COMMANDS[name])[option]
     path = folder / f"result{kind.endings[0]}"
@@ -87,7 +88,7 @@ def test_a_result_is_overwritten_only_with_force(name, option, untouched, capsys
 
 
 @pytest.mark.parametrize("link", [os.symlink, os.link, None], ids=["symbolic", "hard", "itself"])
-def test_neither_an_input_nor_another_output_is_overwritten_also_by_force(link, untouched, capsys, folder):
+def test_neither_an_input_nor_another_output_is_overwritten_even_with_force(link, untouched, capsys, folder):
     (folder / "mine.json").write_text("{}")
     (folder / "bag").mkdir()
     (folder / "bag" / "metadata.yaml").write_text("x: 1\n")
@@ -95,14 +96,14 @@ def test_neither_an_input_nor_another_output_is_overwritten_also_by_force(link, 
     if link:
         target = "other.json"
         link("mine.json", target)
-    for words, said in (
+    for words, message in (
         (f"calibrate mine.json --json {target}", "it is an input of the same command"),
         ("calibrate bag --out bag/metadata.yaml", "it is an input of the same command"),
         (f"evaluate --policy bearing mine.json+safety --json {target}", f"--json {target}: it is an input"),
         (f"tune-baseline --out mine.json --json {target}", "is the output of --"),
     ):
         assert main([*words.split(), "--force"]) == 2, words
-        assert said in capsys.readouterr().err, words
+        assert message in capsys.readouterr().err, words
     assert sys.path.count(str(Path.cwd())) <= 1  # the path of modules does not grow
 
 
@@ -131,8 +132,8 @@ def test_several_drives_have_a_picture_each(folder, capsys):
     (folder / "more" / "drive.csv").write_text("x")
     command = COMMANDS["replay"]
     files = (Path("drive.csv"), Path("more/drive.csv"), Path("other.csv"), Path("drive.csv"))
-    found = [path.name for _, path, _ in outputs_of(command(files=files, plot=Path("a.png")))]
-    assert found == ["a-drive-0.png", "a-drive-1.png", "a-other.png"]
+    names = [path.name for _, path, _ in outputs_of(command(files=files, plot=Path("a.png")))]
+    assert names == ["a-drive-0.png", "a-drive-1.png", "a-other.png"]
     (folder / "a-other.png").write_text("dear")
     assert main(["replay", *map(str, files), "--plot", "a.png"]) == 2
     assert "a-other.png: it exists" in capsys.readouterr().err

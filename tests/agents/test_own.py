@@ -1,4 +1,4 @@
-"""A policy of somebody's own: it drives like any other, and where it fails, one line says in which file and line."""
+"""A user's policy: it drives like any other, and if it fails, the error names file and line."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def deep(observations):
 def nan(observations):
     return np.full((*observations.shape[:-1], 2), np.nan)
 
-def one(observations):
+def narrow(observations):
     return observations[..., :1]
 
 def text(observations):
@@ -38,9 +38,9 @@ class Unmade:
 class Memory:
     layout = 2
     def __init__(self, robot, dt):
-        self.asked, self.robot, self.dt = [], robot, dt
+        self.masks, self.robot, self.dt = [], robot, dt
     def reset(self, mask):
-        self.asked.append(mask)
+        self.masks.append(mask)
     def __call__(self, observations):
         return still(observations)
 """
@@ -56,7 +56,7 @@ def own(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_one_that_answers_drives():
+def test_a_users_function_drives():
     policy = make_policy("drivers:still")
     for shape in ((13,), (4, 13), (2, 3, 13)):
         assert policy(np.zeros(shape, np.float32)).shape == (*shape[:-1], 2)
@@ -64,17 +64,17 @@ def test_one_that_answers_drives():
     assert layout_of(policy) is None
 
 
-def test_what_it_has_besides_is_kept():
+def test_its_other_attributes_are_kept():
     policy = make_policy("drivers:Memory", robot="waffle", dt=0.05)
     assert (policy.robot, policy.dt) == (ROBOTS["waffle"], 0.05)
     assert isinstance(policy, PolicyWithMemory)
     assert layout_of(policy) == 2
     policy.reset(np.ones(3, np.bool_))
-    assert len(policy.asked) == 1
+    assert len(policy.masks) == 1
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("slips:policy", r"SyntaxError: .* \(.*slips\.py, line 3\)"),
         ("falls:policy", r"ValueError: math domain error \(.*falls\.py, line 2\)"),
@@ -82,11 +82,11 @@ def test_what_it_has_besides_is_kept():
         ("drivers:raises", r"ZeroDivisionError: division by zero \(.*drivers\.py, line 7\)"),
         ("drivers:deep", r"LinAlgError: Singular matrix \(.*drivers\.py, line 10\)"),
         ("drivers:nan", "it must return finite numbers, got nan"),
-        ("drivers:one", r"it must return an array of shape \(5, 2\), got \(5, 1\)"),
+        ("drivers:narrow", r"it must return an array of shape \(5, 2\), got \(5, 1\)"),
         ("drivers:text", "it must return numbers, got str"),
         ("drivers:nothing", "it must return (numbers|an array)"),
     ],
 )
-def test_a_failing_policy_is_reported_with_its_place_on_one_line(name, said):
-    with pytest.raises(ValueError, match=rf"^[^\n]*{name}: {said}[^\n]*$"):
+def test_a_failing_policy_is_reported_with_its_place_on_one_line(name, message):
+    with pytest.raises(ValueError, match=rf"^[^\n]*{name}: {message}[^\n]*$"):
         make_policy(name)(np.zeros((5, 13), np.float32))

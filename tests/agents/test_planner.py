@@ -1,4 +1,4 @@
-"""The policy that plans: its grid, its ways, what it remembers, and that a batch may go on with some of its rows."""
+"""The planner: its grid, its paths, its memory, and batches of which some rows are dropped."""
 
 import heapq
 from functools import partial
@@ -31,7 +31,7 @@ def cells(policy, row=0):
     return (places - memory.frame[row, 0]) / memory.frame[row, 1]
 
 
-def test_the_cheapest_way_is_dijkstras():
+def test_the_cheapest_path_is_dijkstras():
     random = np.random.default_rng(2)
     for _ in range(30):
         weights = np.where(random.random((17, 12)) < 0.4, 400, random.integers(4, 20, (17, 12))).astype(np.int32)
@@ -61,8 +61,8 @@ def test_machine_code_is_plain_python_to_the_bit():
         for function, (seen, vain, ways, targets) in ((grid.advance(), compiled), (grid._advance, plain)):
             reaches, numbers = np.array([3.4, 2.0]), (policy._stamp, 2.0, 1.15, 6, 4)
             function(seen, vain, ways, scans, reaches, shares, yes, places, goals, yes, yes, *numbers, targets)
-        for one, other in zip(compiled, plain, strict=True):
-            np.testing.assert_array_equal(one, other)
+        for array, expected in zip(compiled, plain, strict=True):
+            np.testing.assert_array_equal(array, expected)
     assert (compiled[0] >= OCCUPIED).sum() > 50
     assert compiled[1].any()
     assert compiled[2].any()
@@ -111,7 +111,7 @@ def test_the_grid_moves_with_its_robot():
     assert cells(policy) == pytest.approx(5.0 - 15.0 + 1j, abs=0.2)
 
 
-def test_a_robot_that_does_not_get_on_tries_another_way():
+def test_a_robot_that_makes_no_progress_tries_another_path():
     """It stands before a wall, whatever the policy answers; the nearer end is on the left."""
     policy, turns = PlannerPolicy(), []
     for _ in range(150):
@@ -131,7 +131,7 @@ def test_a_robot_that_moves_back_and_forth_is_stuck_and_one_that_turns_round_is_
         assert any(stuck) == is_stuck
 
 
-def test_a_way_leads_where_the_ground_was_seen_to_be_free_if_another_is_hardly_shorter():
+def test_a_path_over_ground_seen_to_be_free_is_preferred_to_a_slightly_shorter_one():
     """The goal is behind a post in the middle; the ground was seen on the left."""
     for side in (-1, 1):
         seen, target = np.zeros((SIDE, SIDE), np.int8), np.zeros(2)
@@ -142,7 +142,7 @@ def test_a_way_leads_where_the_ground_was_seen_to_be_free_if_another_is_hardly_s
         assert np.sign(target[1] - 0.1) == side
 
 
-def test_of_two_ways_the_last_one_is_kept_until_the_other_is_much_shorter_or_the_robot_is_stuck():
+def test_the_last_path_is_kept_until_another_is_much_shorter_or_the_robot_is_stuck():
     """A wall is ahead, as long on the left as on the right, and is then seen to be longer where the way leads past it."""
     stamp, target = PlannerPolicy()._stamp, np.zeros(2)
     for grows, habit, stuck, changes in ((1, 0, False, True), (1, 4, False, False), (8, 4, False, True), (1, 4, True, True)):
@@ -157,7 +157,7 @@ def test_of_two_ways_the_last_one_is_kept_until_the_other_is_much_shorter_or_the
         assert (sides[0] != sides[1]) == changes
 
 
-def test_the_motion_since_a_scan_is_by_the_speeds_of_then():
+def test_the_motion_since_a_scan_follows_from_the_speeds_at_that_time():
     """The robot drove, turned to the left for 0.2 s, then to the right, and is about to stand."""
     motion = Motion(0.1, 0.1)
     motion.reset(np.array([True]))
@@ -176,7 +176,7 @@ def test_beams_are_as_old_whether_a_scan_is_stamped_with_its_first_or_its_last(a
     assert [np.angle(motion.since(np.array([age]))[1])[0] for age in ages] == pytest.approx(beams)
 
 
-def test_a_map_is_seen_from_the_beginning():
+def test_a_given_map_is_used_from_the_beginning():
     """The wall is longer on the right; it was never in sight."""
     policy = PlannerPolicy()
     policy.reset(np.array([True]))
@@ -186,10 +186,10 @@ def test_a_map_is_seen_from_the_beginning():
 
 
 @pytest.mark.parametrize("name", ["vfh", "planner", "vfh+safety", "planner+safety", "ppo-rooms+safety"])
-def test_a_batch_that_goes_on_with_some_rows_is_these_rows(name):
+def test_a_batch_that_keeps_some_rows_equals_these_rows(name):
     random = np.random.default_rng(4)
     shares = np.minimum(random.uniform(0.04, 1.3, (30, 6, SECTORS)), 1.0)
-    rows = np.array([[sight(shares=each) for each in step] for step in shares])
+    rows = np.array([[sight(shares=ranges) for ranges in step] for step in shares])
     kept, (whole, part) = np.array([True, False, True, True, False, False]), (make_policy(name) for _ in range(2))
     assert isinstance(whole, ShrinkingPolicy)
     for policy, mask in ((whole, np.ones(6, np.bool_)), (part, np.ones(3, np.bool_))):
@@ -201,7 +201,7 @@ def test_a_batch_that_goes_on_with_some_rows_is_these_rows(name):
         np.testing.assert_allclose(whole(step[kept]), part(step[kept]), rtol=0.0, atol=1e-6)
 
 
-def test_episodes_do_not_depend_on_whether_a_batch_goes_on_with_some_rows():
+def test_episodes_do_not_depend_on_whether_a_batch_drops_finished_rows():
     class Whole:
         def __init__(self, policy):
             self.reset, self._drive = policy.reset, policy
@@ -209,16 +209,18 @@ def test_episodes_do_not_depend_on_whether_a_batch_goes_on_with_some_rows():
         def __call__(self, observations):
             return self._drive(observations)
 
-    every = Whole(make_policy("vfh+safety"))
-    assert not isinstance(every, ShrinkingPolicy)
-    one, other = (evaluate(driver, env=ROOMS, world="dense", episodes=12, seed=3) for driver in ("vfh+safety", every))
-    np.testing.assert_array_equal(one.episodes.time, other.episodes.time)
-    np.testing.assert_array_equal(one.episodes.path, other.episodes.path)
+    unshrinkable = Whole(make_policy("vfh+safety"))
+    assert not isinstance(unshrinkable, ShrinkingPolicy)
+    policies = "vfh+safety", unshrinkable
+    shrunk, whole = (evaluate(policy, env=ROOMS, world="dense", episodes=12, seed=3) for policy in policies)
+    np.testing.assert_array_equal(shrunk.episodes.time, whole.episodes.time)
+    np.testing.assert_array_equal(shrunk.episodes.path, whole.episodes.path)
 
 
 def test_in_an_office_memory_finds_the_doors():
     """40 offices. With a success of 0.985 and 0.8, a bound is missed by fewer than one seed in a thousand."""
-    told = {name: evaluate(name, env=ROOMS, world="office", episodes=40, seed=3).episodes for name in ("vfh", "planner+safety")}
-    assert told["planner+safety"].success.mean() >= 0.9
-    assert told["vfh"].success.mean() < 0.99
-    assert not told["planner+safety"].collision.any()
+    names = "vfh", "planner+safety"
+    vfh, planner = (evaluate(name, env=ROOMS, world="office", episodes=40, seed=3).episodes for name in names)
+    assert planner.success.mean() >= 0.9
+    assert vfh.success.mean() < 0.99
+    assert not planner.collision.any()

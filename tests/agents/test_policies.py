@@ -53,7 +53,7 @@ def test_a_batch_equals_its_rows(policy):
 
 
 @pytest.mark.parametrize(("law", "name", "near"), [(BearingPolicy, "tutorial", 1e-6), (CornerPolicy, "burger", 1e-5)])
-def test_a_law_knows_no_left_from_right_and_no_front_from_back(law, name, near):
+def test_a_law_is_symmetric_left_to_right_and_front_to_back(law, name, near):
     random, robot, policy = np.random.default_rng(2), ROBOTS[name], law(name)
     for state, goal, _ in random_sights(200, robot):
         o = Observation(*seen(state, goal, robot, Pose(*random.uniform(-2.0, 2.0, 2).tolist(), 0.0)))
@@ -120,7 +120,7 @@ def test_corner_policy_steers_to_the_point_inside_the_bend(waypoint, following, 
         assert np.abs(action - BearingPolicy(gain=3.0)(seen_at_rest(waypoint, following)))[1] > 0.005
 
 
-def test_corner_policy_decides_on_what_lies_where_when_its_command_acts():
+def test_corner_policy_decides_on_positions_at_the_time_its_command_acts():
     # At 0.2 m/s and 2 rad/s the robot is, after 0.1 s, 0.02 m further along its old heading, and turned by 0.2 rad.
     robot, goal, following = ROBOTS["burger"], Pose(0.9, 0.3, 0.0), Pose(0.2, 1.4, 0.0)
     moving = seen(State(0.1, -0.2, 0.5, 0.2, 2.0), goal, robot, following)
@@ -137,7 +137,7 @@ def test_corner_policy_is_faster_round_corners():
     assert times["corner"].max() < 40.0  # nobody is lost
 
 
-def test_who_is_not_told_of_an_arrival_comes_ever_nearer_to_the_waypoint():
+def test_a_robot_whose_arrival_does_not_count_comes_ever_nearer_to_the_waypoint():
     # The believed pose is within the radius and the true one is not, so the waypoint stays: nobody must drive past it.
     random, robot, goal = np.random.default_rng(3), ROBOTS["burger"], Pose(0.0, 0.0, 0.0)
     for _ in range(30):

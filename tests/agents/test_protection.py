@@ -1,4 +1,4 @@
-"""The safety layer: no contact from where a stop was possible, whatever the policy wishes, and nothing else is changed."""
+"""The safety layer: it prevents all contacts where a stop is possible, and changes nothing else."""
 
 import numpy as np
 import pytest
@@ -126,13 +126,13 @@ def reckless(seed):
 
 
 @pytest.mark.parametrize("delay", [1, 2])
-def test_within_the_layer_nobody_touches_a_post_from_where_a_stop_was_possible(delay):
+def test_within_the_layer_no_robot_touches_a_post_if_a_stop_was_possible(delay):
     """300 reckless robots among posts that stand still, with a perfect LiDAR, whose commands are a step late or two."""
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0), delay=delay) > 0.0
 
 
 @pytest.mark.parametrize("delay", [1, 2])
-def test_within_the_layer_nobody_touches_a_post_that_came_too_near_for_the_lidar(delay, monkeypatch):
+def test_within_the_layer_no_robot_touches_a_post_that_came_too_near_for_the_lidar(delay, monkeypatch):
     """An LDS-02 sees nothing below 0.16 m; without a memory of such posts the robots touch them."""
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0, lidar_x=0.0), delay=delay, blind=0.16) > 0.0
     monkeypatch.setattr(SafetyLayer, "_remembered", lambda self, rows, *since: rows)
@@ -172,15 +172,15 @@ def test_where_the_layer_has_stopped_a_robot_geometry_steers_for_a_while_until_i
 
 
 @pytest.mark.parametrize("number", ["reserve", "margin", "margin_behind", "least_margin", "lag"])
-def test_every_number_of_the_safety_layer_tells_and_is_checked(number):
+def test_every_number_of_the_safety_layer_matters_and_is_checked(number):
     rows, forward = random_sights(300), -1.0 if number == "margin_behind" else 1.0
-    one, other = ({"margin": 0.5, number: value} for value in (0.05, 0.5))
-    assert (layered(forward, 0.5, rows, **one) != layered(forward, 0.5, rows, **other)).any()
+    small, large = ({"margin": 0.5, number: value} for value in (0.05, 0.5))
+    assert (layered(forward, 0.5, rows, **small) != layered(forward, 0.5, rows, **large)).any()
     with pytest.raises(ValueError, match=number):
         layered(1.0, 0.5, rows, **{number: -1.0})
 
 
-def test_the_safety_layer_takes_most_collisions_from_who_sees_nothing():
+def test_the_safety_layer_prevents_most_collisions_of_a_policy_that_sees_nothing():
     blind, layered = (evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("bearing", "bearing+safety"))
     assert blind["collision"].value > 0.3
     assert layered["collision"].value <= 1.0 / 60.0

@@ -1,4 +1,4 @@
-"""The benchmark protocol: what can enter, the same numbers as `evaluate`, and one table of entries."""
+"""The benchmark protocol: which policies can enter, the same numbers as `evaluate`, and one table of entries."""
 
 import json
 
@@ -70,7 +70,7 @@ def test_an_entry_has_the_numbers_of_an_evaluation_and_stands_in_a_table(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["walk"], "action must be one of 'run', 'table', got 'walk'"),
         (["table"], "name the entries of the table"),
@@ -79,12 +79,12 @@ def test_an_entry_has_the_numbers_of_an_evaluation_and_stands_in_a_table(tmp_pat
         (["run", "--policy", "ppo-square"], "the protocol has no setting of its task"),
     ],
 )
-def test_what_is_no_entry_is_refused_in_one_line(arguments, told, tmp_path, monkeypatch, capsys):
+def test_invalid_entries_and_arguments_are_refused_in_one_line(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "other.json").write_text('{"format": "other"}')
     assert main(["protocol", *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert told in line
+    assert message in line
 
 
 def test_the_settings_do_not_change_without_another_format():

@@ -148,12 +148,12 @@ def test_every_tunable_number_changes_what_a_policy_does(name):
     kind, rows, random = POLICIES[name], random_sights(200), np.random.default_rng(1)
     for number, span in kind.ranges().items():
         changes = []
-        for _ in range(6):  # brake tells where clear is small: the others are drawn
-            others = {key: random.uniform(each.low, each.high) for key, each in kind.ranges().items()}
-            one, other = (kind(**(others | {number: end})) for end in (span.low, span.high))
-            for policy in (one, other) * 4:
+        for _ in range(6):  # brake matters only if clear is small, so the others are drawn
+            others = {key: random.uniform(bounds.low, bounds.high) for key, bounds in kind.ranges().items()}
+            low, high = (kind(**(others | {number: end})) for end in (span.low, span.high))
+            for policy in (low, high) * 4:
                 policy(rows[::-1])  # for a memory
-            changes.append(np.abs(one(rows) - other(rows)).max())
+            changes.append(np.abs(low(rows) - high(rows)).max())
         assert max(changes) > 0.01, number
 
 
@@ -186,7 +186,7 @@ def test_there_is_no_oracle_on_open_ground():
 
 
 @pytest.mark.parametrize(("away", "in_the_way"), [(0.28, True), (0.34, True), (0.37, False), (0.6, False)])
-def test_what_the_robot_would_touch_at_the_goal_is_in_its_way(away, in_the_way):
+def test_obstacles_that_the_robot_would_touch_at_the_goal_block_it(away, in_the_way):
     """The goal is 0.25 m ahead, and the robot's radius is 0.105 m."""
     post = np.ones(SECTORS)
     post[0] = away / SIGHT
@@ -195,7 +195,7 @@ def test_what_the_robot_would_touch_at_the_goal_is_in_its_way(away, in_the_way):
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_who_is_shut_in_turns_to_the_side_that_was_chosen_last(side):
+def test_an_enclosed_robot_turns_to_the_side_chosen_last(side):
     policy = make_policy("vfh")
     assert policy(sight((1.0, side, 0.0)))[1] * side > 0.0
     forward, turn = policy(sight((1.0, -side, 0.0), shares=np.full(SECTORS, 0.13 / SIGHT)))

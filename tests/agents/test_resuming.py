@@ -1,4 +1,4 @@
-"""Resuming a training: the same run goes on, from whatever a kill has left, and nothing in its files is run."""
+"""Resuming a training: it continues from whatever a kill has left, and no code in its files is run."""
 
 import base64
 import contextlib
@@ -48,7 +48,7 @@ def test_a_folder_with_a_run_is_not_overwritten(finished):
         train(replace(config, config=SMALL | {"gamma": 0.5}), folder, resume=True, progress=False)
 
 
-def test_a_record_of_an_earlier_version_is_resumed_but_not_what_is_no_checkpoint(finished):
+def test_a_record_of_an_earlier_version_is_resumed_but_not_an_invalid_checkpoint(finished):
     record = json.loads((finished / "config.json").read_text())
     for name in ("task", "dt", "plant", "integrator"):  # it did not have them
         del record["config"][name]
@@ -111,7 +111,7 @@ def test_off_policy_checkpoints_have_their_replay_buffer(tmp_path):
     assert model.replay_buffer.size() * 64 == model.num_timesteps == 512
     assert model._n_updates == saved._n_updates > 0
     assert model.log_ent_coef.item() == saved.log_ent_coef.item()
-    restored, expected = (each.get_parameters() for each in (model, saved))
+    restored, expected = (source.get_parameters() for source in (model, saved))
     assert all(torch.equal(restored["policy"][name], weight) for name, weight in expected["policy"].items())
     assert str(restored["critic.optimizer"]) == str(expected["critic.optimizer"])
     with np.load(_replay_path(checkpoint)) as content:
@@ -153,7 +153,7 @@ def test_resumes_after_kills(kills, tmp_path):
     BundlePolicy(folder / "policy.onnx", robot="burger", dt=0.1)
 
 
-def test_a_command_that_resumes_says_that_it_does_not_go_on_as_if_uninterrupted(tmp_path, capsys):
+def test_a_resuming_command_warns_that_the_policy_will_differ(tmp_path, capsys):
     line = ["train", "--out", str(tmp_path / "run"), "--steps", "2048", "--evaluations", "1", "--resume"]
     assert main(line) == 0
     assert "uninterrupted" not in capsys.readouterr().err

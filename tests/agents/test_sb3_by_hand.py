@@ -73,7 +73,7 @@ class Scripted(gym.vector.VectorEnv):
 STILL = np.zeros((3, 1), np.float32)
 
 
-def test_what_sb3_receives_word_for_word():
+def test_all_that_sb3_receives():
     env = Sb3VecEnv(Scripted())
     env.seed(40)
     np.testing.assert_array_equal(env.reset(), np.zeros((3, 1)))

@@ -235,7 +235,7 @@ def test_sb3s_wrappers_work_on_top():
     assert env.get_attr("num_envs") == [8] * 8
 
 
-def test_a_reset_of_some_goes_on_with_the_others_and_their_returns():
+def test_a_reset_of_some_rows_continues_the_others_and_their_returns():
     env, still = native(2, max_episode_steps=4), np.zeros((2, 2), np.float32)
     env.reset()
     before = env.step(still)[0]

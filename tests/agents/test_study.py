@@ -1,4 +1,4 @@
-"""The study: what it says follows from its numbers, losses first; what is published is what it says; and it resumes."""
+"""The study: its text follows from its numbers, losses first; published pages agree with it; and it resumes."""
 
 import json
 from dataclasses import replace
@@ -53,7 +53,7 @@ RESULTS = {
 }
 
 
-def test_what_learning_loses_is_said_first():
+def test_losses_of_learning_are_reported_first():
     assert text.summary(RESULTS) == [
         "* **PPO is slower than the tuned baseline in 1 of 3 scenarios**: Nav, estimate, tutorial "
         "(10.45 s to 10.30 s: +0.15 s, +0.10 to +0.20).",
@@ -84,7 +84,7 @@ def test_a_verdict_needs_the_corrected_p_value():
         assert robustness.verdict({"p_holm": p, "ppo": {"difference": Interval(difference, -9.0, 9.0)}}) == verdict
 
 
-def test_the_readme_says_what_the_published_study_says():
+def test_the_readme_agrees_with_the_published_study():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     findings = publish.findings(ROOT / "benchmarks" / "robustness.json")
     assert findings in readme
@@ -96,16 +96,16 @@ def test_the_readme_says_what_the_published_study_says():
 def test_every_published_claim_has_five_trainings_and_its_seeds():
     study = json.loads((ROOT / "benchmarks" / "robustness.json").read_text(encoding="utf-8"))
     assert study["comparisons"]
-    for one in study["comparisons"]:
-        assert one["ppo"]["trainings"] == len(one["ppo"]["time_of_each_training"]) == len(one["seeds"]["training"]) >= 5
-        first, end = one["seeds"]["evaluation"]
-        assert one["ppo"]["episodes"] == end - first >= 2000
-        assert one["compared_with"] == one["baselines"][0]["policy"]
-        assert one["verdict"] == robustness.verdict(
-            {"p_holm": one["p_holm"], "ppo": {"difference": Interval(**one["ppo"]["difference"])}}
-        )
-        assert len(one["commits"]) == 1
-        assert not one["commits"][0].endswith("-dirty")
+    for row in study["comparisons"]:
+        ppo, seeds = row["ppo"], row["seeds"]
+        assert ppo["trainings"] == len(ppo["time_of_each_training"]) == len(seeds["training"]) >= 5
+        first, end = seeds["evaluation"]
+        assert ppo["episodes"] == end - first >= 2000
+        assert row["compared_with"] == row["baselines"][0]["policy"]
+        difference = Interval(**ppo["difference"])
+        assert row["verdict"] == robustness.verdict({"p_holm": row["p_holm"], "ppo": {"difference": difference}})
+        assert len(row["commits"]) == 1
+        assert not row["commits"][0].endswith("-dirty")
 
 
 def test_scenarios_have_files_of_their_own():
@@ -140,14 +140,14 @@ def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
     options = robustness.SCENARIOS[name]
     bundle = scenarios.trained(tmp_path, 0, small.steps, **options) / "policy.onnx"
     trained = bundle.stat().st_mtime_ns
-    found = plain(robustness.compared(small, tmp_path, name))
+    compared = plain(robustness.compared(small, tmp_path, name))
     assert bundle.stat().st_mtime_ns == trained
-    assert found["seeds"] == {"training": [0, 1], "evaluation": [1_000_000, 1_000_012]}
-    assert [one["policy"] for one in found["baselines"]] == ["corner", "bearing"]  # the faster one first
-    assert found["compared_with"] == scenarios.best_baseline(tmp_path, small, **options) == "corner"
-    gap = found["ppo"]["time"]["value"] - found["baselines"][0]["time"]["value"]
-    assert found["ppo"]["difference"]["value"] == pytest.approx(gap)
-    assert found["ppo"]["success"]["value"] == 0.0  # after a thousand steps
+    assert compared["seeds"] == {"training": [0, 1], "evaluation": [1_000_000, 1_000_012]}
+    assert [baseline["policy"] for baseline in compared["baselines"]] == ["corner", "bearing"]  # the faster one first
+    assert compared["compared_with"] == scenarios.best_baseline(tmp_path, small, **options) == "corner"
+    gap = compared["ppo"]["time"]["value"] - compared["baselines"][0]["time"]["value"]
+    assert compared["ppo"]["difference"]["value"] == pytest.approx(gap)
+    assert compared["ppo"]["success"]["value"] == 0.0  # after a thousand steps
     files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.glob("*/*.json"))
     assert [path for path in files if path.startswith("tuned")] == [
         "tuned/bearing-TurtleBotSquare-v0-ekf-tutorial.json",
@@ -155,7 +155,7 @@ def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
     ]
 
 
-def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
+def test_a_card_states_its_losses_first_and_its_origin(small, tmp_path):
     config = pretrained.Config(seeds=1, steps=1024, episodes=12, tries=1, tasks=("nav",), out=tmp_path)
     (training,) = scenarios.trainings(tmp_path, config.steps, config.seeds, pretrained.NAV)
     run = training()
@@ -170,13 +170,13 @@ def test_a_card_says_its_losses_first_and_its_origin(small, tmp_path):
     assert text.count("| ppo-nav |") == 3
 
 
-def test_the_delay_by_the_safety_layer_is_that_of_rooms_crossed_either_way():
+def test_the_delay_by_the_safety_layer_counts_rooms_crossed_with_and_without_it():
     def driven(time, success):
         return SimpleNamespace(episodes=SimpleNamespace(time=np.array(time), success=np.array(success)))
 
-    one = driven([12.0, 60.0, 11.0, 15.0], [True, False, True, True])
-    other = driven([10.0, 9.0, 3.0, 11.0], [True, True, False, True])
-    delay = rooms_study.later(one, other)
+    layered = driven([12.0, 60.0, 11.0, 15.0], [True, False, True, True])
+    bare = driven([10.0, 9.0, 3.0, 11.0], [True, True, False, True])
+    delay = rooms_study.later(layered, bare)
     assert delay.value == pytest.approx(3.0)  # of 2 and 4 s
     assert delay.high - delay.value == pytest.approx(12.706, abs=1e-3)  # Student's factor for two numbers, times 1 s
 

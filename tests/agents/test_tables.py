@@ -92,17 +92,17 @@ def rows_of(lines, name):
 def test_evaluate(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("COLUMNS", str(WIDTH))
     path = tmp_path / "result.json"
-    asked = ["--policy", "proportional", "bearing", "--episodes", "20", "--details"]
-    assert main(["evaluate", *asked, "--json", str(path)]) == 0
+    arguments = ["--policy", "proportional", "bearing", "--episodes", "20", "--details"]
+    assert main(["evaluate", *arguments, "--json", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert max(cell_len(line) for line in lines if re.match("[┏┡├└│┃]", line)) <= WIDTH
     assert "…" not in "".join(lines)
     for run in json.loads(path.read_text())["runs"]:
-        found, summary = rows_of(lines, run["label"]), run["summary"]
+        printed, summary = rows_of(lines, run["label"]), run["summary"]
         for value in (100.0 * np.array([*summary["success"].values()])).round(1):
-            assert value in found
-        assert round(summary["effort"]["value"], 2) in found
-        assert round(float(np.mean(run["episodes"]["odometry"]["heading_max"])), 3) in found
+            assert value in printed
+        assert round(summary["effort"]["value"], 2) in printed
+        assert round(float(np.mean(run["episodes"]["odometry"]["heading_max"])), 3) in printed
 
 
 def test_a_search_shows_its_best_trials():

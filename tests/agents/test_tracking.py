@@ -21,7 +21,7 @@ from turtlebot_gym_agents.training.train import train
 CONFIG = TrainingConfig(steps=20_000, evaluations=2, episodes=10)
 INSTALLED = find_spec("wandb") is not None
 BLOCK = 32768
-"""Of the library's files, bytes."""
+"""Size of a block in the library's files, bytes."""
 
 
 class Run:
@@ -59,7 +59,7 @@ def curves(folder):
     """Return TensorBoard's curves as values by name and step."""
     (path,) = (folder / "tensorboard").rglob("events.*")
     events = EventAccumulator(str(path)).Reload()
-    return {name: {each.step: each.value for each in events.Scalars(name)} for name in events.Tags()["scalars"]}
+    return {name: {event.step: event.value for event in events.Scalars(name)} for name in events.Tags()["scalars"]}
 
 
 def test_a_run_has_the_configuration_and_tensorboards_curves(tmp_path, runs):
@@ -74,14 +74,14 @@ def test_a_run_has_the_configuration_and_tensorboards_curves(tmp_path, runs):
     assert run.options["id"] == (folder / RUN_FILE).read_text().strip()
     steps = [step for step, _ in run.logged]
     assert steps == sorted(steps)  # wandb drops what comes under an earlier step
-    found = {}
+    sent = {}
     for step, values in run.logged:
         for name, value in values.items():
-            found.setdefault(name, {})[step] = value
+            sent.setdefault(name, {})[step] = value
     expected = curves(folder)
     assert {"eval/return", "eval/success", "train/loss", "time/fps"} <= set(expected)
     for name, values in expected.items():
-        assert found[name] == pytest.approx(values, rel=1e-6), name  # TensorBoard keeps single precision
+        assert sent[name] == pytest.approx(values, rel=1e-6), name  # TensorBoard keeps single precision
     assert run.metrics["eval/return"] == "max"
 
 
@@ -122,16 +122,16 @@ def test_offline_the_library_itself_keeps_the_curves(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     (kept,) = (folder / "wandb").glob("offline-run-*/run-*.wandb")
-    found = _history(kept)
+    history = _history(kept)
     for name, values in curves(folder).items():
-        assert found[name] == pytest.approx(values, rel=1e-6), name
+        assert history[name] == pytest.approx(values, rel=1e-6), name
 
 
 def _history(path):
     """Return the curves in a file of the library's, as values by name and step: a log in LevelDB's format of messages."""
     from wandb.proto.wandb_internal_pb2 import Record
 
-    found, message, data, at = {}, b"", path.read_bytes(), 7  # behind the file's header
+    curves, message, data, at = {}, b"", path.read_bytes(), 7  # behind the file's header
     while at < len(data):
         if BLOCK - at % BLOCK < 7:  # too little for the header of a part
             at += BLOCK - at % BLOCK
@@ -142,6 +142,6 @@ def _history(path):
         if kind in (1, 4):  # a whole message, or its last part
             record, message = Record.FromString(message), b""
             for item in record.history.item:
-                curve = found.setdefault(item.key or "/".join(item.nested_key), {})
+                curve = curves.setdefault(item.key or "/".join(item.nested_key), {})
                 curve[record.history.step.num] = json.loads(item.value_json)
-    return found
+    return curves

@@ -124,7 +124,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_refuses_what_is_out_of_range(name, tmp_path):
+def test_values_out_of_range_are_refused(name, tmp_path):
     with pytest.raises(ValueError, match=f"^{name} must be "):
         train(TrainingConfig(**{name: WRONG[name]}), tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()
@@ -152,7 +152,7 @@ def test_a_run_records_its_device(device, tmp_path):
     assert record["device"] == card.training["device"] == ("cuda" if device == "cuda" else "cpu")
 
 
-def test_callbacks_serve_a_script_of_ones_own(tmp_path, capsys):
+def test_callbacks_serve_a_users_script(tmp_path, capsys):
     def make(n):
         return gym.make_vec("turtlebot_gym/TurtleBotNav-v0", num_envs=n, autoreset_mode=AutoresetMode.SAME_STEP)
 

@@ -27,7 +27,7 @@ def tuned(tmp_path):
     return path
 
 
-def test_the_first_try_is_the_baseline_as_it_comes_and_seeds_are_its_own(tmp_path):
+def test_the_first_try_has_the_defaults_and_seeds_are_separate(tmp_path):
     tries = tune_baseline("corner", tmp_path / "corner.json", env=SQUARE, noise="rough", tries=2, episodes=30, seed=1)
     assert tries[0].numbers == {"cut": 0.26, "depth": 0.75, "gain": 6.0, "focus": 0.5, "tolerance": 0.03, "slow": 0.05}
     by_hand = evaluate("corner", env=SQUARE, noise="rough", episodes=30, seed=FIRST + 2**20)
@@ -43,7 +43,7 @@ def test_a_scenario_that_the_defaults_do_not_suit_gets_other_numbers(tmp_path):
     options = {"observation": "odometry", "noise": "tutorial"}
     tries = tune_baseline("bearing", path, tries=16, episodes=150, **options)
     best = best_of(tries)
-    assert best.time == min(one.time for one in tries) < 0.85 * tries[0].time
+    assert best.time == min(attempt.time for attempt in tries) < 0.85 * tries[0].time
     fresh = {"episodes": 300, "seed": 77, **options}
     assert evaluate(str(path), **fresh).times().mean() < 0.9 * evaluate("bearing", **fresh).times().mean()
 
@@ -54,9 +54,9 @@ def test_numbers_stay_in_their_ranges_and_the_file_is_the_best_try(name, tmp_pat
     layout, ranges = layout_of_baseline(name), POLICIES[name].ranges()
     env = NAV if layout == OBSERVATION_LAYOUT else ROOMS
     tries = tune_baseline(name, path, env=env, tries=8, episodes=5)
-    for one in tries:
-        assert one.numbers.keys() == ranges.keys()
-        assert all(span.low <= one.numbers[number] <= span.high for number, span in ranges.items())
+    for attempt in tries:
+        assert attempt.numbers.keys() == ranges.keys()
+        assert all(span.low <= attempt.numbers[number] <= span.high for number, span in ranges.items())
     assert json.loads(path.read_text())["numbers"] == best_of(tries).numbers
     sights = np.random.default_rng(0).uniform(-1.0, 1.0, (50, SIZES[layout])).astype(np.float32)
     if layout != OBSERVATION_LAYOUT:
@@ -90,7 +90,7 @@ def test_a_stopped_search_resumes_as_if_nothing_had_happened(tmp_path):
         ({"noise": "loud"}, "noise must be one of 'clean'"),
     ],
 )
-def test_refuses_what_it_cannot_tune(options, message, tmp_path):
+def test_invalid_arguments_of_a_tuning_are_refused(options, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         tune_baseline("bearing", tmp_path / "best.json", **SMALL | options)
     assert not list(tmp_path.iterdir())
@@ -99,7 +99,7 @@ def test_refuses_what_it_cannot_tune(options, message, tmp_path):
 @pytest.mark.parametrize(
     "content", [b"", b"[]", b"{}", b'{"tries": 3}', b"\x00", b"\xff\xfe\x00", b"null", b"{", b'{"format": 1}']
 )
-def test_what_is_no_tuned_baseline_is_refused_and_left_alone(content, tmp_path):
+def test_a_file_that_is_not_a_tuned_baseline_is_refused_and_not_changed(content, tmp_path):
     path = tmp_path / "odd.json"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"odd\.json is not a tuned baseline"):
@@ -109,7 +109,7 @@ def test_what_is_no_tuned_baseline_is_refused_and_left_alone(content, tmp_path):
     assert path.read_bytes() == content
 
 
-def test_a_tuned_baseline_drives_what_it_was_tuned_for_and_nothing_else(tuned):
+def test_a_tuned_baseline_is_refused_for_another_robot_or_rate(tuned):
     assert isinstance(make_policy(str(tuned)), BearingPolicy)
     assert isinstance(load_baseline(tuned), BearingPolicy)
     for options, wanted in (({"dt": 0.05}, "20 Hz burger"), ({"robot": "waffle"}, "10 Hz waffle")):
@@ -143,7 +143,7 @@ def test_a_spoilt_file_is_refused_with_the_reason(change, message, tuned):
         make_policy(str(tuned))
 
 
-def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
+def test_the_command_writes_a_policy_and_its_tries(tmp_path, capsys):
     out, report = tmp_path / "corner.json", tmp_path / "tries.json"
     search = ["--tries", "3", "--episodes", "10", "--delay", "1", "--out", str(out), "--json", str(report)]
     assert main(["tune-baseline", "--policy", "corner", "--env", SQUARE, *search]) == 0
@@ -152,7 +152,8 @@ def test_the_command_leaves_a_policy_and_its_tries(tmp_path, capsys):
     assert printed.count("depth ") == 3
     content = json.loads(report.read_text())
     assert content["config"]["delay"] == json.loads(out.read_text())["config"]["delay"] == 1
-    assert [one["numbers"] for one in content["tries"]] == [one["numbers"] for one in json.loads(out.read_text())["tries"]]
+    written = json.loads(out.read_text())["tries"]
+    assert [attempt["numbers"] for attempt in content["tries"]] == [attempt["numbers"] for attempt in written]
     driven = ["--env", SQUARE, "--policy", "bearing", str(out), "--delay", "1", "--episodes", "5"]
     assert main(["evaluate", *driven, "--json", str(report), "--force"]) == 0
     assert json.loads(report.read_text())["runs"][1]["config"].items() >= {"delay": 1, "policy": str(out)}.items()

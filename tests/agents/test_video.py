@@ -1,4 +1,4 @@
-"""Videos: they show the episode that an evaluation measures, at the speed that was asked for, in colours that do not change."""
+"""Videos: they show the episode that an evaluation measures, at the given speed, in colours that do not change."""
 
 import subprocess
 import sys
@@ -72,7 +72,7 @@ def test_colours_are_exact_and_do_not_flicker(tmp_path):
 
 
 @pytest.mark.parametrize(("speed", "fps"), [(1.0, 10), (8.0, 20), (3.0, 25), (0.5, 50)])
-def test_it_plays_at_the_speed_and_reports_its_steps(tmp_path, speed, fps):
+def test_a_video_plays_at_the_speed_and_reports_its_steps(tmp_path, speed, fps):
     options, steps = {"seed": 2, "speed": speed, "fps": fps, "width": 160, "robot": "turtlebot4"}, []
     video = record("bearing", tmp_path / "a.gif", progress=lambda *done: steps.append(done), **options)
     frames, durations = read_gif(tmp_path / "a.gif")
@@ -100,7 +100,7 @@ def test_an_mp4_plays_as_long_as_a_gif(tmp_path):
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # which tells other frames apart
 
 
-def test_the_command_writes_what_it_says(tmp_path, capsys):
+def test_the_command_writes_the_video_that_it_reports(tmp_path, capsys):
     path = tmp_path / "new" / "square.GIF"
     options = f"--env {SQUARE} --noise documented --robot tutorial --seed 2 --laps 1 --arrival belief".split()
     assert main(["video", *options, "--width", "320", "--speed", "20", "--out", str(path)]) == 0
@@ -111,7 +111,7 @@ def test_the_command_writes_what_it_says(tmp_path, capsys):
     assert f"{path.stat().st_size:,} bytes" in printed.out
     assert "in success" in printed.out
     assert read_gif(path)[0].shape[1:] == (352, 320, 3)
-    assert [each.name for each in path.parent.iterdir()] == ["square.GIF"]
+    assert [file.name for file in path.parent.iterdir()] == ["square.GIF"]
 
 
 def test_a_gif_needs_none_of_the_extras_and_an_mp4_without_ffmpeg_names_what_to_install(tmp_path):

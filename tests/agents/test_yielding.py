@@ -1,4 +1,4 @@
-"""A policy that stands for people: what it sees of them, and what that is worth."""
+"""A policy that stops for people: what it sees of them, and how much that helps."""
 
 import gymnasium as gym
 import numpy as np
@@ -14,13 +14,13 @@ from turtlebot_gym_agents.policies.yielding import BEFORE, FEATURES, Yielding
 
 
 class Judge:
-    """Returns the same probability for all, and keeps the features that it was asked about."""
+    """Returns the same probability for all, and keeps the features that it has seen."""
 
     def __init__(self, probability):
-        self.probability, self.asked = probability, []
+        self.probability, self.seen = probability, []
 
     def __call__(self, features):
-        self.asked.append(features)
+        self.seen.append(features)
         return np.full(len(features), self.probability, np.float32)
 
 
@@ -35,11 +35,11 @@ def farther(judge, world, steps=30):
     policy.reset(np.array([True]))
     for _ in range(steps):
         observation, *_ = env.step(policy(observation[None])[0])
-    return np.array([x[0, -BEFORE * SECTORS :].reshape(BEFORE, SECTORS) for x in judge.asked])
+    return np.array([x[0, -BEFORE * SECTORS :].reshape(BEFORE, SECTORS) for x in judge.seen])
 
 
 @pytest.mark.parametrize("stands", [True, False])
-def test_only_what_walks_was_farther_away_before(stands):
+def test_only_walking_people_were_farther_away_before(stands):
     """Also for a robot that drives on an arc, since scans are seen from the place of the newest; edges may jump once."""
     hall = {"walls": (0.0, 0.0, 3.0, 3.0), "start": Pose(0.0, 0.0, 0.0), "goal": Pose(2.5, 2.0, 0.0)}
     shares = []
@@ -57,7 +57,7 @@ def test_it_stands_where_the_network_says_so_and_drives_elsewhere():
     assert (Yielding(straight, Judge(0.6), threshold=0.7)(rows) == straight(rows)).all()
 
 
-def test_one_robot_sees_what_it_sees_among_many_and_forgets_at_a_reset():
+def test_a_robot_sees_the_same_alone_and_in_a_batch_and_forgets_at_a_reset():
     envs = gym.make_vec(ROOMS, num_envs=6, world="people")
     judges = Judge(0.0), Judge(0.0)
     together, alone = (Yielding(straight, judge) for judge in judges)
@@ -68,12 +68,12 @@ def test_one_robot_sees_what_it_sees_among_many_and_forgets_at_a_reset():
         if step == 20:
             together.reset(np.arange(6) == 4)
             alone.reset(np.array(True))
-        np.testing.assert_array_equal(judges[0].asked[-1][4], judges[1].asked[-1][0])
+        np.testing.assert_array_equal(judges[0].seen[-1][4], judges[1].seen[-1][0])
         observations, *_ = envs.step(straight(observations))
-    assert judges[0].asked[-1].shape == (6, FEATURES)
+    assert judges[0].seen[-1].shape == (6, FEATURES)
     together.reset(np.ones(6, np.bool_))
     together(observations)
-    assert np.abs(judges[0].asked[-1][:, -BEFORE * SECTORS :]).max() < 0.5
+    assert np.abs(judges[0].seen[-1][:, -BEFORE * SECTORS :]).max() < 0.5
 
 
 def test_the_shipped_network_lets_more_robots_reach_their_goals_among_people():
@@ -82,6 +82,6 @@ def test_the_shipped_network_lets_more_robots_reach_their_goals_among_people():
     assert shares[0].high < shares[1].low
 
 
-def test_it_needs_the_lidars_observation():
+def test_a_policy_that_stops_for_people_needs_the_lidars_observation():
     with pytest.raises(ValueError, match="layout 2"):
         make_policy("vfh+yield")(np.zeros((2, 13), np.float32))

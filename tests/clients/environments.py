@@ -1,4 +1,4 @@
-"""Make the environments in which other people's libraries are run, one for each file in requirements/.
+"""Make the environments in which other people's libraries are run, one per file in requirements/.
 
 Each has this package, what the file names, and the versions of constraints.txt, except where the file pins another one.
 
@@ -23,14 +23,14 @@ def names() -> list[str]:
 
 
 def constraints(requirements: str, pinned: str) -> str:
-    """Return the pins of constraints.txt but for those of packages that the requirements pin themselves."""
+    """Return the pins of constraints.txt except those of packages that the requirements pin themselves."""
     own = {_key(line) for line in requirements.splitlines()}
     return "".join(line for line in pinned.splitlines(keepends=True) if _key(line) not in own or not _key(line))
 
 
 def _key(line: str) -> str:
-    found = _NAME.match(line)
-    return re.sub(r"[-_.]+", "-", found[0]).lower() if found else ""
+    name = _NAME.match(line)
+    return re.sub(r"[-_.]+", "-", name[0]).lower() if name else ""
 
 
 def make(folder: Path, name: str) -> None:

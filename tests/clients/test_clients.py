@@ -76,12 +76,12 @@ def train(file, python):
 
 def drive(bundle):
     """Return the success of a bundle, driven by the command line from this package's own environment."""
-    told = bundle.with_name("evaluation.json")
-    command = [sys.executable, "-m", "turtlebot_gym_agents", "evaluate", "--policy", str(bundle), "--json", str(told)]
+    report = bundle.with_name("evaluation.json")
+    command = [sys.executable, "-m", "turtlebot_gym_agents", "evaluate", "--policy", str(bundle), "--json", str(report)]
     options = ["--episodes", str(EPISODES), "--seed", str(SEED)]
     done = subprocess.run([*command, *options], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return json.loads(told.read_text())["runs"][0]["summary"]["success"]
+    return json.loads(report.read_text())["runs"][0]["summary"]["success"]
 
 
 @pytest.fixture(scope="module")
@@ -104,8 +104,8 @@ def test_a_library_trains_and_its_policy_drives(name, results, tmp_path):
     python = python_of(client["environment"])
     title = next(title for title in scripts() if Path(title).stem == name)
     (tmp_path / title).write_text(scripts()[title])
-    told, seconds, cpu = train(tmp_path / title, python)
-    steps, losses = zip(*told, strict=True)
+    logged, seconds, cpu = train(tmp_path / title, python)
+    steps, losses = zip(*logged, strict=True)
     assert all(map(math.isfinite, losses))
     assert steps[-1] >= STEPS
     results[name] = {
@@ -149,7 +149,7 @@ def row(result):
     return f"| {' | '.join(cells)} |"
 
 
-def test_the_page_says_what_was_measured_and_that_is_what_was_asked_for():
+def test_the_page_agrees_with_the_measurements_which_meet_the_requirements():
     clients = json.loads(RESULTS.read_text(encoding="utf-8"))["clients"]
     assert list(clients) == list(CLIENTS)
     page = PAGE.read_text(encoding="utf-8")

@@ -17,18 +17,18 @@ HALF = {
     4: ("if pressed:\n            self.last_press = now", "self.last_press = now if pressed else -math.inf",
         [True, True, True, True, False, False]),
 }  # fmt: skip
-"""What of a right solution becomes what, and which of its checks hold then."""
+"""A replacement in each right solution, and which of its checks are right after it."""
 
 
 def checked(path, capsys):
-    """Return the status and, for each check, whether it is right."""
+    """Return the status, and whether each check is right."""
     try:
         status = main(["check", str(path)])
     except SystemExit as stop:
         status = stop.code
-    said = capsys.readouterr()
-    assert not said.err, said.err
-    *lines, last = said.out.splitlines()
+    printed = capsys.readouterr()
+    assert not printed.err, printed.err
+    *lines, last = printed.out.splitlines()
     right = [line.startswith("  right") for line in lines]
     assert last == f"{sum(right)} of {len(lines)} are right."
     return status, right
@@ -47,7 +47,7 @@ def test_a_right_solution_is_right_and_its_code_is_not_in_the_package(number, ca
 
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.nightly] * (n == 3)) for n in HALF])
-def test_half_a_solution_learns_which_half(number, here, capsys):
+def test_half_a_solution_is_told_which_half_is_right(number, here, capsys):
     whole = (SOLUTIONS / f"exercise{number}.py").read_text(encoding="utf-8")
     before, after, expected = HALF[number]
     assert before in whole
@@ -56,7 +56,7 @@ def test_half_a_solution_learns_which_half(number, here, capsys):
 
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.nightly] * (n == 3)) for n in NUMBERS])
-def test_an_exercise_as_it_is_given_out_is_not_right(number, here, capsys):
+def test_an_untouched_exercise_is_not_right(number, here, capsys):
     given = here / f"exercise{number}.py"
     with pytest.raises(SystemExit):
         main(["check", str(given)])
@@ -69,7 +69,7 @@ def test_an_exercise_as_it_is_given_out_is_not_right(number, here, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         ([], "name the FILE.py to check; exercise1.py to exercise4.py are written where they are missing."),
         (["nowhere.py"], "There is no file 'nowhere.py'; exercise1.py to exercise4.py are written where they are missing."),
@@ -77,12 +77,12 @@ def test_an_exercise_as_it_is_given_out_is_not_right(number, here, capsys):
         (["other.py"], "EXERCISE must be one of 1, 2, 3, 4, got None."),
     ],
 )
-def test_what_is_no_solution_is_refused_in_one_line(arguments, told, here, capsys):
+def test_a_file_that_is_not_a_solution_is_refused_in_one_line(arguments, message, here, capsys):
     (here / "broken.py").write_text("def (")
     (here / "other.py").write_text("x = 1")
     assert main(["check", *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert told in line
+    assert message in line
 
 
 def test_an_error_in_a_solution_is_a_hint_with_its_line(here, capsys):

@@ -39,7 +39,7 @@ def code_cells(notebook):
 
 
 def texts(output):
-    """Return what of an output is text."""
+    """Return the texts of an output."""
     shown = output.get("data", {})
     return [output.get("text", ""), *(text for kind, text in shown.items() if not kind.startswith("image/"))]
 
@@ -72,9 +72,9 @@ def test_it_is_stored_as_it_ran(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_it_has_no_absolute_paths_and_no_dead_links(name):
     notebook = read(name)
-    said = [text for cell in code_cells(notebook) for output in cell.outputs for text in texts(output)]
-    said += [cell.source for cell in notebook.cells]
-    assert not [text for text in said if ABSOLUTE_PATH.search(text)]
+    shown = [text for cell in code_cells(notebook) for output in cell.outputs for text in texts(output)]
+    shown += [cell.source for cell in notebook.cells]
+    assert not [text for text in shown if ABSOLUTE_PATH.search(text)]
     assert notebook.metadata.kernelspec.name == "python3"
     assert "widgets" not in notebook.metadata
     sources = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
@@ -91,9 +91,9 @@ def test_the_cell_for_colab_is_the_first_and_the_same_in_all():
     extras = dict(re.findall(r"\[(\d\d_\w+\.ipynb)\].*\| (`agents`(?:, `ros`)?) \|", (FOLDER / "README.md").read_text()))
     cells = {name: colab_cell(name) for name in NAMES}
     assert all(code_cells(read(name))[0].source == cell for name, cell in cells.items())
-    told = {name: re.search(r"\[([a-z,]+)\]\"\]", cell)[1] for name, cell in cells.items()}
-    assert told == {name: text.replace("`", "").replace(" ", "") for name, text in extras.items()}
-    assert len({cell.replace(told[name], "") for name, cell in cells.items()}) == 1
+    installed = {name: re.search(r"\[([a-z,]+)\]\"\]", cell)[1] for name, cell in cells.items()}
+    assert installed == {name: text.replace("`", "").replace(" ", "") for name, text in extras.items()}
+    assert len({cell.replace(installed[name], "") for name, cell in cells.items()}) == 1
 
 
 @pytest.mark.parametrize("place", ["turtlebot_gym-0.0.0-py3-none-any.whl", "project/hatch_build.py"])

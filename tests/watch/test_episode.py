@@ -1,4 +1,4 @@
-"""What the viewer is given: episodes and recorded drives with all that was around, in pieces that make the whole."""
+"""What the viewer receives: episodes and recorded drives with their surroundings, in pieces that make the whole."""
 
 from dataclasses import replace
 
@@ -67,19 +67,19 @@ def test_it_is_the_first_episode_of_an_evaluation():
 def surfaces(room, circles):
     """Return all that a beam can end on, by shapely."""
     x, y, a, b = room.walls
-    found = [LinearRing(box(x - a, y - b, x + a, y + b).exterior.coords)]
-    found += [Point(cx, cy).buffer(radius, 256).exterior for cx, cy, radius in circles]
+    outlines = [LinearRing(box(x - a, y - b, x + a, y + b).exterior.coords)]
+    outlines += [Point(cx, cy).buffer(radius, 256).exterior for cx, cy, radius in circles]
     for cx, cy, length, width, heading in room.boxes:
         upright = Polygon(
             [(-length / 2, -width / 2), (length / 2, -width / 2), (length / 2, width / 2), (-length / 2, width / 2)]
         )
         turned = affinity.rotate(upright, heading, origin=(0, 0), use_radians=True)
-        found.append(affinity.translate(turned, cx, cy).exterior)
-    return found
+        outlines.append(affinity.translate(turned, cx, cy).exterior)
+    return outlines
 
 
 @pytest.mark.parametrize("world", ["dense", "crowd"])
-def test_scans_end_on_what_was_there_when_they_were_taken(world):
+def test_scans_end_on_the_obstacles_at_the_time_of_the_scan(world):
     recorded = record_episode("vfh", env=ROOMS, seed=2, world=world, lidar="ideal")
     room = recorded.around.room
     walks = [circles for circles in recorded.circles if len(circles)]
@@ -92,16 +92,16 @@ def test_scans_end_on_what_was_there_when_they_were_taken(world):
         for length, angle in zip(seen.scan.ranges, angles, strict=True):
             if np.isfinite(length):
                 end = Point(seen.lidar.x + length * np.cos(angle), seen.lidar.y + length * np.sin(angle))
-                assert min(end.distance(each) for each in solid) < 0.003
+                assert min(end.distance(outline) for outline in solid) < 0.003
 
 
-def test_a_drive_says_when_fixes_arrived():
+def test_a_drive_records_when_fixes_arrived():
     recorded = record_episode("bearing", seed=2, noise="wheel", fix="beacons")
     np.testing.assert_allclose(recorded.time[recorded.fix > 0], np.arange(0.5, recorded.time[-1] + 0.01, 0.5))
     assert not np.isfinite(record_episode("bearing", seed=2, noise="wheel").fix).any()
 
 
-def test_a_localizer_that_doubts_shows_its_places_and_its_map():
+def test_a_localizer_in_doubt_shows_its_hypotheses_and_its_map():
     drive = record_episode("vfh", env=ROOMS, seed=4, world="office", localizer="match", noise="wheel", start="unknown")
     doubts = [row for row, places in enumerate(drive.hypotheses) if len(places)]
     assert doubts
@@ -139,7 +139,7 @@ def test_columns_of_pieces_are_those_of_the_whole():
     whole, pieces = rows_of(drive), [drive[:3], drive[3:]]
     columns = [rows_of(pieces[0]), rows_of(pieces[1], scans_before=len(pieces[0].scans))]
     for name, values in whole.items():
-        joined = [each for column in columns for each in column[name]]
+        joined = [value for column in columns for value in column[name]]
         np.testing.assert_array_equal(np.array(joined), np.array(list(values)), err_msg=name)
     assert whole["scan"].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
     assert rows_of(replace(drive, scans=()))["scan"].tolist() == [-1.0] * 8

@@ -1,4 +1,4 @@
-"""The view without a browser: a file holds all that it needs, names are text, and a server serves this machine alone."""
+"""The view without a browser: a file holds all that it needs, names are text, and a server serves only this machine."""
 
 import http.client
 import re
@@ -34,7 +34,7 @@ def make_drive(rows=601, *, label="noise", scans=300, room=None):
     """Return a drive of random numbers, which nothing can compress: of 60 s with a scan of 360 beams in every second step."""
     rng = np.random.default_rng(0)
     ranges = rng.uniform(0.1, 3.5, (scans, 360)).astype(np.float32)
-    seen = [Seen(min(2 * k, rows - 1), Pose(0.0, 0.0, 0.0), Scan(each, 0.0, 0.0175, 0.1, 3.5)) for k, each in enumerate(ranges)]
+    seen = [Seen(min(2 * k, rows - 1), Pose(0.0, 0.0, 0.0), Scan(row, 0.0, 0.0175, 0.1, 3.5)) for k, row in enumerate(ranges)]
     return Drive(
         time=0.1 * np.arange(rows),
         true_state=rng.normal(size=(rows, 5)),
@@ -71,7 +71,7 @@ def test_a_file_of_60_s_is_small_and_loads_nothing(tmp_path):
     size = write_html([make_drive()], tmp_path / "drive.html", title="60 s")
     assert size == (tmp_path / "drive.html").stat().st_size < LIMIT
     page = Loads((tmp_path / "drive.html").read_text(encoding="utf-8"))
-    assert all(each.startswith("data:") for each in page.loads)
+    assert all(url.startswith("data:") for url in page.loads)
     assert not re.search(r"@import|url\(", page.styles)
 
 
@@ -81,7 +81,7 @@ def test_names_are_text():
     assert "</title><b>" not in page
 
 
-def test_what_is_known_decides_which_plots_there_are():
+def test_plots_without_data_are_left_out():
     def titles(drive, *, whole=False, **options):
         document = Document()
         fill(document, [drive], title="", **options)
@@ -137,9 +137,9 @@ def test_a_map_is_drawn_with_a_form_for_dark_pages():
     grid = GridMap(cells=cells, resolution=0.2, origin=Pose(-3.0, -2.0, 0.3))
     document = Document()
     fill(document, [replace(drive, around=drive.around._replace(grid=grid))], title="")
-    mappers = {each.color_mapper for each in document.select({"type": ImageGlyph})}
+    mappers = {image.color_mapper for image in document.select({"type": ImageGlyph})}
     assert len(mappers) == 2  # what is occupied, and what is not known
-    assert all(each.palette[0] == "#00000000" for each in mappers)  # free ground is the page's
+    assert all(mapper.palette[0] == "#00000000" for mapper in mappers)  # free ground is the page's
 
 
 def test_the_command_writes_a_file(tmp_path, capsys):
@@ -152,20 +152,20 @@ def test_the_command_writes_a_file(tmp_path, capsys):
 
 
 def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch):
-    for name in [each for each in sys.modules if each.partition(".")[0] == "bokeh" or each.endswith("watch.html")]:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "bokeh" or name.endswith("watch.html")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["watch", "--html", str(tmp_path / "a.html")]) == 2
     assert installing("watch") in capsys.readouterr().err
 
 
-def test_a_server_serves_this_machine_alone_and_ends():
+def test_a_server_serves_only_this_machine_and_ends():
     with Server([Growing(make_drive(5, scans=1))], title="Served", live=False, port=0) as server:
         port = int(server.url.rstrip("/").rpartition(":")[2])
         listening = {
-            each.laddr.ip
-            for each in psutil.Process().net_connections()
-            if each.status == psutil.CONN_LISTEN and each.laddr.port == port
+            connection.laddr.ip
+            for connection in psutil.Process().net_connections()
+            if connection.status == psutil.CONN_LISTEN and connection.laddr.port == port
         }
         assert listening <= {"127.0.0.1", "::1"}
         assert listening
@@ -180,7 +180,7 @@ def test_a_server_serves_this_machine_alone_and_ends():
 def status(server, **headers):
     """Return the status with which a server answers a request with these headers, by itself and as a WebSocket's."""
     _, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
-    found = []
+    statuses = []
     for path, more in (("/", {}), ("/ws", {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
                                            "Sec-WebSocket-Key": "x" * 24})):  # fmt: skip
         connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=20.0)
@@ -188,13 +188,13 @@ def status(server, **headers):
         for key, value in (headers | more).items():
             connection.putheader(key, value.format(port=port))
         connection.endheaders()
-        found.append(connection.getresponse().status)
+        statuses.append(connection.getresponse().status)
         connection.close()
-    return found
+    return statuses
 
 
 @pytest.mark.parametrize("host", ["localhost", "0.0.0.0"])
-def test_a_name_that_is_not_this_machines_is_not_served(host):
+def test_requests_to_another_name_than_this_machines_are_refused(host):
     with Server([Growing(make_drive(5, scans=1))], title="", live=False, host=host, port=0) as server:
         assert status(server, Host="evil.com", Origin="http://evil.com") == [404, 404]
         assert status(server, Host="localhost:{port}", Origin="http://evil.com") == [404, 404]
@@ -203,7 +203,7 @@ def test_a_name_that_is_not_this_machines_is_not_served(host):
             assert 404 not in status(server, Host=own)
 
 
-def test_what_is_no_port_and_a_taken_one_are_refused():
+def test_invalid_and_taken_ports_are_refused():
     for port in (-1, 65_536):
         with pytest.raises(ValueError, match="port must be a whole number from 0 to 65535"):
             Server([], title="", live=False, port=port)

@@ -1,4 +1,4 @@
-"""`train --watch`: while it learns, the newest policy's episode is there to be seen, and its server ends with the training."""
+"""`train --watch`: while it learns, the newest policy's episode can be watched, and its server ends with the training."""
 
 from urllib.error import URLError
 from urllib.request import urlopen

@@ -1,4 +1,4 @@
-"""A unit that writes down when it begins and when it ends; workers import it by its name."""
+"""A unit that logs its beginning and its end; workers import it by its name."""
 
 import os
 import signal
@@ -25,17 +25,17 @@ class Logged:
         return {"logged": self.number}
 
     def run(self):
-        self._say("begin")
+        self._log("begin")
         time.sleep(self.seconds)
         deadline = time.monotonic() + 120.0
         while self.holds and not (Path(self.folder) / "go").exists() and time.monotonic() < deadline:
             time.sleep(0.01)
-        self._say("end")
+        self._log("end")
         return Result({"number": self.number}, {}, {}, {})
 
-    def _say(self, what):
+    def _log(self, event):
         log = os.open(Path(self.folder) / "log", os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-        os.write(log, f"{what} {self.number} {os.getpid()}\n".encode())  # in one piece
+        os.write(log, f"{event} {self.number} {os.getpid()}\n".encode())  # in one piece
         os.close(log)
 
 
@@ -51,12 +51,12 @@ class Deadly:
         return {"deadly": True}
 
     def run(self):
-        Logged(number=0, folder=self.folder)._say("begin")
+        Logged(number=0, folder=self.folder)._log("begin")
         os.kill(os.getpid(), signal.SIGKILL)
 
 
 def read(folder):
-    """Return the lines of a log: what, number, process."""
+    """Return the lines of a log: event, number, process."""
     path = Path(folder) / "log"
     lines = path.read_text().splitlines() if path.is_file() else []
-    return [(what, int(number), int(process)) for what, number, process in map(str.split, lines)]
+    return [(event, int(number), int(process)) for event, number, process in map(str.split, lines)]

@@ -1,4 +1,4 @@
-"""What processes there are, and where they listen."""
+"""Which processes run, and where they listen."""
 
 import contextlib
 import os
@@ -18,14 +18,14 @@ def marked(mark):
     return [process for process in marked if process != os.getpid()]
 
 
-def wait_until(true, seconds=60.0):
-    """Return whether something becomes true in time."""
+def wait_until(condition, seconds=60.0):
+    """Return whether a condition becomes true in time."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        if true():
+        if condition():
             return True
         time.sleep(0.05)
-    return bool(true())
+    return bool(condition())
 
 
 def addresses(processes):
@@ -39,7 +39,7 @@ def addresses(processes):
 
 
 def end(process, seconds=20.0):
-    """End a process that was started here, and what it has started."""
+    """End a process that was started here, with its children."""
     process.send_signal(signal.SIGTERM)
     try:
         process.wait(seconds)

@@ -1,4 +1,4 @@
-"""Where the work is done: what is refused before it starts, and that nothing of Ray is needed without a cluster."""
+"""Where work runs: what is refused before it starts; without a cluster Ray is not needed."""
 
 import re
 import socket
@@ -20,7 +20,7 @@ SHORT = ["evaluate", "--policy", "bearing", "--episodes", "20"]
 
 
 def refused(*options, capsys):
-    """Return the line in which a command says that it cannot be done."""
+    """Return the one-line error of a refused command."""
     assert main([*SHORT, *options]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     return line
@@ -54,7 +54,7 @@ NO_ADDRESSES = ("everywhere", ":6379", "host:", "ray://10.0.0.1:10001", "host:po
 
 
 def answering(answer):
-    """Return the address of something that gives one answer to whoever comes."""
+    """Return the address of a server that sends an answer to its first client."""
     server = socket.create_server(("127.0.0.1", 0))
 
     def serve():
@@ -67,7 +67,7 @@ def answering(answer):
     return f"127.0.0.1:{server.getsockname()[1]}"
 
 
-def test_what_is_not_an_address_and_other_programs_are_noticed_before_ray_is_asked(monkeypatch):
+def test_invalid_addresses_and_other_programs_are_refused_before_ray_is_started(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as free:
         closed = f"127.0.0.1:{free.getsockname()[1]}"
     monkeypatch.setattr(module.sys, "executable", "false")  # Ray's program

@@ -1,4 +1,4 @@
-"""Studies: each cell has its setting, what is said follows from the evaluations, and what was stopped goes on."""
+"""Studies: each cell has its setting, results follow from the evaluations, and an interrupted study resumes."""
 
 import json
 
@@ -58,7 +58,7 @@ def test_unknown_options_of_a_training_are_refused():
         study(grid)
 
 
-def test_the_command_tells_what_the_evaluations_say_and_goes_on(tmp_path, monkeypatch, capsys):
+def test_the_command_reports_the_evaluations_and_resumes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hyper.yaml").write_text(HYPER)
     (tmp_path / "study.yaml").write_text(
@@ -67,11 +67,11 @@ def test_the_command_tells_what_the_evaluations_say_and_goes_on(tmp_path, monkey
         "  single: {steps: 512, evaluations: 1, episodes: 8, config: hyper.yaml, speed_error: 0.1}\n"
     )
     assert main(["study", "study.yaml", "--out", "out", "--json", "one.json"]) == 0
-    said = capsys.readouterr().out
-    assert "tiny, 2 trainings" in said
-    assert "minus bearing, s" in said
+    printed = capsys.readouterr().out
+    assert "tiny, 2 trainings" in printed
+    assert "minus bearing, s" in printed
     files = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "units").iterdir()}
-    assert len(files) == 3 + 2 + 3  # trainings, two policies, what was learned
+    assert len(files) == 3 + 2 + 3  # trainings, drives of two policies, drives of the trained ones
 
     content = json.loads((tmp_path / "one.json").read_text())
     (cell,), common = content["cells"], {"episodes": 30, "seed": 9, "noise": "rough"}

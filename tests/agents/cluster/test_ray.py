@@ -17,7 +17,7 @@ if importlib.util.find_spec("ray") is None:  # it is not imported here: it reads
     pytest.skip("needs the extra [cluster]", allow_module_level=True)
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # helpers, which workers import as well
+sys.path.insert(0, str(HERE))  # helpers, which workers import too
 import processes
 
 from turtlebot_gym_agents.cluster.drives import drives
@@ -32,10 +32,10 @@ pytestmark = [
 
 
 def refused(address):
-    """Return the line in which a command says that it cannot be done, after no more than 15 s."""
+    """Return the one-line error of a refused command, which takes less than 25 s."""
     begun = time.monotonic()
-    asked = ["evaluate", "--policy", "bearing", "--episodes", "500", "--cluster", address]
-    done = subprocess.run([*COMMAND, *asked], capture_output=True, text=True, timeout=60)
+    arguments = ["evaluate", "--policy", "bearing", "--episodes", "500", "--cluster", address]
+    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2, done.stderr
     assert not done.stdout
     (line,) = done.stderr.splitlines()
@@ -90,17 +90,17 @@ def cluster(tmp_path, monkeypatch):
     assert processes.wait_until(lambda: not processes.marked(mark), 30.0), processes.marked(mark)
 
 
-def test_a_cluster_of_two_nodes_does_the_same(cluster, tmp_path):
+def test_a_cluster_of_two_nodes_writes_the_same_file(cluster, tmp_path):
     cluster.head("--num-cpus", "1")
     cluster.start("--address", cluster.address, "--num-cpus", "1")
     second = tmp_path / "node-1"
     assert processes.wait_until(lambda: "Ray runtime started" in second.read_text()), second.read_text()
     paths = tmp_path / "cluster.json", tmp_path / "plain.json"
-    asked = ["evaluate", "--policy", "bearing", "--episodes", "5000", "--json"]
-    there = [*COMMAND, *asked, str(paths[0]), "--cluster", cluster.address, "--store", str(tmp_path / "store")]
-    done = subprocess.run(there, capture_output=True, text=True)
+    arguments = ["evaluate", "--policy", "bearing", "--episodes", "5000", "--json"]
+    command = [*COMMAND, *arguments, str(paths[0]), "--cluster", cluster.address, "--store", str(tmp_path / "store")]
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert main([*asked, str(paths[1])]) == 0
+    assert main([*arguments, str(paths[1])]) == 0
     assert paths[0].read_bytes() == paths[1].read_bytes()
     store = Store(tmp_path / "store")
     times = [store.get(path.stem).times for path in (tmp_path / "store").iterdir()]
@@ -143,7 +143,7 @@ m.version = lambda name: '1.0' if name == 'numpy' else v(name)
 
 
 @pytest.mark.parametrize(
-    ("code", "options", "said"),
+    ("code", "options", "message"),
     [
         ("", ["--memory", "100000000"], "too little memory: a worker needs 524 MB, and its largest node gives 100 MB."),
         ("", None, "it asks for a token: set RAY_AUTH_MODE=token"),
@@ -152,14 +152,14 @@ m.version = lambda name: '1.0' if name == 'numpy' else v(name)
     ],
     ids=["memory", "token", "package", "version"],
 )
-def test_a_cluster_that_cannot_do_the_work_is_refused_in_one_line(cluster, tmp_path, monkeypatch, code, options, said):
+def test_a_cluster_that_cannot_do_the_work_is_refused_in_one_line(cluster, tmp_path, monkeypatch, code, options, message):
     (tmp_path / "sitecustomize.py").write_text(code)
     there = {"PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}"} if code else {}
     cluster.head("--num-cpus", "1", *(options or ()), **there)
     if options is None:
         for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):
             monkeypatch.delenv(name)
-    assert said in refused(cluster.address)
+    assert message in refused(cluster.address)
 
 
 def test_without_a_cluster_there_is_one_line():

@@ -1,4 +1,4 @@
-"""The search for hyper-parameters: trials one after the other, and in generations, which depend on their size alone."""
+"""The search for hyper-parameters: trials one by one, and in generations, whose results depend only on their size."""
 
 import json
 import os
@@ -42,7 +42,7 @@ TINY = {
 config = TrainingConfig(steps=512, evaluations=1, episodes=8, config=TINY)
 
 
-def test_two_trials_and_a_third_later(tmp_path):
+def test_a_search_continues_with_a_third_trial(tmp_path):
     falling, counts = replace(config, config=TINY | {"learning_rate": "lin_0.001"}), []
     study = tune(falling, tmp_path / "study", trials=2, progress=counts.append)
     assert counts == [0, 1, 2]
@@ -67,7 +67,7 @@ def test_two_trials_and_a_third_later(tmp_path):
         tune(replace(falling, noise="rough"), tmp_path / "study", trials=3)
 
 
-def test_trials_that_fall_behind_are_cut_short(tmp_path, monkeypatch):
+def test_trials_that_fall_behind_are_pruned(tmp_path, monkeypatch):
     monkeypatch.setattr(optuna.Trial, "should_prune", lambda trial: trial.number == 1)
     study = tune(config, tmp_path / "study", trials=2)
     assert [trial.state.name for trial in study.trials] == ["COMPLETE", "PRUNED"]
@@ -88,7 +88,7 @@ def rate_of(unit):
 
 
 class Imagined:
-    """Does trials without training: their value follows from their learning rate."""
+    """Workers that run trials without training: their value follows from their learning rate."""
 
     def __init__(self, *, backwards=False, limit=99):
         self.seen, self._backwards, self._limit = [], backwards, limit
@@ -104,8 +104,8 @@ class Imagined:
             yield name, Result(facts, {}, {}, {})
 
 
-def imagined(*, store=None, **how):
-    return partial(complete, workers=Imagined(**how), store=store)
+def imagined(*, store=None, **options):
+    return partial(complete, workers=Imagined(**options), store=store)
 
 
 def trials_of(study):
@@ -140,7 +140,7 @@ def test_the_size_of_a_generation_belongs_to_the_study(tmp_path):
         tune(config, tmp_path, trials=4, generation=0)
 
 
-def test_refuses_what_it_cannot_search(tmp_path):
+def test_an_algorithm_without_a_search_space_is_refused(tmp_path):
     hyper = {name: TINY[name] for name in ("n_envs", "n_timesteps", "policy")}
     with pytest.raises(ValueError, match="algo must be one of 'ppo', 'sac', 'td3'"):
         tune(TrainingConfig(algo="ddpg", config=hyper), tmp_path / "study")
@@ -148,7 +148,7 @@ def test_refuses_what_it_cannot_search(tmp_path):
         tune(config, tmp_path / "study", trials=0)
 
 
-def test_a_trial_trains_and_is_cut_short_by_the_earlier_ones():
+def test_a_trial_trains_and_is_pruned_if_earlier_ones_were_better():
     trial = Trial(training=Training.of(replace(config, evaluations=2, steps=1024)))
     alone = run(trial).facts
     assert alone["state"] == "COMPLETE"
@@ -159,7 +159,7 @@ def test_a_trial_trains_and_is_cut_short_by_the_earlier_ones():
     behind = run(replace(trial, earlier=(better,) * 5)).facts
     assert behind["state"] == "PRUNED"
     assert behind["value"] is None
-    assert run(replace(trial, earlier=(better,) * 4)).facts == alone  # too few to tell
+    assert run(replace(trial, earlier=(better,) * 4)).facts == alone  # too few to compare with
 
 
 def test_processes_that_share_a_journal_draw_other_parameters(tmp_path, monkeypatch):
@@ -180,7 +180,7 @@ def test_processes_that_share_a_journal_draw_other_parameters(tmp_path, monkeypa
         tune(config, tmp_path / "one", trials=1, storage="nothing://at/all")
 
 
-def test_the_command_says_what_it_drew_at_once(tmp_path, monkeypatch, capsys):
+def test_the_command_records_the_size_of_a_generation(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(units, "complete", imagined())
     hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
     arguments = ["--config", str(tmp_path / "tiny.yaml"), "--trials", "2", "--out", str(tmp_path)]

@@ -1,4 +1,4 @@
-"""The store: results come back as they were put, each once, and what was done is not done again."""
+"""The store: results come back as they were stored, and finished units are not run again."""
 
 import numpy as np
 import pytest
@@ -16,20 +16,20 @@ RESULT = Result(
 )
 
 
-def same(one, other):
-    assert (one.facts, one.files, one.times) == (other.facts, other.files, other.times)
-    assert {name: (value.dtype, value.tobytes()) for name, value in one.arrays.items()} == {
-        name: (value.dtype, value.tobytes()) for name, value in other.arrays.items()
+def require_same(result, expected):
+    assert (result.facts, result.files, result.times) == (expected.facts, expected.files, expected.times)
+    assert {name: (value.dtype, value.tobytes()) for name, value in result.arrays.items()} == {
+        name: (value.dtype, value.tobytes()) for name, value in expected.arrays.items()
     }
 
 
-def test_a_result_comes_back_as_it_was_and_stays(tmp_path):
+def test_a_result_is_returned_as_stored_and_never_overwritten(tmp_path):
     store = Store(tmp_path / "deep" / "store")
     assert "a" not in store
     for result in (RESULT, RESULT._replace(facts={})):
         store.put("a", result)
         assert "a" in store
-        same(store.get("a"), RESULT)
+        require_same(store.get("a"), RESULT)
     assert [path.name for path in (tmp_path / "deep" / "store").iterdir()] == ["a.npz"]
 
 
@@ -46,7 +46,7 @@ UNITS = [DriveUnit(policy="bearing", env="turtlebot_gym/TurtleBotNav-v0", seed=s
 
 
 class Counted:
-    """Does units that come to their seed, and stops after so many."""
+    """Workers for which the result of a unit is its seed; they stop after a number of units."""
 
     def __init__(self, limit=99):
         self.done, self._limit = [], limit
@@ -59,7 +59,7 @@ class Counted:
             yield name, Result({"seed": unit.seed}, {}, {}, {})
 
 
-def test_results_come_in_the_order_of_the_units_and_equal_ones_are_done_once():
+def test_results_are_in_the_order_of_the_units_and_equal_units_run_once():
     workers, counts = Counted(), []
     results = complete(UNITS, workers=workers, progress=counts.append)
     assert [result.facts["seed"] for result in results] == [0, 1, 2, 1]
@@ -67,7 +67,7 @@ def test_results_come_in_the_order_of_the_units_and_equal_ones_are_done_once():
     assert counts == [0, 1, 3, 4]
 
 
-def test_what_was_stopped_goes_on_where_it_was(tmp_path):
+def test_interrupted_work_resumes(tmp_path):
     store, first, second, third = Store(tmp_path), Counted(2), Counted(), Counted()
     with pytest.raises(KeyboardInterrupt):
         complete(UNITS, workers=first, store=store)

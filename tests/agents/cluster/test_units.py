@@ -1,4 +1,4 @@
-"""Units of work: results do not depend on how work is cut, and a unit's key on all that its result depends on."""
+"""Units of work: results do not depend on how work is split; a key depends on all that a result depends on."""
 
 import json
 import pickle
@@ -23,14 +23,14 @@ NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "S
 
 
 def text(evaluation):
-    """Return an evaluation as it is written, every digit of every number."""
+    """Return an evaluation as text, with all digits of all numbers."""
     summary = plain({"config": evaluation.config, "summary": evaluation.summary()})
     numbers = {name: values.tobytes().hex() for name, values in _columns(evaluation.episodes)}
     return json.dumps({**summary, "episodes": numbers, "path": evaluation.trajectory.true_state.tobytes().hex()})
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "arguments",
     [
         {"policy": "bearing", "env": NAV, "episodes": 51, "seed": 7},
         {"policy": "ppo-nav", "env": NAV, "episodes": 50, "noise": "documented"},
@@ -40,11 +40,11 @@ def text(evaluation):
     ids=["bearing", "bundle", "with memory of the course", "room"],
 )
 @pytest.mark.parametrize("chunk", [1000, 25, 2])
-def test_an_evaluation_does_not_depend_on_how_it_is_cut(asked, chunk, monkeypatch):
-    expected = text(evaluate(**asked))
+def test_an_evaluation_does_not_depend_on_how_it_is_split(arguments, chunk, monkeypatch):
+    expected = text(evaluate(**arguments))
     monkeypatch.setattr(drives, "__kwdefaults__", {**drives.__kwdefaults__, "chunk": chunk})
-    (cut,) = evaluate_all([asked])
-    assert text(cut) == expected
+    (split,) = evaluate_all([arguments])
+    assert text(split) == expected
 
 
 def test_no_batch_has_a_single_episode_unless_there_is_no_other():
@@ -53,12 +53,12 @@ def test_no_batch_has_a_single_episode_unless_there_is_no_other():
     assert all(sum(size for _, size in batches(n, k)) == n for n in range(1, 40) for k in range(1, 40))
 
 
-def test_a_unit_can_be_pickled_and_is_the_same_again():
+def test_a_pickled_unit_gives_the_same_result():
     (unit,) = drives("ppo-nav", env=NAV, episodes=8, seed=3, noise="rough")
     again = pickle.loads(pickle.dumps(unit))
     assert key(again) == key(unit)
-    for one, other in zip(run(unit).arrays.values(), run(again).arrays.values(), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for first, second in zip(run(unit).arrays.values(), run(again).arrays.values(), strict=True):
+        np.testing.assert_array_equal(first, second)
     config = Training.of(TrainingConfig(steps=64))
     assert key(pickle.loads(pickle.dumps(config))) == key(config)
 
@@ -92,29 +92,29 @@ def test_a_key_of_a_training_has_its_hyperparameters_and_no_path(tmp_path):
 def test_files_that_options_name_travel_with_the_unit(tmp_path, monkeypatch):
     noise = tmp_path / "mine.yaml"
     noise.write_text("odometry: {R: [0.0009, 0.0009, 0.0025]}\n")
-    asked = {"policy": "bearing", "env": NAV, "episodes": 6, "seed": 0, "noise": str(noise)}
-    expected = evaluate(**asked).episodes
-    (unit,) = drives(**asked)
+    arguments = {"policy": "bearing", "env": NAV, "episodes": 6, "seed": 0, "noise": str(noise)}
+    expected = evaluate(**arguments).episodes
+    (unit,) = drives(**arguments)
     noise.write_text("odometry: {R: [0.09, 0.09, 0.25]}\n")
-    (changed,) = drives(**asked)
+    (changed,) = drives(**arguments)
     assert key(changed) != key(unit)
     noise.unlink()
     np.testing.assert_array_equal(evaluation([run(unit)], {}).episodes.path, expected.path)
     assert (evaluation([run(changed)], {}).episodes.path != expected.path).all()
 
 
-def test_a_map_travels_with_its_image_and_a_policy_of_ones_own_as_its_source(tmp_path, monkeypatch):
+def test_a_map_travels_with_its_image_and_a_users_policy_as_its_source(tmp_path, monkeypatch):
     (tmp_path / "floor.yaml").write_text("image: floor.pgm\nresolution: 0.05\n")
     (tmp_path / "floor.pgm").write_bytes(b"P5 1 1 255 0")
     (tmp_path / "mine_alone.py").write_text("def drive(observations): ...\n")
     monkeypatch.syspath_prepend(tmp_path)
     world = str(tmp_path / "floor.yaml")
-    found = attach(world, "mine_alone:drive", "bearing", 3, None, "json:loads", "nowhere.onnx")
-    assert {name: set(files) for name, files in found.items()} == {
+    attachments = attach(world, "mine_alone:drive", "bearing", 3, None, "json:loads", "nowhere.onnx")
+    assert {name: set(files) for name, files in attachments.items()} == {
         world: {"floor.yaml", "floor.pgm"},
         "module mine_alone": {"mine_alone.py"},
     }
-    with unpacked(found) as places:
+    with unpacked(attachments) as places:
         there = placed(world, places)
         assert there != world
         assert sorted(path.name for path in type(tmp_path)(there).parent.iterdir()) == ["floor.pgm", "floor.yaml"]

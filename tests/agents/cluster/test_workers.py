@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # helpers, which workers import as well
+sys.path.insert(0, str(HERE))  # helpers, which workers import too
 import killed
 import processes
 
@@ -54,7 +54,7 @@ COMMANDS = {
 
 @pytest.fixture(autouse=True)
 def environment(monkeypatch):
-    """Let workers find what this process finds, and return a mark by which they and their children are found."""
+    """Let workers import what this process can, and return a mark that identifies them and their children."""
     mark = f"MARK{uuid.uuid4().hex}"
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), *filter(None, sys.path)]))
     return mark
@@ -80,8 +80,8 @@ def written(command, folder, monkeypatch, *options):
 def test_any_number_of_workers_writes_the_same_file_as_none(command, counts, tmp_path, monkeypatch):
     expected = written(command, tmp_path / "plain", monkeypatch)
     for workers in counts:
-        found = written(command, tmp_path / str(workers), monkeypatch, "--cluster", "local", "--workers", str(workers))
-        assert found == expected, workers
+        content = written(command, tmp_path / str(workers), monkeypatch, "--cluster", "local", "--workers", str(workers))
+        assert content == expected, workers
 
 
 class Counting(Store):
@@ -97,7 +97,7 @@ class Counting(Store):
 
 
 @pytest.mark.parametrize("kills", [1, pytest.param(20, marks=pytest.mark.nightly)])
-def test_a_killed_worker_costs_running_units_alone(kills, tmp_path):
+def test_a_killed_worker_repeats_only_running_units(kills, tmp_path):
     """In each run a worker is killed in the middle of a unit; what the other one was running may be repeated, too."""
     random.seed(7)
     with workers_on("local", workers=2) as workers:
@@ -113,8 +113,8 @@ def test_a_killed_worker_costs_running_units_alone(kills, tmp_path):
                 stored, running = set(store.counts), []
                 while not running:  # the last unit runs until a worker is killed
                     log = killed.read(folder)
-                    ended = {unit for what, unit, _ in log if what == "end"}
-                    running = [(unit, process) for what, unit, process in log if what == "begin" and unit not in ended]
+                    ended = {unit for event, unit, _ in log if event == "end"}
+                    running = [(unit, process) for event, unit, process in log if event == "begin" and unit not in ended]
                 os.kill(running[0][1], signal.SIGKILL)
                 killings.append((running[0][0], stored))
                 (folder / "go").touch()
@@ -123,7 +123,7 @@ def test_a_killed_worker_costs_running_units_alone(kills, tmp_path):
             assert [result.facts["number"] for result in results] == list(range(8))  # nothing lost
             assert list(store.counts.values()) == [1] * 8  # nothing stored twice
             ((victim, stored),) = killings
-            begun = [unit for what, unit, _ in killed.read(folder) if what == "begin"]
+            begun = [unit for event, unit, _ in killed.read(folder) if event == "begin"]
             again = {unit for unit in begun if begun.count(unit) > 1}
             assert victim in again
             assert not {key(units[unit]) for unit in again} & stored
@@ -145,15 +145,15 @@ def test_an_error_of_a_unit_is_that_of_the_command(capsys):
 @pytest.mark.parametrize(
     "group", [pytest.param(False, marks=pytest.mark.nightly, id="one process"), pytest.param(True, id="all")]
 )
-def test_an_interrupt_ends_all_and_the_work_goes_on_later(group, tmp_path, environment):
+def test_an_interrupt_ends_all_processes_and_the_work_resumes(group, tmp_path, environment):
     store, out = tmp_path / "store", tmp_path / "out.json"
-    asked = ["evaluate", "--policy", "bearing", "--episodes", "8000", "--json", str(out)]
-    command = [sys.executable, "-m", "turtlebot_gym_agents", *asked, "--cluster", "local", "--workers", "2"]
+    arguments = ["evaluate", "--policy", "bearing", "--episodes", "8000", "--json", str(out)]
+    command = [sys.executable, "-m", "turtlebot_gym_agents", *arguments, "--cluster", "local", "--workers", "2"]
     command += ["--store", str(store)]
     variables = {**os.environ, "TURTLEBOT_GYM_TEST": environment}
-    heeding = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731  # a shell's background job ignores it
+    interruptible = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731  # a shell's background job ignores it
     process = subprocess.Popen(
-        command, env=variables, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=heeding
+        command, env=variables, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=interruptible
     )
     assert processes.wait_until(lambda: len([*store.glob("*.npz")]) >= 2)
     (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
@@ -166,13 +166,13 @@ def test_an_interrupt_ends_all_and_the_work_goes_on_later(group, tmp_path, envir
     assert 2 <= len(before) < 32
     done = subprocess.run(command, env=variables, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert all(path.stat().st_mtime_ns == changed for path, changed in before.items())  # none was done again
+    assert all(path.stat().st_mtime_ns == changed for path, changed in before.items())  # none was run again
     plain = tmp_path / "plain.json"
-    assert main([*asked[:-1], str(plain)]) == 0
+    assert main([*arguments[:-1], str(plain)]) == 0
     assert plain.read_bytes() == out.read_bytes()
 
 
-def test_the_pool_ends_in_silence_wherever_it_is_interrupted(tmp_path, monkeypatch):
+def test_an_interrupted_pool_ends_without_a_traceback(tmp_path, monkeypatch):
     """Here, while the pool's thread, slowed down, has a unit to put into its pipe."""
     from joblib.externals.loky import process_executor
 
