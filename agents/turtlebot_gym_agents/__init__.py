@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 else:
 
     def __getattr__(name):
-        """Return a public name, imported at first use: the command line's --help needs none."""
+        """Return a public name, imported at first use, so that --help does not wait for it."""
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from turtlebot_gym_agents import policies

@@ -13,15 +13,15 @@ from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.outputs import ending_quietly
 
 THRESHOLDS = 100_000, 10, 10
-"""Objects made between two searches for garbage, and how often each generation is searched before the next."""
+"""`gc.set_threshold` during a command: by default Python collects after 700 new objects."""
 
 
 @contextmanager
 def _rarely_collecting() -> Iterator[None]:
-    """Search for garbage rarely within this block, and no more when the process ends.
+    """Collect garbage rarely within this block, and not at all when the process ends.
 
-    torch and numba make half a million objects that live as long as the process. Python searches them again and again while
-    they are imported, and once more at the end: a third of a short training's time.
+    torch and numba create half a million objects that live as long as the process. Scanning them again and again during their
+    import, and once more at exit, takes a third of a short training's time.
     """
     usual = gc.get_threshold()
     gc.set_threshold(*THRESHOLDS)

@@ -1,10 +1,9 @@
 """Output files and folders of a command: checked for writability before the work starts, and never an input.
 
 One rule for all commands. An output is refused before anything starts if it cannot be written, if it is a folder where a file
-is needed (or the other way round), if its suffix is not that of what is written, or if it is an input or another output of the
-same command, by whatever link. A file that exists and is not empty is overwritten with ``--force`` alone. A file's missing
-folder is made; a missing output folder is left to the work. What is neither a file nor a folder, such as ``/dev/stdout``, is
-written as it is.
+is needed (or the other way round), if its suffix is wrong, or if it is an input or another output of the same command, even
+through a link. A file that exists and is not empty is overwritten only with ``--force``. A file's missing folder is created; a
+missing output folder is left to the command. Devices and pipes, such as ``/dev/stdout``, are always accepted.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ P = ParamSpec("P")
 
 
 class Output(NamedTuple):
-    """What an option names that a command writes; in the ``Annotated`` type of the option's field."""
+    """Kind of file or folder that a command writes; in the ``Annotated`` type of the field that names it."""
 
     endings: tuple[str, ...] = ()
-    """With which its name may end; none for any."""
+    """Allowed suffixes; empty for any."""
     folder: bool = False
     """Whether it is a folder, which may exist: its command says what may be in it."""
     resumed: bool = False
@@ -40,22 +39,22 @@ FOLDER = Output(folder=True)
 
 
 def require_outputs(outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iterable[object] = (), force: bool = False) -> None:
-    """Refuse outputs that cannot or should not be written; missing folders of files are made.
+    """Refuse outputs that cannot or should not be written; missing folders of files are created.
 
     Args:
         outputs: Option, path and kind of each.
-        inputs: What the command was given besides: paths, text that may be a path, and sequences of them.
+        inputs: Values of the other options: paths, text that may be a path, and sequences of them.
         force: Whether files that exist are overwritten.
 
     Raises:
         ValueError: With one line that names the option, the path and the rule.
     """
-    asked = list(outputs)
+    outputs = list(outputs)
     read = list(chain.from_iterable(map(_paths_in, inputs)))
-    for (option, path, _), (another, there, _) in combinations(asked, 2):
-        if _same(path, there):
-            raise ValueError(f"{another} {there}: it is the output of {option}, too; choose another name.")
-    for option, path, kind in asked:
+    for (option, path, _), (other, other_path, _) in combinations(outputs, 2):
+        if _same(path, other_path):
+            raise ValueError(f"{other} {other_path}: it is the output of {option}, too; choose another name.")
+    for option, path, kind in outputs:
         try:
             _require(f"{option} {path}", path, kind, read, force=force)
         except OSError as error:
@@ -63,10 +62,10 @@ def require_outputs(outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iter
 
 
 def outputs_of(command: Any) -> Iterator[tuple[str, Path, Output]]:
-    """Yield option, path and kind of what a command's options name to be written.
+    """Yield option, path and kind of each output of a command.
 
     Args:
-        command: A dataclass. Its method ``paths(name)``, where it has one, says to which paths an option leads.
+        command: A dataclass. Its method ``paths(name)``, if it has one, returns the paths that an option stands for.
     """
     for name, kind in _kinds_of(type(command)).items():
         value = getattr(command, name)
@@ -88,17 +87,17 @@ def _kinds_of(command: type) -> Mapping[str, Output]:
 
 
 def require_file(path: Path) -> None:
-    """Try whether a file can be written, and make its folder where that is missing.
+    """Check that a file can be written, and create its folder if it is missing.
 
     Raises:
-        OSError: If it cannot be; ``IsADirectoryError`` of a folder.
+        OSError: If it cannot be written; ``IsADirectoryError`` for a folder.
     """
-    target = Path(os.path.realpath(path))  # of a link, what it leads to
+    target = Path(os.path.realpath(path))  # the target of a link
     target.parent.mkdir(parents=True, exist_ok=True)
-    there = target.exists()
+    existed = target.exists()
     with target.open("ab"):
         pass
-    if not there:
+    if not existed:
         target.unlink()
 
 
@@ -110,7 +109,7 @@ def _require(where: str, path: Path, kind: Output, inputs: list[Path], *, force:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
-        for folder in missing:  # the work makes it again, if it comes to that
+        for folder in missing:  # the command creates it again when it has a result
             folder.rmdir()
         return
     if path.exists() and not path.is_file() and not path.is_dir():
@@ -128,7 +127,7 @@ def _require(where: str, path: Path, kind: Output, inputs: list[Path], *, force:
 
 
 def _paths_in(value: object) -> Iterator[Path]:
-    """Yield what may be the paths of inputs in an option's value."""
+    """Yield the possible input paths in an option's value."""
     if isinstance(value, (str, Path)):
         text = str(value).removesuffix("+safety")  # which follows the name of a policy
         if text and "\0" not in text:
@@ -139,7 +138,7 @@ def _paths_in(value: object) -> Iterator[Path]:
 
 
 def ending_quietly(main: Callable[P, int]) -> Callable[P, int]:
-    """Let a program end without a message, with a shell's status for SIGPIPE, if nobody reads on, as behind ``| head``."""
+    """Let a program end silently, with a shell's status for SIGPIPE, if its output is closed early, as by ``| head``."""
 
     @wraps(main)
     def run(*args: P.args, **kwargs: P.kwargs) -> int:
@@ -151,7 +150,7 @@ def ending_quietly(main: Callable[P, int]) -> Callable[P, int]:
             poll.register(1, 0)
             if not any(event & select.POLLERR for _, event in poll.poll(0)):
                 raise
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # Python writes what is left when it ends
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # where Python flushes what is left at exit
             return 128 + signal.SIGPIPE
         return status
 
@@ -159,7 +158,7 @@ def ending_quietly(main: Callable[P, int]) -> Callable[P, int]:
 
 
 def _same(path: Path, other: Path) -> bool:
-    """Return whether two paths lead to the same place, by any link."""
+    """Return whether two paths are the same file, possibly through links."""
     try:
         return os.path.samefile(path, other)
     except OSError:

@@ -1,6 +1,6 @@
 """Result files: replaced atomically, each with configuration, seed, commit and versions.
 
-Whenever the process is killed, a file holds its old or its new content, completely.
+Even if the process is killed, a file holds its complete old or its complete new content.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ def test_the_longest_stretch_with_truth_is_replayed():
     joined[50] = False  # a row is missing before it
     chosen = replayable(replace(drive, true_state=truth, joined=joined))
     np.testing.assert_array_equal(chosen.time, drive.time[50:190])
-    assert "replayed are rows 51 to 190 of 200" in chosen.remarks[0]
+    assert "only rows 51 to 190 of 200 are replayed" in chosen.remarks[0]
     replayed = replay(chosen, noise="clean", rate=np.inf)
     assert np.isnan(replayed.odometry[50]).all()  # there is no truth to measure
     np.testing.assert_allclose(replayed.estimate[:, :3], drive.truth[50:190], rtol=0, atol=1e-9)

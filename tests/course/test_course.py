@@ -47,7 +47,7 @@ def test_a_right_solution_is_right_and_its_code_is_not_in_the_package(number, ca
 
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.nightly] * (n == 3)) for n in HALF])
-def test_half_a_solution_is_told_which_half_is_right(number, here, capsys):
+def test_of_half_a_solution_half_is_right(number, here, capsys):
     whole = (SOLUTIONS / f"exercise{number}.py").read_text(encoding="utf-8")
     before, after, expected = HALF[number]
     assert before in whole

@@ -15,7 +15,7 @@ from turtlebot_gym.files import load
 from turtlebot_gym_agents.policies.named import bare
 
 Attachments = Mapping[str, Mapping[str, bytes]]
-"""For each named file, its content and that of the files it refers to, by relative name."""
+"""Contents of each named file and of the files it refers to, by relative name."""
 SUFFIXES = (".onnx", ".json", ".yaml", ".yml", ".world")
 """Endings of policies, tuned baselines, presets, maps and worlds."""
 _MODULE = "module "

@@ -25,7 +25,7 @@ CHUNK = 250
 
 @dataclass(frozen=True, kw_only=True)
 class DriveUnit:
-    """Some episodes of a policy, one for each seed: a unit of work, see `units`."""
+    """Some episodes of a policy, one per seed: a unit of work, see `units`."""
 
     policy: str
     """A name for `turtlebot_gym_agents.make_policy`, or "oracle"."""
@@ -79,13 +79,13 @@ def drives(
     """Return the units of an evaluation.
 
     Args:
-        policy: See `evaluation.evaluate.evaluate`, as for the others.
+        policy: See `evaluation.evaluate.evaluate`.
         env: Environment id.
         episodes: Number of episodes.
         seed: Seed of the first episode.
         chunk: Episodes per unit.
         files: Files that policy and options name, if they do not exist on this machine.
-        allow_mismatch: See there.
+        allow_mismatch: See `evaluation.evaluate.evaluate`.
         **options: Arguments of the environment.
     """
     carried = {**attach(policy, *options.values()), **(files or {})}
@@ -109,7 +109,7 @@ def evaluation(results: Sequence[Result], config: Mapping[str, Any]) -> Evaluati
 
 
 def evaluate_all(
-    asked: Sequence[Mapping[str, Any]],
+    requests: Sequence[Mapping[str, Any]],
     *,
     runner: Runner = complete,
     progress: Callable[[int], None] = lambda done: None,
@@ -117,11 +117,11 @@ def evaluate_all(
     """Return several evaluations, split into units.
 
     Args:
-        asked: The arguments of `evaluation.evaluate.evaluate` for each; a policy is given by its name.
+        requests: Arguments of `evaluation.evaluate.evaluate`, with policies by name.
         runner: Runs the units of work.
         progress: Called with the number of episodes driven.
     """
-    configs = [{"env": NAV, "episodes": 1000, "seed": 0, **arguments} for arguments in asked]
+    configs = [{"env": NAV, "episodes": 1000, "seed": 0, **request} for request in requests]
     for config in configs:
         whole("episodes", config["episodes"], 1)
         require_known(config["env"], config["seed"])

@@ -92,7 +92,7 @@ class Grid:
         return [dict(zip(names, values, strict=True)) for values in itertools.product(*map(_listed, names.values()))]
 
     def trainings_of(self, name: str, cell: Mapping[str, Any]) -> list[Training]:
-        """Return the units of a training in a cell, one for each seed."""
+        """Return the units of a training in a cell, one per seed."""
         settings = {**self.trainings[name], **cell}
         seeds = settings.pop("seeds", 1)
         known = {item.name for item in fields(TrainingConfig) if item.init} - {"seed"}
@@ -143,14 +143,14 @@ def study(
         progress: Called with the work done and the total, as counted by `units.Unit.size`, for trainings and then for episodes.
 
     Returns:
-        For each cell its setting; for each policy a summary and the paired difference of times to the baseline, s; for each
-        training the result of `evaluation.comparison.compare`, with p-values corrected over the whole study (Holm).
+        Per cell its setting; per policy a summary and the paired difference of times to the baseline, s; per training the
+        result of `evaluation.comparison.compare`, with p-values corrected over the whole study (Holm).
     """
 
     def run(units: Iterable[Unit]) -> list[Result]:
-        known = list(units)
-        total = sum(unit.size for unit in known)
-        return runner(known, lambda done: progress(done, total))
+        work = list(units)
+        total = sum(unit.size for unit in work)
+        return runner(work, lambda done: progress(done, total))
 
     cells = grid.cells()
     trained = {
@@ -186,7 +186,7 @@ def _row(grid: Grid, at: int, cell: Mapping[str, Any], evaluations: Mapping[tupl
         ]
         if len(learned) > 1:
             trainings[name] = compare(learned, baseline)
-        else:  # a single training says nothing about others: treat it as a policy
+        else:  # a single training says nothing about the spread of trainings: treat it as a policy
             policies[name] = _beside(learned[0], baseline)
     return {"setting": dict(cell), "compared_with": grid.baseline, "policies": policies, "trainings": trainings}
 

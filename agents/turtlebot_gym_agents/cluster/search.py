@@ -119,7 +119,7 @@ def tune(
 
 def _try_next(study: optuna.Study, config: TrainingConfig, space: Mapping[str, BaseDistribution]) -> None:
     trial = study.ask()
-    # A seed for each trial, so that processes that share a study draw different hyper-parameters.
+    # One seed per trial, so that processes that share a study draw different hyper-parameters.
     study.sampler = _Sampler([config.seed, trial.number], _starting_point(space, config.hyper))
     for name, distribution in space.items():
         if isinstance(distribution, CategoricalDistribution):
@@ -138,11 +138,11 @@ def _try_generation(
     runner: Runner,
     progress: Callable[[int], None],
 ) -> None:
-    """Run what is missing of a generation, up to a total number of trials."""
+    """Run the missing trials of a generation, up to a total number of trials."""
     finished = study.get_trials(states=_FINISHED)
     number, done = divmod(len(finished), size)
     before = sorted(finished, key=lambda trial: trial.number)[: number * size]
-    # An interrupted generation is drawn again from the same seed, and those of its trials that are done are left out.
+    # An interrupted generation is drawn again from the same seed, and its finished trials are skipped.
     sampler = _Sampler([config.seed, number], _starting_point(space, config.hyper))
     again = optuna.create_study(direction="maximize", sampler=sampler)
     again.add_trials(before)
@@ -183,7 +183,7 @@ class Trial:
 
 
 def _open_study(folder: Path, storage: str | None, config: TrainingConfig, more: Mapping[str, Any]) -> optuna.Study:
-    """Return a study, new if there is none; ``more`` is what else it depends on."""
+    """Return a study, new if there is none; ``more`` holds further settings on which it depends."""
     settings = {name: value for name, value in config.settings().items() if name != "device"}  # any device resumes it
     about = {"config": settings, "hyperparameters": dict(config.hyper), **more}
     folder.mkdir(parents=True, exist_ok=True)
@@ -224,7 +224,7 @@ class _Sampler(optuna.samplers.TPESampler):
     def sample_independent(
         self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
     ) -> Any:
-        # Drawn in any case, so that the generator advances alike.
+        # Always drawn, so that later draws do not depend on what is given.
         drawn = super().sample_independent(study, trial, param_name, param_distribution)
         return drawn if trial.number else self._given.get(param_name, drawn)
 

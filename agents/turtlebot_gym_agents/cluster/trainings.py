@@ -68,7 +68,7 @@ def train_all(
     runner: Runner = complete,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Iterator[TrainingResult]:
-    """Train policies, and write for each the files of `training.train.train` except checkpoints and logs.
+    """Train policies, and write the files of `training.train.train` except checkpoints and logs.
 
     Args:
         configs: Configurations of the trainings.

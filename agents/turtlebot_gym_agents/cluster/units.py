@@ -87,7 +87,7 @@ class Store:
         """Store a result, unless there is one already."""
         if key in self:
             return
-        # As bytes: without pickle, NumPy reads arrays alone.
+        # As bytes: without pickle, NumPy reads only arrays.
         values = json.dumps({"facts": result.facts, "times": result.times}).encode()
         content = {
             "told": np.frombuffer(values, np.uint8),

@@ -48,8 +48,8 @@ class Export(Writing, _TRAINED):
         default = TrainingConfig().settings() | record.get("config", {})
 
         def setting(name: str) -> Any:
-            given = getattr(self, name)
-            return default[name] if given is None else given
+            value = getattr(self, name)
+            return default[name] if value is None else value
 
         robot = setting("robot")
         card = bundle.Card(
@@ -70,7 +70,7 @@ class Export(Writing, _TRAINED):
 
 @dataclass(frozen=True, kw_only=True)
 class Card(Writing):
-    """Write a policy's card as a page in Markdown, as model hubs take it: what it is for, how it was trained, how it does."""
+    """Write a policy's card as a page in Markdown, in the form of model hubs: purpose, training and results."""
 
     policy: tyro.conf.Positional[str]
     """A bundle (FILE.onnx), or a policy shipped with the package, such as ppo-nav."""

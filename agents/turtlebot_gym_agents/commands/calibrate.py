@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from turtlebot_gym.drives import Drive
 
 PARTS = 4
-"""Most parts of a calibration for its progress bar: alignment and fit, of motion and measurements, or twice by a map."""
+"""Most steps of a calibration, for its progress bar: alignment and fit, of motion and measurements, or twice by a map."""
 
 
 @own_first
@@ -50,9 +50,9 @@ class Calibrate(Reporting, Placed, Recorded):
     odometry: str | None = None
     """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
     distance: float | None = None
-    """By tape: straight from the start of the log to its end, m."""
+    """By tape: straight-line distance from the start of the log to its end, m."""
     turns: float | None = None
-    """By tape: turns in all, such as 10, to the side to which odometry turns."""
+    """By tape: number of turns, such as 10, in the direction of odometry."""
     loop: bool = False
     """By tape: the log ends where it begins, with the same heading."""
     measured: File = None
@@ -95,7 +95,7 @@ class Calibrate(Reporting, Placed, Recorded):
         if by_tape and self.map is not None:
             raise ValueError("wheels are calibrated by a tape or by a map, not by both: leave one of them out.")
         if by_tape and self.plot is not None:
-            raise ValueError("--plot shows errors along a drive, and a tape measures its ends alone: leave one of them out.")
+            raise ValueError("--plot shows errors along a drive, and a tape measures only its ends: leave one of them out.")
         try:
             with progress(PARTS) as advance_to:
                 fitted = (

@@ -32,7 +32,7 @@ def _basis(fitted: Calibration) -> str:
 
 
 def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
-    """Return the estimates of a log, what it does not determine, and remarks."""
+    """Return tables of the estimates of a log, of what it does not determine, and of remarks."""
     table = Table(
         "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {_basis(fitted)}",
         caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",

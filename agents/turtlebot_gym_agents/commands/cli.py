@@ -1,4 +1,4 @@
-"""The command line, ``turtlebot-gym``: one dataclass for each subcommand, whose fields are its options.
+"""The command line, ``turtlebot-gym``: one dataclass per subcommand, whose fields are its options.
 
 To add one: write a frozen dataclass with a docstring under each field and a ``run`` method, and name it in `COMMANDS`. Results
 go to standard output, progress and errors to standard error. Heavy modules are imported in ``run``.
@@ -68,7 +68,7 @@ class Evaluate(Placement, Reporting, _SEVERAL, Driven):
     """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), tuned ones
     (FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or
     module:callable for one of your own. In rooms also oracle, which knows the map, NAME+safety, within a safety layer, and
-    NAME+yield, which stands for people."""
+    NAME+yield, which stops for people."""
     episodes: int = 1000
     """Episodes of each combination; episode i has the seed SEED + i."""
     details: bool = False
@@ -86,9 +86,9 @@ class Evaluate(Placement, Reporting, _SEVERAL, Driven):
         if not combinations:
             raise ValueError("policy, noise and observation must name at least one each.")
         names, common = ("policy", "noise", "observation"), {"env": self.env, "episodes": self.episodes, "seed": self.seed}
-        asked = [common | self.options() | dict(zip(names, values, strict=True)) for values in combinations]
+        requests = [common | self.options() | dict(zip(names, values, strict=True)) for values in combinations]
         with progress(self.episodes * len(combinations)) as advance_to:
-            results = (self._spread if self.spread else self._here)(asked, advance_to)
+            results = (self._spread if self.spread else self._here)(requests, advance_to)
         evaluations = dict(zip(itertools.starmap(self._label, combinations), results, strict=True))
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
         title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
@@ -98,7 +98,7 @@ class Evaluate(Placement, Reporting, _SEVERAL, Driven):
             {"label": label, "config": evaluation.config, "summary": evaluation.summary(), "episodes": evaluation.episodes}
             for label, evaluation in evaluations.items()
         ]
-        self.report({"runs": runs}, self.settings())
+        self.report({"runs": runs})
         if self.plot is not None:
             save_figure(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
 
@@ -108,24 +108,24 @@ class Evaluate(Placement, Reporting, _SEVERAL, Driven):
             return "Nothing was kept; with --store FOLDER the same command continues where it was interrupted."
         return f"The same command continues: finished episodes are in {self.store}."
 
-    def _here(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
+    def _here(self, requests: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
         from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
         self.require_cluster()
         return [
-            evaluate(**options, progress=lambda ended, done=at * self.episodes: advance_to(done + ended))
-            for at, options in enumerate(asked)
+            evaluate(**request, progress=lambda ended, done=at * self.episodes: advance_to(done + ended))
+            for at, request in enumerate(requests)
         ]
 
-    def _spread(self, asked: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
+    def _spread(self, requests: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
         from turtlebot_gym_agents.cluster.drives import DriveUnit, evaluate_all
 
         with self.place(memory=DriveUnit.memory) as runner:
-            return evaluate_all(asked, runner=runner, progress=advance_to)
+            return evaluate_all(requests, runner=runner, progress=advance_to)
 
     def _label(self, *names: str) -> str:
         choices = (self.policy, self.noise, self.observation)
-        varied = [name for name, given in zip(names, choices, strict=True) if len(given) > 1]
+        varied = [name for name, values in zip(names, choices, strict=True) if len(values) > 1]
         return ", ".join(varied or names[:1])
 
 
@@ -247,7 +247,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     write_anywhere(sys.stdout, sys.stderr)
     if (here := str(Path.cwd())) not in sys.path:
-        sys.path.append(here)  # for users' own policies, which a console script would not find
+        sys.path.append(here)  # for users' policies, which a console script would not find
     command: Any = None
     try:
         if words and not words[0].startswith("-"):
@@ -262,7 +262,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         require_outputs(outputs_of(command), inputs=inputs_of(command), force=getattr(command, "force", False))
         command.run()
     except MemoryError:
-        print("turtlebot-gym: there is not enough memory for what was asked.", file=sys.stderr)
+        print("turtlebot-gym: there is not enough memory for this request.", file=sys.stderr)
         return 2
     except BrokenPipeError:
         raise  # see `outputs.ending_quietly`

@@ -41,10 +41,6 @@ class Writing:
     force: bool = False
     """Overwrite files that exist."""
 
-    def asked(self) -> dict[str, Any]:
-        """Return all options but ``force``, on which no result depends."""
-        return {name: value for name, value in asdict(self).items() if name != "force"}
-
 
 @dataclass(frozen=True, kw_only=True)
 class Reporting(Writing):
@@ -53,10 +49,14 @@ class Reporting(Writing):
     json: JsonFile = None
     """Write configuration and results here."""
 
+    def settings(self) -> Mapping[str, Any]:
+        """Return the options to record with results."""
+        return {name: value for name, value in asdict(self).items() if name != "force"}
+
     def report(self, result: Mapping[str, Any], config: Mapping[str, Any] | None = None) -> None:
-        """Write results, where that is asked for, with their configuration; by default the one that was `asked`."""
+        """Write results, if requested, with their configuration, by default the `settings`."""
         if self.json is not None:
-            write_json(self.json, result, config=self.asked() if config is None else config)
+            write_json(self.json, result, config=self.settings() if config is None else config)
 
 
 _OF_A_DRIVE = ("switch", "laps", "plant")
@@ -184,20 +184,20 @@ def print_tables(*tables: Table, keys: int | None = None) -> None:
 
     Args:
         tables: What to print.
-        keys: How many columns tell one row from another, see `tables.fitted`.
+        keys: Number of columns that identify a row, see `tables.fitted`.
     """
     from rich.console import Console
 
     from turtlebot_gym_agents.commands.tables import fitted
 
     console = Console()
-    asked = console.is_terminal or os.environ.get("COLUMNS", "0") != "0"
-    width = max(console.width, NARROWEST) if asked else 160
+    has_width = console.is_terminal or os.environ.get("COLUMNS", "0") != "0"
+    width = max(console.width, NARROWEST) if has_width else 160
     Console(width=width).print(*(part for table in tables for part in fitted(table, width, keys=keys)))
 
 
 def write_anywhere(*streams: Any) -> None:
-    """Let streams write what their encoding lacks in ASCII, so that no result is lost behind its work."""
+    """Let streams write in ASCII what their encoding lacks, so that no result is lost to an error at the end."""
 
     def in_ascii(error: Any) -> str:
         return "".join("+-" if sign == "\u00b1" else "?" for sign in error.object[error.start : error.end])

@@ -1,4 +1,4 @@
-"""The subcommand ``check``: it gives out an exercise, and says what of a solution is right and what is not yet."""
+"""The subcommand ``check``: it hands out an exercise, and reports which parts of a solution are right."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WRITTEN = f"{EXERCISES[0]} to {EXERCISES[-1]} are written where they are missing
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """Check the solution of an exercise; an exercise that is not there yet is written, with its gaps.
+    """Check the solution of an exercise; a missing exercise is written, with its gaps.
 
     The exit status is 1 while something is not yet right.
     """
@@ -61,7 +61,7 @@ def _names_of(path: Path) -> Mapping[str, Any]:
     """Run a solution and return its names.
 
     Raises:
-        ValueError: If it fails, or is no solution of an exercise.
+        ValueError: If it fails, or is not a solution of an exercise.
     """
     if not path.is_file():
         raise ValueError(f"There is no file {str(path)!r}; {WRITTEN}")

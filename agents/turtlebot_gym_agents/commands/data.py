@@ -1,4 +1,4 @@
-"""The subcommand ``data``: public recordings that the pages rest on, each fetched from its origin and checked by its hash."""
+"""The subcommand ``data``: the public recordings of the documentation, each fetched from its origin and checked by its hash."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Data:
     action: tyro.conf.Positional[str] = "list"
     """list or fetch."""
     out: Annotated[Path, FOLDER] = Path("data")
-    """Folder of the recordings; files that are there are not fetched again."""
+    """Folder of the recordings; existing files are not fetched again."""
 
     def run(self) -> None:
         choose("action", self.action, dict.fromkeys(("list", "fetch")))

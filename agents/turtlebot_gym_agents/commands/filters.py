@@ -79,7 +79,7 @@ class Replay(Reporting, Recorded, _REPLAYED):
     """Draw the first seed here; for several files, one figure each, with the file's name appended."""
 
     def paths(self, name: str) -> tuple[Path, ...]:
-        """Return the files that an option has written: one for each of several drives where it is ``plot``."""
+        """Return the files that an option writes: for ``plot``, one per drive if there are several."""
         path, drives = getattr(self, name), list(dict.fromkeys(self.files))
         if name != "plot" or len(drives) < 2:
             return (path,)

@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 
 def own_first(cls: type[T]) -> type[T]:
-    """Put a dataclass's own fields and its `flags` before the others that it inherits, for its --help."""
+    """Put a dataclass's own fields and its `flags` before other inherited ones, for its --help."""
     made: Any = cls  # tyro takes the fields in the order in which the class has them
     known = made.__dataclass_fields__
     own = [
@@ -61,7 +61,7 @@ class _Declared(NamedTuple):
     """Types that a command line can give."""
     default: Any
     text: str
-    """The text under it, up to what can be given in Python alone."""
+    """The text under it, up to the part about Python only."""
 
 
 def _declared(source: Path, owner: str) -> dict[str, _Declared]:
@@ -72,7 +72,7 @@ def _declared(source: Path, owner: str) -> dict[str, _Declared]:
         if isinstance(node, ast.ClassDef) and node.name == owner
     )
     declared = {}
-    # A field is followed by its text; one that is computed, with a call in the place of its default, is no option.
+    # A field is followed by its text; a computed one, with a call instead of a default, is not an option.
     for line, below in pairwise(body):
         if not isinstance(line, ast.AnnAssign) or isinstance(line.value, ast.Call):
             continue

@@ -41,8 +41,8 @@ class _Learned(Reporting, _TRAINING, Setting):
         from turtlebot_gym_agents.training.config import TrainingConfig
 
         names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(self)}
-        given = {name: value for name in names if (value := getattr(self, name)) is not None}
-        return TrainingConfig(**given | changes)
+        options = {name: value for name in names if (value := getattr(self, name)) is not None}
+        return TrainingConfig(**options | changes)
 
 
 _EVALUATED = flags("evaluations")
@@ -58,7 +58,7 @@ class Train(Placement, _EVALUATED, _Learned):
     seeds: int = 1
     """Number of seeds to train."""
     resume: bool = False
-    """Resume from the checkpoints in the folder, in new episodes, so not as if uninterrupted."""
+    """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
     watch: bool = False
     """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [watch]."""
     wandb: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PROJECT]")] = None
@@ -96,7 +96,7 @@ class Train(Placement, _EVALUATED, _Learned):
             runs.append({"seed": seed, "folder": folder, **facts})
         title = f"{self.env}, {self.algo}, the best model on the evaluation's seeds"
         print_tables(_training_table(trained, title=title))
-        self.report({"runs": runs, "times": times}, self.settings())
+        self.report({"runs": runs, "times": times})
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
@@ -113,7 +113,7 @@ class Train(Placement, _EVALUATED, _Learned):
             yield from train_all(configs, folders, runner=runner, progress=advance_to)
 
     def _callbacks(self, config: TrainingConfig, folder: Path) -> list[Any]:
-        """Return the callbacks that show the policy and send its curves, where that is asked for."""
+        """Return the callbacks that show the policy and send its curves, if requested."""
         callbacks: list[Any] = []
         if self.watch:
             with needs("watch"):
@@ -195,7 +195,7 @@ class Tune(Placement, _Learned):
 
 @contextmanager
 def _loading(config: TrainingConfig) -> Iterator[None]:
-    """Load a training's loops beside this block; compiling them leaves Python a core."""
+    """Load a training's compiled loops in a second thread during this block, which imports torch."""
 
     def load() -> None:
         import numpy as np
@@ -218,7 +218,7 @@ def _loading(config: TrainingConfig) -> Iterator[None]:
 
 
 def _training_table(trainings: Sequence[tuple[int, Path, TrainingResult]], *, title: str) -> Table:
-    """Return how trainings went, given as seed, folder and result, and what their best models do."""
+    """Return a table of trainings, given as seed, folder and result, with the figures of their best models."""
     from rich.table import Table
 
     table = Table("seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy", title=title)

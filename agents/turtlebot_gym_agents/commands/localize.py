@@ -78,7 +78,7 @@ LABELS = {
 
 
 def _path_figure(course: Course, drive: Drive, grid: GridMap, *, title: str) -> Figure:
-    """Return a figure of a localized drive in its map: the path, where the localizer was not sure, and the truth."""
+    """Return a figure of a localized drive in its map: the path, where the localizer was unsure, and the truth."""
     from matplotlib.figure import Figure
 
     from turtlebot_gym.localization.localizer import TRACKING

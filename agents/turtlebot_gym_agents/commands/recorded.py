@@ -46,7 +46,7 @@ class Placed:
     hits: bool = True
     """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
     start: tuple[float, float, float] | None = None
-    """Pose in the map at the first row, to 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
+    """Pose in the map at the first row, within 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
 
     def place(self, map: Path, drive: Drive, name: Path) -> tuple[GridMap, Place]:
         """Return a map, and the place of a drive in it."""

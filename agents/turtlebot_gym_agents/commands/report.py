@@ -28,7 +28,7 @@ MORE = ("efficiency", "reached", "miss", "effort")
 
 
 def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, details: bool = True) -> tuple[Table, ...]:
-    """Return tables of results, and of the errors of estimate and odometry.
+    """Return tables of results, and with details of the errors of estimate and odometry.
 
     Args:
         evaluations: Label and evaluation of each, on the same seeds.
@@ -136,7 +136,7 @@ def estimation_table(result: Estimation) -> Table:
 
 
 def estimation_figure(result: Estimation) -> Figure:
-    """Return a figure of the RMSE of position and heading over time, for each filter and the bound."""
+    """Return a figure of the RMSE of position and heading over time, of all filters and the bound."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")

@@ -106,7 +106,7 @@ class TuneBaseline(Reporting, Setting):
 
 
 def _table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
-    """Return a table of a study's results: a row for each policy and training in each cell."""
+    """Return a table of a study's results: a row per policy and training in each cell."""
     from rich.table import Table
 
     varied = [name for name in rows[0]["setting"] if len({str(row["setting"][name]) for row in rows}) > 1]

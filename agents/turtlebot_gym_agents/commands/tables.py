@@ -21,7 +21,7 @@ _NUMBERS = re.compile(r"(?:[-+±?*%.,():\d\s]|e(?=[-+\d])|\b(?:to|of|times)\b|\b
 
 class _Need(NamedTuple):
     least: int
-    """Width in which its numbers stand on one line, and words are not broken."""
+    """Width in which its numbers fit on one line, and words are not broken."""
     whole: int
     """Width in which nothing is wrapped."""
 
@@ -34,8 +34,8 @@ def fitted(table: Table, width: int, *, keys: int | None = None) -> list[Table]:
 
     Args:
         table: A table with the default box.
-        width: Of the terminal, characters.
-        keys: How many columns tell one row from another; by default the first one, and the texts that follow it.
+        width: Width of the terminal, characters.
+        keys: Number of columns that identify a row; by default the first one, and the texts that follow it.
     """
     needs = [_need(column) for column in table.columns]
     if not needs or _total([need.whole for need in needs]) <= width:
@@ -84,7 +84,7 @@ def _total(widths: Sequence[int]) -> int:
 
 
 def _groups(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
-    """Return which columns stand in which part: few parts, of even widths."""
+    """Return the columns of each part: as few parts as possible, of even widths."""
     best = _filled(least, keys, width)
     # The least width that needs no more parts makes them even.
     for narrower in range(width - 1, 0, -1):
@@ -96,7 +96,7 @@ def _groups(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
 
 
 def _filled(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
-    """Return parts that are filled in turn, each with a column besides the keys."""
+    """Return parts that are filled one after another, each with at least one column besides the keys."""
     groups: list[list[int]] = [[]]
     for at in range(keys, len(least)):
         if groups[-1] and _total([*least[:keys], *(least[column] for column in (*groups[-1], at))]) > width:
@@ -106,7 +106,7 @@ def _filled(least: Sequence[int], keys: int, width: int) -> list[list[int]]:
 
 
 def _widths(needs: Sequence[_Need], width: int) -> list[int]:
-    """Return the widths of a part's columns: what is left goes to those that are wrapped most."""
+    """Return the widths of a part's columns: spare width goes to those that wrap most."""
     widths = [need.least for need in needs]
     for _ in range(width - _total(widths)):
         at = max(range(len(needs)), key=lambda column: needs[column].whole - widths[column])

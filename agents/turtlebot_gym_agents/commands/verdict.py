@@ -1,4 +1,4 @@
-"""What an evaluation says, in one sentence for each comparison: what decides first, and each difference by its interval."""
+"""Evaluations in words: one sentence per comparison, what decides first, and each difference by its interval."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from turtlebot_gym_agents.evaluation.metrics import Interval, side
 
 
 def verdicts(evaluations: Mapping[str, Evaluation], *, size: int = 1) -> list[str]:
-    """Return a sentence for each evaluation that can be compared with an earlier one; for a single one, about itself.
+    """Return a sentence per evaluation that can be compared with an earlier one; a single one is described by itself.
 
     Args:
-        evaluations: Label and evaluation of each, on the same seeds: of each policy in turn, in all settings.
+        evaluations: Evaluations by label, on the same seeds: all settings of the first policy, then of the next.
         size: Number of settings of each policy. Policies are compared with the first one in the same setting; a single policy
             in its settings, with the first of them.
     """
@@ -63,8 +63,8 @@ def _compared(name: str, evaluation: Evaluation, other_name: str, other: Evaluat
     elif not parts:
         parts.append(f"{name} is neither faster nor slower than {other_name} ({_ends(time, 2)} s)")
     if not reaching:
-        every = bool(a.success.all() and b.success.all())
-        parts.append("both reach every goal" if every else f"no difference in goals reached ({_ends(goals, 1, 100.0)} points)")
+        both = bool(a.success.all() and b.success.all())
+        parts.append("both reach every goal" if both else f"no difference in goals reached ({_ends(goals, 1, 100.0)} points)")
         parts += _collisions(evaluation, other)
     return f"{'; '.join(parts)}."
 
@@ -84,12 +84,12 @@ def _by_time(evaluation: Evaluation) -> bool:
     return evaluation.config.get("switch") == "time"
 
 
-def _equal(name: str, other: str, what: str) -> str:
-    return f"{name} and {other} do not differ in {what}."
+def _equal(name: str, other: str, metric: str) -> str:
+    return f"{name} and {other} do not differ in {metric}."
 
 
 def _more(difference: Interval, digits: int, above: str, below: str, factor: float = 1.0) -> str:
-    """Return the size of a difference by its interval and on which side it lies; nothing if the interval contains 0."""
+    """Return the size and the side of a difference by its interval; empty if the interval contains 0."""
     if not side(difference):
         return ""
     low, high = sorted(abs(factor * end) for end in difference[1:])

@@ -88,7 +88,7 @@ def record(
     frames, steps, success = 0, 0, False
 
     def play() -> Iterator[Image.Image]:
-        """Yield the picture for each frame's time."""
+        """Yield the picture of each frame."""
         nonlocal frames, steps, success
         for steps, (picture, info, ended) in enumerate(_drive(world, driver, seed)):
             progress(steps, limit)
@@ -147,7 +147,7 @@ def _palette(picture: Image.Image) -> Image.Image:
         if all(max(abs(a - b) for a, b in zip(color, other, strict=True)) > 8 for other in colors):
             colors.append(color)
     palette = Image.new("P", (1, 1))
-    palette.putpalette(list(itertools.chain(*colors[:255])))  # one of 256 is left for unchanged pixels
+    palette.putpalette(list(itertools.chain(*colors[:255])))  # one of the 256 is for unchanged pixels
     return palette
 
 

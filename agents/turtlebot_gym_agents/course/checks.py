@@ -1,4 +1,4 @@
-"""What is checked of each exercise: a sentence that is right, or not yet, with a hint that does not give the answer away."""
+"""Checks of each exercise: each is right, or not yet, with a hint that does not give the answer away."""
 
 from __future__ import annotations
 

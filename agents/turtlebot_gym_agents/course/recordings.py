@@ -18,22 +18,22 @@ R = (0.03**2, 0.03**2, 0.02**2)
 DT = 0.1
 """Time between two rows, s."""
 START = 10
-"""Rows that do not count, since the filter only begins."""
+"""First rows, in which the filter still converges and which do not count."""
 _SLIP = (0.05, 0.25)
-"""Standard deviations of what the wheels do besides what they say; m/s, rad/s."""
+"""Standard deviations of the true speeds about those that the wheels report; m/s, rad/s."""
 
 
 def recording(seed: int = 0, *, rows: int = 600) -> Drive:
-    """Return a minute of driving: what the wheels said, and the true poses."""
+    """Return a minute of driving: the twists that the wheels report, and the true poses."""
     rng = np.random.default_rng((seed, 2))
-    said = np.repeat(rng.uniform((0.05, -0.8), (0.2, 0.8), (rows // 20 + 1, 2)), 20, axis=0)[:rows]
-    v, omega = (said + rng.normal(size=(rows, 2)) * _SLIP).T
+    reported = np.repeat(rng.uniform((0.05, -0.8), (0.2, 0.8), (rows // 20 + 1, 2)), 20, axis=0)[:rows]
+    v, omega = (reported + rng.normal(size=(rows, 2)) * _SLIP).T
     headings = np.concatenate([[0.0], np.cumsum(omega[1:]) * DT])
     middle = headings[:-1] + 0.5 * omega[1:] * DT
     steps = np.stack([np.cos(middle), np.sin(middle)], axis=1) * (v[1:] * DT)[:, None]
     places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     truth = np.column_stack([places, [wrap(heading) for heading in headings.tolist()], v, omega])
-    return Drive(time=DT * np.arange(rows, dtype=np.float64), true_state=truth, twist=said)
+    return Drive(time=DT * np.arange(rows, dtype=np.float64), true_state=truth, twist=reported)
 
 
 def filtered(drive: Drive, Q: Sequence[float], *, seed: int = 0) -> Drive:
@@ -43,8 +43,8 @@ def filtered(drive: Drive, Q: Sequence[float], *, seed: int = 0) -> Drive:
 
 
 def honesty(drive: Drive) -> float:
-    """Return the mean squared error of a filtered drive's pose over what its covariance states; 3 of an honest filter."""
-    errors, stated = _errors(drive), drive.covariance[START:, :3, :3] + 1e-12 * np.eye(3)  # which can be inverted, in any case
+    """Return the mean squared error of a filtered drive's pose relative to its stated covariance; 3 for an honest filter."""
+    errors, stated = _errors(drive), drive.covariance[START:, :3, :3] + 1e-12 * np.eye(3)  # always invertible
     return float(np.einsum("ti,tij,tj->t", errors, np.linalg.inv(stated), errors).mean())
 
 

@@ -1,8 +1,8 @@
-"""The map as the truth of a drive: poses by single scans, which wheels and other scans have no part in.
+"""The truth of a drive from a map: poses of single scans, on which neither the wheels nor other scans have an influence.
 
 The localizer's belief moves with the wheels, so between two scans its error is theirs: taken for the truth, it would hide the
-noise that it should show. It only says where the descent of each scan starts. A scan's pose counts at the middle of its
-revolution, from where the wheels' errors in beams before and after it cancel.
+noise that is to be measured. It only says where the descent of each scan starts. A scan's pose refers to the middle of its
+revolution, where the wheels' errors in the beams before and after cancel.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.evaluation.localize import TRAIL, Course, Place, clocked, localize, recorded_of
 
 CLEAR = 0.05
-"""Standard deviation of a pose up to which it counts, m and rad: along a corridor a scan says nothing."""
+"""Largest standard deviation of a pose that is used, m and rad: a scan does not tell where along a corridor it was taken."""
 
 
 class Mapped(NamedTuple):
-    """A drive whose truth is that of a map."""
+    """A drive whose truth comes from a map."""
 
     drive: Drive
     scanned: Scanned
-    """What is known of it."""
+    """Covariances and period of the poses."""
     course: Course
     """The localizer's beliefs, from which the descents started."""
     where: NDArray[np.intp]
-    """Where in them the drive's rows are, shape (T,)."""
+    """Rows of the course at which the drive's rows are, shape (T,)."""
 
 
 @in_machine_code("poses of single scans")
@@ -73,7 +73,7 @@ def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Ma
     Args:
         drive: With odometry and scans.
         place: The map, and where in it the drive starts.
-        wheels: What the wheels are, as far as it is known; by their motion the beams of a scan are put together.
+        wheels: The wheels, as far as known; a scan's beams are aligned by their motion.
 
     Raises:
         ValueError: If the drive has no odometry or no scans.
@@ -105,7 +105,7 @@ def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Ma
 
 
 def calibrate_by_map(drive: Drive, place: Place, **options: Any) -> Calibration:
-    """Calibrate wheels by a map: once roughly, and then with the beams of a scan put together by the wheels so found.
+    """Calibrate wheels by a map: first roughly, then with the beams of each scan aligned by the wheels found.
 
     Args:
         drive: With odometry and scans.
@@ -123,7 +123,7 @@ def calibrate_by_map(drive: Drive, place: Place, **options: Any) -> Calibration:
 
 
 def corrected(odometry: NDArray[np.float64], wheels: ProcessNoise) -> NDArray[np.float64]:
-    """Return odometry, shape (T, 3), as it would be with these wheels."""
+    """Return odometry, shape (T, 3), corrected by the scales and the veer of wheels."""
     step, heading = np.diff(odometry, axis=0), odometry[:-1, 2]
     cosine, sine = np.cos(heading), np.sin(heading)
     ahead, aside = cosine * step[:, 0] + sine * step[:, 1], cosine * step[:, 1] - sine * step[:, 0]

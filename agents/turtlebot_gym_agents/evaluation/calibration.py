@@ -60,7 +60,7 @@ def simulated_log(
 
 
 class _Judged(NamedTuple):
-    """Accuracy and consistency of a filter on a drive, for each seed."""
+    """Accuracy and consistency of a filter on a drive, per seed."""
 
     nees: NDArray[np.float64]
     """Mean normalized estimation error squared of the pose: 3 for a consistent filter."""
@@ -86,7 +86,7 @@ def judge(
     model, process = make_noise(noise), WHEEL.process
     tuning = make_filter("matched", replace(model, process=process))
     if calibrated is not None:
-        rest = tuple(b - known for b, known in zip(model.odometry.bias, calibrated.odometry.bias, strict=True))
+        rest = tuple(true - fitted for true, fitted in zip(model.odometry.bias, calibrated.odometry.bias, strict=True))
         model = replace(model, odometry=replace(model.odometry, bias=rest))
         tuning = make_filter("calibrated", calibrated)
     judged = []

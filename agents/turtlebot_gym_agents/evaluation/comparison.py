@@ -1,8 +1,8 @@
 """Inference about a training method from a few trained policies that drove the same episodes.
 
 Two effects vary: trainings by their seed, episodes by their start, goal and noise. Episodes are many and trainings are few, and
-an interval that ignores the variation between trainings holds for these policies only. Values form a table with a row for each
-training and a column for each episode, and both are random effects: value = mean + training + episode + rest.
+an interval that ignores the variation between trainings holds for these policies only. Values form a table with a row per
+training and a column per episode, and both are random effects: value = mean + training + episode + rest.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class _Spread(NamedTuple):
             return 1.0 if self.value == 0.0 else 0.0
         if not self.margin(1.0 - _LEAST_P) > abs(self.value):
             return _LEAST_P
-        # By its logarithm: p-values span decades.
+        # Solved for its logarithm, since p-values span decades.
         bracket = (np.log(_LEAST_P), 0.0)
         root = optimize.root_scalar(lambda log: self.margin(1.0 - np.exp(log)) - abs(self.value), bracket=bracket)
         return float(np.exp(root.root))
@@ -91,7 +91,7 @@ def share(table: ArrayLike) -> Interval:
     result = spread(table)
     n, error = result.shape[1], result.error()
     if error == 0.0:
-        return metrics.share(np.asarray(table, np.bool_)[0])  # all trainings and all episodes agree
+        return metrics.share(np.asarray(table, np.bool_)[0])  # all trainings and all episodes are equal
     return metrics.wilson(result.value, min(result.value * (1.0 - result.value) / error**2, n), result.margin() / error)
 
 

@@ -27,7 +27,7 @@ class Record(NamedTuple):
     collision: NDArray[np.bool_]
     """False on open ground."""
     clearance: NDArray[np.float64]
-    """NaN on open ground, as the next."""
+    """NaN on open ground, like the next field."""
     way_left: NDArray[np.float64]
     running: NDArray[np.bool_]
     """Whether the step belongs to the first episode of its environment."""
@@ -85,7 +85,7 @@ class Episodes(NamedTuple):
 
 
 ASTRAY = 0.5
-"""Error of the position from which on a robot counts as lost, m."""
+"""Error of the position above which a robot counts as lost, m."""
 
 
 def concatenate(parts: Sequence[Episodes]) -> Episodes:
@@ -107,7 +107,7 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
         seed: Seed of the first episode.
     """
     running, task = record.running[1:], p.task
-    truth, due = record.true_state[1:], record.reference[:-1]  # the waypoint that was current in the step, not the one after it
+    truth, due = record.true_state[1:], record.reference[:-1]  # the waypoint that was current during the step
     steps = running.sum(axis=0)
     changed = (record.reference[1:] != due).any(axis=2) & running
     done_with = changed | (np.arange(len(running))[:, None] == steps - 1)

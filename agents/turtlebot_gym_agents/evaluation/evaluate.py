@@ -1,4 +1,4 @@
-"""Evaluate a policy: one episode for each seed, in one batch, measured by the true pose.
+"""Evaluate a policy: one episode per seed, in one batch, measured by the true pose.
 
 Episode *i* has the seed ``seed + i`` in every evaluation, and noise is drawn by counter. So start, goal and noise are the same
 for all policies, and differences between policies are paired.
@@ -127,7 +127,7 @@ def evaluate(
     allow_mismatch: bool = False,
     **options: Any,
 ) -> Evaluation:
-    """Drive and measure one episode for each seed.
+    """Drive and measure one episode per seed.
 
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle", which in rooms knows map and true pose.
@@ -162,7 +162,7 @@ def evaluate(
 
 
 def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:
-    """Return environments whose infos say all that is measured."""
+    """Return environments whose infos hold all that is measured."""
     return gym.make_vec(env, num_envs=num_envs, vectorization_mode="vector_entry_point", info="full", **options)
 
 
@@ -244,7 +244,7 @@ def driven(
 ) -> Iterator[tuple[dict[str, Any], NDArray[np.bool_]]]:
     """Drive one episode in each environment, and yield the infos at the start and after each step until all have ended.
 
-    With them comes whether the step belongs to each environment's episode. The arguments are those of `drive`.
+    Each comes with a mask of the environments whose episode was running in the step. The arguments are those of `drive`.
     """
     observations, info = envs.reset(seed=seed)
     running = np.ones(envs.num_envs, np.bool_)

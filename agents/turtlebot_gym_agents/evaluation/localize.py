@@ -1,4 +1,4 @@
-"""Drive a recording through the localizer: odometry and scans row by row, in a known map."""
+"""Run the localizer over a recording: odometry and scans row by row, in a known map."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from turtlebot_gym_agents.evaluation.episodes import ASTRAY
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan."""
 FAR = 20.0
-"""Greatest range that is used, m: the end of a longer beam moves by its heading's error more than a map's cells are wide."""
+"""Greatest range that is used, m: an error of the heading moves the end of a longer beam by more than a cell of the map."""
 STILL, UNTURNED = 0.02, 0.01
-"""Way and turn since the last scan up to which a scan says nothing new, m and rad: it is left out."""
+"""Distance and turn since the last used scan, m and rad, up to which a scan says nothing new and is left out."""
 
 
 KNOWN = (0.01, 0.01, 0.001)
@@ -32,10 +32,10 @@ KNOWN = (0.01, 0.01, 0.001)
 
 
 class Recorded(NamedTuple):
-    """What a localizer sees of a recording of T rows and S scans."""
+    """Inputs of a localizer from a recording of T rows and S scans."""
 
     time: NDArray[np.float64]
-    """Shape (T,), s; where it does not increase, scans count as measured at once and at their rows."""
+    """Shape (T,), s; if it does not increase, scans count as instantaneous, at their rows."""
     odometry: NDArray[np.float64]
     """Shape (T, 3); m, m, rad."""
     rows: NDArray[np.int64]
@@ -43,7 +43,7 @@ class Recorded(NamedTuple):
     last: NDArray[np.float64]
     """Time of each scan's last beam, shape (S,), s; not after its row."""
     ranges: NDArray[np.float32]
-    """Shape (S, B), m; what is no measurement is NaN, infinite or not in (0, `range_max`]."""
+    """Shape (S, B), m; beams without a measurement are NaN, infinite or not in (0, `range_max`]."""
     angles: NDArray[np.float64]
     """Directions of the beams in the robot's frame, shape (B,), rad."""
     interval: float = 0.0
@@ -60,7 +60,7 @@ class Place(NamedTuple):
     field: NDArray[np.float32]
     """Distances to the surfaces of the map, see `rooms.field`."""
     frame: NDArray[np.float64]
-    """Their frame."""
+    """Frame of the distances."""
     tuning: LocalizerTuning
     start: Pose
     """The pose at the first row."""
@@ -96,7 +96,7 @@ def _follow(
     trail, bank = np.empty((TRAIL, 4)), np.zeros((ROWS, 4))
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
     rest(trail, time[first], now)
-    # As if the robot had come far: the first scan counts in any case.
+    # As if the robot had driven far, so that the first scan is used.
     at, way, turn = int(np.searchsorted(rows, first)), 1.0, 0.0
     for row in range(first, len(odometry)):
         if row > first:
@@ -141,7 +141,7 @@ def localize(recorded: Recorded, place: Place) -> Course:
 
 
 def clocked(recorded: Recorded) -> Recorded:
-    """Return a recording whose time increases: stamps that do not are no clock, and the rows count instead."""
+    """Return a recording whose time increases: stamps that do not are replaced by the numbers of the rows."""
     rows = recorded.rows.astype(np.int64)
     if (np.diff(recorded.time) > 0.0).all():
         return recorded._replace(rows=rows)
@@ -150,9 +150,9 @@ def clocked(recorded: Recorded) -> Recorded:
 
 
 def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:
-    """Return what a localizer sees of a drive, and where in it the drive's rows are, shape (T,).
+    """Return a localizer's inputs from a drive, and the rows in them of the drive's rows, shape (T,).
 
-    A scan that was recorded with the wheels' pose is a row of its own, also where the drive's rows are farther apart.
+    A scan that was recorded with an odometry pose of its own becomes a row.
 
     Raises:
         ValueError: If the drive has no odometry or no scans, or scans of several kinds.

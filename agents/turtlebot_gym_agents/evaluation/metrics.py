@@ -27,7 +27,7 @@ class Interval(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Errors of estimated poses over a drive; each is a number, or an array with one for each drive."""
+    """Errors of estimated poses over a drive; numbers, or arrays with a number per drive."""
 
     position_mean: NDArray[np.float64]
     """m"""

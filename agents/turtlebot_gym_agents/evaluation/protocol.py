@@ -1,7 +1,6 @@
 """A benchmark protocol: fixed worlds, noises, seeds and metrics, so that policies, filters and localizers share a table.
 
-An entry is a JSON file that `run` makes. Another version of the settings has another `FORMAT`, and its entries are refused
-beside these.
+An entry is a JSON file that `run` makes. Other versions of the settings have another `FORMAT`, and their entries are refused.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ SETTINGS = {
 }
 """The settings by name. All are of the robot "burger" at 10 Hz."""
 METRICS = ("success", "time", "collision", "goals", "false_goals", "lost", "estimate_position_mean", "false_arrival")
-"""What an entry states of each setting, where there is such a thing, with 95 % intervals; see `Evaluation.summary`."""
+"""Metrics of an entry in each setting that has them, with 95 % intervals; see `Evaluation.summary`."""
 
 
 def settings_for(policy: str, localizer: str | None = None) -> dict[str, Setting]:
@@ -59,8 +58,8 @@ def settings_for(policy: str, localizer: str | None = None) -> dict[str, Setting
     entered = {name: setting for name, setting in SETTINGS.items() if setting.env in envs}
     chosen = {name: setting for name, setting in entered.items() if localizer is None or setting.options["noise"] == "wheel"}
     if not chosen:
-        why = f", and with localizer {localizer!r} those on wheel odometry only" if localizer and entered else ""
-        raise ValueError(f"{policy}: the protocol has no setting of its task, {', '.join(envs)}{why}.")
+        reason = f", and with localizer {localizer!r} those on wheel odometry only" if localizer and entered else ""
+        raise ValueError(f"{policy}: the protocol has no setting of its task, {', '.join(envs)}{reason}.")
     return chosen
 
 
@@ -75,7 +74,7 @@ def run(
 
     Args:
         policy: A name for `turtlebot_gym_agents.make_policy`.
-        filter: A filter's name, or one of one's own.
+        filter: A filter's name, or one of your own (MODULE:NAME).
         localizer: A localizer for missions; None for wheels and filter alone.
         progress: Called with the number of episodes that have ended.
     """
@@ -103,10 +102,10 @@ def read_entry(path: Path) -> dict[str, Any]:
     """Read an entry.
 
     Raises:
-        ValueError: If the file is none, or one of another version of the protocol.
+        ValueError: If the file is not an entry of this version of the protocol.
     """
     content = load(path)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        given = content.get("format") if isinstance(content, dict) else content
-        raise ValueError(f"{path}: it must be an entry of {FORMAT}, got {shown(given)}.")
+        actual = content.get("format") if isinstance(content, dict) else content
+        raise ValueError(f"{path}: it must be an entry of {FORMAT}, got {shown(actual)}.")
     return content

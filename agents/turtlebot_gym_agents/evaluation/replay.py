@@ -53,7 +53,7 @@ def replayable(drive: Drive) -> Drive:
     first, last = max(((rows[0], rows[-1]) for rows in stretches if rows.size), key=lambda ends: ends[1] - ends[0])
     if last - first + 1 == len(drive):
         return drive
-    remark = f"{where}: replayed are rows {first + 1} to {last + 1} of {len(drive)}, the longest stretch without a gap"
+    remark = f"{where}: only rows {first + 1} to {last + 1} of {len(drive)} are replayed, the longest stretch without a gap"
     return replace(drive[first : last + 1], remarks=(*drive.remarks, remark))
 
 
@@ -97,9 +97,9 @@ def drift(
     """
     turn = truth[first, 2] - poses[first, 2]
     moved = (poses[last, 0] - poses[first, 0]) + 1j * (poses[last, 1] - poses[first, 1])
-    should = (truth[last, 0] - truth[first, 0]) + 1j * (truth[last, 1] - truth[first, 1])
+    expected = (truth[last, 0] - truth[first, 0]) + 1j * (truth[last, 1] - truth[first, 1])
     angle = poses[last, 2] + turn - truth[last, 2]
-    return np.abs(moved * np.exp(1j * turn) - should), np.angle(np.exp(1j * angle))
+    return np.abs(moved * np.exp(1j * turn) - expected), np.angle(np.exp(1j * angle))
 
 
 def replay(
@@ -170,7 +170,7 @@ def replay(
 
 
 def _moving(estimate: Any, twist: Command) -> Any:
-    """Set a twist in each belief of an estimate: a recorded drive may begin in motion."""
+    """Set a twist in all beliefs of an estimate: a recorded drive may begin in motion."""
     if isinstance(estimate, Belief):
         return estimate._replace(mean=estimate.mean._replace(v=twist.v, omega=twist.omega))
     if isinstance(estimate, tuple) and hasattr(estimate, "_fields"):
@@ -182,7 +182,7 @@ class Replayed(NamedTuple):
     """Results of replaying a drive with several seeds."""
 
     raw: Errors
-    """Errors of the measured poses; arrays with a number for each seed, as for the filter."""
+    """Errors of the measured poses; arrays with a number per seed, like those of the filter."""
     wheels: Errors
     """Errors of dead reckoning from the first true pose; a single number each."""
     filter: Errors

@@ -26,7 +26,7 @@ from turtlebot_gym_agents.provenance import plain, provenance, replace_json
 
 TUNING_SEED = 2**39
 """First seed of the tries' episodes, separate from typical user seeds and those of trainings."""
-_SEEDS = 2**20  # for each seed of a search
+_SEEDS = 2**20  # per seed of a search
 _FIRST_WIDTH, _LAST_WIDTH = 0.2, 0.03  # of the draws around the best, as shares of the ranges
 
 

@@ -71,9 +71,9 @@ class Card:
             parameters: Its parameters.
             training: Entries about the training.
         """
-        given = {item.name: options.get(item.name, item.default) for item in fields(Options)}
-        names = {name: given[name] if isinstance(given[name], str) else "custom" for name in ("noise", "filter", "observation")}
-        layout, robot = system_of(parameters).layout, describe_robot(given["robot"])
+        used = {item.name: options.get(item.name, item.default) for item in fields(Options)}
+        names = {name: used[name] if isinstance(used[name], str) else "custom" for name in ("noise", "filter", "observation")}
+        layout, robot = system_of(parameters).layout, describe_robot(used["robot"])
         return cls(env=env, robot=robot, dt=parameters.dt, layout=layout, training=training, **names)
 
 
@@ -133,7 +133,7 @@ class BundlePolicy:
         self._require_shapes()
 
     def _require_shapes(self) -> None:
-        """Refuse a model that does not map observations to as many actions."""
+        """Refuse a model that does not return one action per observation."""
         inputs, outputs, size = self._session.get_inputs(), self._session.get_outputs(), SIZES[self.layout]
         ends = [(end.type, end.shape[1:]) for end in (*inputs, *outputs)]
         if ends != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):
@@ -200,11 +200,11 @@ def _verified_hash(path: str | Path, content: bytes) -> str:
     """Return the hash in a bundle.
 
     Raises:
-        ValueError: If the bundle does not contain one, or another one than its own.
+        ValueError: If the bundle does not contain one, or it is not the bundle's.
     """
     match = _HASH.search(content)
     if match is None:
-        raise ValueError(f"{path} is not a policy bundle, or not a whole one: make one with `turtlebot-gym export`.")
+        raise ValueError(f"{path} is not a policy bundle, or incomplete: make one with `turtlebot-gym export`.")
     if hashlib.sha256(_with_hash(content, _NO_HASH)).hexdigest().encode() != match[0]:
         raise ValueError(f"{path} is damaged: its hash is not the one it was written with.")
     return match[0].decode()

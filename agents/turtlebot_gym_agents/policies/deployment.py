@@ -1,4 +1,4 @@
-"""A policy on one's own sensors, without ROS: from what a robot or a foreign simulator measures to a command."""
+"""A policy on your own sensors, without ROS: from the measurements of a robot or another simulator to a command."""
 
 from __future__ import annotations
 
@@ -35,24 +35,23 @@ _EVIDENCE = Numbers(PROBABILITY, 2)
 _COVARIANCE = "3 variances, or a 3 x 3 matrix"
 _AGE = Range(0.0, MAX_AGE, unit="s")
 _LEAST_MARGIN = 0.06
-"""Clearance down to which a robot goes on where it is inside its safety margins, m: the guard stops it farther in."""
+"""Clearance down to which a robot inside its safety margins drives on, m; below it, the guard stops it."""
 _INTERVAL = Range(0.0, 1.0, open_low=True, unit="s")
 
 
 class Deployment:
     """Drive a robot with a policy, as the environments and the ROS node ``velocity_controller`` do.
 
-    `act` takes what was measured, checks it, and returns a command. With ``filter`` the package's own filter is inside, and the
-    poses are those of odometry; otherwise they are a localization's, with its covariance. `command` is the part without checks,
-    which the node uses too.
+    `act` checks measurements and returns a command. With ``filter`` the package's own filter is inside, and poses are those of
+    odometry; otherwise they come from a localization, with their covariance. `command` is the part without checks, which the
+    node uses too.
 
-    Without ``safety_margin`` it avoids nothing that the policy does not avoid. It stops nothing: whoever calls it stops the
-    robot when it raises.
+    Without ``safety_margin`` only the policy avoids obstacles. The caller must stop the robot if an exception is raised.
 
     Args:
         policy: What `make_policy` takes: a bundle's file, "ppo-rooms", "vfh", ...
-        robot: A name in `turtlebot_gym.ROBOTS`, a file, or a robot; None for that on a bundle's card, else "burger".
-        period: Control period, s; None for that on a bundle's card, else 0.1.
+        robot: A name in `turtlebot_gym.ROBOTS`, a file, or a robot; None for the one on a bundle's card, else "burger".
+        period: Control period, s; None for the one on a bundle's card, else 0.1.
         filter: What `make_filter` takes, such as "matched", for a filter inside; None if poses come with a covariance.
         noise: Noise to which that filter is matched, as for `make_noise`; a `SafetyLayer` allows for that of the motion.
         integrator: How that filter predicts, "euler" or "midpoint".
@@ -97,7 +96,7 @@ class Deployment:
             margins: dict[str, Any] = {"margin": safety_margin, "margin_behind": behind, "least_margin": _LEAST_MARGIN}
             self._policy = SafetyLayer(self._policy, self.robot, self.period, noise=noise, **margins)
         self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
-        """Pools a scan that was read into the sectors of the observation."""
+        """Pools scans into the sectors of the observation."""
         if filter is not None and self.layout == LOCATED_LAYOUT:
             raise ValueError(f"filter must be None for a policy of layout {LOCATED_LAYOUT}: it needs a localizer's evidence.")
         self.filter = None if filter is None else _inside(make_filter(filter, noise), self.period, integrator)
@@ -148,7 +147,7 @@ class Deployment:
                 weight of the best hypothesis.
 
         Raises:
-            ValueError: With one line, if something cannot be read or does not fit; filter and policy then keep their memory.
+            ValueError: With one line, if an input is invalid or does not fit; filter and policy then keep their memory.
         """
         reference = _pose("goal", goal)
         after = reference if following is None else _pose("following", following)
@@ -198,7 +197,7 @@ class Deployment:
         return limit(command_of(forward, turn, self.robot), self.robot)
 
     def _read(self, scan: Scan | None) -> Sequence[float]:
-        """Return the sectors of a scan, none for a policy that sees none.
+        """Return the sectors of a scan; none for a policy without scans.
 
         Raises:
             ValueError: If it cannot be read, or the policy sees no scan.

@@ -39,7 +39,7 @@ def robot_of(described: Mapping[str, Any]) -> Robot:
     """Return the robot of a description by `describe_robot`.
 
     Raises:
-        ValueError: If it describes no robot.
+        ValueError: If the description is invalid.
     """
     limits = {name: math.inf if limit is None else limit for name, limit in described.items() if name != "name"}
     return made(Robot, limits, "robot")
@@ -75,12 +75,12 @@ def require_layout(policy: object, name: str, env: str) -> None:
     """Refuse a policy that cannot read the observations of an environment of this package.
 
     Args:
-        policy: The policy; one that states no layout reads all.
+        policy: The policy; one without a layout reads all.
         name: Name of the policy in the message.
         env: Id of the environment to drive in.
 
     Raises:
-        ValueError: If it cannot; the message names the environment to choose.
+        ValueError: If it cannot read them; the message names the environment to choose.
     """
     layout, card = layout_of(policy), getattr(policy, "card", None)
     if layout in SEEING and env in OPEN:
@@ -117,5 +117,5 @@ def require_fit(
 
 
 def _shown(value: Any) -> str:
-    """Return a value of a card as messages have it: text as it is, on one line."""
+    """Return a value of a card for a message: text without quotes, on one line."""
     return " ".join(value.split())[:100] if isinstance(value, str) else shown(value)

@@ -1,6 +1,6 @@
 """Policies without learning: the tutorial's law, and the geometric ones with which every learned policy is compared.
 
-The second range beside a number is the one from which `turtlebot-gym tune-baseline` draws it. They need only numpy, so that a
+The second range of a number is the one from which `turtlebot-gym tune-baseline` draws it. They need only numpy, so that a
 robot can run them.
 """
 
@@ -87,7 +87,7 @@ class BearingPolicy(Baseline):
     """How strictly the robot turns before it drives: the speed is proportional to this power of the cosine of the angle to
     turn."""
     tolerance: Annotated[float, NON_NEGATIVE, Range(0.0, 0.15)] = 0.03
-    """Bearings that pass the waypoint by less than this are not corrected, m. Turning costs speed when the wheels are at their
+    """Bearings that miss the waypoint by less than this are not corrected, m. Turning costs speed when the wheels are at their
     limit, and noise would cause constant turning."""
     slow: Annotated[float, POSITIVE, Range(0.02, 0.5, log=True)] = 0.05
     """Distance below which the speed is proportional to the distance, m. Without it a robot that is not stopped would shuttle
@@ -120,7 +120,7 @@ class CornerPolicy(BearingPolicy):
     cut: Annotated[float, POSITIVE, Range(0.05, 0.4)] = 0.26
     """Distance of the aim point from the waypoint, m; less than the radius of arrival."""
     depth: Annotated[float, Range(0.0, 1.0, open_high=True), Range(0.3, 0.85)] = 0.75
-    """That share, less than 1."""
+    """The share of the distance, less than 1."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         to = upcoming(observations, self._robot, self.dt)

@@ -1,4 +1,4 @@
-"""A grid of what a robot has seen, and the cheapest way over it, on which unknown cells are free, if perhaps dearer.
+"""A grid of what a robot has seen, and the cheapest path over it; unknown cells are free, but may cost more.
 
 A scan is entered sector by sector: free along three lines, occupied at the sector's range. Places that later beams pass become
 free again. The functions are compiled where numba is; without it they run as plain Python, with the same results to the bit.
@@ -32,13 +32,13 @@ FREED, CERTAIN = -14, 21
 _HIT, _BESIDE, _PASSED = 7, 3, 1
 """Evidence of a sector's range, of its neighbourhood within the sector, and of a line that goes on."""
 _SHORT = 0.1
-"""Length by which free lines end before the range, m."""
+"""Free lines end this far before the range, m."""
 _TOWARDS = 0.4
-"""Share of a sector by which an obstacle lies off its middle, on the side of a shorter range, if the ranges rise."""
+"""Where ranges rise from sector to sector, an obstacle is this share of a sector off the middle, towards the shorter range."""
 _PAD = 8
-"""Cells around what is known over which ways may lead."""
+"""Cells around the known area over which paths may lead."""
 FREE, _VAIN = 4, 200
-"""Weight of a cell far from everything, and what each vain attempt to enter it adds."""
+"""Weight of a free cell far from obstacles, and its increase by each vain attempt to enter it."""
 _STRAIGHT, _DIAGONAL = 5, 7
 """Lengths of the steps, as in `turtlebot_gym.rooms.geodesic`."""
 
@@ -87,14 +87,14 @@ def see(grid, x: float, y: float, theta: float, shares, reach: float) -> None:
 
 @kernel
 def _steps(here: int, there: int, width: int) -> int:
-    """Return the length of the shortest way between two cells if all others are free as a multiple of a step's fifth."""
+    """Return the length of the shortest path between two cells if all are free, in fifths of a cell."""
     down, along = abs(here // width - there // width), abs(here % width - there % width)
     return _STRAIGHT * max(down, along) + (_DIAGONAL - _STRAIGHT) * min(down, along)
 
 
 @kernel
 def cheapest_way(weights, width: int, start: int, goal: int):
-    """Return the cost from each cell that was looked at to the goal, and the cell that follows it; A*, from the goal.
+    """Return the cost from each visited cell to the goal, and the cell that follows it; A*, from the goal.
 
     Args:
         weights: Cost of each cell, at least `FREE`, row by row, shape (cells,), int32; 0 for the cells of a closed border.
@@ -110,7 +110,7 @@ def cheapest_way(weights, width: int, start: int, goal: int):
         if here == start:
             return costs, following
         cost = costs[here]
-        if least == cost + FREE * _steps(here, start, width):  # else it was reached by a cheaper way since
+        if least == cost + FREE * _steps(here, start, width):  # otherwise a cheaper path to it was found since
             for k in range(9):
                 there = here + (k // 3 - 1) * width + k % 3 - 1
                 new = cost + (_DIAGONAL if k % 2 == 0 else _STRAIGHT) * weights[there]
@@ -135,22 +135,22 @@ def plan(
     grid, vain, ways, stuck: bool, x: float, y: float, goal_x: float, goal_y: float, stamp, preview: float, detour: float,
     unknown: int, habit: int, target,
 ) -> None:  # fmt: skip
-    """Write the point to steer to: the farthest one of the way to which a straight line is hardly dearer; NaN for the goal.
+    """Write the point to steer to: the farthest of the path to which a straight line costs little more; NaN for the goal.
 
     Args:
         grid: Evidence, as for `see`.
         vain: Number of vain attempts to enter each cell, shape (`SIDE`, `SIDE`), int8; changed.
-        ways: 1 for the cells of the last way and their neighbours, of the same shape, int8; replaced by the new way's.
-        stuck: Whether the robot does not get on.
+        ways: 1 for the cells of the last path and their neighbours, of the same shape, int8; replaced by the new path's.
+        stuck: Whether the robot makes no progress.
         x: The robot's place, m.
         y: m.
         goal_x: The goal's, m; outside of the grid, the nearest place inside counts.
         goal_y: m.
         stamp: Weights around an occupied cell, a square with it in the middle, of at most `_PAD` cells to each side, int32.
-        preview: Length of the way that is looked at, m.
-        detour: The straight line may cost so many times what the way costs, and a cell's more.
+        preview: Length of the path that is considered, m.
+        detour: Allowed cost of the straight line as a multiple of the path's, not counting one cell.
         unknown: Weight of a cell that was never seen, at least `FREE`.
-        habit: By how many sixteenths a cell costs more that is not of the last way, unless the robot is stuck.
+        habit: Increase of the cost of cells off the last path, in sixteenths, unless the robot is stuck.
         target: Output, x and y, m.
     """
     i, j = min(max(_cell(y), 0), SIDE - 1), min(max(_cell(x), 0), SIDE - 1)
@@ -172,14 +172,14 @@ def plan(
     for a, b in np.argwhere(vain > 0):
         if top <= a <= bottom and left <= b <= right:
             weights[a - top, b - left] += _VAIN * int(vain[a, b])
-    # Cells off the last way cost more, unless it has led nowhere.
+    # Cells off the last path cost more, unless it has led nowhere.
     if not stuck and ways.any():
         for a in range(top, bottom + _PAD + 1):
             for b in range(left, right + _PAD + 1):
                 if not (0 <= a < SIDE and 0 <= b < SIDE and ways[a, b] > 0):
                     weights[a - top, b - left] += weights[a - top, b - left] * habit // 16
     ways[:] = 0
-    # A closed border, so that the search need not know where a row ends.
+    # A closed border, so that the search need not check where rows end.
     weights[0], weights[-1], weights[:, 0], weights[:, -1] = 0, 0, 0, 0
     width, cells = weights.shape[1], int(preview / CELL) + 1
     start, goal = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
@@ -192,14 +192,14 @@ def plan(
             n += 1
         a, b = here // width + top, here % width + left
         ways[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = 1
-    # Where the robot does not get on, the third cell of its way has been tried in vain, and its neighbours.
+    # The third cell of a stuck robot's path, and its neighbours, have been tried in vain.
     if stuck and n > 3:
         a, b = way[2] // width + top, way[2] % width + left
         area = vain[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2]
         area[:] = np.minimum(area, 99) + 1
     row, column = y / CELL + SIDE // 2 - top, x / CELL + SIDE // 2 - left
     target[0], target[1] = math.nan, math.nan
-    # From the farthest cell back, until a straight line is hardly dearer than the way.
+    # From the farthest cell back, until a straight line costs little more than the path.
     for k in range(n - 1, -1, -1):
         a, b = way[k] // width, way[k] % width
         allowed = detour * (costs[start] - costs[way[k]]) + _STRAIGHT * FREE
@@ -227,7 +227,7 @@ def advance() -> Callable[..., None]:
 
 
 def shifted(grid: NDArray[Any], rows: int, columns: int) -> NDArray[Any]:
-    """Return a grid whose middle is elsewhere; what comes into it is unknown."""
+    """Return a grid whose middle has moved by rows and columns; cells that come in are unknown."""
     i, j = np.arange(SIDE) + rows, np.arange(SIDE) + columns
     known = ((i >= 0) & (i < SIDE))[:, None] & ((j >= 0) & (j < SIDE))
     return np.where(known, grid[np.clip(i, 0, SIDE - 1)[:, None], np.clip(j, 0, SIDE - 1)], 0)

@@ -1,4 +1,4 @@
-"""A policy bundle's card as a page in Markdown, in the form of model hubs: what it is for, how it was made, how it does."""
+"""A policy bundle's card as a page in Markdown, in the form of model hubs: purpose, training and results."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ A policy for a robot on wheels, by turtlebot-gym. It observes what a filter beli
 turtlebot-gym evaluate --env {env} --policy {file}
 ```
 
-It was trained in simulation, for the robot, the rate and the task above, and is refused elsewhere. It is no safety function: on
-a robot it belongs behind `cmd_vel_guard`, and somebody watches.
+It was trained in simulation, for the robot, the rate and the task above, and is refused elsewhere. It is not a safety
+function: on a robot, run it behind `cmd_vel_guard`, and under supervision.
 """
 
 

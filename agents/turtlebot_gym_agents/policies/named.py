@@ -23,11 +23,11 @@ from turtlebot_gym_agents.policies.yielding import Network, Yielding
 SAFETY = "+safety"
 """Suffix of a policy's name that wraps it in a `SafetyLayer`."""
 YIELD = "+yield"
-"""Suffix that lets it stand for people, see `Yielding`; it comes before `SAFETY`."""
+"""Suffix that lets it stop for people, see `Yielding`; it comes before `SAFETY`."""
 
 
 def bare(name: str) -> str:
-    """Return a policy's name without the suffixes of what is around it."""
+    """Return a policy's name without the suffixes of its wrappers."""
     return name.removesuffix(SAFETY).removesuffix(YIELD)
 
 
@@ -37,7 +37,7 @@ def pretrained_folder() -> Path:
 
 
 def shipped_folder(name: str) -> Path:
-    """Return a folder that is shipped with the package: in it where it is installed, beside it in a checkout."""
+    """Return a folder that is shipped with the package: inside it if installed, beside it in a checkout."""
     installed = Path(str(resources.files("turtlebot_gym_agents"))) / name
     return installed if installed.is_dir() else installed.parent.parent / name
 
@@ -65,7 +65,7 @@ def make_policy(
             "dwa" or "planner"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", which are
             shipped with the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the
             policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords. In rooms, the suffix "+safety" wraps
-            any of them in a `SafetyLayer`, and "+yield" lets it stand for people.
+            any of them in a `SafetyLayer`, and "+yield" lets it stop for people.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         noise: Noise of the motion, which a `SafetyLayer` allows for.

@@ -1,4 +1,4 @@
-"""A policy that remembers: VFH+ along the cheapest way over a grid of what it has seen."""
+"""A policy with memory: VFH+ along the cheapest path over a grid of what it has seen."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from turtlebot_gym_agents.policies.reactive import (
 from turtlebot_gym_agents.policies.sight import Motion, Sight, arc, look, require_sight
 
 _BLOCKED = 400
-"""Weight of a cell in which the robot would touch something; finite, since it may stand there by its evidence."""
+"""Weight of a cell in which the robot would touch something; finite, since by the evidence it may already be in one."""
 _LEAP = 0.5
-"""Distance that no robot drives in a step, m: it has been given another goal."""
+"""A place this far from the expected one means another goal, m: no robot drives as far in a step."""
 _PATIENCE, _LEFT = 4.0, 0.3
-"""Time, s, after which a robot is stuck that has not come so far from a place, m ..."""
+"""A robot is stuck if for this time, s, it has stayed within this distance of a place, m ..."""
 _PAUSE, _STUCK = 1.2, 0.2
-"""... and time over which the speed is averaged, s, and mean share of the limit below which it is stuck at once."""
+"""... or if its speed, averaged over this time, s, is below this share of the limit."""
 _NEAREST = 0.3
 """Least distance of the point to steer to, m: VFH+ ignores obstacles behind it."""
 
@@ -45,11 +45,11 @@ class _Memory(NamedTuple):
     vain: NDArray[np.int8]
     """Number of vain attempts to enter a cell, shape (n, `SIDE`, `SIDE`)."""
     ways: NDArray[np.int8]
-    """Whether the last way led through a cell or past it, shape (n, `SIDE`, `SIDE`)."""
+    """Whether the last path led through a cell or past it, shape (n, `SIDE`, `SIDE`)."""
     since: NDArray[np.complex128]
-    """Place that each robot has not left by `_LEFT` since, shape (n,) ..."""
+    """Place within `_LEFT` of which each robot has stayed, shape (n,) ..."""
     idle: NDArray[np.int64]
-    """... for so many steps, shape (n,)."""
+    """... for this number of steps, shape (n,)."""
     pace: NDArray[np.float64]
     """Mean speed over `_PAUSE`, as a share of the limit, shape (n,)."""
     shares: NDArray[np.float64]
@@ -76,14 +76,14 @@ _SHAPES: Any = ((SIDE, SIDE), (SIDE, SIDE), (SIDE, SIDE), (), (), (), (SECTORS,)
 
 @dataclass(eq=False, kw_only=True)
 class PlannerPolicy(VectorFieldHistogramPolicy):
-    """Remember what was seen, and steer by VFH+ to a point of the cheapest way to the goal.
+    """Remember what was seen, and steer by VFH+ to a point of the cheapest path to the goal.
 
-    Where every direction leads into its margin, only the robot's own radius counts. The defaults are the best of 40 tries in
-    the world "office", but for ``margin``, which is the safety layer's, ``lag``, ``doubt``, ``habit`` and ``period``.
+    Where all directions lead into the margin, only the robot's radius counts. The defaults are the best of 40 tries in the
+    world "office", except for ``margin``, which is the safety layer's, ``lag``, ``doubt``, ``habit`` and ``period``.
 
-    The grid of 16 m moves with the robot, in the frame of the poses; unknown cells are free. A way costs more near obstacles
-    and where nothing was seen. The point is the farthest one in ``preview`` to which a straight line costs hardly more than the
-    way. Nothing is known of what moves but that beams pass later.
+    The grid of 16 m moves with the robot, in the frame of the poses; unknown cells are free. Cells cost more near obstacles and
+    where nothing was seen. The point is the farthest within ``preview`` to which a straight line costs little more than the
+    path. Moving obstacles are not modelled: they stay in the grid until later beams pass.
     """
 
     blocked: Annotated[float, POSITIVE, Range(0.09, 0.17)] = 0.122
@@ -91,15 +91,15 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
     berth: Annotated[float, POSITIVE, Range(0.05, 0.4)] = 0.123
     """Further distance over which cells cost more, m."""
     fear: Annotated[float, NON_NEGATIVE, Range(0.5, 10.0, log=True)] = 0.68
-    """By how many times a cell costs more at the least distance."""
+    """Extra cost of a cell at the least distance, as a multiple of a free one's."""
     preview: Annotated[float, POSITIVE, Range(0.5, 4.0)] = 4.0
-    """Length of the way in which the point lies, m."""
+    """Length of the path on which the point lies, m."""
     detour: Annotated[float, POSITIVE, Range(1.0, 1.5)] = 1.36
-    """How many times the way's cost a straight line to the point may have."""
+    """Allowed cost of a straight line to the point, as a multiple of the path's."""
     doubt: Annotated[float, NON_NEGATIVE, Range(0.0, 1.5)] = 0.5
-    """By how many times a cell costs more that was never seen."""
+    """Extra cost of a cell that was never seen, as a multiple of a free one's."""
     habit: Annotated[float, NON_NEGATIVE, Range(0.0, 1.0)] = 0.25
-    """By how many times a cell costs more that is not of the last way, so that a robot does not turn round for every scan."""
+    """Extra cost of a cell off the last path, as a multiple of its own, so that a robot does not turn round with every scan."""
     period: Annotated[float, POSITIVE, Range(0.1, 1.0)] = 0.3
     """Time between plans, s."""
     ahead: Ahead = 0.0
@@ -121,7 +121,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         self._stamp = np.where(away < self.blocked, _BLOCKED, FREE + near).astype(np.int32)
         self._memory, self._motion = self._forgotten(0), Motion(self.dt, self.lag)
         self.stuck: NDArray[np.bool_] = np.zeros((), np.bool_)
-        """Whether each robot has not got on of late, which is asked when it plans."""
+        """Whether each robot makes no progress; determined when it plans."""
 
     @staticmethod
     def _forgotten(count: int) -> _Memory:
@@ -143,12 +143,12 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         self._memory = _Memory._make(part[mask] for part in self._memory)
 
     def know(self, row: int, occupied: NDArray[np.complex128], free: NDArray[np.complex128]) -> None:
-        """Give a robot a map when it begins, after `reset`.
+        """Give a robot a map at its start, after `reset`.
 
         Args:
             row: The robot.
             occupied: Places of obstacles in the frame of its first pose, as complex numbers, m.
-            free: Places without.
+            free: Places without obstacles.
         """
         for places, evidence in ((free, FREED), (occupied, CERTAIN)):
             i, j = (np.floor(part / CELL).astype(np.int64) + SIDE // 2 for part in (places.imag, places.real))
@@ -156,7 +156,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
             self._memory.grid[row, i[inside], j[inside]] = evidence
 
     def _look(self, observations: ArrayLike) -> Sight:
-        """Return a policy's view, with the point to steer to in the place of the goal."""
+        """Return a policy's view, with the point to steer to instead of the goal."""
         seen = require_sight(observations)
         rows = seen.reshape(-1, seen.shape[-1])
         if len(rows) != len(self._memory.steps):
@@ -185,8 +185,8 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
 
         Args:
             rows: Observations.
-            moved: Place as from when the beams were measured ...
-            turned: ... and heading.
+            moved: Current place in the frame of the pose when the beams were measured ...
+            turned: ... and heading in it.
         """
         memory = self._memory
         o: Any = Observation(*rows[:, : len(Observation._fields)].T)
@@ -219,11 +219,11 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         return (memory.target - memory.pose[:, 0]) * np.conj(memory.pose[:, 1])
 
     def _anchor(self, place: NDArray[np.complex128], heading: NDArray[np.complex128]) -> None:
-        """Keep the grid where it is if the goal is another one, and its robot near its middle.
+        """Keep the grid in place when the goal changes, and the robot near its middle.
 
         Args:
-            place: The robot's in the goal's frame, shape (n,).
-            heading: Its heading.
+            place: Place of each robot in the frame of its goal, shape (n,).
+            heading: Its heading in that frame.
         """
         memory = self._memory
         frame, (expected, direction) = memory.frame, memory.pose.T

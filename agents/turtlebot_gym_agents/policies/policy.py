@@ -33,7 +33,7 @@ class PolicyWithMemory(Policy, Protocol):
 
 @runtime_checkable
 class ShrinkingPolicy(PolicyWithMemory, Protocol):
-    """A policy with memory that can go on with some of its rows: evaluations then drop the episodes that have ended."""
+    """A policy with memory that can drop some of its rows: evaluations drop the episodes that have ended."""
 
     def keep(self, mask: NDArray[np.bool_], /) -> None:
         """Drop the rows of the memory where the mask (n,) is false."""
@@ -41,10 +41,10 @@ class ShrinkingPolicy(PolicyWithMemory, Protocol):
 
 
 def layout_of(policy: object) -> int | None:
-    """Return the observation layout of a policy, or of a class of policies; None if it states none.
+    """Return the observation layout of a policy, or of a class of policies; None if it has none.
 
     Raises:
-        ValueError: If there is no such layout.
+        ValueError: If the layout is unknown.
     """
     layout = getattr(policy, "layout", None)
     if layout is not None and layout not in SIZES:

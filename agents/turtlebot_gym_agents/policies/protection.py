@@ -38,10 +38,10 @@ TURNING = 0.3
 SURE = 3.0
 """Standard deviations of the motion's noise that must not lead to a contact."""
 NEARER = 0.01
-"""Way by which a robot inside a margin may come nearer to an obstacle in the reserve, m, and by which noise may move it in any
-place: the error of a range."""
+"""Distance by which a robot inside a margin may approach an obstacle within the reserve, and by which noise may move it
+anywhere, m: the error of a range."""
 CREEP = 0.2
-"""Share of the highest speed at which a robot that only wants to turn, but may not as fast, leaves an obstacle."""
+"""Share of the highest speed at which a robot leaves an obstacle near which it may not turn as fast as it wants."""
 BLIND, NEAR = 0.18, 0.25
 """Distances from the LiDAR, m: up to the first, no LiDAR for such robots may see anything, and an LDS-02 sees nothing below
 0.16 m; places up to the second are remembered."""
@@ -53,15 +53,15 @@ SAME = 0.01
 class SafetyLayer:
     """Drive the arc nearest to the policy's on which no contact is near, at its speed or less; the others are inadmissible.
 
-    A round robot can turn on the spot without contact, so there always is one. Where nothing else is left, or the robot does
-    not get on, the policy's wish leads nowhere: then a `PlannerPolicy`, which has seen all that the policy saw, steers for
+    A round robot can turn on the spot without contact, so such an arc always exists. If only that is left, or the robot makes
+    no progress, the policy's wish leads nowhere: then a `PlannerPolicy`, which has received the same observations, steers for
     ``way_out``, within the same arcs.
 
-    In a passage that is a little too narrow the robot is inside the margins of both sides. There it may go on: inside the
-    margin of an obstacle, down to ``least_margin``, an arc is free that does not lead nearer to it by `NEARER`.
+    In a passage that is slightly too narrow the robot is inside the margins of both sides. There it may drive on: inside the
+    margin of an obstacle, down to ``least_margin``, arcs are admissible that approach it by less than `NEARER`.
 
-    An obstacle is assumed anywhere in its sector, at the sector's range. One that comes too near for the LiDAR keeps its place,
-    for the policy too. What was never seen is not known: an LDS-01 sees nothing up to 0.047 m from a Burger's back, which
+    An obstacle is assumed anywhere in its sector, at the sector's range. One that comes too near for the LiDAR is remembered,
+    for the policy too. What was never seen is unknown: an LDS-01 sees nothing up to 0.047 m from a Burger's back, which
     ``margin_behind`` covers.
 
     Raises:
@@ -82,16 +82,16 @@ class SafetyLayer:
     margin_behind: Annotated[float, NON_NEGATIVE] = 0.05
     """... and when it drives backwards, m ..."""
     least_margin: Annotated[float, NON_NEGATIVE] = 0.01
-    """... and that it keeps in any case if the others are larger, m."""
+    """... and the clearance that it always keeps, if the others are larger, m."""
     noise: str | Noise = "clean"
-    """Noise of the motion, as for `turtlebot_gym.presets.make_noise`: where it moves the robot in turns, the robot turns more
-    slowly near obstacles, farther from them, or leaves them first."""
+    """Noise of the motion, as for `turtlebot_gym.presets.make_noise`: if it moves a turning robot, the robot turns more slowly
+    near obstacles, keeps farther from them, or leaves them first."""
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1
     """Half the time of a revolution, s; on average, beams are older than their scan's stamp by it, or younger, see `Motion`."""
     way_out: Annotated[float, NON_NEGATIVE] = 12.0
-    """Time for which geometry steers after the policy's wish has stopped the robot, s."""
+    """Time for which the planner steers after the policy's wish has stopped the robot, s."""
 
     def __post_init__(self) -> None:
         typed(self, "")
@@ -107,7 +107,7 @@ class SafetyLayer:
         self._motion = Motion(self.dt, self.lag)
         self._left, self._places = np.zeros(()), np.full(2 * SECTORS, UNSEEN, np.complex128)
         self._spread = np.zeros(2 * SECTORS)  # variance of the places, m^2
-        # No robot comes farther within the reserve.
+        # Obstacles farther away cannot be reached within the reserve.
         margin = max(self.margin, self.margin_behind, self._sway)
         self._reach = self._robot.radius + margin + self._robot.max_linear * self.reserve
         if isinstance(self.policy, ShrinkingPolicy) or not isinstance(self.policy, PolicyWithMemory):
@@ -150,19 +150,18 @@ class SafetyLayer:
     def _remembered(
         self, rows: NDArray[np.float32], moved: NDArray[np.complex128], turned: NDArray[np.complex128]
     ) -> NDArray[np.float32]:
-        """Return observations in which obstacles that have come too near for the LiDAR are where they were.
+        """Return observations that include remembered obstacles, which have come too near for the LiDAR.
 
-        Places are in the robot's frame; of each half of a sector, one is remembered. Those that noise makes uncertain count as
-        nearer.
+        Places are in the robot's frame; one is remembered per half sector. Those that noise makes uncertain count as nearer.
 
         Args:
             rows: Observations.
-            moved: Place as from when the beams were measured ...
-            turned: ... and heading.
+            moved: Current place in the frame of the pose when the beams were measured ...
+            turned: ... and heading in it.
         """
         step, turn = (part[..., None] for part in self._motion.over(np.full(rows.shape[:-1], self.dt)))
         moved, turned = moved[..., None], turned[..., None]
-        # Of the highest turning rate, by which noise grows.
+        # Noise grows with the turning rate, as a share of the highest one.
         share = np.angle(turn) / (self._robot.max_angular * self.dt)
         places, spread = (self._places - step) * np.conj(turn), self._spread + self._drift * share**2 * self.dt
         there = places * turned + moved - self.lidar_x  # from the LiDAR, when it measured
@@ -174,7 +173,7 @@ class SafetyLayer:
         near = np.stack([ranges * DIRECTIONS, edges * DIRECTIONS * EDGE], axis=-1)
         seen = np.where(np.abs(near) < NEAR, near, UNSEEN)
         self._places = (seen.reshape(*ranges.shape[:-1], -1) + self.lidar_x - moved) * np.conj(turned)
-        # Of two in the same place the nearer one is kept.
+        # Sorted from far to near, so that of two in the same half sector the nearer one is kept.
         gone = tuple(part[np.argsort(-away[gone])] for part in np.nonzero(gone))
         half, self._spread = (*gone[:-1], at[gone] % (2 * SECTORS)), np.zeros_like(spread)
         self._places[half], self._spread[half] = places[gone], spread[gone]
@@ -183,7 +182,7 @@ class SafetyLayer:
         return filled
 
     def _admissible(self, wish: NDArray[np.float32], points: NDArray[np.complex128]) -> NDArray[np.float32]:
-        """Return the admissible actions nearest to others, shape (..., 2)."""
+        """Return the admissible actions nearest to the wished ones, shape (..., 2)."""
         action, points = wish.reshape(-1, 2).copy(), points.reshape(-1, points.shape[-1])
         away = np.abs(points)
         first = np.take_along_axis(points, away.argmin(axis=-1)[:, None], axis=-1)

@@ -1,4 +1,4 @@
-"""Reactive policies that cross a room by the observation alone, with which every learned policy is compared.
+"""Reactive policies that cross a room by the current observation only, with which every learned policy is compared.
 
 All of them drive forwards only, use the inputs of `sight.look`, and can be tuned by `turtlebot-gym tune-baseline`. Their
 defaults are the best of 30 tries each in the world "dense", with the LiDAR "lds01" and the noise "tutorial".
@@ -35,7 +35,7 @@ _CURVATURES = np.concatenate([-_BENDS[::-1], [0.0], _BENDS])
 _POINTS = 20
 """Number of points at which each arc is checked."""
 _AT_ONCE = 16
-"""Robots that are handled at once, so that their distances fit into the processor's cache."""
+"""Robots that are processed together: few, so that their distances fit into the processor's cache."""
 _SPEEDS = np.array([0.25, 0.5, 1.0])
 """Shares of the highest speed of each arc."""
 

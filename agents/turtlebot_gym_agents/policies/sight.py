@@ -36,16 +36,16 @@ class Sight(NamedTuple):
     goal: NDArray[np.complex128]
     """The goal, shape (...)."""
     points: NDArray[np.complex128]
-    """The nearest point of each sector, shape (..., `SECTORS`), or three for each; `UNSEEN` away if there is none."""
+    """The nearest point of each sector, shape (..., `SECTORS`), or three per sector; `UNSEEN` away if there is none."""
     omega: NDArray[np.float64]
     """Turning rate until then, shape (...), rad/s."""
 
 
 class Motion:
-    """What each robot's speeds were, by which it has moved since a scan: in bends not at its current ones.
+    """Recent speeds of each robot, for its motion since a scan: in bends they differ from the current ones.
 
-    Speeds that are observed hold until the next observation; those before the first one are taken to be the same. A scan is
-    stamped with the time of its first or of its last beam: of its last, if it was ever younger than a revolution takes.
+    Observed speeds hold until the next observation; before the first one, the same speeds are assumed. A scan is stamped with
+    the time of its first or of its last beam: the last, if a scan was ever younger than a revolution takes.
 
     Args:
         dt: Control interval, s.
@@ -72,7 +72,7 @@ class Motion:
         return self.over(np.maximum(age + np.where(self._youngest < _REVOLUTION, self._lag, -self._lag), 0.0))
 
     def over(self, time: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return place and heading in the frame of the pose some time ago, s; the oldest speeds held before too."""
+        """Return place and heading in the frame of the pose some time ago, s; before, the oldest speeds are assumed."""
         parts = np.maximum(time[..., None] - self._times, 0.0)
         parts[..., :-1] = np.minimum(parts[..., :-1], self._dt)
         steps, turns = arc(self._speeds[..., 1:, 0], self._speeds[..., 1:, 1], parts)
@@ -100,16 +100,16 @@ def look(
 ) -> Sight:
     """Return a policy's view.
 
-    A scan is old, and the robot has moved since its measurement, without a memory approximately at its current speeds.
+    The robot has moved since its scan was measured; without ``since``, its current speeds are assumed for that time.
 
     Args:
         observations: Shape (..., 50), layout 2, or (..., 54), layout 3.
         robot: The robot.
         dt: Control interval, s; a command acts one interval late.
         lag: Mean age of the beams beyond the stated age of the scan, s.
-        edges: Whether to place an obstacle at both edges of its sector too, which makes three points for each.
+        edges: Whether to place an obstacle at both edges of its sector too, which makes three points per sector.
         lidar_x: Place of the LiDAR ahead of the axle, m.
-        since: Place and heading now, as from when the beams were measured, see `Motion.since`; then ``lag`` is not used.
+        since: Motion since the beams were measured, as by `Motion.since`; then ``lag`` is not used.
 
     Raises:
         ValueError: If the observations have another layout.

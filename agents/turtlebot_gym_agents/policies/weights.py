@@ -42,8 +42,8 @@ _OPERATORS = {
     "Sin", "Slice", "Softmax", "Softplus", "Softsign", "Split", "Sqrt", "Squeeze", "Sub", "Sum", "Tan", "Tanh", "Transpose",
     "Unsqueeze", "Where", "Xor",
 }  # fmt: skip
-"""Operators of ONNX in which layers of networks are written. None of them repeats others, draws random numbers, or makes an
-array whose size a number in the file says: with a `Loop` or an `Expand`, 300 bytes take all time or memory."""
+"""Operators of ONNX in which layers of networks are written. None of them loops, draws random numbers, or creates an
+array of a size given in the file: with a `Loop` or an `Expand`, 300 bytes could take all time or memory."""
 
 
 def require_safe_model(path: object, content: bytes) -> None:
@@ -61,7 +61,7 @@ def require_safe_model(path: object, content: bytes) -> None:
     try:
         parts = list(_parts(content, "model"))
     except (DecodeError, RecursionError) as error:
-        raise ValueError(f"{path} is not a policy bundle: it is no ONNX model.") from error
+        raise ValueError(f"{path} is not a policy bundle: it is not an ONNX model.") from error
     for kind, fields in parts:
         if kind == "tensor":
             _require_own_finite(path, fields)

@@ -1,4 +1,4 @@
-"""Stop for people: a small network judges by the last scans whether somebody is about to come near, and the robot stands.
+"""Stop for people: a small network predicts from the last scans whether somebody is about to come near.
 
 This module needs only numpy.
 """
@@ -59,7 +59,7 @@ class Network:
 
 
 class Scans:
-    """The newest scan of each of n robots and those before it, as they would look from where the newest was taken.
+    """The newest scan of each of n robots and those before it, as seen from where the newest was taken.
 
     Args:
         robot: The robot.
@@ -124,7 +124,7 @@ class Scans:
             points = (points - at[:, None]) * np.conj(towards)[:, None] - self._lidar_x
             nearest, at_sector = np.ones_like(seen), np.angle(points) * SECTORS / (2.0 * np.pi)
             lengths = np.where(seen < 1.0, np.minimum(np.abs(points) / SIGHT, 1.0), 1.0)
-            # A point between two sectors counts in both: a turned scan would have gaps, which look like what went away.
+            # A point between two sectors counts in both: gaps of a turned scan would look like objects that moved away.
             for sector in (np.round(at_sector - 0.4), np.round(at_sector + 0.4)):
                 np.minimum.at(nearest, (np.arange(len(rows))[:, None], sector.astype(np.int64) % SECTORS), lengths)
             self._before[rows, k - 1] = nearest
@@ -132,10 +132,10 @@ class Scans:
 
 @dataclass(eq=False)
 class Yielding:
-    """Drive by a policy, and stand while somebody is about to come near.
+    """Drive by a policy, and stand still while somebody is about to come near.
 
-    The network was taught by a stop that knows where everybody walks (`benchmarks/people.py`). It sees walking people only as
-    differences between scans.
+    The network was trained to imitate a stop that knows where everybody walks (`benchmarks/people.py`). It sees walking people
+    only as differences between scans.
 
     Raises:
         ValueError: If a number is out of its range, or the policy was made for open ground.
@@ -151,7 +151,7 @@ class Yielding:
     """Control interval, s."""
     _: KW_ONLY
     threshold: Annotated[float, PROBABILITY] = 0.4
-    """Probability from which on the robot stands."""
+    """Probability from which the robot stands still."""
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1

@@ -44,9 +44,9 @@ def mean_actions(policy: ActorCriticPolicy, observations: torch.Tensor) -> torch
 def policy_of(model: BaseAlgorithm) -> Policy:
     """Return a model's deterministic policy: ``model.predict`` to the bit, in half the time."""
     policy: Any = model.policy
-    seen, done = model.observation_space, model.action_space
+    inputs, outputs = model.observation_space, model.action_space
     gaussian = type(policy) is ActorCriticPolicy and type(policy.action_dist) is DiagGaussianDistribution
-    if not gaussian or not isinstance(done, spaces.Box) or not isinstance(seen, spaces.Box) or len(seen.shape) != 1:
+    if not gaussian or not isinstance(outputs, spaces.Box) or not isinstance(inputs, spaces.Box) or len(inputs.shape) != 1:
         return lambda observations: model.predict(observations, deterministic=True)[0]
     policy.set_training_mode(False)
     device = policy.device
@@ -54,7 +54,7 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
         with torch.no_grad():
             mean = mean_actions(policy, torch.as_tensor(observations, device=device).float())
-        return np.clip(mean.cpu().numpy(), done.low, done.high)
+        return np.clip(mean.cpu().numpy(), outputs.low, outputs.high)
 
     return act
 
@@ -82,7 +82,7 @@ def _figures(envs: VectorEnv, policy: Policy, *, seed: int = EVALUATION_SEED) ->
 
 
 class Callback(BaseCallback):
-    """A callback that acts between rollouts and lets every step go on.
+    """A callback that acts between rollouts and never stops a training.
 
     Args:
         seconds: Least time between two actions, extended if one would take more than a twentieth of the time.
@@ -210,7 +210,7 @@ class RecordCallback(Callback):
     Args:
         config: Configuration of the training.
         folder: Folder of the run; the best model is in its ``best.zip``.
-        judge: The evaluation, which must end before.
+        judge: The evaluation, an earlier one of the callbacks: it determines the best model.
     """
 
     def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback) -> None:

@@ -1,8 +1,8 @@
-"""Begin a training with the network of a known policy: clone its actions, then fit the critic to what the clone reaches.
+"""Begin a training with the network of a known policy: clone its actions, then fit the critic to the clone's returns.
 
-The clone sees the states to which it leads itself: in each round it drives, the known policy says what it would have done
-there, and the network is fitted to all rounds so far. A critic that knows nothing of the clone would undo it in the first
-updates, so at first PPO updates the critic alone.
+The clone learns on the states that it reaches itself: in each round it drives, the known policy says what it would have done
+there, and the network is fitted to all rounds so far. An untrained critic would undo the cloning in the first updates, so at
+first PPO updates only the critic.
 
 References:
     Ross, Gordon, Bagnell, "A reduction of imitation learning and structured prediction to no-regret online learning",
@@ -30,13 +30,13 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.optimizer import Adam
 
 CLONING_SEED = 2**43
-"""Seed of the environments in which a policy is cloned, apart from others."""
+"""Seed of the environments in which a policy is cloned, separate from others."""
 STEPS, ROUNDS, PASSES, BATCH, RATE = 100, 4, 3, 2048, 2e-3
 """Steps of all environments in a round; rounds; passes over the data after each; rows of an update, and its learning rate."""
 DEVIATION = 0.3
 """Standard deviation of the clone's actions, with which it explores in rounds and at first in the training."""
 WARM_UP = 0.1
-"""Share of the training's steps in which the critic alone learns."""
+"""Share of the training's steps in which only the critic learns."""
 
 
 def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *, is_new: bool) -> BaseCallback:
@@ -46,7 +46,7 @@ def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *,
         model: The model.
         envs: The training's environments.
         config: Configuration of the training, which names a policy.
-        is_new: Whether the model does not continue from a checkpoint, which holds the clone already.
+        is_new: Whether the model is new; a checkpoint already holds the clone.
 
     Raises:
         ValueError: If the policy was made for another robot, rate or observation.
@@ -78,19 +78,19 @@ def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: in
     random = np.random.default_rng(seed)
     observations, _ = envs.reset(seed=seed)
     over = np.ones(envs.num_envs, np.bool_)
-    seen, done = [], []
+    observed, labels = [], []
     for number in range(ROUNDS):
         for _ in range(STEPS):
             if isinstance(policy, PolicyWithMemory) and over.any():
                 policy.reset(over)
-            right = np.clip(policy(observations), -1.0, 1.0).astype(np.float32)
-            seen.append(observations)
-            done.append(right)
-            drives = right if number == 0 else mean_actions(network, torch.from_numpy(observations)).detach().numpy()
+            label = np.clip(policy(observations), -1.0, 1.0).astype(np.float32)
+            observed.append(observations)
+            labels.append(label)
+            drives = label if number == 0 else mean_actions(network, torch.from_numpy(observations)).detach().numpy()
             stray = drives + random.normal(0.0, DEVIATION, drives.shape).astype(np.float32)
             observations, _, terminated, truncated, _ = envs.step(stray)
             over = terminated | truncated
-        _fit(network, optimizer, torch.from_numpy(np.concatenate(seen)), torch.from_numpy(np.concatenate(done)))
+        _fit(network, optimizer, *(torch.from_numpy(np.concatenate(rows)) for rows in (observed, labels)))
 
 
 def _actor(network: ActorCriticPolicy) -> Iterator[nn.Parameter]:
@@ -100,17 +100,17 @@ def _actor(network: ActorCriticPolicy) -> Iterator[nn.Parameter]:
     yield from network.action_net.parameters()
 
 
-def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, seen: torch.Tensor, done: torch.Tensor) -> None:
-    """Reduce the mean squared difference of the actions."""
+def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, observed: torch.Tensor, labels: torch.Tensor) -> None:
+    """Reduce the mean squared difference between actions and labels."""
     for _ in range(PASSES):
-        for rows in torch.randperm(len(seen)).split(BATCH):
+        for rows in torch.randperm(len(observed)).split(BATCH):
             optimizer.zero_grad()
-            nn.functional.mse_loss(mean_actions(network, seen[rows]), done[rows]).backward()
+            nn.functional.mse_loss(mean_actions(network, observed[rows]), labels[rows]).backward()
             optimizer.step()
 
 
 class _WarmUpCallback(Callback):
-    """Let the critic alone learn at first.
+    """Let only the critic learn at first.
 
     Args:
         steps: Number of steps until the actions learn too.

@@ -1,4 +1,4 @@
-"""Configuration of a training run, checked once it is made; it needs no torch."""
+"""Configuration of a training run, checked when it is made; it needs no torch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from turtlebot_gym_agents.training.randomization import randomized
 STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
 ON_POLICY = ("ppo", "a2c")
-"""Algorithms with a critic of the present policy, which can begin with the network of a known one."""
+"""Algorithms with a critic of the current policy, which can begin with the network of a known policy."""
 _FREE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
 """Fields that may differ when a run is resumed; the contents of the file ``config`` may not."""
 
@@ -110,7 +110,7 @@ class TrainingConfig(Options):
         )
 
     def make_training(self) -> VectorEnv:
-        """Return environments to train in, randomized if asked."""
+        """Return environments to train in, randomized if configured."""
         envs = self.make(self.hyper["n_envs"])
         if self.randomize:
             bare: Any = envs.unwrapped
@@ -124,7 +124,7 @@ class TrainingConfig(Options):
         return plain(settings | ({"config": None} if isinstance(self.config, Mapping) else {}))
 
     def record(self) -> dict[str, Any]:
-        """Return what a run leaves in its config.json: settings, hyper-parameters and provenance."""
+        """Return the content of a run's config.json: settings, hyper-parameters and provenance."""
         return {"config": self.settings(), "hyperparameters": dict(self.hyper), **provenance()}
 
     def card(self, parameters: Parameters, training: Mapping[str, Any]) -> Card:
@@ -144,11 +144,10 @@ class TrainingConfig(Options):
         hyper = hyperparameters.load(settings["algo"], settings["env"], earlier["hyperparameters"])
         for before, now in ((settings, self.settings()), (hyper, self.hyper)):
             for key in sorted((set(before) | set(now)) - set(_FREE)):
-                written, asked = (part.get(key) for part in (before, now))
-                if written != asked and not (
-                    key == "arrival" and {written, asked} == {None, "truth"}
-                ):  # the tasks' own is the truth
-                    raise ValueError(f"{folder} holds a run with {key} {written!r}: it cannot be resumed with {asked!r}.")
+                value, new = before.get(key), now.get(key)
+                same = value == new or (key == "arrival" and {value, new} == {None, "truth"})  # the tasks' default is the truth
+                if not same:
+                    raise ValueError(f"{folder} holds a run with {key} {value!r}: it cannot be resumed with {new!r}.")
 
 
 def require_no_run(folder: Path) -> None:
@@ -158,10 +157,10 @@ def require_no_run(folder: Path) -> None:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Return what a training has left in its config.json.
+    """Return the config.json of a training.
 
     Raises:
-        ValueError: If it is something else.
+        ValueError: If the file is something else.
     """
     record = load(path)
     if not isinstance(record, dict) or not isinstance(record.get("config", {}), dict):

@@ -1,4 +1,4 @@
-"""Hyper-parameters: YAML in the form of rl-baselines3-zoo, and what each of them may be."""
+"""Hyper-parameters: YAML in the form of rl-baselines3-zoo, and the rule of each."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class _Reading:
 
 
 def _as_numbers(value: Any) -> Any:
-    """Return a value of YAML with the numbers that its texts are, since it reads 1e-3 as text; 2e6 stands for a whole one."""
+    """Return a value with numeric texts as numbers, since YAML reads 1e-3 as text; whole ones such as 2e6 become integers."""
     if isinstance(value, Mapping):
         return {key: _as_numbers(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -54,7 +54,7 @@ def _as_numbers(value: Any) -> Any:
 
 
 def _either(rule: Rule, *others: Any) -> _Reading:
-    """Return the rule that allows a few other values, too."""
+    """Return a rule that also allows a few other values."""
 
     def read(value: Any) -> Any:
         return value if any(type(value) is type(other) and value == other for other in others) else rule.check("", value)
@@ -63,7 +63,7 @@ def _either(rule: Rule, *others: Any) -> _Reading:
 
 
 def _after(prefix: str, rule: Rule, high: float, meaning: str) -> _Reading:
-    """Return the rule that allows text of a prefix and a positive number, too."""
+    """Return a rule that also allows text of a prefix and a positive number."""
 
     def read(value: Any) -> Any:
         if isinstance(value, str) and value.startswith(prefix):
@@ -94,7 +94,7 @@ class _Mapping:
     rules: Mapping[str, Rule]
 
     def check(self, name: str, value: Any) -> dict[str, Any]:
-        """Return the mapping with its values as they are meant; its name is an algorithm, or the path of a nested one."""
+        """Return the mapping with its values as read; its name is an algorithm, or the path of a nested mapping."""
         if not isinstance(value, Mapping):
             raise refusal(name, f"a mapping of {', '.join(self.rules)}", value)
         for key in value:
@@ -204,7 +204,7 @@ RULES: dict[str, _Mapping] = {
         }
     ),
 }
-"""What the hyper-parameters of each algorithm may be."""
+"""Rules of the hyper-parameters of each algorithm."""
 
 
 def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -245,8 +245,8 @@ def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
     """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
     content = dict(hyper)
     if isinstance(content.get("policy_kwargs"), dict):
-        given = hyper["policy_kwargs"].items()
-        words = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in given)
+        network = hyper["policy_kwargs"].items()
+        words = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in network)
         content["policy_kwargs"] = f"dict({', '.join(words)})"
     with replacing(path) as beside:
         beside.write_text(yaml.safe_dump({env: content}, sort_keys=False, width=128), encoding="utf-8")
@@ -265,7 +265,7 @@ def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, 
     if algo == "a2c" and hyper.get("use_rms_prop", True) and "optimizer_kwargs" in hyper["policy_kwargs"]:
         raise ValueError("policy_kwargs.optimizer_kwargs are Adam's: they need use_rms_prop: false.")
     if algo in ("a2c", "ppo"):
-        # Stable-Baselines3's defaults; the spread of one advantage, by which they are normalized, is not a number.
+        # Stable-Baselines3's defaults; advantages are normalized by their deviation, which is NaN for a single one.
         n_steps, normalized = {"a2c": (5, False), "ppo": (2048, True)}[algo]
         least = 2 if hyper.get("normalize_advantage", normalized) else 1
         Range(least, MOST_NUMBERS, whole=True).check("n_envs times n_steps", hyper["n_envs"] * hyper.get("n_steps", n_steps))
@@ -275,10 +275,10 @@ def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, 
 
 
 def _read_keywords(text: str) -> dict[str, Any]:
-    """Return what ``dict(name=literal, activation_fn=nn.Name)`` says, with the name as text, without running it.
+    """Parse ``dict(name=literal, activation_fn=nn.Name)`` without running it; the name becomes text.
 
-    The zoo passes ``policy_kwargs`` to Python's ``eval`` where it is text, and as it is to the algorithm where it is a mapping,
-    which cannot name an activation function. So its files hold ``policy_kwargs: dict(net_arch=[64], activation_fn=nn.ReLU)``.
+    The zoo passes ``policy_kwargs`` to Python's ``eval`` if it is text, and unchanged to the algorithm if it is a mapping. A
+    mapping cannot name an activation function, so its files hold ``dict(net_arch=[64], activation_fn=nn.ReLU)`` as text.
 
     References:
         rl-baselines3-zoo 2.9.2, ``rl_zoo3/exp_manager.py``, ``_preprocess_hyperparams``.

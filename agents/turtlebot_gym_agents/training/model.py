@@ -40,7 +40,7 @@ ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
 """The algorithms of Stable-Baselines3 by their names in lower case."""
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
-"""A run's environments have seeds from (1 + its seed) times this, apart from others."""
+"""A run's environments have seeds from (1 + its seed) times this, separate from others."""
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -59,11 +59,11 @@ def _choose_device(device: str, algo: str) -> str:
     References:
         Stable-Baselines3 2.9, documentation of PPO: "meant to be run primarily on the CPU" unless the policy is a CNN.
     """
-    there = torch.cuda.is_available()
-    if device == "cuda" and not there:
+    has_gpu = torch.cuda.is_available()
+    if device == "cuda" and not has_gpu:
         raise ValueError(f"device 'cuda' is not available: torch {torch.__version__} finds no GPU; use --device cpu.")
     if device == "auto":
-        return "cuda" if there and issubclass(ALGORITHMS[algo], OffPolicyAlgorithm) else "cpu"
+        return "cuda" if has_gpu and issubclass(ALGORITHMS[algo], OffPolicyAlgorithm) else "cpu"
     return device
 
 

@@ -20,13 +20,13 @@ DELAYS = (0, 1)
 WORLDS = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1}
 """In rooms: worlds to draw from, with their weights."""
 ALL_ROUND = ("lds01", "lds02", "a1", "ideal")
-"""LiDARs that are drawn in rooms, in equal shares: those that look all round."""
+"""LiDARs to draw from in rooms, in equal shares: those that see all around."""
 
 
 def randomized(
     base: Parameters, count: int, *, seed: int, speed_error: float = 0.02, turn_error: float = 0.0, veer: float = 0.0
 ) -> list[Parameters]:
-    """Draw parameters for each environment of a batch: noise model and scale, wheels and delay; in rooms also world and LiDAR.
+    """Draw the parameters of the environments of a batch: noise model and scale, wheels, delay; in rooms also world and LiDAR.
 
     The filter is matched to the drawn noise, as on a robot whose odometry was calibrated.
 

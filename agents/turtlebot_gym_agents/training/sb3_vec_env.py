@@ -81,7 +81,7 @@ class Sb3VecEnv(VecEnv):
         if not isinstance(model, OnPolicyAlgorithm) or model.env is not self:
             raise ValueError(f"model must be an on-policy algorithm whose env is this adapter, got {model!r}.")
         parameters = inspect.signature(model.policy.predict_values).parameters.values()
-        _, *more = (it.name for it in parameters if it.default is it.empty)
+        _, *more = (parameter.name for parameter in parameters if parameter.default is parameter.empty)
         if more:
             raise ValueError(
                 f"model must value an observation by itself, and {type(model).__name__} needs {' and '.join(more)}, which only "
@@ -167,9 +167,9 @@ class Sb3VecEnv(VecEnv):
         """Return the environments of the rows, if they are accessible."""
         return self.envs.unwrapped.envs if isinstance(self.envs.unwrapped, SyncVectorEnv) else None
 
-    def _require_all(self, chosen: list[int], what: str) -> None:
+    def _require_all(self, chosen: list[int], remedy: str) -> None:
         if sorted(chosen) != list(range(self.num_envs)):
-            raise ValueError(f"The rows of {type(self.envs.unwrapped).__name__} share their {what} for all of them.")
+            raise ValueError(f"The rows of {type(self.envs.unwrapped).__name__} share their {remedy} for all of them.")
 
     def _layer_of(self, name: str) -> VectorEnv:
         """Return the outermost wrapper that has an attribute, or the vector environment."""
@@ -207,7 +207,7 @@ class Sb3VecEnv(VecEnv):
             setattr(layer if hasattr(layer, attr_name) else self.envs, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method of each row; for a native vector environment call it once, with the same result for each row.
+        """Call a method of each row; for a native vector environment call it once, with the same result for all rows.
 
         Raises:
             ValueError: If only some rows are meant and they share it.
@@ -223,7 +223,7 @@ class Sb3VecEnv(VecEnv):
         return [getattr(self._layer_of(method_name), method_name)(*args, **kwargs)] * len(chosen)
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """Return whether each row is wrapped; by a `Monitor` all are, as their infos show."""
+        """Return whether each row is wrapped; for `Monitor` always true, since infos are those of a monitor."""
         rows, chosen = self._rows(), self._chosen(indices)
         if rows is None or wrapper_class is Monitor:
             return [wrapper_class is Monitor] * len(chosen)

@@ -16,7 +16,7 @@ from turtlebot_gym_agents.training.callbacks import Callback
 from turtlebot_gym_agents.training.config import TrainingConfig
 
 PROJECT = "turtlebot-gym"
-"""Name of the project where none is given."""
+"""Default name of the project."""
 RUN_FILE = "wandb-run"
 """File in a training's folder with its run's id, which a resumed training reads."""
 
@@ -28,7 +28,7 @@ class WandbCallback(Callback):
     uploads the run later.
 
     Args:
-        config: What is trained; stands in the run's configuration.
+        config: Configuration of the training, which becomes the run's.
         folder: The training's folder; wandb's files go to ``wandb`` in it.
         project: The project's name.
 
@@ -62,7 +62,7 @@ class WandbCallback(Callback):
 
 
 class _Writer(KVWriter):
-    """A run as one of the outputs of Stable-Baselines3's logger."""
+    """A run as an output of Stable-Baselines3's logger."""
 
     def __init__(self, run: Any) -> None:
         self._run = run
@@ -75,7 +75,7 @@ class _Writer(KVWriter):
 
 
 def _run_id(path: Path) -> str:
-    """Return the id of the run in a file, a new one where there is none."""
+    """Return the id of the run in a file, which is written if missing."""
     if not path.is_file():
         path.write_text(uuid.uuid4().hex[:8] + "\n", encoding="utf-8")
     return path.read_text(encoding="utf-8").strip()

@@ -12,7 +12,7 @@ from turtlebot_gym_agents.watch.server import Server
 
 
 class WatchCallback(Callback):
-    """Drive the same episode with the current policy now and then, and serve the newest drive to browsers.
+    """Drive the same episode with the current policy at intervals, and serve the newest drive to browsers.
 
     Args:
         config: Configuration of the training.

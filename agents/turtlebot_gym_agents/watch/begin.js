@@ -1,4 +1,4 @@
-// What listens: controls, keys, links, and drives that grow. Then it begins. Its names come from the other files.
+// Listeners of controls, keys, links and growing drives, and the start. Its names come from the other files.
 slider.addEventListener("input", () => seek(Number(slider.value)))
 play_button.addEventListener("click", () => set_playing(!playing))
 live_button?.addEventListener("click", () => set_following(!following))

@@ -16,7 +16,7 @@ function aim() {
   set(figure.y_range, ends(camera.y, size[1]))
 }
 
-// Show all that is to be seen, a metre as long along x as along y.
+// Show everything, with the same scale along x and y.
 function fit() {
   const [{figure}] = runs
   if (!(figure.inner_width > 0 && figure.inner_height > 0)) return
@@ -85,9 +85,9 @@ function place_in(view, {clientX, clientY}) {
 map_elements.forEach((map, at) => {
   const fingers = new Map(), view = map_views[at]
   const middle = () => {
-    const all = [...fingers.values()], mean = (name) => all.reduce((sum, each) => sum + each[name], 0) / all.length
+    const all = [...fingers.values()], mean = (name) => all.reduce((sum, finger) => sum + finger[name], 0) / all.length
     const x = mean("clientX"), y = mean("clientY")
-    return {clientX: x, clientY: y, spread: all.reduce((sum, each) => sum + Math.hypot(each.clientX - x, each.clientY - y), 0)}
+    return {clientX: x, clientY: y, spread: all.reduce((sum, finger) => sum + Math.hypot(finger.clientX - x, finger.clientY - y), 0)}
   }
   map.addEventListener("wheel", (event) => {
     event.preventDefault()
@@ -111,7 +111,7 @@ map_elements.forEach((map, at) => {
   map.addEventListener("dblclick", reset, true)
 })
 
-// As many columns of maps as let them be largest, where they share a window.
+// Arrange the maps in the number of columns in which they are largest, where they share a window.
 function arrange() {
   const maps = document.querySelector(".maps"), count = runs.length, {clientWidth: width, clientHeight: height} = maps
   if (getComputedStyle(document.querySelector("main")).overflow === "visible") {  // a narrow page: one below the other

@@ -18,7 +18,7 @@ function row_at(times, t) {
   return Math.max(low - 1, 0)
 }
 
-// What is shown is this browser's own affair: a server that is there is not told.
+// The state of the view is this browser's own, and not sent to a server.
 const set = (model, values) => model.setv(values, {sync: false})
 
 // Where a scan's beams ended.
@@ -40,21 +40,21 @@ function points_of(scans, at) {
 const escaped = (text) => text.replace(/[&<>]/g, (sign) => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[sign])
 
 function words(data, k) {
-  const told = [], tell = (name, value, digits, unit) => {
-    if (Number.isFinite(value)) told.push(`<span>${name} <b>${value.toFixed(digits)}${unit}</b></span>`)
+  const items = [], add = (name, value, digits, unit) => {
+    if (Number.isFinite(value)) items.push(`<span>${name} <b>${value.toFixed(digits)}${unit}</b></span>`)
   }
   const known = Number.isFinite(data.x[k])
-  tell("to the waypoint", Math.hypot(data.gx[k] - (known ? data.x[k] : data.ex[k]), data.gy[k] - (known ? data.y[k] : data.ey[k])), 2, " m")
-  tell("estimate off by", data.error[k], 3, " m")
-  tell("odometry off by", data.odometry_error[k], 3, " m")
-  tell("speed", data.command_v[k], 2, " m/s")
-  tell("turning", data.command_omega[k], 2, " rad/s")
-  tell("NIS", data.nis[k], 1, "")
-  tell("clearance", data.clearance[k], 2, " m")
-  tell("from the other", (data.apart ?? [])[k], 2, " m")
-  if (data.hypotheses[k].length > 0) tell("other places", data.hypotheses[k].length / 4, 0, "")
-  if (data.report[k]) told.push(`<span class="report">guard <b>${escaped(data.report[k])}</b></span>`)
-  return told.join("")
+  add("to the waypoint", Math.hypot(data.gx[k] - (known ? data.x[k] : data.ex[k]), data.gy[k] - (known ? data.y[k] : data.ey[k])), 2, " m")
+  add("estimate off by", data.error[k], 3, " m")
+  add("odometry off by", data.odometry_error[k], 3, " m")
+  add("speed", data.command_v[k], 2, " m/s")
+  add("turning", data.command_omega[k], 2, " rad/s")
+  add("NIS", data.nis[k], 1, "")
+  add("clearance", data.clearance[k], 2, " m")
+  add("from the other", (data.apart ?? [])[k], 2, " m")
+  if (data.hypotheses[k].length > 0) add("other places", data.hypotheses[k].length / 4, 0, "")
+  if (data.report[k]) items.push(`<span class="report">guard <b>${escaped(data.report[k])}</b></span>`)
+  return items.join("")
 }
 
 // What is drawn of each run, and the functions that draw it.
@@ -77,9 +77,9 @@ function draw() {
     }
     moment.data = data
     moment.circles = data.circles[k].length > 0 ? data.circles[k] : still
-    if (moment.k !== k || moment.told !== data.time.length) moment.readout.innerHTML = words(data, k)
+    if (moment.k !== k || moment.rows !== data.time.length) moment.readout.innerHTML = words(data, k)
     moment.k = k
-    moment.told = data.time.length
+    moment.rows = data.time.length
   }
   for (const {repaint} of moments) repaint()
   for (const repaint of cursors) repaint()
@@ -131,7 +131,7 @@ function seek(t) {
   show(t)
 }
 
-// Widen what is to be seen to where a drive has come and is to go; returns whether that was necessary.
+// Widen the visible area to the places and the goals of the drives; returns whether that was necessary.
 function widen() {
   let wider = false
   for (const {rows, seen, sizes} of runs) {

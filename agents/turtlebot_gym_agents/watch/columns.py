@@ -12,7 +12,7 @@ from turtlebot_gym.plotting import SIGMAS
 
 MILLIMETRES = 1000.0
 NOTHING = 0
-"""Value for a beam that returned nothing."""
+"""Value of a beam without a return."""
 
 
 def rows_of(drive: Drive, *, scans_before: int = 0, start: float = 0.0) -> dict[str, Any]:
@@ -21,7 +21,7 @@ def rows_of(drive: Drive, *, scans_before: int = 0, start: float = 0.0) -> dict[
     ``x, y, theta, v, omega`` are the truth; names with the prefix ``e`` are the estimate, ``o`` the odometry and ``g`` the
     goal; ``width, height, tilt`` are the axes of the estimate's ellipse.
 
-    ``hypotheses`` has four numbers for each.
+    ``hypotheses`` has x, y, heading and weight of each hypothesis.
 
     Args:
         drive: The drive, or a piece of one.
@@ -63,7 +63,7 @@ def rows_of(drive: Drive, *, scans_before: int = 0, start: float = 0.0) -> dict[
 def apart(drive: Drive, other: Drive) -> NDArray[np.float32]:
     """Return the distance between the robots of two drives at each row of the first, shape (T,), m; NaN beyond the other's end.
 
-    It is that of the true positions; where a drive has no truth, of its estimates.
+    It is that of the true positions, or of the estimates of a drive without truth.
     """
     positions = []
     for run in (drive, other):

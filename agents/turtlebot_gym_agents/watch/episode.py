@@ -73,7 +73,7 @@ def record_episode(
 
 
 def read_recorded(path: str | Path, *, noise: str = "documented", **options: Any) -> Drive:
-    """Read a recorded drive; over one of wheels and truth alone, the filter is run.
+    """Read a recorded drive; if it has only wheels and truth, the filter is run over it.
 
     Args:
         path: A recording, see `turtlebot_gym.drives.read`.
@@ -161,7 +161,7 @@ def _grid_of(scene: Scene | None) -> GridMap | None:
 
 
 def _chart_of(scene: Scene | None, p: Parameters) -> GridMap | None:
-    """Return the map by which a robot localizes itself in a drawn room; None for none."""
+    """Return the map by which a robot localizes itself in a drawn room; None if there is none."""
     if scene is None or not p.localizer or p.room.rules.kind == GIVEN:
         return None
-    return charted(scene, BORDER - 1)  # of the border one cell is drawn
+    return charted(scene, BORDER - 1)  # one cell of the border is drawn

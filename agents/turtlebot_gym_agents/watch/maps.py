@@ -135,7 +135,7 @@ def _draw_cells(figure: Figure, grid: GridMap, value: int, ink: Ink, theme: Them
 
 
 def _draw_room(figure: Figure, drive: Drive, theme: Theme) -> None:
-    """Draw what stands still; circles are left to the client, since they may walk."""
+    """Draw what is static; circles are left to the client, since they may move."""
     room, grid = drive.around.room, drive.around.grid
     if grid is not None:
         for value, ink in ((1, style.UNKNOWN), (2, style.SOLID)):

@@ -27,7 +27,7 @@ CONFIDENCE = 0.95
 class _Plots(NamedTuple):
     figures: list[Figure]
     curves: list[list[dict[str, Any]]]
-    """For each figure what is drawn: the renderer, its run and column, and the layer and the label of the column."""
+    """Curves of each figure: the renderer, its run and column, and the layer and the label of the column."""
     range: Range1d
     """Times, shared by all, s."""
 
@@ -37,7 +37,7 @@ class _Plots(NamedTuple):
 
 
 class _Curve(NamedTuple):
-    """A column drawn over time; the last one of a plot is drawn for several runs."""
+    """A column drawn over time; of several runs, only the last curve of a plot is drawn."""
 
     column: str
     layer: str

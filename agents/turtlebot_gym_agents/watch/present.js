@@ -34,7 +34,7 @@ function paint_cursor(ctx, frame, t) {
   ctx.stroke()
 }
 
-// Row k of a run: obstacles, waypoint, scan, the other robot, where it may be else, paths up to there, robot, odometry, and the
+// Row k of a run: obstacles, waypoint, scan, the other robot, other hypotheses, paths so far, robot, odometry, and the
 // estimate with its ellipse.
 function paint_moment(ctx, frame, {data, k, points, circles, other, sizes: [robot, goal]}) {
   const origin_x = frame.x_scale.compute(0), origin_y = frame.y_scale.compute(0)
@@ -103,11 +103,11 @@ function paint_moment(ctx, frame, {data, k, points, circles, other, sizes: [robo
     pointer(...place, robot, "text", 1.5)
   }
   if (shown("hypotheses")) {
-    const found = data.hypotheses[k]
-    for (let at = 0; at + 3 < found.length; at += 4) {
-      const weight = 0.15 + 0.6 * found[at + 3]
-      disc(found[at], found[at + 1], robot, "estimate", weight, 1)
-      pointer(found[at], found[at + 1], found[at + 2], 1.8 * robot, "estimate", 1.5)
+    const places = data.hypotheses[k]
+    for (let at = 0; at + 3 < places.length; at += 4) {
+      const weight = 0.15 + 0.6 * places[at + 3]
+      disc(places[at], places[at + 1], robot, "estimate", weight, 1)
+      pointer(places[at], places[at + 1], places[at + 2], 1.8 * robot, "estimate", 1.5)
     }
   }
   const {x, y, theta, ex, ey, etheta, ox, oy, otheta, gx, gy, gtheta, width, height, tilt} = data

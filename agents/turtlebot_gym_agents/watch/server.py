@@ -46,7 +46,7 @@ class _OfThisServer(Matcher):
         self._names = {host, "localhost", name, f"{name}.local"}
 
     def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
-        """Return no arguments for a request that is served, and None for another one."""
+        """Return no arguments for a request that is served, and None for others."""
         origin = request.headers.get("Origin")
         own = origin is None or origin.rpartition("//")[2] == request.host
         return {} if own and (request.host_name in self._names or _is_address(request.host_name)) else None
@@ -110,7 +110,7 @@ class Server:
                 self._port = int(free.getsockname()[1])
             sockets, _ = bind_sockets(self._host, self._port)
             pages = BokehTornado({"/": Application(FunctionHandler(self._show))}, extra_websocket_origins=["*"])
-            http = HTTPServer(RuleRouter([Rule(_OfThisServer(self._host), pages)]))  # which judges origins instead
+            http = HTTPServer(RuleRouter([Rule(_OfThisServer(self._host), pages)]))  # the rule checks origins instead
             http.add_sockets(sockets)
             server = BaseServer(IOLoop.current(), pages, http)
             server.start()
@@ -142,7 +142,7 @@ def serve(drives: Sequence[Drive], *, title: str, host: str = "localhost", port:
 def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) -> None:
     """Send new pieces to one browser, or reload its page if another drive has begun.
 
-    Of each drive ``seen`` has the number, and how many of its pieces the view has; it is updated.
+    ``seen`` holds the number of each drive and how many of its pieces the view has; it is updated.
     """
     for at, (drive, run) in enumerate(zip(drives, view.runs, strict=True)):
         number, piece, pieces = drive.read(*seen[at])

@@ -43,7 +43,7 @@ FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
 _BRIGHTER = {BLUE: "#4aa8e0", VERMILLION: "#f0813a"}
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 _ORDER = (0, 3, 2, 4, 1)
-"""Colours of runs in turn; those of the estimate and of the odometry come last."""
+"""Order of the runs' colours; those of the estimate and of the odometry come last."""
 
 
 def run_style(at: int) -> tuple[Ink, str | list[int]]:

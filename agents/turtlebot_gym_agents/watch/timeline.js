@@ -1,20 +1,20 @@
-// Events on the time line, layers, and what is under the pointer. Its names come from view.py: runs, plots; and from client.js.
+// Events on the time line, layers, and values under the pointer. Its names come from view.py: runs, plots; and from client.js.
 const ASTRAY = 0.5  // m, as `turtlebot-gym evaluate` counts a robot as lost
 const MOST_MARKS = 600
 const hidden = new Set()
 const marks = runs.map(() => ({read: 0, events: []}))
 
-// What happens in a row of a drive, given the one before.
+// The events in a row of a drive, from it and the row before.
 function happening(data, k, sizes) {
-  const found = [], before = (name) => data[name][k - 1]
+  const events = [], before = (name) => data[name][k - 1]
   const changed = data.gx[k] !== before("gx") || data.gy[k] !== before("gy")
   const [x, y] = Number.isFinite(data.x[k]) ? [data.x[k], data.y[k]] : [data.ex[k], data.ey[k]]
-  if (changed && Math.hypot(before("gx") - x, before("gy") - y) <= 2 * sizes[1]) found.push("arrival")
-  if (data.clearance[k] < 0 && !(before("clearance") < 0)) found.push("contact")
-  if (data.level[k] > 0 && !(before("level") >= data.level[k])) found.push("guard")
-  if (data.error[k] > ASTRAY && !(before("error") > ASTRAY)) found.push("lost")
-  if (data.fix[k] > 0) found.push("fix")
-  return found
+  if (changed && Math.hypot(before("gx") - x, before("gy") - y) <= 2 * sizes[1]) events.push("arrival")
+  if (data.clearance[k] < 0 && !(before("clearance") < 0)) events.push("contact")
+  if (data.level[k] > 0 && !(before("level") >= data.level[k])) events.push("guard")
+  if (data.error[k] > ASTRAY && !(before("error") > ASTRAY)) events.push("lost")
+  if (data.fix[k] > 0) events.push("fix")
+  return events
 }
 
 function read_events() {
@@ -51,7 +51,7 @@ function show_events() {
 
 function seek_event(step) {
   const times = all_events().filter(({kind}) => kind !== "fix").map(({time}) => time)
-  const next = step > 0 ? times.find((each) => each > time + 1e-3) : times.findLast((each) => each < time - 1e-3)
+  const next = step > 0 ? times.find((t) => t > time + 1e-3) : times.findLast((t) => t < time - 1e-3)
   if (next !== undefined) seek(next)
 }
 

@@ -1,4 +1,4 @@
-"""The view: a map for each run, plots over time for all runs, and variables for the page template. Made with Bokeh.
+"""The view: a map per run, plots over time for all runs, and variables for the page template. Made with Bokeh.
 
 `present.js` and `client.js` draw each moment in the browser, from the columns of `columns`: a file needs no server. A live view
 is the same page, whose columns grow.
