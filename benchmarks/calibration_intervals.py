@@ -196,8 +196,9 @@ def show(name: str, row: dict[str, Any]) -> None:
     for key, parameter in row["parameters"].items():
         low, high = parameter["interval"]
         mark = "" if low <= 0.95 <= high else "   <- not 95 %"
-        bias = parameter["bias"] / parameter["spread"]
-        print(f"    {key:20} {parameter['coverage']:.3f} of {parameter['drives']}, bias {bias:+.2f} sd{mark}")
+        # A single drive that determines the parameter has no spread.
+        bias = f", bias {parameter['bias'] / parameter['spread']:+.2f} sd" if parameter["spread"] > 0.0 else ""
+        print(f"    {key:20} {parameter['coverage']:.3f} of {parameter['drives']}{bias}{mark}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated
+from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, show, simulated, summary
 from turtlebot_gym.calibration import Estimate, calibrate, detect_kind
 from turtlebot_gym.calibration.calibrate import _capped
 from turtlebot_gym.calibration.coordinates import value_of
@@ -40,6 +40,12 @@ def test_intervals_hold_the_truth_in_95_of_100_cases_and_others_do_not(fits, fac
     # A right interval fails this for one set of drives in 10^4; the seeds are fixed. Half as wide ones fail it.
     low, high = stats.binom.interval(1.0 - 1e-4, len(fits), 0.95)
     assert (low <= (fits < factor).sum() <= high) == holds
+
+
+def test_the_summary_of_a_single_drive_has_no_bias(capsys):
+    estimate = {"true": 1.0, "value": 1.1, "low": 0.8, "high": 1.3, "holds": True}
+    show("euler", summary([{"right": {"kind": True}, "estimates": {"scale": estimate}}]))
+    assert capsys.readouterr().out.splitlines()[-1] == "    scale                1.000 of 1"
 
 
 @pytest.mark.parametrize("integrator", ["euler", "midpoint"])
