@@ -118,8 +118,8 @@ def _require(where: str, path: Path, kind: Output, inputs: list[Path], *, force:
         raise ValueError(f"{where}: it is a folder; a file is needed.")
     if kind.endings and path.suffix.lower() not in kind.endings:
         raise ValueError(f"{where}: its name must end with {' or '.join(kind.endings)}.")
-    there = path.resolve() if path.exists() else None
-    if any(_same(path, read) or (there and read.is_dir() and there.is_relative_to(read.resolve())) for read in inputs):
+    resolved = path.resolve() if path.exists() else None
+    if any(_same(path, read) or (resolved and read.is_dir() and resolved.is_relative_to(read.resolve())) for read in inputs):
         raise ValueError(f"{where}: it is an input of the same command; choose another name.")
     if not force and not kind.resumed and path.exists() and path.stat().st_size > 0:
         raise ValueError(f"{where}: it exists; choose another name, or overwrite it with --force.")

@@ -172,10 +172,10 @@ def test_what_cannot_be_read_is_refused_in_one_line(seeing, changed, message):
 
 
 def test_single_invalid_beams_are_accepted(seeing):
-    whole = seeing.act(**INPUTS)
+    command = seeing.act(**INPUTS)
     ranges = SCAN.ranges.copy()
     ranges[::10] = np.nan
-    assert seeing.act(**{**INPUTS, "scan": SCAN._replace(ranges=ranges)}) == whole
+    assert seeing.act(**{**INPUTS, "scan": SCAN._replace(ranges=ranges)}) == command
 
 
 def test_a_clockwise_scan_is_seen_where_it_points(seeing):

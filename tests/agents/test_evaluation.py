@@ -50,15 +50,15 @@ def by_hand(policy: str, seed: int, *, env: str, **options) -> dict[str, float]:
         clearances.append(info.get("clearance", math.nan))
         shown = {"ekf": info["estimate"], "odometry": info["odometry"], "truth": true}[options.get("observation", "ekf")]
         reached[-1] |= away < radius
-        there, astray = math.dist(shown[:2], due[:2]) < radius - 0.05, astray + (math.dist(shown[:2], true[:2]) > 0.5)
-        if believed_at[-1] is None and there:  # by the margin
+        believed_there, astray = math.dist(shown[:2], due[:2]) < radius - 0.05, astray + (math.dist(shown[:2], true[:2]) > 0.5)
+        if believed_at[-1] is None and believed_there:  # by the margin
             believed_at[-1] = away
             false_arrival |= away >= radius
         if ended or not np.array_equal(info["reference"], due):
             misses.append(away)
             if terminated or not ended:
                 given, arrivals = given + 1, arrivals + (away < radius and not collision)
-                false_arrivals += there and away >= radius
+                false_arrivals += believed_there and away >= radius
             ideal += math.dist(info["reference"][:2], due[:2])
             due = info["reference"]
             if not ended:

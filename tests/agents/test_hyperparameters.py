@@ -59,18 +59,18 @@ def test_shipped_files_are_read_for_any_environment_and_mean_the_same_to_the_zoo
 
 
 def test_names_become_objects():
-    given = {
+    values = {
         "learning_rate": "lin_0.002",
         "clip_range": "1e-1",
         "ent_coef": "1e-3",
         "n_steps": 8.0,
         "policy_kwargs": {"activation_fn": "nn.Tanh", "net_arch": [8]},
     }
-    made = arguments(checked(**given))
+    made = arguments(checked(**values))
     assert [made["learning_rate"](remaining) for remaining in (1.0, 0.5, 0.0, -0.1)] == [0.002, 0.001, 0.0, 0.0]
     assert (made["clip_range"], made["ent_coef"], made["n_steps"]) == (0.1, 0.001, 8)
     assert made["policy_kwargs"] == {"activation_fn": torch.nn.Tanh, "net_arch": [8]}
-    assert given["policy_kwargs"]["activation_fn"] == "nn.Tanh"  # what was given is not changed
+    assert values["policy_kwargs"]["activation_fn"] == "nn.Tanh"  # the argument is not changed
     assert not {"n_envs", "n_timesteps", "policy"} & set(made)
     assert arguments(checked("sac", train_freq=[4, "step"]))["train_freq"] == (4, "step")
     noise = arguments(checked("td3", noise_type="normal", noise_std=0.3))["action_noise"]

@@ -39,8 +39,8 @@ def test_a_law_by_name_is_made_for_the_robot_and_the_period(name):
     assert type(make_policy(name)) is law
     for robot, dt in (("burger", 0.1), ("waffle", 0.25)):
         acted.append((law(robot) if name == "proportional" else law(robot, dt))(SIGHT))
-        for given in (robot, ROBOTS[robot]):
-            np.testing.assert_array_equal(make_policy(name, robot=given, dt=dt)(SIGHT), acted[-1])
+        for reference in (robot, ROBOTS[robot]):
+            np.testing.assert_array_equal(make_policy(name, robot=reference, dt=dt)(SIGHT), acted[-1])
     np.testing.assert_array_equal(make_policy(name)(SIGHT), acted[0])
     assert not np.array_equal(*acted)  # otherwise the line above would prove nothing
 

@@ -63,9 +63,9 @@ def test_an_output_that_cannot_be_written_is_refused_before_the_work(name, optio
         assert "a folder is needed" in refused(name, option, "drive.csv", capsys)
         assert "it cannot be written" in refused(name, option, "drive.csv/inside", capsys)
         return
-    for there in ("folder", f"folder{ending}"):
-        (folder / there).mkdir()
-        assert "a file is needed" in refused(name, option, there, capsys)
+    for occupied in ("folder", f"folder{ending}"):
+        (folder / occupied).mkdir()
+        assert "a file is needed" in refused(name, option, occupied, capsys)
     assert "its name must end with" in refused(name, option, "a.nothing", capsys)
     assert "it cannot be written" in refused(name, option, f"drive.csv/a{ending}", capsys)
     assert "it cannot be written" in refused(name, option, f"/proc/none/a{ending}", capsys)

@@ -121,8 +121,8 @@ def test_a_robot_that_makes_no_progress_tries_another_path():
 
 
 def test_a_robot_that_moves_back_and_forth_is_stuck_and_one_that_turns_round_is_not():
-    policy, there = PlannerPolicy(), np.concatenate([np.arange(40), np.arange(40, 0, -1)])
-    for place, is_stuck in ((0.02 * there, False), (0.02 * (np.arange(80) % 10), True)):
+    policy, way = PlannerPolicy(), np.concatenate([np.arange(40), np.arange(40, 0, -1)])
+    for place, is_stuck in ((0.02 * way, False), (0.02 * (np.arange(80) % 10), True)):
         policy.reset(np.array([True]))
         stuck = []
         for x in place:
@@ -164,8 +164,8 @@ def test_the_motion_since_a_scan_follows_from_the_speeds_at_that_time():
     for v, omega in ((0.2, 0.0), (0.0, 2.0), (0.0, 2.0), (0.0, -1.0), (0.0, 0.0)):
         motion.note(np.array([v]), np.array([omega]))
     for time, moved, turned in ((0.05, 0.0, -0.05), (0.2, 0.0, 0.1), (0.35, 0.01, 0.3)):
-        there, heading = motion.over(np.array([time]))
-        assert np.abs(there) == pytest.approx(moved)
+        place, heading = motion.over(np.array([time]))
+        assert np.abs(place) == pytest.approx(moved)
         assert np.angle(heading) == pytest.approx(turned)
 
 

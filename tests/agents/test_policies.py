@@ -124,8 +124,8 @@ def test_corner_policy_decides_on_positions_at_the_time_its_command_acts():
     # At 0.2 m/s and 2 rad/s the robot is, after 0.1 s, 0.02 m further along its old heading, and turned by 0.2 rad.
     robot, goal, following = ROBOTS["burger"], Pose(0.9, 0.3, 0.0), Pose(0.2, 1.4, 0.0)
     moving = seen(State(0.1, -0.2, 0.5, 0.2, 2.0), goal, robot, following)
-    there = seen(State(0.1 + 0.02 * 0.8775826, -0.2 + 0.02 * 0.4794255, 0.7, 0.0, 0.0), goal, robot, following)
-    np.testing.assert_allclose(CornerPolicy(robot)(moving), CornerPolicy(robot)(there), rtol=0, atol=1e-5)
+    later = seen(State(0.1 + 0.02 * 0.8775826, -0.2 + 0.02 * 0.4794255, 0.7, 0.0, 0.0), goal, robot, following)
+    np.testing.assert_allclose(CornerPolicy(robot)(moving), CornerPolicy(robot)(later), rtol=0, atol=1e-5)
 
 
 def test_corner_policy_is_faster_round_corners():

@@ -64,11 +64,12 @@ def versions(python, packages):
 def train(file, python):
     """Run a script in its folder; return steps and losses, seconds and CPU seconds, its own and its children's."""
     path = f"{python.parent}:{os.environ['PATH']}"
-    own = {"PATH": path, "OMP_NUM_THREADS": "1", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
-    own |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}  # Ray: on localhost only, and for this run only
+    env = {"PATH": path, "OMP_NUM_THREADS": "1", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER": "0", "RAY_USAGE_STATS_ENABLED": "0"}
+    # Ray: on localhost only, and for this run only.
+    env |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": secrets.token_hex(32)}
     command = [python, file.name] if file.suffix == ".py" else ["bash", "-euo", "pipefail", file.name]
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(command, cwd=file.parent, env=os.environ | own, capture_output=True, text=True)
+    done = subprocess.run(command, cwd=file.parent, env=os.environ | env, capture_output=True, text=True)
     after, seconds = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - start
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
     return progress(done.stdout), seconds, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -91,10 +92,10 @@ def results(pytestconfig):
     yield measured
     path = pytestconfig.getoption("clients_json")
     if path is not None and measured:
-        there = json.loads(path.read_text(encoding="utf-8"))["clients"] if path.is_file() else {}
-        every = {name: measured.get(name, there.get(name)) for name in CLIENTS}
-        known = {name: result for name, result in every.items() if result is not None}
-        write_json(path, {"clients": known}, config={"episodes": EPISODES, "seed": SEED})
+        earlier = json.loads(path.read_text(encoding="utf-8"))["clients"] if path.is_file() else {}
+        every = {name: measured.get(name, earlier.get(name)) for name in CLIENTS}
+        available = {name: result for name, result in every.items() if result is not None}
+        write_json(path, {"clients": available}, config={"episodes": EPISODES, "seed": SEED})
 
 
 @pytest.mark.clients

@@ -57,15 +57,15 @@ def test_of_half_a_solution_half_is_right(number, here, capsys):
 
 @pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.nightly] * (n == 3)) for n in NUMBERS])
 def test_an_untouched_exercise_is_not_right(number, here, capsys):
-    given = here / f"exercise{number}.py"
+    exercise = here / f"exercise{number}.py"
     with pytest.raises(SystemExit):
-        main(["check", str(given)])
+        main(["check", str(exercise)])
     assert "it is written. Fill in its gaps, and check it again." in capsys.readouterr().out
-    before = given.read_bytes()
-    status, right = checked(given, capsys)
+    before = exercise.read_bytes()
+    status, right = checked(exercise, capsys)
     assert status == 1
     assert not all(right)
-    assert given.read_bytes() == before  # not written over
+    assert exercise.read_bytes() == before  # not written over
 
 
 @pytest.mark.parametrize(

@@ -59,9 +59,9 @@ class Loads(HTMLParser):
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):
-        given = dict(attrs)
+        attributes = dict(attrs)
         self._in_style = tag == "style"
-        self.loads += [value for name in ("src", "href", "srcset", "data") if tag != "a" and (value := given.get(name))]
+        self.loads += [value for name in ("src", "href", "srcset", "data") if tag != "a" and (value := attributes.get(name))]
 
     def handle_data(self, data):
         self.styles += data if self._in_style else ""
@@ -109,8 +109,8 @@ def test_the_view_holds_the_room_and_the_paths():
     assert np.all(low <= (-4.0, -3.0))
     assert np.all(high >= (6.0, 3.0))
     still = make_drive(1, scans=1)
-    here = replace(still, true_state=np.zeros((1, 5)), estimate=np.zeros((1, 5)), reference=np.full((1, 3), np.nan))
-    low, high = _extent([here])
+    standing = replace(still, true_state=np.zeros((1, 5)), estimate=np.zeros((1, 5)), reference=np.full((1, 3), np.nan))
+    low, high = _extent([standing])
     np.testing.assert_allclose(high - low, 2.0)  # never nothing
 
 

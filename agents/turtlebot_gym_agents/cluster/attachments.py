@@ -29,11 +29,11 @@ def attach(*names: object) -> dict[str, dict[str, bytes]]:
     for name in names:
         if not isinstance(name, (str, Path)):
             continue
-        own = bare(str(name))
-        path, (module, colon, _) = Path(own), own.partition(":")
+        reference = bare(str(name))
+        path, (module, colon, _) = Path(reference), reference.partition(":")
         if path.suffix in SUFFIXES:
             if path.is_file():
-                attachments[own] = {beside.name: beside.read_bytes() for beside in (path, *_images(path))}
+                attachments[reference] = {beside.name: beside.read_bytes() for beside in (path, *_images(path))}
         elif colon and module.isidentifier():
             source = _source(module)
             if source is not None:
@@ -70,9 +70,9 @@ def placed(value: T, places: Mapping[str, str]) -> T:
     """Return an option's value here: the path of a file that was sent along, or itself."""
     if not isinstance(value, (str, Path)):
         return value
-    own = bare(str(value))
-    there: Any = places.get(own)
-    return value if there is None else type(value)(there + str(value)[len(own) :])
+    reference = bare(str(value))
+    path: Any = places.get(reference)
+    return value if path is None else type(value)(path + str(value)[len(reference) :])
 
 
 def hashes(attachments: Attachments) -> dict[str, dict[str, str]]:

@@ -95,10 +95,10 @@ class Grid:
         """Return the units of a training in a cell, one per seed."""
         settings = {**self.trainings[name], **cell}
         seeds = settings.pop("seeds", 1)
-        known = {item.name for item in fields(TrainingConfig) if item.init} - {"seed"}
-        if unknown := [str(setting) for setting in settings if setting not in known]:
+        allowed = {item.name for item in fields(TrainingConfig) if item.init} - {"seed"}
+        if unknown := [str(setting) for setting in settings if setting not in allowed]:
             raise ValueError(
-                f"training {name!r} has no fields {', '.join(unknown)}; known fields are {', '.join(sorted(known))}."
+                f"training {name!r} has no fields {', '.join(unknown)}; known fields are {', '.join(sorted(allowed))}."
             )
         if "config" in settings:
             if not isinstance(settings["config"], str):
@@ -120,10 +120,10 @@ def read_grid(path: Path) -> Grid:
     """
     content = load(path)
     try:
-        known = [item.name for item in fields(Grid)]
-        unknown = [str(name) for name in content if name not in known] if isinstance(content, Mapping) else [shown(content)]
+        allowed = [item.name for item in fields(Grid)]
+        unknown = [str(name) for name in content if name not in allowed] if isinstance(content, Mapping) else [shown(content)]
         if unknown:
-            raise ValueError(f"a study must hold {', '.join(known)}, got {', '.join(unknown)}.")
+            raise ValueError(f"a study must hold {', '.join(allowed)}, got {', '.join(unknown)}.")
         return Grid(**{**content, "policies": tuple(_listed(content.get("policies", ())))})
     except (ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}") from error

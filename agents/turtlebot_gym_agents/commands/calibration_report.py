@@ -25,10 +25,10 @@ BINS = 60
 def _basis(fitted: Calibration) -> str:
     if fitted.measured:
         return f"wheels by tape, {fitted.measured} numbers"
-    what = "measured poses" if fitted.kind == "pose" else "wheel odometry"
+    source = "measured poses" if fitted.kind == "pose" else "wheel odometry"
     to = "the truth" if fitted.has_truth else "the innovations alone"
     by = f", alphas over segments, {fitted.segments} of them of {fitted.segment:g} m" if fitted.segment else ""
-    return f"{what}, fitted to {to}{by}, integrator {fitted.integrator}"
+    return f"{source}, fitted to {to}{by}, integrator {fitted.integrator}"
 
 
 def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
@@ -101,9 +101,9 @@ def calibration_figure(fitted: Calibration, *, title: str) -> Figure:
     panels = iter(np.atleast_1d(figure.subplots(1, 3 * has_poses + 2 * has_drift)))
     if has_poses:
         shown = residuals(fitted)
-        what = "measured minus true" if fitted.has_truth else "innovation of"
+        quantity = "measured minus true" if fitted.has_truth else "innovation of"
         for at, name in enumerate(("x, m", "y, m", "heading, rad")):
-            _draw_histogram(next(panels), fitted, shown, at, f"{what} {name}")
+            _draw_histogram(next(panels), fitted, shown, at, f"{quantity} {name}")
     if has_drift:
         drifts = drift(fitted)
         for at, name in enumerate(("position, m", "heading, rad")):

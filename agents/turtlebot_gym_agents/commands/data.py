@@ -77,8 +77,8 @@ class Data:
 
         table = Table("file", "bytes", "license", "there", "from", title=f"recordings in {self.out}")
         for name, recording in RECORDINGS.items():
-            there = "yes" if self._has(name) else "no"
-            table.add_row(name, f"{recording.size:,}", recording.license, there, recording.url.split("/")[3])
+            present = "yes" if self._has(name) else "no"
+            table.add_row(name, f"{recording.size:,}", recording.license, present, recording.url.split("/")[3])
         print_tables(table)
 
     def _has(self, name: str) -> bool:

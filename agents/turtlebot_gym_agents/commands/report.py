@@ -37,9 +37,9 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
     """
     first = next(iter(evaluations.values()))
     details = details or first.config.get("switch") == "time"  # then no time decides
-    more = ("efficiency", "reached", "miss, m", "effort", "false arrivals, %") if details else ()
+    columns = ("efficiency", "reached", "miss, m", "effort", "false arrivals, %") if details else ()
     driven = Table(
-        "", "success, %", "to goal, s", "time*, s", "minus first, s", *more,
+        "", "success, %", "to goal, s", "time*, s", "minus first, s", *columns,
         title=title, caption="with 95 % intervals; * failures count as the time limit; minus first: of that time, in pairs",
     )  # fmt: skip
     estimate = Table("", *ERRORS, title="errors of the estimate, mean over episodes")
@@ -78,8 +78,8 @@ def _missions_table(summaries: Mapping[str, Mapping[str, Interval]]) -> Table:
 
 
 def _rooms_table(summaries: Mapping[str, Mapping[str, Interval]], *, details: bool) -> Table:
-    more = ("BARN's score", "least clearance, m", "its 5th percentile, m") if details else ()
-    table = Table("", "collision, %", "time-out, %", "SPL", *more, title="in rooms")
+    columns = ("BARN's score", "least clearance, m", "its 5th percentile, m") if details else ()
+    table = Table("", "collision, %", "time-out, %", "SPL", *columns, title="in rooms")
     for label, s in summaries.items():
         shares = (f"{s[name]:.1%}" for name in ("collision", "timeout"))
         shown = ("spl", "barn", "clearance", "clearance_5th") if details else ("spl",)

@@ -86,8 +86,8 @@ def judge(
     model, process = make_noise(noise), WHEEL.process
     tuning = make_filter("matched", replace(model, process=process))
     if calibrated is not None:
-        rest = tuple(true - fitted for true, fitted in zip(model.odometry.bias, calibrated.odometry.bias, strict=True))
-        model = replace(model, odometry=replace(model.odometry, bias=rest))
+        remaining = tuple(true - fitted for true, fitted in zip(model.odometry.bias, calibrated.odometry.bias, strict=True))
+        model = replace(model, odometry=replace(model.odometry, bias=remaining))
         tuning = make_filter("calibrated", calibrated)
     judged = []
     for seed in seeds:

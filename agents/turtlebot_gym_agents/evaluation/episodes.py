@@ -115,11 +115,11 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
     leg = np.cumsum(done_with, axis=0) - done_with
 
     away = _distance(truth, due)
-    there = _at(truth, due, running, task, arrived)
+    inside = _at(truth, due, running, task, arrived)
     observed = _observed(record, p)
-    seen_there = _at(observed, due, running, task, believed_to_arrive)
+    believed_inside = _at(observed, due, running, task, believed_to_arrive)
     legs = [leg == number for number in range(int(leg.max()) + 1)]
-    first_seen = np.any([_first(seen_there & leg) for leg in legs], axis=0)
+    first_seen = np.any([_first(believed_inside & leg) for leg in legs], axis=0)
     effort = ((record.command[1:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
     sides = _distance(record.reference[1:], due)
 
@@ -136,12 +136,12 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
         ideal=(straight - task.radius) / top_speed,
         path=np.sum(_distance(truth, record.true_state[:-1]), axis=0, where=running),
         effort=_mean(effort, running),
-        reached=np.sum([(there & leg).any(axis=0) for leg in legs], axis=0),
+        reached=np.sum([(inside & leg).any(axis=0) for leg in legs], axis=0),
         given=ended.sum(axis=0),
-        arrivals=(ended & there & ~record.collision[1:]).sum(axis=0),
-        false_arrivals=(ended & seen_there & ~there).sum(axis=0),
+        arrivals=(ended & inside & ~record.collision[1:]).sum(axis=0),
+        false_arrivals=(ended & believed_inside & ~inside).sum(axis=0),
         miss=_mean(away, done_with),
-        false_arrival=np.any(first_seen & ~there, axis=0),
+        false_arrival=np.any(first_seen & ~inside, axis=0),
         arrival_distance=_mean(away, first_seen),
         collision=collision,
         clearance=np.min(record.clearance, axis=0, where=record.running, initial=np.inf),

@@ -168,12 +168,12 @@ def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:
     measured = known(drive.odometry)
     newest = np.maximum.accumulate(np.where(measured, np.arange(len(drive)), np.flatnonzero(measured)[0]))
     rows, times = np.array([scanned.row for scanned in seen]), np.array([scanned.time for scanned in seen])
-    own = np.array([scanned.odometry is not None for scanned in seen]) & (times != drive.time[rows])
-    poses = np.array([scanned.odometry for scanned, is_own in zip(seen, own, strict=True) if is_own]).reshape(-1, 3)
-    before = rows[own]
-    time = np.insert(drive.time, before, times[own])
+    extra = np.array([scanned.odometry is not None for scanned in seen]) & (times != drive.time[rows])
+    poses = np.array([scanned.odometry for scanned, is_extra in zip(seen, extra, strict=True) if is_extra]).reshape(-1, 3)
+    before = rows[extra]
+    time = np.insert(drive.time, before, times[extra])
     where = np.arange(len(drive)) + np.searchsorted(before, np.arange(len(drive)), side="right")
-    rows = np.where(own, rows + np.cumsum(own) - 1, where[rows])
+    rows = np.where(extra, rows + np.cumsum(extra) - 1, where[rows])
     recorded = Recorded(
         time,
         np.insert(drive.odometry[newest], before, poses, axis=0),

@@ -193,12 +193,12 @@ def mean(values: ArrayLike) -> Interval:
     """
     from scipy import stats
 
-    known = np.asarray(values, np.float64)
-    known = known[np.isfinite(known)]
-    if known.size == 0:
+    numbers = np.asarray(values, np.float64)
+    numbers = numbers[np.isfinite(numbers)]
+    if numbers.size == 0:
         return Interval(np.nan, np.nan, np.nan)
-    middle = float(known.mean())
-    if known.size == 1:
+    middle = float(numbers.mean())
+    if numbers.size == 1:
         return Interval(middle, np.nan, np.nan)
-    margin = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, known.size - 1) * stats.sem(known))
+    margin = float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, numbers.size - 1) * stats.sem(numbers))
     return Interval(middle, middle - margin, middle + margin)

@@ -44,12 +44,12 @@ def replayable(drive: Drive) -> Drive:
         ValueError: If there is no truth, or a unit is wrong.
     """
     where = drive.around.label
-    there = known(drive.truth)
-    if there.sum() < 2:
+    has_truth = known(drive.truth)
+    if has_truth.sum() < 2:
         raise ValueError(f"{where}: a replay needs the true poses; record them, or name their columns or their topic.")
     require_units(drive, ANY_ROBOT, where)
     begins = np.flatnonzero(~drive.joined)
-    stretches = [rows[there[rows]] for rows in np.split(np.arange(len(drive)), begins[1:])]
+    stretches = [rows[has_truth[rows]] for rows in np.split(np.arange(len(drive)), begins[1:])]
     first, last = max(((rows[0], rows[-1]) for rows in stretches if rows.size), key=lambda ends: ends[1] - ends[0])
     if last - first + 1 == len(drive):
         return drive
@@ -75,9 +75,9 @@ def _segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.int
         truth: True poses, shape (T, 3).
         length: Length of a segment, m.
     """
-    there = np.flatnonzero(known(truth))
-    path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[there, :2], axis=0).T))])
-    ends = there[np.searchsorted(path, np.arange(0.0, path[-1], length))]
+    rows = np.flatnonzero(known(truth))
+    path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[rows, :2], axis=0).T))])
+    ends = rows[np.searchsorted(path, np.arange(0.0, path[-1], length))]
     return ends[:-1], ends[1:]
 
 

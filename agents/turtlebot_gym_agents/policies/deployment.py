@@ -164,8 +164,8 @@ class Deployment:
             (mean, P), nis = self.filter.belief, self.filter.nis
         else:
             if at is None or covariance is None:
-                what = "pose" if at is None else "covariance"
-                raise ValueError(f"{what} must be given without a filter inside, got None; zero variances for exact poses.")
+                missing = "pose" if at is None else "covariance"
+                raise ValueError(f"{missing} must be given without a filter inside, got None; zero variances for exact poses.")
             mean, P = State(*at, *speeds), _covariance(covariance)
             nis = NON_NEGATIVE.check("nis", nis)
         return self.command(mean, P, nis, reference, after, sectors, age, shares)

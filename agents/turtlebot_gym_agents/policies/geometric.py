@@ -124,9 +124,9 @@ class CornerPolicy(BearingPolicy):
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         to = upcoming(observations, self._robot, self.dt)
-        there, onward = -to.waypoint, to.following - to.waypoint  # from the waypoint: to the robot, to the following one
-        robot_away, next_away = np.abs(there), np.abs(onward)
-        bisector = there / np.maximum(robot_away, _TINY) + onward / np.maximum(next_away, _TINY)
+        to_robot, onward = -to.waypoint, to.following - to.waypoint  # from the waypoint
+        robot_away, next_away = np.abs(to_robot), np.abs(onward)
+        bisector = to_robot / np.maximum(robot_away, _TINY) + onward / np.maximum(next_away, _TINY)
         twice_cosine = np.abs(bisector)  # of half the angle
         nearer = 0.5 * twice_cosine * np.minimum(robot_away, next_away)
         inwards = np.minimum(self.cut, self.depth * nearer) / np.maximum(twice_cosine, _TINY)

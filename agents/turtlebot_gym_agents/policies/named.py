@@ -44,10 +44,10 @@ def shipped_folder(name: str) -> Path:
 
 def bundle_of(name: str) -> Path | None:
     """Return the file of a bundle by its path or its name in the package; None for other policies."""
-    own = pretrained_folder() / f"{name}.onnx"
+    shipped = pretrained_folder() / f"{name}.onnx"
     if name.endswith(".onnx"):
         return Path(name)
-    return own if name.isprintable() and "/" not in name and own.is_file() else None
+    return shipped if name.isprintable() and "/" not in name and shipped.is_file() else None
 
 
 def make_policy(
@@ -98,13 +98,13 @@ def make_policy(
         )
     shipped = sorted(path.stem for path in pretrained_folder().glob("*.onnx"))
     names = (*POLICIES, *shipped)
-    known = f"policy must be one of {', '.join(map(repr, names))}, FILE.onnx, FILE.json or 'module:callable', got {name!r}"
+    refusal = f"policy must be one of {', '.join(map(repr, names))}, FILE.onnx, FILE.json or 'module:callable', got {name!r}"
     if not all(name.partition(":")):
-        raise ValueError(f"{known}.{did_you_mean(name, names)}")
+        raise ValueError(f"{refusal}.{did_you_mean(name, names)}")
     try:
         return _load_own(name, make_robot(robot), dt)
     except ValueError as error:
-        raise ValueError(f"{known}: {error}") from error
+        raise ValueError(f"{refusal}: {error}") from error
 
 
 def _load_own(name: str, robot: Robot, dt: float) -> Policy:

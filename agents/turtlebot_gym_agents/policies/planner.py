@@ -195,9 +195,9 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         self._anchor(place, heading)
         place, heading = memory.frame[:, 0] + memory.frame[:, 1] * place, memory.frame[:, 1] * heading
         v, omega = o.v * self._robot.max_linear, o.omega * self._robot.max_angular
-        then = heading * np.conj(turned)
-        there = place - then * moved
-        scans = np.stack([there.real, there.imag, np.angle(then)], axis=-1)
+        scan_heading = heading * np.conj(turned)
+        scan_place = place - scan_heading * moved
+        scans = np.stack([scan_place.real, scan_place.imag, np.angle(scan_heading)], axis=-1)
         shares = rows[:, len(Observation._fields) : -1]
         due = memory.steps % max(round(self.period / self.dt), 1) == 0
         left = np.abs(place - memory.since) > _LEFT

@@ -164,9 +164,9 @@ class SafetyLayer:
         # Noise grows with the turning rate, as a share of the highest one.
         share = np.angle(turn) / (self._robot.max_angular * self.dt)
         places, spread = (self._places - step) * np.conj(turn), self._spread + self._drift * share**2 * self.dt
-        there = places * turned + moved - self.lidar_x  # from the LiDAR, when it measured
-        at, away = np.round(np.angle(there) / HALF_SECTOR).astype(np.int64), np.abs(there)
-        sector = np.round(np.angle(there) / (2.0 * HALF_SECTOR)).astype(np.int64) % SECTORS
+        from_lidar = places * turned + moved - self.lidar_x  # when it measured
+        at, away = np.round(np.angle(from_lidar) / HALF_SECTOR).astype(np.int64), np.abs(from_lidar)
+        sector = np.round(np.angle(from_lidar) / (2.0 * HALF_SECTOR)).astype(np.int64) % SECTORS
         ranges = rows[..., -1 - SECTORS : -1] * SIGHT
         gone = (away < BLIND) & (np.take_along_axis(ranges, sector, axis=-1) > away + SAME)
         edges = np.minimum(ranges, np.roll(ranges, -1, axis=-1))
@@ -193,14 +193,14 @@ class SafetyLayer:
         action[:, 1:] = np.clip(action[:, 1:], -most, most)
         close = np.flatnonzero((away <= self._reach).any(axis=-1))
         nearest = np.argsort(away[close], axis=-1)[:, : (away <= self._reach).sum(axis=-1).max(initial=1)]
-        there = np.take_along_axis(points[close], nearest, axis=-1)
-        short = ~self._admits(action[close], there)
-        close, there = close[short], there[short]
+        near = np.take_along_axis(points[close], nearest, axis=-1)
+        short = ~self._admits(action[close], near)
+        close, near = close[short], near[short]
         wishes = action[close]
         v, omega = wishes[:, :1] * SHARES, np.concatenate([wishes[:, 1:], np.clip(TURNS, -most[close], most[close])], axis=-1)
         arcs = np.stack(np.broadcast_arrays(v[:, :, None], omega[:, None, :]), axis=-1).reshape(len(v), -1 if len(v) else 1, 2)
         change = np.abs(arcs - wishes[:, None]) @ (1.0, TURNING)
-        change[~self._admits(arcs, there[:, None])] = np.inf
+        change[~self._admits(arcs, near[:, None])] = np.inf
         action[close] = np.take_along_axis(arcs, change.argmin(axis=-1)[:, None, None], axis=1)[:, 0]
         return action.reshape(wish.shape)
 

@@ -75,9 +75,9 @@ class TrainingConfig(Options):
         typed(self, "")
         choose("device", self.device, dict.fromkeys(("cpu", "cuda", "auto")))
         if not isinstance(self.env, str) or self.env not in registry:
-            known = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]
-            error = refusal("env", f"one of {', '.join(map(repr, known))}, or another id with their arguments", self.env)
-            raise ValueError(f"{error}{did_you_mean(self.env, known)}")
+            ids = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]
+            error = refusal("env", f"one of {', '.join(map(repr, ids))}, or another id with their arguments", self.env)
+            raise ValueError(f"{error}{did_you_mean(self.env, ids)}")
         object.__setattr__(self, "hyper", hyperparameters.load(self.algo, self.env, self.config))
         if self.from_policy is not None and self.algo not in ON_POLICY:
             raise ValueError(f"from_policy needs an algorithm among {', '.join(ON_POLICY)}, got {self.algo!r}.")

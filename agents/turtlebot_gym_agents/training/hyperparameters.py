@@ -224,8 +224,8 @@ def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) ->
         return _checked(algo, rules, source)
     path = configs_folder() / f"{algo}.yaml" if source is None else Path(source)
     if not path.is_file():
-        known = ", ".join(sorted(file.stem for file in configs_folder().glob("*.yaml")))
-        raise ValueError(f"There are no hyper-parameters for {algo!r} in {path}; known algorithms: {known}.")
+        algorithms = ", ".join(sorted(file.stem for file in configs_folder().glob("*.yaml")))
+        raise ValueError(f"There are no hyper-parameters for {algo!r} in {path}; known algorithms: {algorithms}.")
     content = files.load(path)
     chosen = content.get(env, content.get("default")) if isinstance(content, dict) else None
     if not isinstance(chosen, dict):

@@ -170,14 +170,14 @@ def weights_of(model: BaseAlgorithm, path: Path) -> Iterator[None]:
     Raises:
         ValueError: If the file is not a saved model.
     """
-    own, steps = deepcopy(model.policy.state_dict()), model.num_timesteps
+    state, steps = deepcopy(model.policy.state_dict()), model.num_timesteps
     counters, parameters, _ = _read(path, model)
     model.policy.load_state_dict(parameters["policy"])
     model.num_timesteps = counters["num_timesteps"]
     try:
         yield
     finally:
-        model.policy.load_state_dict(own)
+        model.policy.load_state_dict(state)
         model.num_timesteps = steps
 
 

@@ -69,8 +69,8 @@ def apart(drive: Drive, other: Drive) -> NDArray[np.float32]:
     for run in (drive, other):
         states = run.true_state if np.isfinite(run.true_state[:, 0]).any() else run.estimate
         positions.append(states[:, :2])
-    time, there = drive.time - drive.time[0], other.time - other.time[0]
-    at = [np.interp(time, there, positions[1][:, axis], right=np.nan) for axis in (0, 1)]
+    time, other_time = drive.time - drive.time[0], other.time - other.time[0]
+    at = [np.interp(time, other_time, positions[1][:, axis], right=np.nan) for axis in (0, 1)]
     return np.hypot(positions[0][:, 0] - at[0], positions[0][:, 1] - at[1]).astype(np.float32)
 
 
@@ -88,12 +88,12 @@ def _split(names: tuple[str, ...], table: NDArray[Any]) -> dict[str, NDArray[Any
 
 def _axes(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return widths, heights and tilts of the ellipses of a position; NaN if not known."""
-    known = np.isfinite(covariance[:, :2, :2]).all((1, 2))
+    finite = np.isfinite(covariance[:, :2, :2]).all((1, 2))
     width, height, tilt = np.full((3, len(covariance)), np.nan)
-    variances, directions = np.linalg.eigh(covariance[known, :2, :2])
+    variances, directions = np.linalg.eigh(covariance[finite, :2, :2])
     sizes = 2.0 * SIGMAS * np.sqrt(np.maximum(variances, 0.0))
-    height[known], width[known] = sizes[:, 0], sizes[:, 1]
-    tilt[known] = np.arctan2(directions[:, 1, 1], directions[:, 0, 1])
+    height[finite], width[finite] = sizes[:, 0], sizes[:, 1]
+    tilt[finite] = np.arctan2(directions[:, 1, 1], directions[:, 0, 1])
     return width, height, tilt
 
 

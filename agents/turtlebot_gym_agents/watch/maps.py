@@ -86,11 +86,11 @@ def _extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.fl
             points.append(np.array([[x - a, y - b], [x + a, y + b]]))
         elif drive.around.grid is not None:
             points.append(_corners(drive.around.grid))
-    known = np.concatenate(points)
-    known = known[np.isfinite(known).all(axis=1)]
-    if not len(known):
-        known = np.zeros((1, 2))
-    low, high = known.min(axis=0) - PAD, known.max(axis=0) + PAD
+    places = np.concatenate(points)
+    places = places[np.isfinite(places).all(axis=1)]
+    if not len(places):
+        places = np.zeros((1, 2))
+    low, high = places.min(axis=0) - PAD, places.max(axis=0) + PAD
     short = np.maximum(1.0 - 0.5 * (high - low), 0.0)  # at least 2 m wide and high
     return low - short, high + short
 

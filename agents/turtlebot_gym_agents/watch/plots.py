@@ -54,9 +54,9 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     several = len(drives) > 1
 
     def plot(
-        title: str, curves: Sequence[_Curve], *, floor: float | None = None, known: bool = True, of_both: bool = False
+        title: str, curves: Sequence[_Curve], *, floor: float | None = None, has_data: bool = True, of_both: bool = False
     ) -> Figure | None:
-        if not (known or live):
+        if not (has_data or live):
             return None
         figure = _figure(title, plots, theme, floor)
         for at, source in enumerate(rows[:1] if of_both else rows):
@@ -75,10 +75,10 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     plot("turning rate (rad/s)", [truth._replace(column="omega"), command._replace(column="command_omega")])
     believed = _Curve("error", "estimate", style.ESTIMATE, width=1.8)
     measured = _Curve("odometry_error", "odometry", style.ODOMETRY, width=1.0)
-    known = any(np.isfinite(drive.true_state[:, :2]).any() for drive in drives)
-    plot("position error (m)", [measured, believed], floor=0.0, known=known)
+    has_truth = any(np.isfinite(drive.true_state[:, :2]).any() for drive in drives)
+    plot("position error (m)", [measured, believed], floor=0.0, has_data=has_truth)
     turns = [measured._replace(column="odometry_turn"), believed._replace(column="turn")]
-    plot("heading error (rad)", turns, floor=0.0, known=known)
+    plot("heading error (rad)", turns, floor=0.0, has_data=has_truth)
     if "apart" in rows[0].column_names:
         plot("between the two robots (m)", [_Curve("apart", "distance", style.TEXT)], floor=0.0, of_both=True)
     degrees = drives[0].around.nis_degrees
@@ -88,17 +88,17 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
         title,
         [_Curve("nis", "estimate", style.ESTIMATE)],
         floor=0.0,
-        known=any(np.isfinite(drive.nis).any() for drive in drives),
+        has_data=any(np.isfinite(drive.nis).any() for drive in drives),
     )
     if nis:
         _line(nis, limit, theme)
     clear = any(np.isfinite(drive.clearance).any() for drive in drives)
-    clearance = plot("clearance (m); contact below 0", [_Curve("clearance", "truth", style.TRUTH)], known=clear)
+    clearance = plot("clearance (m); contact below 0", [_Curve("clearance", "truth", style.TRUTH)], has_data=clear)
     if clearance:
         _line(clearance, 0.0, theme)
         clearance.scatter([0.0], [0.0], alpha=0.0)  # contact is always in the picture
     reported = any(np.isfinite(drive.level).any() for drive in drives)
-    guard = plot("state of the guard", [_Curve("level", "guard", style.LEVELS[1], steps=True, width=2.4)], known=reported)
+    guard = plot("state of the guard", [_Curve("level", "guard", style.LEVELS[1], steps=True, width=2.4)], has_data=reported)
     if guard:
         guard.y_range = Range1d(start=OK - 0.4, end=ERROR + 0.4)
         guard.yaxis.ticker = FixedTicker(ticks=[OK, WARNING, ERROR])

@@ -48,8 +48,8 @@ class _OfThisServer(Matcher):
     def match(self, request: HTTPServerRequest) -> dict[str, Any] | None:
         """Return no arguments for a request that is served, and None for others."""
         origin = request.headers.get("Origin")
-        own = origin is None or origin.rpartition("//")[2] == request.host
-        return {} if own and (request.host_name in self._names or _is_address(request.host_name)) else None
+        same_origin = origin is None or origin.rpartition("//")[2] == request.host
+        return {} if same_origin and (request.host_name in self._names or _is_address(request.host_name)) else None
 
 
 def _is_address(name: str) -> bool:
@@ -158,10 +158,10 @@ async def _end(server: BaseServer) -> None:
     server.stop()
     server.unlisten()
     await asyncio.sleep(0.05)  # time for the connections to close
-    rest = asyncio.all_tasks() - {asyncio.current_task()}
-    for task in rest:
+    tasks = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in tasks:
         task.cancel()
-    await asyncio.gather(*rest, return_exceptions=True)
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _explained(error: BaseException, host: str, port: int) -> BaseException:

@@ -108,9 +108,9 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
 def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str], title: str, live: bool) -> dict[str, Any]:
     """Return the variables of the page's template."""
     several = len(drives) > 1
-    scans, known = any(drive.scans for drive in drives), any(np.isfinite(drive.true_state).any() for drive in drives)
+    scans, has_truth = any(drive.scans for drive in drives), any(np.isfinite(drive.true_state).any() for drive in drives)
     symbols = [
-        ("truth", "truth", style.TRUTH, "line", known),
+        ("truth", "truth", style.TRUTH, "line", has_truth),
         ("estimate", ESTIMATE_WITHIN, style.ESTIMATE, "ring", True),
         ("odometry", "odometry", style.ODOMETRY, "dot", True),
         ("waypoint", "waypoint", style.GOAL, "ring", True),

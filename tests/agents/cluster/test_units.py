@@ -70,9 +70,9 @@ def test_a_key_depends_on_all_that_a_result_depends_on(monkeypatch):
     changes = {"policy": "proportional", "env": SQUARE, "seed": 1, "episodes": 5, "options": {"noise": "rough"}}
     changes |= {"trajectory": True, "files": {"bearing": {"bearing": b"1"}}}
     keys = [key(UNIT), *(key(replace(UNIT, **{name: value})) for name, value in changes.items())]
-    there = module.origin()
-    for other in ({"code": "other"}, {"libraries": {**there["libraries"], "numpy": "1.0"}}):
-        monkeypatch.setattr(module, "origin", lambda other=other: there | other)
+    here = module.origin()
+    for change in ({"code": "other"}, {"libraries": {**here["libraries"], "numpy": "1.0"}}):
+        monkeypatch.setattr(module, "origin", lambda change=change: here | change)
         keys.append(key(UNIT))
     assert len(set(keys)) == len(keys) == 10
 
