@@ -134,11 +134,11 @@ def test_corner_policy_is_faster_round_corners():
         name: evaluate(name, env="turtlebot_gym/TurtleBotSquare-v0", episodes=200).times() for name in ("bearing", "corner")
     }
     assert np.mean(times["bearing"] - times["corner"]) > 1.2
-    assert times["corner"].max() < 40.0  # nobody is lost
+    assert times["corner"].max() < 40.0  # no robot is lost
 
 
 def test_a_robot_whose_arrival_does_not_count_comes_ever_nearer_to_the_waypoint():
-    # The believed pose is within the radius and the true one is not, so the waypoint stays: nobody must drive past it.
+    # The believed pose is within the radius and the true one is not, so the waypoint stays: no robot may drive past it.
     random, robot, goal = np.random.default_rng(3), ROBOTS["burger"], Pose(0.0, 0.0, 0.0)
     for _ in range(30):
         following = Pose(*random.uniform(-2.0, 2.0, 2).tolist(), 0.0)

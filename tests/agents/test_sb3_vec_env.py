@@ -157,7 +157,7 @@ def test_episodes_are_those_of_sb3s_own_vector_environment():
 
 
 def compared(mine, other, steps):
-    """Drive two environments by the same actions, which must answer alike; return how many episodes ended and timed out."""
+    """Require the same answers of two environments to the same actions; return how many episodes ended and timed out."""
     assert (mine.observation_space, mine.action_space) == (other.observation_space, other.action_space)
     assert mine.seed(40) == other.seed(40)
     assert same(mine.reset(), other.reset())

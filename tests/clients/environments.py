@@ -59,7 +59,7 @@ def make(folder: Path, name: str) -> None:
 
 
 def main(folder: str, *chosen: str) -> None:
-    """Make environments, all of them where none are named."""
+    """Make environments, by default all of them."""
     for name in chosen or names():
         print(f"The environment {name} ...", flush=True)
         make(Path(folder), name)

@@ -18,7 +18,7 @@ _TRAINED = flags(robot=None, noise=None, filter=None, observation=None)
 @own_first
 @dataclass(frozen=True, kw_only=True)
 class Export(Writing, _TRAINED):
-    """Convert a model saved by Stable-Baselines3 into a policy bundle, and check that both act alike.
+    """Convert a model saved by Stable-Baselines3 into a policy bundle, and check that both return the same actions.
 
     The settings of its training are read from the config.json beside it; without that file, give them as options.
     """

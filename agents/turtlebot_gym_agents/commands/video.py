@@ -110,7 +110,7 @@ def record(
 def _drive(env: gym.Env, policy: Policy, seed: int) -> Iterator[tuple[NDArray[np.uint8], dict[str, Any], bool]]:
     """Yield picture, info and whether the episode has ended, at the start and after each step.
 
-    Each step is drawn, shown or not, since trails consist of what was drawn.
+    All steps are drawn, even those not shown, since trails consist of drawn steps.
     """
     observation, info = env.reset(seed=seed)
     if isinstance(policy, PolicyWithMemory):

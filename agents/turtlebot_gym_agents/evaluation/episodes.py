@@ -187,7 +187,7 @@ def _first(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _mean(values: NDArray[np.float64] | NDArray[np.bool_], where: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the mean over time of the values (T, n) whose flag is set; NaN if none is."""
+    """Return the mean over time of the values (T, n) whose flag is set; NaN if no flag is."""
     count = where.sum(axis=0)
     return np.where(count > 0, np.sum(values, axis=0, where=where) / np.maximum(count, 1), np.nan)
 

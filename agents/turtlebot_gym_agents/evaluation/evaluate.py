@@ -254,6 +254,7 @@ def driven(
     kept = np.arange(envs.num_envs)
     actions = np.zeros((envs.num_envs, 2), np.float32)
     while running.any():
+        # Only now and then, since a policy copies its memory each time.
         if isinstance(policy, ShrinkingPolicy) and running[kept].sum() < 0.8 * len(kept):
             policy.keep(running[kept])
             kept = kept[running[kept]]

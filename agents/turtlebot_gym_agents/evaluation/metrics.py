@@ -77,7 +77,7 @@ def share(happened: ArrayLike) -> Interval:
 
 
 def ratio(parts: ArrayLike, wholes: ArrayLike, most: float = np.inf) -> Interval:
-    """Return the ratio of two sums over independent cases, with the interval of its linearization, cut to what is possible.
+    """Return the ratio of two sums over independent cases, with the interval of its linearization, clipped to possible values.
 
     Args:
         parts: Shape (n,), n > 0; not negative.

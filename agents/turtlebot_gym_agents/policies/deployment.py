@@ -197,7 +197,7 @@ class Deployment:
         return limit(command_of(forward, turn, self.robot), self.robot)
 
     def _read(self, scan: Scan | None) -> Sequence[float]:
-        """Return the sectors of a scan; none for a policy without scans.
+        """Return the sectors of a scan; empty for a policy without scans.
 
         Raises:
             ValueError: If it cannot be read, or the policy sees no scan.

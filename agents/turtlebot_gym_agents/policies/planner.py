@@ -228,6 +228,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         memory = self._memory
         frame, (expected, direction) = memory.frame, memory.pose.T
         leap = ~(np.abs(frame[:, 0] + frame[:, 1] * place - expected) < _LEAP)
+        # A turn of the frame by more than 1 rad is another goal, too.
         leap |= (frame[:, 1] * heading * np.conj(direction)).real < np.cos(1.0)
         frame[leap, 1] = (direction * np.conj(heading))[leap]
         frame[leap, 0] = (expected - frame[:, 1] * place)[leap]

@@ -1,4 +1,4 @@
-"""Convert a Stable-Baselines3 model into a policy bundle, and verify that both act alike.
+"""Convert a Stable-Baselines3 model into a policy bundle, and verify that both return the same actions.
 
 The graph of the layers that this package's policies have is written directly, in milliseconds, where torch's exporter takes
 seconds; other networks are left to torch's exporter. Either graph is compared with its network.
@@ -63,7 +63,7 @@ def load_model(path: Path, *, allow_pickle: bool = False) -> BaseAlgorithm:
 
 
 def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_000) -> float:
-    """Write a model's deterministic policy as a bundle, if the two act alike.
+    """Write a model's deterministic policy as a bundle, if both return the same actions.
 
     Args:
         model: A trained model for one of this package's environments.

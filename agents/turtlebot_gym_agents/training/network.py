@@ -1,4 +1,4 @@
-"""Convert a torch network of any library into a policy bundle, and verify that both act alike.
+"""Convert a torch network of any library into a policy bundle, and verify that both return the same actions.
 
 Wrap a library's policy as a ``torch.nn.Module`` from observations (n, 13), in a room (n, 50), to mean actions (n, 2) without
 exploration. torch, onnx and onnxscript suffice; Stable-Baselines3, for whose models there is `export`, is not needed.
@@ -31,7 +31,7 @@ TOLERANCE = 1e-5
 def export_network(
     network: nn.Module, path: str | Path, env: str, *, training: Mapping[str, Any] | None = None, **options: Any
 ) -> float:
-    """Write a network as a bundle, if the two act alike; actions beyond 1 are clipped.
+    """Write a network as a bundle, if both return the same actions; those beyond 1 are clipped.
 
     Args:
         network: A map from float32 observations (n, 13), in a room (n, 50), to actions (n, 2). It is left in evaluation mode.

@@ -74,7 +74,7 @@ def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, 
 
 
 def _extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lower left and the upper right corner of what is seen, m."""
+    """Return the lower left and the upper right corner of the visible area, m."""
     points = []
     for drive in drives:
         room = drive.around.room
