@@ -13,7 +13,7 @@ from turtlebot_gym.extras import installing
 from turtlebot_gym_agents.outputs import ending_quietly
 
 THRESHOLDS = 100_000, 10, 10
-"""`gc.set_threshold` during a command: by default Python collects after 700 new objects."""
+"""`gc.set_threshold` during a command; by default Python collects after every thousand new objects or so."""
 
 
 @contextmanager

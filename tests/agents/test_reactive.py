@@ -60,7 +60,7 @@ def test_the_time_to_contact_is_that_of_a_drive_in_small_steps():
 
 
 def test_an_old_scan_is_seen_from_where_the_robot_will_be():
-    """A post 1 m away, measured 0.3 s ago by a robot that has driven a bend since, and goes on for a step."""
+    """A post 1 m away, measured 0.3 s ago by a robot that has driven a bend since, and continues for a step."""
     v, omega, age, lag, dt = 0.15, 1.2, 0.2, 0.1, 0.1
     shares = np.ones(SECTORS)
     shares[9] = 1.0 / SIGHT  # to the left

@@ -124,7 +124,7 @@ def test_off_policy_checkpoints_have_their_replay_buffer(tmp_path):
 
 @pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.slow)])
 def test_resumes_after_kills(kills, tmp_path):
-    """It saves and evaluates as often as it can, so that many kills come while it writes."""
+    """It saves and evaluates as often as possible, so that many kills occur while it writes."""
     processes = multiprocessing.get_context("forkserver")
     processes.set_forkserver_preload([train.__module__])  # a child then begins in no time
     chance = random.Random(4)
@@ -134,7 +134,7 @@ def test_resumes_after_kills(kills, tmp_path):
     for kill in range(kills):
         child = processes.Process(target=train, args=(config, folder), kwargs={"resume": True, "progress": False})
         child.start()
-        advance = kill % 2 == 0  # wait for a new checkpoint; else the kill comes at any moment after the start
+        advance = kill % 2 == 0  # wait for a new checkpoint; otherwise the kill comes at any moment after the start
         before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
         while advance and child.is_alive() and (checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0) == before:
             time.sleep(0.001)

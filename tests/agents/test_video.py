@@ -53,7 +53,7 @@ def test_frames_of_a_gif_are_the_environments_pictures(tmp_path):
     pictures = drive(2, BearingPolicy())
     shown = pictures[::2]  # 4 times as fast, 20 frames a second: every second step of 0.1 s
     if len(pictures) % 2 == 0:
-        shown.append(pictures[-1])  # the end is shown in any case
+        shown.append(pictures[-1])  # the end is always shown
     assert frames.shape[0] == len(shown)
     for frame, picture in zip(frames, shown, strict=True):
         error = np.abs(frame.astype(int) - picture).max(-1)
@@ -97,7 +97,7 @@ def test_an_mp4_plays_as_long_as_a_gif(tmp_path):
     record("bearing", tmp_path / "a.gif", seed=2, width=478)
     for at, picture in zip((0, -1), read_gif(tmp_path / "a.gif")[0][[0, -1]], strict=True):
         assert np.abs(frames[at].astype(int) - picture).mean() < 3.0
-    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # which tells other frames apart
+    assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.5  # the comparison would notice other frames
 
 
 def test_the_command_writes_the_video_that_it_reports(tmp_path, capsys):

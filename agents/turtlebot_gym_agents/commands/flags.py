@@ -27,14 +27,14 @@ T = TypeVar("T")
 def own_first(cls: type[T]) -> type[T]:
     """Put a dataclass's own fields and its `flags` before other inherited ones, for its --help."""
     made: Any = cls  # tyro takes the fields in the order in which the class has them
-    inherited = made.__dataclass_fields__
+    every = made.__dataclass_fields__
     first = [
         name
         for part in (cls, *cls.__bases__)
         if part is cls or part.__name__ == "Flags"
         for name in inspect.get_annotations(part)
     ]
-    made.__dataclass_fields__ = {name: inherited[name] for name in dict.fromkeys([*first, *inherited])}
+    made.__dataclass_fields__ = {name: every[name] for name in dict.fromkeys([*first, *every])}
     return cls
 
 

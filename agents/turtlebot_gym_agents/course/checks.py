@@ -33,7 +33,7 @@ def _place(names: Mapping[str, Any]) -> str:
 def _seam(names: Mapping[str, Any]) -> str:
     for measured, estimated, expected in ((-3.1, 3.1, 2 * math.pi - 6.2), (3.0, -3.0, 6.0 - 2 * math.pi), (0.2, 0.1, 0.1)):
         answer = names["innovation"](np.array([0.0, 0.0, measured]), np.array([0.0, 0.0, estimated]))
-        if hint := _close(answer, [0.0, 0.0, expected], f"From {estimated} rad to {measured} rad it is a short way."):
+        if hint := _close(answer, [0.0, 0.0, expected], f"From {estimated} rad to {measured} rad the way is short."):
             return hint
     return ""
 
@@ -72,8 +72,8 @@ def _honest(seed: int) -> Check:
         drives = [recordings.filtered(recordings.recording(at), names["Q"], seed=at) for at in range(seed, seed + 4)]
         share = float(np.mean([recordings.honesty(drive) for drive in drives])) / 3.0
         if share > 1.2:
-            return f"Its squared errors are {share:.3g} times what it says: it is too sure of something."
-        return "" if share > 0.85 else f"Its squared errors are {share:.3g} times what it says: it is too modest."
+            return f"Its squared errors are {share:.3g} times what it states: it is too sure of something."
+        return "" if share > 0.85 else f"Its squared errors are {share:.3g} times what it states: it is too cautious."
 
     return check
 
@@ -185,16 +185,16 @@ def _released(names: Mapping[str, Any]) -> str:
 CHECKS: dict[int, tuple[tuple[str, Check], ...]] = {
     1: (
         ("The innovation of x and y is right.", _place),
-        ("The innovation of the heading is the short way round.", _seam),
+        ("The innovation of the heading goes the short way round.", _seam),
         ("The estimate moves by the right weights.", _weights),
         ("The covariance becomes smaller by what was learned.", _shrinks),
         ("The heading stays in [-pi, pi) when it crosses the seam.", _crosses),
     ),
     2: (
         ("Q holds five variances.", _variances),
-        ("On recordings like the one you have, the filter's errors are as large as it says.", _honest(0)),
+        ("On recordings like the one you have, the filter's errors are as large as it states.", _honest(0)),
         ("On drives that you have not seen, too.", _honest(20)),
-        ("Its position is better than the sensor's by far.", _sharp),
+        ("Its position is far better than the sensor's.", _sharp),
     ),
     3: (
         ("It answers observations with actions.", _answers),

@@ -1,7 +1,7 @@
 """Exercise 1: the innovation of a heading.
 
 A filter compares a measured pose z with its estimate x. The difference, the innovation, corrects the estimate. For x and y it
-is a subtraction. For the heading it is not quite: a robot that looks to 3.1 rad and is measured at -3.1 rad has turned by
+is a subtraction. For the heading it is not quite: a robot that faces 3.1 rad and is then measured at -3.1 rad has turned by
 0.08 rad, not by 6.2 rad.
 
 Fill in both functions. Numbers are in m and rad, headings in [-pi, pi). Then: turtlebot-gym check exercise1.py

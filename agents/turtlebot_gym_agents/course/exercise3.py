@@ -1,7 +1,7 @@
 """Exercise 3: beat VFH+ in the office.
 
 In the world "office" VFH+ reaches four goals of five, and rarely touches anything; in the others it drives up and down until
-the time is over. Reach more. Your policy is a class; it may use or change the ones of the package, remember what it did, or
+time runs out. Reach more. Your policy is a class; it may use or change the ones of the package, remember what it did, or
 load what you have trained. An observation has 50 numbers, see the page "Environments"; an action has two in [-1, 1].
 
 Look at where it fails: turtlebot-gym watch --env turtlebot_gym/TurtleBotRooms-v0 --world office --policy exercise3:Mine

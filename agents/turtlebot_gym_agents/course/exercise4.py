@@ -4,7 +4,7 @@ Between a program and the wheels sits a guard. It passes on commands while all i
 dies, hangs or computes nonsense, and when somebody presses the emergency stop. Write one. Its `step` is called 20 times a
 second.
 
-Then: turtlebot-gym check exercise4.py. The page "Safety" tells what the project's own guard does, and what it cannot do.
+Then: turtlebot-gym check exercise4.py. The page "Safety" says what the project's own guard does, and what it cannot do.
 """
 
 EXERCISE = 4

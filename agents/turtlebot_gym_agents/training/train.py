@@ -83,8 +83,8 @@ def train(
         watching = [*([bar] if progress else []), *callbacks]
         try:
             # A finished run has nothing left to learn, but the callbacks restore its best model.
-            every = [judge, saver, *watching, RecordCallback(config, folder, judge)]
-            model = learn(config, envs, every, tensorboard=folder / "tensorboard", checkpoint=begun)
+            observers = [judge, saver, *watching, RecordCallback(config, folder, judge)]
+            model = learn(config, envs, observers, tensorboard=folder / "tensorboard", checkpoint=begun)
         finally:
             bar.stop()
     seconds = time.perf_counter() - start

@@ -17,7 +17,7 @@ class Logged:
     folder: str
     seconds: float = 0.4
     holds: bool = False
-    """Whether it goes on running until the folder has a file ``go``."""
+    """Whether it keeps running until the folder has a file ``go``."""
     memory = 0
     size = 1
 

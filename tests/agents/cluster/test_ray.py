@@ -66,7 +66,7 @@ class Cluster:
         )
 
     def head(self, *options, **variables):
-        """Start the first node, and wait until it says its address."""
+        """Start the first node, and wait until it prints its address."""
         self.start("--head", "--port", str(self.port), "--include-dashboard", "false", *options, **variables)
         log = self._folder / "node-0"
         assert processes.wait_until(lambda: "ray start --address=" in log.read_text()), log.read_text()
