@@ -103,7 +103,6 @@ MISSPELT = [
 
 REFUSED = [
     (["evaluate", "--robot", "roomba"], "robot must be one of 'burger', "),
-    (["evaluat"], "command must be one of 'evaluate', 'video', "),
     (["fly"], "command must be one of 'evaluate', 'video', "),
     *((arguments, f"Did you mean {meant!r}?") for arguments, meant in MISSPELT),
     (["evaluate", "--policy", "vfh"], f"vfh: it steers by a LiDAR, which {NAV} does not have: choose --env {ROOMS}."),

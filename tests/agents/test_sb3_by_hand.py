@@ -190,10 +190,6 @@ def test_other_autoreset_modes_are_refused():
         Sb3VecEnv(envs)
 
 
-def native(n, **options):
-    return Sb3VecEnv(gym.make_vec(NAV, num_envs=n, autoreset_mode=AutoresetMode.SAME_STEP, **options))
-
-
 class Remembers(PPO):
     """An on-policy algorithm whose policy values an observation together with a memory, as sb3-contrib's RecurrentPPO."""
 
@@ -204,7 +200,7 @@ class Remembers(PPO):
 
 
 def test_bootstrap_refuses_models_that_it_would_be_wrong_for():
-    env = native(2)
+    env = Sb3VecEnv(gym.make_vec(NAV, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP))
     for model, message in (
         (SAC("MlpPolicy", env, buffer_size=10, device="cpu"), "on-policy"),
         (PPO("MlpPolicy", VecNormalize(env), device="cpu"), "whose env is this adapter"),

@@ -15,10 +15,9 @@ from turtlebot_gym.drives import Drive, heading_error, position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.presets import WHEEL
+from turtlebot_gym_agents.evaluation.estimation import SQUARE
 from turtlebot_gym_agents.evaluation.replay import replay
 
-SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
-"""Environment of the drives; switched by time, it never terminates."""
 HOLD = 15
 """Steps for which a command is held."""
 
