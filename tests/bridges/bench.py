@@ -26,7 +26,14 @@ from turtlebot_gym_ros.nodes import BLOCKS
 
 def node(name, *parameters, words=()):
     """Return the arguments of a Python that runs a node with parameters such as "speed:=10.0", and other ROS arguments."""
-    return ["-m", "turtlebot_gym_ros", name, "--ros-args", *(word for each in parameters for word in ("-p", each)), *words]
+    return [
+        "-m",
+        "turtlebot_gym_ros",
+        name,
+        "--ros-args",
+        *(word for parameter in parameters for word in ("-p", parameter)),
+        *words,
+    ]
 
 
 def over_the_wire(message):
@@ -62,7 +69,9 @@ def wait_for(what, patience=PATIENCE):
 def said_types():
     """Return the type of each topic that a block publishes, in a room and with fixes, as the graph writes it."""
     said = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
-    said |= {f"/{each.topic}": each.type for each in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values(), *FIX_OUTPUTS.values())}
+    said |= {
+        f"/{output.topic}": output.type for output in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values(), *FIX_OUTPUTS.values())
+    }
     return {topic: type_name(conversion(kind).message) for topic, kind in said.items()}
 
 

@@ -36,7 +36,7 @@ def there(log, t):
 
     A button that begins after another has ended cannot be told from the same one started again.
     """
-    heard = {which: [each for each in spoken if each[0] <= t] for which, spoken in log.spoken.items()}
+    heard = {which: [message for message in spoken if message[0] <= t] for which, spoken in log.spoken.items()}
     began = [known[0][1] for known in heard.values() if known]
     return {which: known for which, known in heard.items() if known and max(began) <= known[-min(2, len(known))][1]}
 

@@ -394,7 +394,7 @@ class World:
 
     def arrive(self, message):
         if message.topic != "button":  # depth 1: the latest is kept
-            self.waiting = [each for each in self.waiting if each.topic != message.topic]
+            self.waiting = [waiting for waiting in self.waiting if waiting.topic != message.topic]
         self.waiting.append(message)
         if self.t >= self.suspended_until and (message.topic != "button" or self.t >= self.held_until):
             message.at = self.t
@@ -404,12 +404,12 @@ class World:
     def turn(self):
         """A tick; the first one after a suspension finds the backlog, in random order, but nothing older than 2 s."""
         self.next_tick = self.t + TICK
-        for message in [each for each in self.waiting if each.topic == "button" and self.t - each.made > 2.0]:
+        for message in [waiting for waiting in self.waiting if waiting.topic == "button" and self.t - waiting.made > 2.0]:
             self.waiting.remove(message)
             if message.value and message.pressed > -math.inf:  # of a button that is known
                 self.log.presses.append(self.t)
         order = round(self.t * 1e6) % 3
-        commands = [each for each in self.waiting if each.topic != "button"]
+        commands = [waiting for waiting in self.waiting if waiting.topic != "button"]
         for message in commands[:: 1 if order else -1][: order or None]:
             message.at = self.t
             self.take(message)
@@ -464,7 +464,7 @@ class World:
         return min(ahead, least) + (5e-4 * 100.0 if ahead else 0.0)
 
     def step(self):
-        for message in [each for each in self.waiting if each.topic == "button" and self.t >= self.held_until]:
+        for message in [waiting for waiting in self.waiting if waiting.topic == "button" and self.t >= self.held_until]:
             message.at = self.t
             self.take(message)
         command = self.guard.step(self.look())

@@ -21,11 +21,11 @@ def seconds(duration):
 
 
 def hear(message):
-    told = message.feedback
-    pose, place = told.current_pose, told.current_pose.pose.position
-    times = {name: seconds(getattr(told, name)) for name in ("navigation_time", "estimated_time_remaining")}
-    recoveries = told.number_of_recoveries
-    tell(left=told.distance_remaining, recoveries=recoveries, frame=pose.header.frame_id, x=place.x, y=place.y, **times)
+    feedback = message.feedback
+    pose, place = feedback.current_pose, feedback.current_pose.pose.position
+    times = {name: seconds(getattr(feedback, name)) for name in ("navigation_time", "estimated_time_remaining")}
+    recoveries = feedback.number_of_recoveries
+    tell(left=feedback.distance_remaining, recoveries=recoveries, frame=pose.header.frame_id, x=place.x, y=place.y, **times)
 
 
 def main(x, y, frame="map", drive=None):

@@ -64,7 +64,7 @@ class Probe:
         self.frames |= {message.header.frame_id} if self.type is TwistStamped else set()
 
     def _read(self, message):
-        self.reports.extend(each for each in message.status if each.name == f"{self._space}/cmd_vel_guard")
+        self.reports.extend(status for status in message.status if status.name == f"{self._space}/cmd_vel_guard")
 
     def _speak(self):
         if self.command is not None:
@@ -93,13 +93,13 @@ class Probe:
         """Wait until the guard reports something with all of these texts, and return the status."""
         self.reports.clear()
         return self.until(
-            lambda: next((each for each in list(self.reports) if all(text in each.message for text in texts)), None)
+            lambda: next((report for report in list(self.reports) if all(text in report.message for text in texts)), None)
         )
 
     def until_told(self, what):
         """Wait until the wheels receive a command for which a condition holds, and return it."""
         self.heard.clear()
-        return self.until(lambda: next((each for each in list(self.heard) if what(each)), None))
+        return self.until(lambda: next((command for command in list(self.heard) if what(command)), None))
 
     def until_driving(self):
         self.heard.clear()

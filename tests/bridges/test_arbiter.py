@@ -27,7 +27,7 @@ def drive(arbiter, start, duration, command=None, source="program", every=5):
             arbiter.hear(source, command, T + k * TICK)
             published.append(arbiter.step(T + k * TICK))
         published.append(arbiter.step(T + k * TICK))
-    return [each for each in published if each is not None]
+    return [command for command in published if command is not None]
 
 
 # A law is a protection; beside it stands the sabotage that switches the protection off, which the law must notice.

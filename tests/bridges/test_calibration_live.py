@@ -21,19 +21,21 @@ def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(
     wait_for(lambda: states and wheels and button.get_subscription_count() == 2)
     assert states[-1].data.startswith("silent: not enabled")
     assert not wishes
-    assert {each.twist.linear.x for each in wheels} == {0.0}
+    assert {velocity.twist.linear.x for velocity in wheels} == {0.0}
     wait_for(lambda: peer.ask("calibration_drive/enable", SetBool, SetBool.Request(data=True)).success)
 
     def drives():
         for name in ("cmd_vel_guard", "calibration_drive"):  # again, where a busy machine kept the button silent for too long
             peer.ask(f"{name}/enable", SetBool, SetBool.Request(data=True))
         time.sleep(0.5)  # an enabled guard has forgotten what was said before
-        return any(each.twist.linear.x > 0.1 for each in list(wheels))
+        return any(velocity.twist.linear.x > 0.1 for velocity in list(wheels))
 
     wait_for(drives)
-    wait_for(lambda: [each.node_name for each in peer.node.get_publishers_info_by_topic("cmd_vel")] == ["cmd_vel_guard"])
+    wait_for(
+        lambda: [publisher.node_name for publisher in peer.node.get_publishers_info_by_topic("cmd_vel")] == ["cmd_vel_guard"]
+    )
     pressed[0] = True
     wait_for(lambda: states[-1].data == "silent: emergency stop")
     wheels.clear()
     wait_for(lambda: len(wheels) > 3)
-    assert {each.twist.linear.x for each in list(wheels)} == {0.0}
+    assert {velocity.twist.linear.x for velocity in list(wheels)} == {0.0}

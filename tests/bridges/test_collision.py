@@ -120,8 +120,8 @@ def test_an_arc_may_be_as_straight_as_it_likes_and_what_moves_across_or_not_at_a
 def test_from_inside_only_what_comes_nearer_is_contact(depth):
     near = points((0.15 - depth, 0.0, 0.15))
     commands = {0.0: [(0.1, 0.0), (0.1, 1.0)], math.inf: [(-0.1, 0.0), (-0.1, 1.0), (0.0, 1.0), (0.0, 0.0)]}
-    for time, each in commands.items():
-        assert [float(times_to_contact(near, Command(*command), 0.0)[0]) for command in each] == [time] * len(each)
+    for time, turns in commands.items():
+        assert [float(times_to_contact(near, Command(*command), 0.0)[0]) for command in turns] == [time] * len(turns)
     # A footprint behind the axle swings to the side where the robot turns on the spot.
     beside = points((-0.1, 0.15 - depth, 0.15))
     assert times_to_contact(beside, Command(0.0, 1.0), -0.1) == [math.inf]
@@ -134,8 +134,8 @@ def test_from_inside_only_what_comes_nearer_is_contact(depth):
 def test_points_are_where_the_mount_puts_them_and_grow_with_their_range():
     body = Body(0.1, -0.05, Mount("base_scan", 0.2, -0.1, math.pi / 2.0))
     expected = [(0.2, 0.9, 0.25), (-1.8, -0.1, 0.35), (0.2, -0.6, 0.2)]
-    found = seen_by(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body)
-    np.testing.assert_allclose(found, points(*expected), atol=1e-7)
+    seen = seen_by(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body)
+    np.testing.assert_allclose(seen, points(*expected), atol=1e-7)
     turned = scan([1.0, 2.0, 0.5, np.inf], angle_min=0.3, angle_increment=-math.pi / 2.0)
     x, y, _ = seen_by(turned)
     np.testing.assert_allclose(np.arctan2(y, x), [0.3, 0.3 - math.pi / 2.0, 0.3 - math.pi], atol=1e-7)
@@ -320,13 +320,13 @@ GRAZED = 1e-7
 @given(st.lists(PLACES, max_size=8), PLACES, COMMANDS, CENTERS, ESCAPES)
 def test_the_arc_is_kept_and_nothing_is_faster_with_or_without_another_point(places, another, command, center_x, escape):
     limits = LIMITS._replace(escape_speed=escape)
-    one = limited(points(*places), command, center_x, limits)
+    slowed = limited(points(*places), command, center_x, limits)
     two = limited(points(*places, another), command, center_x, limits)
-    assert abs(two.v) <= abs(one.v) <= abs(command.v)
-    assert abs(two.omega) <= abs(one.omega) <= abs(command.omega)
-    assert one.v * command.omega == pytest.approx(one.omega * command.v, rel=1e-9, abs=1e-300)
-    assert one.v * command.v >= 0.0
-    assert one.omega * command.omega >= 0.0
+    assert abs(two.v) <= abs(slowed.v) <= abs(command.v)
+    assert abs(two.omega) <= abs(slowed.omega) <= abs(command.omega)
+    assert slowed.v * command.omega == pytest.approx(slowed.omega * command.v, rel=1e-9, abs=1e-300)
+    assert slowed.v * command.v >= 0.0
+    assert slowed.omega * command.omega >= 0.0
     assert limited(points(*places), STOP, center_x, limits) == STOP
     # A circle about the axle is moved nowhere by turning on the spot.
     assert limited(points(*places), Command(0.0, command.omega), 0.0, limits) == Command(0.0, command.omega)
@@ -398,7 +398,7 @@ STILL = LIMITS._replace(escape_speed=0.0)
 @pytest.mark.parametrize("yaw", [0.5, -2.0])
 def test_the_border_of_a_gap_does_not_depend_on_how_the_lidar_is_turned(yaw):
     angles = np.linspace(-3.0, 3.0, 50)
-    level, turned = (Body(0.1, -0.05, Mount("base_scan", 0.03, -0.04, each)) for each in (0.0, yaw))
+    level, turned = (Body(0.1, -0.05, Mount("base_scan", 0.03, -0.04, angle)) for angle in (0.0, yaw))
     expected = collision._edge(angles, level, LIMITS, 0.04)
     np.testing.assert_allclose(collision._edge(angles - yaw, turned, LIMITS, 0.04), expected)
 
@@ -523,7 +523,7 @@ def test_only_a_fresh_scan_lets_anything_pass_turning_too_and_no_older_one_takes
         monitor = standing(body=BODY._replace(center_x=-0.03))
         monitor.hear(blocked, sent=T)
         monitor.hear(scan([2.0] * 8), sent=T - 0.1)
-        assert {monitor.limit(each, T) for each in commands} == {STOP}
+        assert {monitor.limit(command, T) for command in commands} == {STOP}
         assert monitor.state == "stopped: an obstacle is in the stop zone"
     monitor.hear(wall(0.27), sent=T)
     assert 0.0 < monitor.limit(AHEAD, T).v < 0.2

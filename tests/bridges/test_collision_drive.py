@@ -35,7 +35,7 @@ class Drive:
         rules = [ROOMS[worlds[k % len(worlds)]] for k in range(number)]
         self.batch = Batch(
             number,
-            [base._replace(reward=RoomReward(), room=make_room(each, lidar, DT)) for each in rules],
+            [base._replace(reward=RoomReward(), room=make_room(reward, lidar, DT)) for reward in rules],
             (Pose(0.0, 0.0, 0.0),),
         )
         self.batch.seeds[:] = 1000 * seed + np.arange(number)

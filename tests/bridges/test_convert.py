@@ -182,7 +182,7 @@ def test_a_message_is_read_place_by_place():
 @pytest.mark.parametrize("place", ["pose_14", "pose_21", "pose_28", "twist_7", "twist_14", "twist_21", "twist_28"])
 @pytest.mark.parametrize("number", [0.0, 1e6])
 def test_what_another_filter_says_of_what_a_planar_robot_does_not_know_changes_nothing(place, number):
-    got, other = (conversion(Estimate).read(each) for each in (write(BELIEF), filled(write(BELIEF), **{place: number})))
+    got, other = (conversion(Estimate).read(message) for message in (write(BELIEF), filled(write(BELIEF), **{place: number})))
     assert got == other
 
 

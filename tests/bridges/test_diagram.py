@@ -22,10 +22,10 @@ GUARDED = (*LOOP, "simulated_teleop", "cmd_vel_guard", "data_logger", "visualiza
 
 def test_a_topic_joins_who_says_it_with_all_who_hear_it():
     loop = declared(LOOP)
-    assert {each.subscriber for each in loop if each.topic == "/cmd_vel"} == {"turtlebot_simulator"}
+    assert {edge.subscriber for edge in loop if edge.topic == "/cmd_vel"} == {"turtlebot_simulator"}
     assert Connection("kalman_filter", "/estimate", ODOMETRY, "velocity_controller") in loop
-    assert not [each for each in loop if each.topic == "/true_state"]  # nobody in the loop knows the truth
-    twist = {each.message for each in declared(LOOP, stamped=False) if each.topic == "/cmd_vel"}
+    assert not [edge for edge in loop if edge.topic == "/true_state"]  # nobody in the loop knows the truth
+    twist = {edge.message for edge in declared(LOOP, stamped=False) if edge.topic == "/cmd_vel"}
     assert twist == {"geometry_msgs/msg/Twist"}
     with pytest.raises(ValueError, match=r"names must be .* got 'pilot'"):
         declared(["pilot"])
@@ -49,7 +49,7 @@ def test_a_guard_stands_between_and_recorder_and_display_change_nothing(launch, 
     for name in GUARDED:
         launch(*node(name, words=special.get(name, ())))
     assert connected(expected, timeout=30.0) == expected
-    unwatched = {each for each in expected if each.subscriber not in ("data_logger", "visualization")}
+    unwatched = {edge for edge in expected if edge.subscriber not in ("data_logger", "visualization")}
     assert unwatched == declared((*LOOP, "simulated_teleop", "cmd_vel_guard"))
 
 
@@ -66,7 +66,7 @@ def test_connections_are_of_those_who_can_understand_each_other(peer):
 def test_everything_has_a_place_and_a_word():
     assert {*BLOCKS, "cmd_vel_guard"} - {"visualization"} == PLACES.keys()
     names = (*PLACES, "data_logger", "bringup", "visualization")
-    assert {*NODES, *(each.topic for each in declared(names))} == WORDS.keys()
+    assert {*NODES, *(edge.topic for edge in declared(names))} == WORDS.keys()
 
 
 def drawn(connections, **options):

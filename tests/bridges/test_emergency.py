@@ -79,7 +79,7 @@ def test_a_button_that_is_started_again_takes_its_own_place(gap):
 @pytest.mark.parametrize("others", [(), (1,), (3000,), (700, 90)])
 @pytest.mark.parametrize("lost", [1, 2, 10])
 def test_a_gap_in_the_numbers_of_a_button_may_hide_a_press_and_makes_no_second_button(lost, others):
-    stop = play(*button(50.0, 51.0, 50), *(each for first in others for each in button(50.03, 51.0, first)))
+    stop = play(*button(50.0, 51.0, 50), *(message for first in others for message in button(50.03, 51.0, first)))
     assert stop.lost(51.0) == ""  # whatever their first numbers
     stop.hear(False, now=51.0, number=55 + lost)
     assert stop.trouble(51.0) == LOST

@@ -69,7 +69,7 @@ class Robot:
         os.replace(self.folder / "fault.new", self.folder / "fault")
 
     def start(self, name, remap="cmd_vel:=cmd_vel_in"):
-        parameters = [word for each in COMMANDS[name] for word in ("-p", each)]
+        parameters = [word for parameter in COMMANDS[name] for word in ("-p", parameter)]
         remapping = ["-r", remap] if name == "velocity_controller" else []
         arguments = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *parameters, *remapping]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(self.folder), os.environ.get("PYTHONPATH", "")])}

@@ -254,9 +254,9 @@ def test_a_value_belongs_to_the_step_of_its_stamp_and_a_rare_one_to_the_step_tha
     feed, _ = make()
     feed.accept("here", 0.0, 7)
     assert feed.step == 7
-    rare, node, told = unconnected(State, lock_step=True), FakeNode(), []
+    rare, node, steps = unconnected(State, lock_step=True), FakeNode(), []
     rare.declared = replace(rare.declared, lock_step="newest")
-    rare.connect(node, "hear", lambda: told.append(rare.step))
+    rare.connect(node, "hear", lambda: steps.append(rare.step))
     assert rare.step is None
     rare.accept("here", 0.0, 7)
     assert rare.step is None
@@ -264,7 +264,7 @@ def test_a_value_belongs_to_the_step_of_its_stamp_and_a_rare_one_to_the_step_tha
         header = Header(stamp=Time(nanoseconds=step or 12).to_msg())
         node.hears[TimeReference, "odom/newest"](TimeReference(header=header, time_ref=Time(nanoseconds=newest).to_msg()))
         assert rare.step == step
-    assert told == [10, 11, None]
+    assert steps == [10, 11, None]
     rare.accept("there", 0.0, 9)
     assert rare.step == 12
     rare.forget()

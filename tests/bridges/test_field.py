@@ -93,7 +93,7 @@ class TestScans:
         rng, lidar = np.random.default_rng(0), DRIVERS["lds02"].lidar
         whole = Scan(np.full(lidar.beams, 2.0, np.float32), 0.0, 2.0 * math.pi / lidar.beams, 0.16, 8.0)
         finding = findings.judge_scans([as_sent(whole, DRIVERS["lds02"], rng) for _ in range(50)])
-        figures = {each.name: each.value for each in finding.figures}
+        figures = {figure.name: figure.value for figure in finding.figures}
         assert finding.verdict == FINE
         assert 258 <= figures["fewest beams"] <= figures["most beams"] <= 263
         assert 3.0 < figures["missing beams"] < 14.0
@@ -200,15 +200,19 @@ class TestAPress:
     )
     def test_it_is_timed_from_the_button_to_the_guards_word(self, monkeypatch, tmp_path, button, guard, delay):
         monkeypatch.setattr(steps, "PRESSING", 0.05)
-        told = Told(button, guard)
-        (finding,) = steps.try_the_button(Field(listener=cast(Listener, told), person=told, robot="burger", folder=tmp_path))
+        stand_in = Told(button, guard)
+        (finding,) = steps.try_the_button(
+            Field(listener=cast(Listener, stand_in), person=stand_in, robot="burger", folder=tmp_path)
+        )
         assert finding.verdict == (REFUSED if delay is None else FINE)
-        assert [each.value for each in finding.figures] == ([] if delay is None else [pytest.approx(delay)])
+        assert [figure.value for figure in finding.figures] == ([] if delay is None else [pytest.approx(delay)])
 
     def test_a_guard_that_cannot_be_enabled_is_refused(self, monkeypatch, tmp_path):
         monkeypatch.setattr(session, "PATIENCE", 0.0)
-        told = Told([], [], refuses="cmd_vel_guard does not run")
-        (finding,) = steps.try_the_button(Field(listener=cast(Listener, told), person=told, robot="burger", folder=tmp_path))
+        stand_in = Told([], [], refuses="cmd_vel_guard does not run")
+        (finding,) = steps.try_the_button(
+            Field(listener=cast(Listener, stand_in), person=stand_in, robot="burger", folder=tmp_path)
+        )
         assert (finding.verdict, finding.text) == (REFUSED, "The guard refuses: cmd_vel_guard does not run.")
 
 
@@ -245,9 +249,9 @@ def test_a_model_that_does_not_describe_the_drive_is_a_warning_and_gives_no_file
     monkeypatch.setattr("turtlebot_gym.drives.read", lambda path: None)
     monkeypatch.setattr(steps, "_by_tape", lambda at: (noise(0.8), [Finding("by tape", FINE, "")]))
     at = Field(listener=cast(Listener, None), person=Agrees(), robot="burger", folder=tmp_path)
-    tape, found = steps.calibrate(at)
-    assert found.verdict == verdict
-    assert ["noise.yaml" in each.text for each in (tape, found)] == [not is_good, is_good]
+    tape, fitted = steps.calibrate(at)
+    assert fitted.verdict == verdict
+    assert ["noise.yaml" in finding.text for finding in (tape, fitted)] == [not is_good, is_good]
     assert read_parameters(Noise, tmp_path / "noise.yaml").process.scale == scale
 
 
@@ -321,7 +325,7 @@ class TestNothingMoves:
         assert findings.passed(seen)
 
     def test_a_robot_with_a_namespace_moves_too(self, taken):
-        assert len(taken([each._replace(name=each.name.replace("/", "/robot1/")) for each in self.GOOD])[0]) == 1
+        assert len(taken([topic._replace(name=topic.name.replace("/", "/robot1/")) for topic in self.GOOD])[0]) == 1
 
     def test_a_person_who_does_not_agree_keeps_it_standing(self, taken):
         moves, seen, _ = taken(self.GOOD, agrees=False)
@@ -332,9 +336,9 @@ class TestNothingMoves:
     @pytest.mark.parametrize("namespace", ["", "/robot1"])
     @pytest.mark.parametrize("name", ESSENTIAL)
     def test_each_essential_that_is_not_fine_or_never_came_keeps_it_standing(self, taken, name, namespace, verdict):
-        verdicts = {each.name: verdict if each.name == name else FINE for each in self.GOOD}
-        found = [Finding(each.replace("/", f"{namespace}/"), told, "") for each, told in verdicts.items() if told]
-        moves, seen, at = taken(found)
+        verdicts = {topic.name: verdict if topic.name == name else FINE for topic in self.GOOD}
+        judged = [Finding(topic.replace("/", f"{namespace}/"), told, "") for topic, told in verdicts.items() if told]
+        moves, seen, at = taken(judged)
         assert moves == []
         assert at.person.asked == []
         assert name in seen[-1].text

@@ -25,16 +25,16 @@ def test_an_afternoon_with_a_robot_that_speaks_as_a_recorded_one(launch, tmp_pat
     options = ["--simulate", "turtlebot3", "--noise", str(tmp_path / "wheels.yaml"), "--out", str(out)]
     process = launch("-m", "turtlebot_gym_ros", "field_test", *options, *QUICK)
     said, errors = process.communicate(timeout=180)
-    found = {each["name"]: each for each in json.loads((out / "findings.json").read_text())}
+    findings = {finding["name"]: finding for finding in json.loads((out / "findings.json").read_text())}
     assert process.returncode == 0, f"{said}\n{errors}"
-    assert 0.7 < found["clock of /odom"]["figures"][0]["value"] < 0.8
-    assert found["a straight"]["verdict"] == WARNING
-    scale = {each["name"]: each["value"] for each in found["by tape"]["figures"]}["scale"]
+    assert 0.7 < findings["clock of /odom"]["figures"][0]["value"] < 0.8
+    assert findings["a straight"]["verdict"] == WARNING
+    scale = {figure["name"]: figure["value"] for figure in findings["by tape"]["figures"]}["scale"]
     assert scale == pytest.approx(0.9, abs=0.01)
     assert read_parameters(Noise, out / "noise.yaml").process.scale < 0.97
-    assert found["a square"]["verdict"] == FINE
-    assert found["calibration drive"]["text"] == "Left out: --duration is 0."
-    assert {each.name for each in out.iterdir()} >= {"bag", "report.html", "noise.yaml"}
+    assert findings["a square"]["verdict"] == FINE
+    assert findings["calibration drive"]["text"] == "Left out: --duration is 0."
+    assert {path.name for path in out.iterdir()} >= {"bag", "report.html", "noise.yaml"}
 
 
 @pytest.mark.nightly
@@ -42,14 +42,14 @@ def test_an_interruption_stops_the_robot_and_leaves_a_report(launch, peer, wait_
     wheels = peer.hear("cmd_vel", TwistStamped)
     options = ["--simulate", "turtlebot3", "--out", str(tmp_path / "out"), "--distance", "5", "--seconds", "1"]
     process = launch("-m", "turtlebot_gym_ros", "field_test", *options)
-    wait_for(lambda: any(each.twist.linear.x > 0.1 for each in list(wheels)), patience=90.0)
+    wait_for(lambda: any(velocity.twist.linear.x > 0.1 for velocity in list(wheels)), patience=90.0)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=60)
     assert process.returncode == 1
     assert wheels[-1].twist.linear.x == 0.0
-    found = {each["name"]: each["text"] for each in json.loads((tmp_path / "out" / "findings.json").read_text())}
-    assert found["the end"] == "It was interrupted: the robot was stopped."
-    assert "a straight" not in found
+    texts = {finding["name"]: finding["text"] for finding in json.loads((tmp_path / "out" / "findings.json").read_text())}
+    assert texts["the end"] == "It was interrupted: the robot was stopped."
+    assert "a straight" not in texts
 
 
 @pytest.fixture
@@ -69,8 +69,8 @@ def field_test(launch, peer, tmp_path):
         (tmp_path / "answers.yaml").write_text("press: false\n")
         options = ["--yes", "--answers", str(tmp_path / "answers.yaml"), "--out", str(tmp_path / "out"), *QUICK]
         launch("-m", "turtlebot_gym_ros", "field_test", *options).communicate(timeout=120)
-        assert all(each.twist.linear.x == each.twist.angular.z == 0.0 for each in wheels)
-        return {each["name"]: each["verdict"] for each in json.loads((tmp_path / "out" / "findings.json").read_text())}
+        assert all(velocity.twist.linear.x == velocity.twist.angular.z == 0.0 for velocity in wheels)
+        return {finding["name"]: finding["verdict"] for finding in json.loads((tmp_path / "out" / "findings.json").read_text())}
 
     return run
 

@@ -33,8 +33,8 @@ def test_it_drives_the_square_in_one_process():
 
 
 def test_graphs_in_one_process_do_not_disturb_each_other():
-    with Graph(domain=101, seed=1, laps=1000) as one, Graph(domain=102, speed=10.0, mode="teleoperation") as other:
-        one.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)
+    with Graph(domain=101, seed=1, laps=1000) as driving, Graph(domain=102, speed=10.0, mode="teleoperation") as other:
+        driving.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)
         assert other.latest["true_state"][:3] == (0.0, 0.0, 0.0)
         assert "reference" not in other.latest
 

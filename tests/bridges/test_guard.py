@@ -330,7 +330,7 @@ def test_geofence(start, probe, peer, topic):
 @pytest.mark.nightly
 def test_it_lives_through_every_change_of_what_it_reports(start, probe, peer):
     start()
-    (own,) = (each for each in probe.node.subscriptions if each.topic_name == "/cmd_vel")
+    (own,) = (subscription for subscription in probe.node.subscriptions if subscription.topic_name == "/cmd_vel")
     probe.node.destroy_subscription(own)
     assert probe.until_reported("has no listener").level == DiagnosticStatus.WARN
     listener = peer.node.create_subscription(TwistStamped, "cmd_vel", lambda message: None, 1)
@@ -417,7 +417,7 @@ def test_commands_are_limited_by_what_the_lidar_sees_and_need_its_scans(seeing, 
         probe.until_standing("stopped: an obstacle is in the stop zone")
         probe.command = Command(-0.1, 0.0)
         probe.until_told(lambda each: each.v == pytest.approx(-0.05, abs=1e-9))
-        assert min(each.v for each in probe.heard) > -0.0501
+        assert min(command.v for command in probe.heard) > -0.0501
         see(probe)
     probe.scan = laser(ranges=[math.nan] * 360)
     refused = "collision monitor: /scan: a scan was refused: none of the scan's 360 beams says anything"
@@ -450,35 +450,35 @@ def robots(peer, wait_for, start):
 
 @pytest.mark.nightly
 def test_commands_and_a_button_are_one_robots_and_its_enable_is_its_own(robots):
-    one, two = robots()
-    one.until_driving()
-    two.until_reported("silent")
-    assert set(two.heard) == {STOP}  # commands for one robot move no other
-    two.until_driving()
-    one.pressed = True
-    one.until_reported("emergency stop")
-    two.until_driving()  # still
-    assert two.until_reported("").hardware_id == "robot2/burger"
-    assert two.enable(True).success  # enables robot 2, and robot 1 not
-    assert one.until_standing("/robot1/cmd_vel_guard/enable").hardware_id == "robot1/burger"
-    one.pressed = False
-    two.pressed = False  # another robot's button that is not pressed is no release
-    one.until_reported("emergency stop")
-    assert one.frames == {"robot1/base_footprint"}
+    first, second = robots()
+    first.until_driving()
+    second.until_reported("silent")
+    assert set(second.heard) == {STOP}  # commands for one robot move no other
+    second.until_driving()
+    first.pressed = True
+    first.until_reported("emergency stop")
+    second.until_driving()  # still
+    assert second.until_reported("").hardware_id == "robot2/burger"
+    assert second.enable(True).success  # enables robot 2, and robot 1 not
+    assert first.until_standing("/robot1/cmd_vel_guard/enable").hardware_id == "robot1/burger"
+    first.pressed = False
+    second.pressed = False  # another robot's button that is not pressed is no release
+    first.until_reported("emergency stop")
+    assert first.frames == {"robot1/base_footprint"}
 
 
 @pytest.mark.nightly
 def test_one_button_can_stop_all_robots_and_each_is_enabled_by_itself(robots, wait_for):
-    one, two = robots("-r", "emergency_stop:=/emergency_stop", button="/emergency_stop")
-    for robot in (one, two):
+    first, second = robots("-r", "emergency_stop:=/emergency_stop", button="/emergency_stop")
+    for robot in (first, second):
         robot.until_driving()
-    two.pressed = False  # a second button of all robots: for a release each must be heard
-    one.pressed = True
-    for robot in (one, two):
+    second.pressed = False  # a second button of all robots: for a release each must be heard
+    first.pressed = True
+    for robot in (first, second):
         robot.until_reported("emergency stop")
-    one.pressed = False
-    wait_for(lambda: one.enable(True).success)
-    one.until_driving()
-    two.until_standing("emergency stop")
-    wait_for(lambda: two.enable(True).success)
-    two.until_driving()
+    first.pressed = False
+    wait_for(lambda: first.enable(True).success)
+    first.until_driving()
+    second.until_standing("emergency stop")
+    wait_for(lambda: second.enable(True).success)
+    second.until_driving()

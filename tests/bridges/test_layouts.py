@@ -50,17 +50,17 @@ def field_type(kind, fields):
     """Return the type of a message's field; raises KeyError where there is none."""
     for field in fields:
         package, folder, name = kind.split("/")
-        found = getattr(import_module(f"{package}.{folder}"), name).get_fields_and_field_types()[field.partition("[")[0]]
-        element = re.fullmatch(r"sequence<([^,>]+).*>|([^\[]+)\[\d+\]", found)
+        declared = getattr(import_module(f"{package}.{folder}"), name).get_fields_and_field_types()[field.partition("[")[0]]
+        element = re.fullmatch(r"sequence<([^,>]+).*>|([^\[]+)\[\d+\]", declared)
         assert ("[" in field) == (element is not None), field
-        kind = next(filter(None, element.groups())) if element else found
+        kind = next(filter(None, element.groups())) if element else declared
         kind = kind if kind.count("/") != 1 else kind.replace("/", "/msg/")
     return kind
 
 
 def paths(config):
     """Return the message paths of a panel; a number is a line at a height."""
-    return [each["value"] for each in config.get("paths", ()) if not re.fullmatch(r"[\d.]+", each["value"])]
+    return [path["value"] for path in config.get("paths", ()) if not re.fullmatch(r"[\d.]+", path["value"])]
 
 
 @pytest.mark.parametrize("panel", FOXGLOVE["configById"])
@@ -107,8 +107,8 @@ def test_foxgloves_own_package_knows_each_setting(panel):
         assert set(settings) <= set(model._to_dict()) | {"foxglovePanelTitle"}
 
     require_known(config, kinds[kind]())
-    for each in config.get("paths", ()):
-        require_known(each, series[kind])
+    for path in config.get("paths", ()):
+        require_known(path, series[kind])
     for topic, shown in config.get("topics", {}).items():
         require_known(shown, topics[topic]())
     if kind == "3D":
@@ -133,7 +133,7 @@ def test_foxglove_draws_in_the_world_frame_and_sends_goals_to_the_waypoints():
 
 def test_the_line_of_the_nis_is_that_of_95_per_cent():
     plot = FOXGLOVE["configById"]["Plot!nis"]
-    (line,) = (float(each["value"]) for each in plot["paths"] if each["label"] == "95 %")
+    (line,) = (float(path["value"]) for path in plot["paths"] if path["label"] == "95 %")
     assert line == pytest.approx(chi2.ppf(0.95, 3), abs=0.01)
     assert f"{line:.2f}" in plot["foxglovePanelTitle"]
     message = conversion(Nis).write(Nis(1.25), Header())
@@ -142,7 +142,9 @@ def test_the_line_of_the_nis_is_that_of_95_per_cent():
 
 def test_plotjuggler_plots_what_there_is(types):
     curves = [*PLOTJUGGLER.iter("curve")]
-    names = {each.get("curve_x") or each.get("name") for each in curves} | {each.get("curve_y") for each in curves} - {None}
+    names = {curve.get("curve_x") or curve.get("name") for curve in curves} | {curve.get("curve_y") for curve in curves} - {
+        None
+    }
     for name in names:
         _, topic, *fields = name.split("/")
         kind = types[f"/{topic}"]
@@ -177,8 +179,8 @@ class Log:
             self.profile, summary = reader.get_header().profile, reader.get_summary()
             assert summary is not None  # a file without its end would have none
             self.summary = summary
-            self.channels = {each.topic: each for each in summary.channels.values()}
-            self.schemas = {topic: summary.schemas[each.schema_id] for topic, each in self.channels.items()}
+            self.channels = {channel.topic: channel for channel in summary.channels.values()}
+            self.schemas = {topic: summary.schemas[channel.schema_id] for topic, channel in self.channels.items()}
             self.messages, self.times = defaultdict(list), []
             for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):  # as they lie in the file
                 self.messages[channel.topic].append(decoded)
@@ -236,7 +238,7 @@ def test_a_recorded_drive_opens_by_the_book(runner, peer, wait_for, launch, hall
     with Graph(world=str(hall), policy="vfh", speed=1.0) as graph:
 
         def recorded(topic):
-            return any(each.node_name == "data_logger" for each in peer.node.get_subscriptions_info_by_topic(topic))
+            return any(subscriber.node_name == "data_logger" for subscriber in peer.node.get_subscriptions_info_by_topic(topic))
 
         wait_for(lambda: all(map(recorded, ("/odom", "/map", "/markers", "/cmd_vel", "/diagnostics"))))
         begun = graph.time
@@ -259,6 +261,6 @@ def test_a_recorded_drive_opens_by_the_book(runner, peer, wait_for, launch, hall
     for topic in ("/odom", "/true_state", "/estimate", "/reference"):  # without transforms, all is drawn in one frame
         assert {message.header.frame_id for message in log.messages[topic]} == {"odom"}, topic
     assert all(float(message.status[0].values[0].value) >= 0.0 for message in log.messages["/nis"])
-    (grid,) = {id(each): each for each in log.messages["/map"]}.values()
+    (grid,) = {id(message): message for message in log.messages["/map"]}.values()
     assert (grid.info.width, grid.info.height) == (60, 60)
     assert len(grid.data) == 3600

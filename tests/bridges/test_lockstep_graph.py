@@ -82,11 +82,11 @@ def test_the_graph_is_the_environment(compare, tmp_path, parameters, processes, 
 def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy, friction):
     pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
     drive = compare.SquareDrive(policy, noise, "arrival", "burger", 3, plant="mujoco", friction=friction)
-    told, live = compare.episode(drive, 150), compare.live(drive, 150)
+    expected, live = compare.episode(drive, 150), compare.live(drive, 150)
     np.testing.assert_array_equal(live.command, live.estimate[:, 3:])  # as the wheels have told it, which is not what was asked
-    assert_same(compare, told, replace(live, command=told.command))
+    assert_same(compare, expected, replace(live, command=expected.command))
     unicycle = compare.episode(compare.SquareDrive(policy, noise, "arrival", "burger", 3), 150)
-    assert max(compare.differences(told, unicycle).values()) > 0.01
+    assert max(compare.differences(expected, unicycle).values()) > 0.01
 
 
 @pytest.mark.nightly
@@ -165,7 +165,7 @@ def test_a_node_that_is_suspended_is_named_and_costs_no_bit(compare, name):
     topic = {"kalman_filter": "estimate", "waypoint_generator": "reference", "velocity_controller": "cmd_vel"}[name]
     with Graph(**drive._asdict(), goal_tolerance=0.0, processes=True, speed=20.0) as graph:
         graph.wait_until(lambda graph: graph.time > 3.0)
-        (process,) = (each for each in graph._processes if name in each.args)
+        (process,) = (process for process in graph._processes if name in process.args)
         process.send_signal(signal.SIGSTOP)
         graph.wait_until(lambda graph: any(f"/{name} has not answered" in text for _, text in graph.reports.values()))
         with pytest.raises(TimeoutError, match=rf"waits for /(next_)?{topic} of the step .* /{name} has not answered"):
@@ -182,12 +182,12 @@ def test_nodes_that_come_late_or_again_are_waited_for(launch, peer, wait_for):
     reports, truths = peer.hear("/diagnostics", DiagnosticArray), peer.hear("true_state", Odometry, 1000)
 
     def says(text):
-        statuses = (each for message in reports for each in message.status if each.name == "/turtlebot_simulator")
+        statuses = (status for message in reports for status in message.status if status.name == "/turtlebot_simulator")
         return any(text in each.message for each in statuses)
 
     def moves():
         at = len({message.header.stamp.nanosec + message.header.stamp.sec * 10**9 for message in truths})
-        wait_for(lambda: len({each.header.stamp.nanosec + each.header.stamp.sec * 10**9 for each in truths}) > at + 5)
+        wait_for(lambda: len({truth.header.stamp.nanosec + truth.header.stamp.sec * 10**9 for truth in truths}) > at + 5)
 
     running = {"turtlebot_simulator": launch(*node("turtlebot_simulator", "lock_step:=true", "speed:=10.0"))}
     wait_for(lambda: says("waits for /estimate of the step at 1.000 s: nobody publishes it"))

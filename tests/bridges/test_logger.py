@@ -133,7 +133,7 @@ def start(launch, monkeypatch):
 @pytest.fixture
 def matched(wait_for):
     def matched(*publishers, listeners=1):
-        wait_for(lambda: all(each.get_subscription_count() >= listeners for each in publishers))
+        wait_for(lambda: all(publisher.get_subscription_count() >= listeners for publisher in publishers))
 
     return matched
 
@@ -228,7 +228,7 @@ def test_a_recorder_on_a_full_disk_says_so_once_and_keeps_what_it_has(
     speaker.publish(text(0))
 
     def levels():
-        return [each.status[0].level for each in reports if each.status[0].name == "/data_logger"]
+        return [report.status[0].level for report in reports if report.status[0].name == "/data_logger"]
 
     wait_for(levels)
     database = tmp_path / "run" / "run.db3"
@@ -239,7 +239,7 @@ def test_a_recorder_on_a_full_disk_says_so_once_and_keeps_what_it_has(
         sent.append(text(len(sent), 10_000))
         speaker.publish(sent[-1])
         time.sleep(0.05)
-    (said,) = {each.status[0].message for each in reports if each.status[0].level == DiagnosticStatus.ERROR}
+    (said,) = {report.status[0].message for report in reports if report.status[0].level == DiagnosticStatus.ERROR}
     assert said.startswith(f"the recording ended, and what was recorded is readable in {tmp_path / 'run'}: ")
     held = read_bag(tmp_path / "run")["/text"]
     assert held == sent[: len(held)]

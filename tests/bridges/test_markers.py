@@ -102,7 +102,7 @@ def test_it_shows_a_running_graph_and_a_reset_begins_a_new_path(runner, peer, wa
     heard = peer.hear("markers", MarkerArray)
     runner.add(Shell(Visualization, Visualization.Params, context=runner.context))
     with Graph(noise="clean", speed=5.0):
-        array = wait_for(lambda: next((each for each in heard if len(points(each, "believed_path")) > 10), None))
+        array = wait_for(lambda: next((message for message in heard if len(points(message, "believed_path")) > 10), None))
         assert {marker.header.frame_id for marker in array.markers} == {"odom"}
         (place,) = (marker.pose.position for marker in array.markers if marker.ns == "waypoint")
         assert (place.x, place.y) == SQUARE_WAYPOINTS[0][:2]
@@ -114,7 +114,7 @@ def test_it_shows_a_running_graph_and_a_reset_begins_a_new_path(runner, peer, wa
 
 
 def displays():
-    return {each["Name"]: each for each in yaml.safe_load(RVIZ.read_text())["Visualization Manager"]["Displays"]}
+    return {display["Name"]: display for display in yaml.safe_load(RVIZ.read_text())["Visualization Manager"]["Displays"]}
 
 
 CLASSES = {
@@ -123,12 +123,12 @@ CLASSES = {
     "rviz_default_plugins/Map": "nav_msgs/msg/OccupancyGrid",
     "rviz_default_plugins/LaserScan": "sensor_msgs/msg/LaserScan",
 }
-IN_A_ROOM = {f"/{each.topic}": each for each in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values())}
+IN_A_ROOM = {f"/{output.topic}": output for output in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values())}
 
 
 def test_rviz_shows_topics_that_exist_with_their_type_in_their_frame():
     said = said_types()
-    shown = {each["Topic"]["Value"]: each for each in displays().values() if "Topic" in each}
+    shown = {display["Topic"]["Value"]: display for display in displays().values() if "Topic" in display}
     assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate", "/obstacles", "/map", "/scan"}
     for topic, display in shown.items():
         assert topic not in HIDDEN

@@ -73,11 +73,11 @@ HEADINGS = np.linspace(-math.pi, math.pi, 24, endpoint=False)
 
 def differences(mount_of):
     """Return by how much commands and verdicts differ from those with the preset's mount, as shares of the limits."""
-    told = []
+    shares = []
     for heading in HEADINGS:
         expected, got = commands(PRESET, unstated, heading)[:2], commands(OTHER, mount_of, heading)[:2]
-        told.append([np.abs(np.subtract(a, b) / (0.21, 2.6)).max() for a, b in zip(expected, got, strict=True)])
-    return np.max(told, axis=0)
+        shares.append([np.abs(np.subtract(a, b) / (0.21, 2.6)).max() for a, b in zip(expected, got, strict=True)])
+    return np.max(shares, axis=0)
 
 
 def test_with_its_mount_stated_a_lidar_may_be_anywhere():

@@ -84,7 +84,7 @@ def test_frames_parameters_and_diagnostics_of_two_robots_are_told_apart(compare,
         assert response.values[0].integer_value == drives[name].seed
     nodes = ("kalman_filter", "turtlebot_simulator", "velocity_controller", "waypoint_generator")
     expected = {(f"/{name}/{node}", name) for name in ROBOTS for node in nodes}
-    wait_for(lambda: {(each.name, each.hardware_id) for message in reports for each in message.status} >= expected)
+    wait_for(lambda: {(status.name, status.hardware_id) for message in reports for status in message.status} >= expected)
     for graph in graphs.values():
         graph.wait_until(lambda graph: {*graph.reports} >= {*nodes})
         assert {*graph.reports} == {*nodes}  # its own, and not the other robot's
@@ -248,7 +248,7 @@ def test_who_leaves_is_gone_at_once_and_leaves_no_shared_memory(launch, peer, wa
     process = launch("-m", "turtlebot_gym_ros", name)
     wait_for(lambda: name in peer.node.get_node_names())
     held = {os.path.realpath(link) for link in Path(f"/proc/{process.pid}/fd").iterdir()}
-    (lock,) = [each for each in held if re.fullmatch(r"/dev/shm/fast(?:rtps|dds)_[0-9a-f]{16}_el", each)]
+    (lock,) = [path for path in held if re.fullmatch(r"/dev/shm/fast(?:rtps|dds)_[0-9a-f]{16}_el", path)]
     assert Path(lock.removesuffix("_el")).stat().st_size > 100_000
     process.terminate()
     assert process.wait(30) == 0

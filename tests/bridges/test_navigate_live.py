@@ -176,7 +176,7 @@ def send(launch, interfaces):
 
 
 def told(heard, name):
-    return [each[name] for each in heard if name in each]
+    return [entry[name] for entry in heard if name in entry]
 
 
 @pytest.mark.nightly
@@ -199,7 +199,7 @@ def test_goals_lead_through_three_rooms_or_end_with_the_reason(robot, send, peer
     # Cancel stops it within 0.5 s.
     cancelled = send(*centre(ends[1]), "map", 5.0)
     assert told(cancelled, "status") == [GoalStatus.STATUS_CANCELED]
-    (asked,) = (each["at"] for each in cancelled if "cancels" in each)
+    (asked,) = (entry["at"] for entry in cancelled if "cancels" in entry)
     moving = [at for at, twist in commands if twist.linear.x or twist.angular.z]
     assert any(asked - 1.0 < at < asked for at in moving)
     assert max(moving) - asked < 0.5

@@ -61,7 +61,7 @@ def declared(name, context, config):
         declare(node, params)
         names = {*node.list_parameters([], 0).names}
         node.destroy_node()
-    return {each for each in names if not each.startswith("qos_overrides.")} - ROS_OWN
+    return {name for name in names if not name.startswith("qos_overrides.")} - ROS_OWN
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def launch_file(request):
 
 
 def config_of(launch_file):
-    (path,) = (each.get("value") for each in launch_file.iter("let") if each.get("name") == "config")
+    (path,) = (let.get("value") for let in launch_file.iter("let") if let.get("name") == "config")
     return configured(PACKAGE / path.removeprefix("$(find-pkg-share turtlebot_gym_ros)/"))
 
 
@@ -110,7 +110,7 @@ def test_launch_starts_nodes_that_exist_with_parameters_that_exist(launch_file):
 
 def test_launch_arguments_are_used_and_default_to_the_configuration(launch_file):
     text = ElementTree.tostring(launch_file, encoding="unicode")
-    variables = {each.get("name") for each in (*launch_file.iter("arg"), *launch_file.iter("let"))}
+    variables = {argument.get("name") for argument in (*launch_file.iter("arg"), *launch_file.iter("let"))}
     assert {*re.findall(r"\$\(var (\w+)\)", text)} == variables
     defaults = {arg.get("name"): arg.get("default") for arg in launch_file.iter("arg")}
     config = config_of(launch_file)
@@ -128,7 +128,7 @@ def test_launch_starts_rviz_only_if_asked_and_with_its_file(launch_file):
     viewers = [node for node in launch_file.iter("node") if node.get("name") in ("rviz2", "visualization")]
     assert [node.get("if") for node in viewers] == ["$(var rviz)"] * 2
     file = f"$(find-pkg-share turtlebot_gym_ros)/{RVIZ.relative_to(PACKAGE)}"
-    frame = "$(var frame)" if "frame" in {each.get("name") for each in launch_file.iter("let")} else "odom"  # that of goals
+    frame = "$(var frame)" if "frame" in {let.get("name") for let in launch_file.iter("let")} else "odom"  # that of goals
     assert viewers[1].get("args") == f"-d {file} -f $(var frame_prefix){frame}"
 
 
@@ -141,8 +141,8 @@ def topics_of(name):
     if name.startswith("cmd_vel_"):
         return {"cmd_vel"} | ({"emergency_stop"} if name == "cmd_vel_guard" else set())
     block = SHELLS[name]
-    moves = {"emergency_stop"} if any(each.stop is not None for each in block.outputs.values()) else set()
-    return {each.topic for each in (*block.inputs.values(), *block.outputs.values())} | moves
+    moves = {"emergency_stop"} if any(output.stop is not None for output in block.outputs.values()) else set()
+    return {end.topic for end in (*block.inputs.values(), *block.outputs.values())} | moves
 
 
 def test_launch_remaps_topics_that_exist(launch_file):
@@ -161,7 +161,7 @@ def test_launch_puts_all_nodes_into_a_namespace_and_all_frames_behind_a_prefix(l
     assert [*group.iter("node")] == nodes
     for node in nodes:
         if "frame_prefix" in config_of(launch_file).get(node.get("name"), {}).get("ros__parameters", {}):
-            (given,) = (each for each in node.findall("param") if each.get("name") == "frame_prefix")
+            (given,) = (param for param in node.findall("param") if param.get("name") == "frame_prefix")
             assert (given.get("value"), given.get("type")) == ("$(var frame_prefix)", "str")
         else:
             assert node.get("name") in ("data_logger", "rviz2", "cmd_vel_standby")
@@ -209,18 +209,18 @@ def test_in_gazebo_the_robots_loop_runs_on_gazebos_clock():
         ElementTree.parse(PACKAGE / "launch" / name).getroot() for name in ("gazebo.launch.xml", "robot.launch.xml")
     )
     assert "NEVER RUN" in IN_GAZEBO.read_text()
-    world, loop = (each.get("file") for each in gazebo.iter("include"))
+    world, loop = (include.get("file") for include in gazebo.iter("include"))
     assert world == "$(find-pkg-share turtlebot3_gazebo)/launch/$(var world).launch.py"
     assert loop == "$(find-pkg-share turtlebot_gym_ros)/launch/robot.launch.xml"
     # What is set counts for what is started after it.
-    order = [each.tag for each in gazebo]
+    order = [element.tag for element in gazebo]
     assert max(at for at, tag in enumerate(order) if tag.startswith("set_")) < order.index("include")
     (clock,) = gazebo.iter("set_parameter")
     assert (clock.get("name"), clock.get("value")) == ("use_sim_time", "true")
     assert all("use_sim_time" not in node["ros__parameters"] for node in configured(PACKAGE / "config" / "robot.yaml").values())
     # Arguments exist there, have the same defaults, and all of them are used.
-    known = {each.get("name"): each.get("default") for each in robot.iter("arg")}
-    declared = {each.get("name"): each.get("default") for each in gazebo.findall("arg")}
+    known = {argument.get("name"): argument.get("default") for argument in robot.iter("arg")}
+    declared = {argument.get("name"): argument.get("default") for argument in gazebo.findall("arg")}
     (given,) = (
         {each.get("name"): each.get("value") for each in each.findall("arg")} for each in gazebo.iter("include") if len(each)
     )
@@ -242,13 +242,13 @@ def test_package_depends_on_the_ros_packages_that_it_imports():
     imported = {
         name.split(".")[0]
         for path in SOURCES.rglob("*.py")
-        for each in ast.walk(ast.parse(path.read_text()))
-        for name in ([each.module] if isinstance(each, ast.ImportFrom) else [a.name for a in getattr(each, "names", [])])
-        if isinstance(each, (ast.Import, ast.ImportFrom)) and name
+        for node in ast.walk(ast.parse(path.read_text()))
+        for name in ([node.module] if isinstance(node, ast.ImportFrom) else [a.name for a in getattr(node, "names", [])])
+        if isinstance(node, (ast.Import, ast.ImportFrom)) and name
     }
     ros = {name for name in imported if name.startswith(("rcl", "ament_")) or name.endswith(("_msgs", "_srvs", "_interfaces"))}
     root = ElementTree.parse(PACKAGE / "package.xml").getroot()
-    depends = {each.text for each in root.iter("exec_depend")}
+    depends = {element.text for element in root.iter("exec_depend")}
     assert ros == depends - {"python3-numpy", "python3-yaml", "ros2launch"}
 
 

@@ -177,7 +177,7 @@ def test_every_parameter_is_described_with_its_rule_and_read_only(node_with, nam
     classes = (Common, CLASSES[name]) if name in BLOCK else (CLASSES[name],)
     node = node_with()
     assert declare(node, *classes)[-1] == CLASSES[name]()
-    for item in (item for each in classes for item in fields(each)):
+    for item in (item for declaration in classes for item in fields(declaration)):
         described = node.describe_parameter(item.name)
         assert len(described.description) > 15, item.name
         assert "\n" not in described.description

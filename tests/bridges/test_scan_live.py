@@ -156,7 +156,10 @@ def test_in_lock_step_a_scan_is_sent_again_until_its_step_and_the_next_are_answe
         scans, newest = peer.hear("scan", LaserScan), peer.hear("scan/newest", TimeReference)  # after the step began
         wait_for(lambda scans=scans, newest=newest: scans and newest)
         assert {Time.from_msg(scan.header.stamp).nanoseconds for scan in scans} == {expected}
-        said = {tuple(Time.from_msg(stamp).nanoseconds for stamp in (each.header.stamp, each.time_ref)) for each in newest}
+        said = {
+            tuple(Time.from_msg(stamp).nanoseconds for stamp in (reference.header.stamp, reference.time_ref))
+            for reference in newest
+        }
         assert said == {(step, expected)}
         commands.publish(TwistStamped(header=truths[-1].header))
 
@@ -220,7 +223,7 @@ def given_and_expected(runner, make, order, *, again):
         }
         if since and not again:
             del say["scan"]
-        for name in [each for each in order if each in say] * (2 if again else 1):
+        for name in [kind for kind in order if kind in say] * (2 if again else 1):
             say[name]()
     return shell.block.given, expected
 

@@ -132,12 +132,12 @@ class Drives:
             blocked = (scans[:, np.abs(np.angle(np.exp(1j * angles))) < 0.5].min(axis=1) < 0.35) & (commands[:, 0] > 0.0)
             commands[blocked], until[blocked] = (0.0, 1.5), np.maximum(until[blocked], tick + 3)
             touched = self.batch.numbers("room.least").reshape(n) < 0.0
-            for quarter, each in watches.items():
+            for quarter, robots in watches.items():
                 for k in np.flatnonzero(~touched & np.isinf(times[quarter])):
                     if tick % max(1, round(1.0 / (self.lidar.rate * DT))) == 0:
-                        each[k].hear(scans[k], angles + 0.5 * math.pi * quarter, now)
-                        times[quarter][k] = now - T if each[k].trouble() else math.inf
-                    each[k].track.add(Command(*commands[k]), now)
+                        robots[k].hear(scans[k], angles + 0.5 * math.pi * quarter, now)
+                        times[quarter][k] = now - T if robots[k].trouble() else math.inf
+                    robots[k].track.add(Command(*commands[k]), now)
             self.batch.step((commands / (BURGER.max_linear, BURGER.max_angular)).astype(np.float32))
         return times
 

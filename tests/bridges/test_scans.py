@@ -87,9 +87,9 @@ def test_sectors_are_those_of_the_beams_directions(beams, yaw, first):
     on_an_edge = np.abs((directions / (2.0 * math.pi) * SECTORS + 0.5) % 1.0 - 0.5) > 0.499
     if not on_an_edge.any():
         np.testing.assert_allclose(Pooling(yaw=yaw)(scan), nearest_by_hand(ranges, directions), rtol=1e-6)
-    one = np.full(beams, INF)
-    one[5] = 1.0  # a single thing seen: the sector around its direction, and no other but a neighbour's edge
-    (seen,) = np.flatnonzero(np.array(Pooling(yaw=yaw)(scan._replace(ranges=one))) < 1.0)
+    single = np.full(beams, INF)
+    single[5] = 1.0  # a single thing seen: the sector around its direction, and no other but a neighbour's edge
+    (seen,) = np.flatnonzero(np.array(Pooling(yaw=yaw)(scan._replace(ranges=single))) < 1.0)
     off = (directions[5] - seen * 2.0 * math.pi / SECTORS + math.pi) % (2.0 * math.pi) - math.pi
     assert abs(off) <= math.pi / SECTORS + 1e-6
 
@@ -159,7 +159,7 @@ def test_a_clearance_travels_and_one_that_is_no_number_is_refused(distance):
 def recorded_scans():
     """The scans of a real TurtleBot3, 62.7 s on 549 turns of its LDS-02, with their stamps."""
     with AnyReader([recorded("turtlebot3")], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        scans = reader.messages([each for each in reader.connections if each.topic == "/scan"])
+        scans = reader.messages([connection for connection in reader.connections if connection.topic == "/scan"])
         return [reader.deserialize(data, connection.msgtype) for connection, _, data in scans]
 
 
@@ -187,14 +187,14 @@ def test_a_driver_sends_what_recorded_robots_sent():
         return over_the_wire(WAY.write(as_sent(scan, driver, rng), Header()))
 
     def figures(scans):
-        beams, lost = [len(each.ranges) for each in scans], [int(np.isnan(each.ranges).sum()) for each in scans]
-        turn = np.mean([len(each.ranges) * each.angle_increment for each in scans])
-        return min(beams), max(beams), np.median(lost), turn, np.mean([each.scan_time for each in scans])
+        beams, lost = [len(message.ranges) for message in scans], [int(np.isnan(message.ranges).sum()) for message in scans]
+        turn = np.mean([len(message.ranges) * message.angle_increment for message in scans])
+        return min(beams), max(beams), np.median(lost), turn, np.mean([message.scan_time for message in scans])
 
     np.testing.assert_array_less(
         np.abs(np.subtract(figures([sent("lds02") for _ in recorded]), figures(recorded))), (0.5, 0.5, 8.0, 0.02, 0.005)
     )
-    assert {(each.range_min, each.range_max) for each in recorded} == {(0.0, 100.0)}
+    assert {(message.range_min, message.range_max) for message in recorded} == {(0.0, 100.0)}
     assert [len(sent(name).ranges) for name in ("lds01", "a1", "urg04lx")] == [360, 720, 683]
     assert 0.0 in sent("lds01").ranges
     assert math.inf in sent("a1").ranges
@@ -223,8 +223,8 @@ def test_obstacles_travel_as_markers():
     assert [marker.header.frame_id for marker in message.markers] == ["odom"] * 4
     assert len({(marker.ns, marker.id) for marker in message.markers}) == 4
     back = way.read(message)
-    for one, other in zip(back, room, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12)
+    for read, other in zip(back, room, strict=True):
+        np.testing.assert_allclose(read, other, rtol=1e-12)
     message.markers.pop(0)
     with pytest.raises(ValueError, match="no walls"):
         way.read(message)

@@ -61,14 +61,14 @@ def stream(ages, lead, delays, *, start=100.0, name="header"):
 @pytest.mark.parametrize("lead", [0.09, 0.2, 0.775, 1.9])
 def test_a_clock_that_is_ahead_hides_no_late_message(name, lead):
     ages = stream(Ages(clock()), lead, [0.02, 0.0, *[0.03] * 10, 0.0, 0.4, 1.5, 30.0], name=name)
-    assert all(each.measured == math.inf for each in ages[:10]) is (lead > 0.1)  # until the lead is settled
-    for each, delay in zip(ages[12:], (0.0, 0.4, 1.5, 30.0), strict=True):
-        assert each.measured == pytest.approx(delay, abs=2e-3)
+    assert all(aged.measured == math.inf for aged in ages[:10]) is (lead > 0.1)  # until the lead is settled
+    for aged, delay in zip(ages[12:], (0.0, 0.4, 1.5, 30.0), strict=True):
+        assert aged.measured == pytest.approx(delay, abs=2e-3)
     assert age(Ages(clock()), **{name: 100.0 + lead}).sent == (math.inf if lead > 0.1 else pytest.approx(0.0, abs=1e-6))
 
 
 def test_a_clock_that_is_ahead_by_more_than_the_bound_is_refused():
-    (last,) = {each.refusal for each in stream(Ages(clock()), 2.1, [0.0] * 30)}
+    (last,) = {aged.refusal for aged in stream(Ages(clock()), 2.1, [0.0] * 30)}
     assert last == "by its header's stamp its clock is 2.10 s ahead, more than 2 s: synchronize both clocks (chrony)"
     assert stream(Ages(clock()), 5.0, [0.0])[0].complaint(0.5) != ""
 
@@ -83,10 +83,10 @@ def test_a_sender_whose_clock_jumps_ahead_counts_again_a_second_later_and_one_se
     ages = Ages(clock())
     stream(ages, 0.0, [0.0] * 10)
     after = stream(ages, 1.0, [0.0] * 20, start=101.0)
-    assert [each.measured == math.inf for each in after] == [True] * 10 + [False] * 10
+    assert [aged.measured == math.inf for aged in after] == [True] * 10 + [False] * 10
     assert "ahead, which is new: it counts in 1 s" in after[0].refusal
     back = stream(ages, 0.0, [0.0] * 600, start=103.0)
-    assert min(each.measured for each in back) > 0.9
+    assert min(aged.measured for aged in back) > 0.9
     ages.begin()
     assert stream(ages, 0.0, [0.0], start=163.0)[0].measured == pytest.approx(0.0, abs=1e-5)
 

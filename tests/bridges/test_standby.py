@@ -108,7 +108,7 @@ def test_the_node_sends_zeros_in_the_frame_of_the_guard_and_says_so(stamped, pee
     assert (zero.twist if stamped else zero) == Twist()
     assert not stamped or (zero.header.frame_id == "robot1/base_link" and zero.header.stamp.sec > 0)
     status = wait_for(lambda: (last := reports[-1].status[0]).values[0].value == "1" and last)
-    values = {each.key: each.value for each in status.values}
+    values = {pair.key: pair.value for pair in status.values}
     assert values == {"takeovers": "1", "real-time priority": "False"}
     assert status.hardware_id == "turtlebot_gym_ros"
     assert logged == ["the guard fell silent for 0.18 s while the robot moved: zeros"]

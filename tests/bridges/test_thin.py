@@ -55,7 +55,7 @@ def declared(extra=None):
     tomllib = pytest.importorskip("tomllib", reason="needs Python 3.11")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     needs = project["optional-dependencies"][extra] if extra else project["dependencies"]
-    return {each.split(">")[0].split("[")[0] for each in needs}
+    return {need.split(">")[0].split("[")[0] for need in needs}
 
 
 def test_a_plain_installation_is_thin_and_the_extras_bring_the_rest():

@@ -81,9 +81,9 @@ def test_mounts_are_said_once_together_for_whoever_comes(tf2_msgs):
     _Transforms(node, mounts, Common(frame_prefix="robot1/"))
     assert node.made[1] == (StandInTFMessage, "/tf_static", LATCHED)
     (message,) = node.heard
-    assert [each.header.frame_id for each in message.transforms] == ["robot1/base_footprint"] * 2
-    assert [each.child_frame_id for each in message.transforms] == ["robot1/base_scan", "robot1/camera"]
-    lidar, camera = (each.transform for each in message.transforms)
+    assert [transform.header.frame_id for transform in message.transforms] == ["robot1/base_footprint"] * 2
+    assert [transform.child_frame_id for transform in message.transforms] == ["robot1/base_scan", "robot1/camera"]
+    lidar, camera = (transform.transform for transform in message.transforms)
     assert (lidar.translation.x, lidar.translation.y, lidar.translation.z) == (-0.032, 0.0, 0.0)
     assert (lidar.rotation.x, lidar.rotation.y, lidar.rotation.z, lidar.rotation.w) == (0.0, 0.0, 0.0, 1.0)
     assert (camera.translation.x, camera.translation.y) == (0.05, -0.02)
@@ -105,8 +105,8 @@ def test_scans_are_in_the_lidars_frame_which_is_where_it_is_mounted(runner, monk
     shell = Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides)
     assert mounted == [mount]
     answer = shell.block.step(0.1, None)
-    told = {key: shell.outputs.message(key, answer[key], 10**10) for key in ("scan", "clearance", "truth")}
-    frames = {key: message.header.frame_id for key, message in told.items()}
+    messages = {key: shell.outputs.message(key, answer[key], 10**10) for key in ("scan", "clearance", "truth")}
+    frames = {key: message.header.frame_id for key, message in messages.items()}
     assert frames == {"scan": f"robot1/{mount.frame}", "clearance": "robot1/base_footprint", "truth": "robot1/odom"}
     shell.close()
 

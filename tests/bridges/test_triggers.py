@@ -81,7 +81,7 @@ def test_a_grid_lets_a_block_run_at_these_stamps(kind, trigger, due):
 def test_calls_at_regular_times_make_one_step_each_wherever_in_its_period_the_first_call_was(first, late):
     grid = Grid(Every(0.02))
     list(grid.due_until(first))
-    counts = [len(list(grid.due_until(k * 20_000_000 + each))) for k, each in enumerate(late, 1)]
+    counts = [len(list(grid.due_until(k * 20_000_000 + delay))) for k, delay in enumerate(late, 1)]
     assert counts in [[1] * k + [0] * (k < 60) + [1] * (59 - k) for k in range(61)]
 
 
@@ -164,12 +164,12 @@ def test_messages_that_are_too_slow_for_the_period_are_told_from_drop_outs():
         if k % 4:
             rule.due(k * 100 * MS)
     assert rule.slow is None
-    told = []
+    remarks = []
     for k in range(7):
         rule.due(3 * SECOND + k * 200 * MS)
-        told.append(rule.slow)
+        remarks.append(rule.slow)
     slow = "estimate comes every 0.200 s, but a step is due every 0.1 s"
-    assert told == [None] * 5 + [slow] * 2  # five late steps in a row
+    assert remarks == [None] * 5 + [slow] * 2  # five late steps in a row
     rule.due(4_300_000_000)
     assert rule.slow is None  # one that is on time
     for k in range(5):

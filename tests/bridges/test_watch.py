@@ -37,10 +37,10 @@ def test_it_sees_a_drive_as_the_recorder_does(watcher, wait_for):
     assert rows > 30
     np.testing.assert_allclose(drive.time[:rows], 0.1 * np.arange(rows), atol=1e-6)
     for name in ("true_state", "odometry", "estimate", "covariance", "command"):
-        told, heard = getattr(recorded, name)[first : first + rows], getattr(drive, name)[:rows]
+        expected, heard = getattr(recorded, name)[first : first + rows], getattr(drive, name)[:rows]
         known = np.isfinite(heard)
         assert known.mean() > 0.9, name  # a busy machine may lose a message of a viewer, which nobody waits for
-        np.testing.assert_array_equal(heard[known], told[known], err_msg=name)
+        np.testing.assert_array_equal(heard[known], expected[known], err_msg=name)
     assert np.isfinite(drive.nis).mean() > 0.9
     assert np.nanmin(drive.clearance) == pytest.approx(recorded.clearance.min(), abs=0.05)
     assert drive.around.room is not None

@@ -16,8 +16,8 @@ def tell(name, header, place, q):
 
 
 def hear(message):
-    for each in message.transforms:
-        tell(each.child_frame_id, each.header, each.transform.translation, each.transform.rotation)
+    for transform in message.transforms:
+        tell(transform.child_frame_id, transform.header, transform.transform.translation, transform.transform.rotation)
 
 
 rclpy.init()

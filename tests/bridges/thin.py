@@ -48,8 +48,8 @@ def drive(steps=40):
 
 def installed():
     """Return the packages that were loaded and are no part of Python, of ROS or of this project."""
-    found = {name: str(getattr(module, "__file__", "")) for name, module in sys.modules.items()}
-    names = {name.split(".")[0] for name, file in found.items() if "site-packages" in file}
+    files = {name: str(getattr(module, "__file__", "")) for name, module in sys.modules.items()}
+    names = {name.split(".")[0] for name, file in files.items() if "site-packages" in file}
     ours = ("turtlebot_gym", "_", "rcl", "rosidl", "rpyutils", "ament_index", "ros_wheels")
     return {name for name in names if not name.startswith(ours)}
 

@@ -91,7 +91,7 @@ def installed_distribution() -> str:
 
 def _pinned() -> list[str]:
     """Return the installed ROS packages with their versions, since what is generated is linked against them."""
-    versions = {each.metadata["Name"]: each.version for each in distributions()}
+    versions = {distribution.metadata["Name"]: distribution.version for distribution in distributions()}
     return sorted(f"{name}=={version}" for name, version in versions.items() if name.startswith("ros-"))
 
 
@@ -127,8 +127,8 @@ def build(*, say: bool = False) -> Path:
         _generate(folder, python, name, file, text)
     _pack(folder / "out", made.with_suffix(".part"), distribution, f"{tag}-{tag}-linux_{platform.machine()}")
     made.with_suffix(".part").rename(made)
-    for each in ("tools", "nav2_msgs", "tf2_msgs"):
-        shutil.rmtree(folder / each)
+    for package in ("tools", "nav2_msgs", "tf2_msgs"):
+        shutil.rmtree(folder / package)
     return made
 
 
@@ -144,9 +144,9 @@ def _install_generators(folder: Path, distribution: str) -> Path:
     places = {"include": sysconfig.get_path("include"), "lib": str(tools / "lib" / at)}
     for file in tools.glob("share/**/*.cmake"):  # they name the folders of the Python with which the wheels were made
         text = file.read_text()
-        found = re.sub(rf"/opt/python/[^/]+/(include|lib)/{re.escape(at)}", lambda match: places[match[1]], text)
-        if found != text:
-            file.write_text(found)
+        movable = re.sub(rf"/opt/python/[^/]+/(include|lib)/{re.escape(at)}", lambda match: places[match[1]], text)
+        if movable != text:
+            file.write_text(movable)
     return python
 
 
@@ -155,9 +155,9 @@ def _generate(folder: Path, python: Path, name: str, file: str, text: str) -> No
     source, tools, out = folder / name, folder / "tools", folder / "out"
     (source / file).parent.mkdir(parents=True)
     (source / file).write_text(text)
-    depends = "".join(f"<depend>{each}</depend>" for each in NEEDS)
+    depends = "".join(f"<depend>{package}</depend>" for package in NEEDS)
     (source / "package.xml").write_text(PACKAGE.format(name=name, version=VERSION, needs=depends))
-    finds = "".join(f"find_package({each} REQUIRED)\n" for each in NEEDS)
+    finds = "".join(f"find_package({package} REQUIRED)\n" for package in NEEDS)
     (source / "CMakeLists.txt").write_text(CMAKE.format(name=name, needs=finds, file=file, names=" ".join(NEEDS)))
     paths = {
         "AMENT_PREFIX_PATH": f"{tools}", "CMAKE_PREFIX_PATH": f"{tools}", "LD_LIBRARY_PATH": f"{tools / 'lib'}",
@@ -173,7 +173,7 @@ def _pack(out: Path, wheel: Path, distribution: str, tag: str) -> None:
     (site,) = {path.parent.parent for path in out.glob("**/nav2_msgs/__init__.py")}
     about, data = f"{WHEEL}-{VERSION}+{distribution}.dist-info", f"{WHEEL}-{VERSION}+{distribution}.data/data"
     files: dict[str, bytes] = {}
-    for path in sorted(each for each in out.rglob("*") if each.is_file()):
+    for path in sorted(path for path in out.rglob("*") if path.is_file()):
         inside = path.is_relative_to(site)
         name = path.relative_to(site) if inside else Path(data) / path.relative_to(out)
         files[str(name)] = path.read_bytes()

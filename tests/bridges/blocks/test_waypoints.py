@@ -194,7 +194,7 @@ def test_without_a_map_any_goal_is_taken_and_without_an_estimate_the_way_is_judg
 def test_another_goal_takes_the_place_of_one_and_so_does_a_reset():
     node = on_map()
     errands = [node.send(Pose(1.8, 1.0, 0.0), awaited=True), node.send(Pose(1.0, 1.8, 0.0), awaited=True)]
-    assert [each.is_active for each in errands] == [False, True]
+    assert [errand.is_active for errand in errands] == [False, True]
     assert errands[0].reason == "another goal took its place"
     node.reset()
     assert errands[1].reason == "the node was reset"

@@ -95,8 +95,8 @@ class SystemClock:
     def look(self, *, system: float, steady: float) -> None:
         """Compare the clocks; call this at least every 20 ms."""
         offset = system - steady
-        others = [(each, min(until, steady + HOLD)) for each, until in self.offsets if abs(each - offset) > STEP]
-        kept = [each for each in others if each[1] > steady]
+        others = [(earlier, min(until, steady + HOLD)) for earlier, until in self.offsets if abs(earlier - offset) > STEP]
+        kept = [entry for entry in others if entry[1] > steady]
         self.steps += len(others) - len(kept)
         self.offsets = [*kept, (offset, math.inf)]
 

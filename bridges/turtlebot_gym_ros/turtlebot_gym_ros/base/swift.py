@@ -87,8 +87,8 @@ class SwiftExecutor(SingleThreadedExecutor):
         assert handle is not None
         with ExitStack() as held:
             try:  # so that no other thread destroys an entity during the wait, which would end the process
-                for each in (handle, *(entity.handle for entity in (*subscriptions, *timers))):
-                    held.enter_context(each)
+                for entity_handle in (handle, *(entity.handle for entity in (*subscriptions, *timers))):
+                    held.enter_context(entity_handle)
             except _rclpy.InvalidHandle:
                 return
             waits = _rclpy.WaitSet(len(subscriptions), 0, len(timers), 0, 0, 0, handle)

@@ -268,7 +268,7 @@ class TurtlebotSimulator:
             if self._rng.random() < 0.5:
                 self._waiting.clear()  # it catches up: what still waits is lost
         aged = {key: value if isinstance(value, Aged) else Aged(value, 0.0) for key, value in said.items()}
-        return {key: each._replace(age=each.age - self._ahead) for key, each in aged.items()}
+        return {key: value._replace(age=value.age - self._ahead) for key, value in aged.items()}
 
     def _look_round(self, lidar: Lidar) -> dict[str, Any]:
         """Return the outputs about the room; a scan only when one is complete."""

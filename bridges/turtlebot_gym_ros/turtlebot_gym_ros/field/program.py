@@ -141,7 +141,7 @@ def _field(
 
 def _tell(finding: Finding) -> None:
     """Print a finding as it comes."""
-    texts = ((each.name, *shown(each)) for each in finding.figures)
+    texts = ((figure.name, *shown(figure)) for figure in finding.figures)
     figures = ", ".join(f"{name} {value}" + (f" ({interval})" if interval else "") for name, value, interval in texts)
     lines = [f"{MARKS[finding.verdict]} {finding.name}: {finding.text} {figures}".rstrip()]
     lines += [f"  {finding.advice}"] if finding.advice else []
@@ -157,11 +157,11 @@ def _write(folder: Path, seen: Sequence[Finding], field: Field | None, options: 
         "Robot": robot,
         "Time": time.strftime("%Y-%m-%d %H:%M"),
         "turtlebot-gym": f"{__version__}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "Beside this page": ", ".join(sorted(each.name for each in folder.iterdir())) or "nothing",
+        "Beside this page": ", ".join(sorted(path.name for path in folder.iterdir())) or "nothing",
     }
     pictures = {"paths": field.paths, "scan": field.scan} if field else {}
     (folder / "report.html").write_text(page(seen, about=about, **pictures), encoding="utf-8")
-    content = [{**each._asdict(), "figures": [figure._asdict() for figure in each.figures]} for each in seen]
+    content = [{**finding._asdict(), "figures": [figure._asdict() for figure in finding.figures]} for finding in seen]
     (folder / "findings.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 

@@ -43,7 +43,7 @@ def page(
         paths: Driven paths by name, shape (n, 2) each, m.
         scan: End points of the beams of a scan, shape (n, 2), m.
     """
-    counts = {verdict: sum(each.verdict == verdict for each in findings) for verdict in MARKS}
+    counts = {verdict: sum(finding.verdict == verdict for finding in findings) for verdict in MARKS}
     summary = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count)
     worst = REFUSED if counts[REFUSED] else WARNING if counts[WARNING] else FINE
     head = "".join(f"<p class='soft'>{escape(name)}: {escape(text)}</p>" for name, text in about.items())
@@ -89,7 +89,7 @@ def _drawing(title: str, lines: Mapping[str, NDArray[np.float64]], *, dots: bool
     for number, (name, rows) in enumerate(lines.items()):
         ink = inks[number % len(inks)]
         if dots:
-            shapes += [f"<circle cx='{x}' cy='{y}' r='2' fill='{ink}'/>" for x, y in (each.split(",") for each in at(rows))]
+            shapes += [f"<circle cx='{x}' cy='{y}' r='2' fill='{ink}'/>" for x, y in (pair.split(",") for pair in at(rows))]
         else:
             dash = f" stroke-dasharray='{3 * number} {2 * number}'" if number else ""
             shapes.append(f"<polyline points='{' '.join(at(rows))}' fill='none' stroke='{ink}' stroke-width='2'{dash}/>")

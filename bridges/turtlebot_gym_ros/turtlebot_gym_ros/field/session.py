@@ -71,9 +71,8 @@ class Listener:
         ends = self.node.get_publishers_info_by_topic(full), self.node.get_subscriptions_info_by_topic(full)
         publishers, subscribers = (tuple(map(_end, infos)) for infos in ends)
         others = tuple(end for end in subscribers if end.node not in (self.node.get_name(), "data_logger"))
-        return Topic(
-            full, publishers, others, np.array([each.arrival for each in heard]), np.array([each.stamp for each in heard])
-        )
+        arrivals, stamps = [message.arrival for message in heard], [message.stamp for message in heard]
+        return Topic(full, publishers, others, np.array(arrivals), np.array(stamps))
 
     def said(self, topic: str, value: bool) -> bool:
         """Return whether the last message on a topic of booleans has a value."""

@@ -75,14 +75,14 @@ class Field:
 
 def poses_since(at: Field, first: int) -> list[Pose]:
     """Return odometry's poses from a message on."""
-    return [read_pose(each.message.pose.pose) for each in at.listener.heard["odom"][first:]]
+    return [read_pose(odometry.message.pose.pose) for odometry in at.listener.heard["odom"][first:]]
 
 
 def drive_since(at: Field, first: int) -> Drive:
     """Return odometry from a message on."""
     poses = np.array(poses_since(at, first))
     heard = at.listener.heard["odom"][first : first + len(poses)]
-    return Drive(time=np.array([each.stamp or each.arrival for each in heard]), odometry=poses)
+    return Drive(time=np.array([odometry.stamp or odometry.arrival for odometry in heard]), odometry=poses)
 
 
 def turned(poses: Sequence[Pose]) -> float:

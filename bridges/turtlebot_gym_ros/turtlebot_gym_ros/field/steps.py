@@ -6,14 +6,14 @@ import math
 import re
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from turtlebot_gym import Noise, write_parameters
-from turtlebot_gym.calibration import Leg, calibrate_by_tape
+from turtlebot_gym.calibration import Estimate, Leg, calibrate_by_tape
 from turtlebot_gym.calibration.fit import Z
 from turtlebot_gym.rooms.scan import scan_of
 from turtlebot_gym_ros.base.process import go_on, processes
@@ -40,13 +40,13 @@ def hear(at: Field) -> list[Finding]:
     seen = [findings.judge_topic(odometry, "nav_msgs/msg/Odometry", needed=True, advice=up)]
     without = "Without a LiDAR there are no policies for rooms and no collision monitor."
     seen.append(findings.judge_topic(scans, "sensor_msgs/msg/LaserScan", needed=False, advice=without))
-    seen += [findings.judge_clock(each.name, each.arrivals, each.stamps) for each in (odometry, scans)]
-    messages = [each.message for each in list(listener.heard["odom"])]
+    seen += [findings.judge_clock(stream.name, stream.arrivals, stream.stamps) for stream in (odometry, scans)]
+    messages = [odometry.message for odometry in list(listener.heard["odom"])]
     if messages:
         variances = [[message.pose.covariance[n] for n in (0, 7, 35)] for message in messages]
         twists = [[message.twist.twist.linear.x, message.twist.twist.angular.z] for message in messages]
         seen.append(findings.judge_odometry(variances, twists))
-    sent = [scan_of(each.message) for each in list(listener.heard["scan"])]
+    sent = [scan_of(scan.message) for scan in list(listener.heard["scan"])]
     seen.append(findings.judge_scans(sent))
     if sent and seen[-1].verdict != REFUSED:
         at.scan = ends_of(sent[-1])
@@ -87,10 +87,10 @@ def try_the_button(at: Field) -> list[Finding]:
     if not wait_for(lambda: listener.said(enabled, False), PRESSING):
         return [findings.judge_press(None)]
     stopped = listener.heard[enabled][-1].arrival
-    heard = [each for each in listener.heard["emergency_stop"][first:] if each.arrival <= stopped]
-    pressed = [each.arrival for each in heard if each.message.data] or [each.arrival for each in heard[-1:]]  # or its silence
+    messages = [message for message in listener.heard["emergency_stop"][first:] if message.arrival <= stopped]
+    presses = [message for message in messages if message.message.data] or messages[-1:]  # or its silence
     wait_for(lambda: listener.said("emergency_stop", False), PRESSING)
-    return [findings.judge_press(stopped - pressed[0] if pressed else None)]
+    return [findings.judge_press(stopped - presses[0].arrival if presses else None)]
 
 
 def record(at: Field) -> list[Finding]:
@@ -169,9 +169,9 @@ def drive_a_square(at: Field) -> list[Finding]:
 
 def time_the_chain(at: Field) -> list[Finding]:
     """Time odometry to the command that rests on it, which has its stamp."""
-    arrivals = {each.stamp: each.arrival for each in at.listener.heard["odom"]}
+    arrivals = {odometry.stamp: odometry.arrival for odometry in at.listener.heard["odom"]}
     commands = at.listener.heard.get("cmd_vel_in", [])
-    ages = [each.arrival - arrivals[each.stamp] for each in commands if each.stamp and each.stamp in arrivals]
+    ages = [command.arrival - arrivals[command.stamp] for command in commands if command.stamp and command.stamp in arrivals]
     return [findings.judge_latency(ages)]
 
 
@@ -187,9 +187,8 @@ def calibrate(at: Field) -> list[Finding]:
     except (ValueError, OSError, ImportError) as error:
         seen.append(Finding("calibration", SKIPPED, f"{' '.join(str(error).split())}".rstrip(".") + "."))
     else:
-        figures = tuple(Figure(name, each.value, each.unit, each.low, each.high) for name, each in fitted.estimates.items())
         verdict, text = FINE if fitted.verdict.is_good else WARNING, f"Fitted to the recorded truth. {fitted.verdict.text}"
-        seen.append(Finding("calibration", verdict, text, figures, "; ".join(fitted.remarks)))
+        seen.append(Finding("calibration", verdict, text, _figures(fitted.estimates), "; ".join(fitted.remarks)))
         noise = fitted.noise if fitted.verdict.is_good else noise
     if noise:
         write_parameters(noise, at.folder / NOISE, comment="By a field test: --noise takes it.")
@@ -206,9 +205,13 @@ def _by_tape(at: Field) -> tuple[Noise | None, list[Finding]]:
         fitted = calibrate_by_tape(at.measured)
     except ValueError as error:
         return None, [Finding("by tape", SKIPPED, str(error))]
-    estimates = {name: each for name, each in fitted.estimates.items() if each.is_determined}
-    figures = tuple(Figure(name, each.value, each.unit, each.low, each.high) for name, each in estimates.items())
-    return fitted.noise, [Finding("by tape", FINE, "The wheels' scales, for the preset `wheel`.", figures)]
+    estimates = {name: estimate for name, estimate in fitted.estimates.items() if estimate.is_determined}
+    text = "The wheels' scales, for the preset `wheel`."
+    return fitted.noise, [Finding("by tape", FINE, text, _figures(estimates))]
+
+
+def _figures(estimates: Mapping[str, Estimate]) -> tuple[Figure, ...]:
+    return tuple(Figure(name, fit.value, fit.unit, fit.low, fit.high) for name, fit in estimates.items())
 
 
 def _drive(at: Field, parts: Sequence[Part], *, timeout: float) -> str:

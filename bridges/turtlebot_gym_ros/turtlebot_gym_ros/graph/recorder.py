@@ -167,7 +167,7 @@ class Recorder:
     @property
     def is_connected(self) -> bool:
         """Whether every topic has a publisher."""
-        return all(each.get_publisher_count() for each in self._heard)
+        return all(subscription.get_publisher_count() for subscription in self._heard)
 
     @property
     def time(self) -> float:

@@ -130,7 +130,7 @@ def _odometry_to_message(odometry: values.Odometry, header: Header) -> Odometry:
 
 
 def _estimate_of(message: Odometry) -> Estimate:
-    pose, twist = (tuple(map(float, each.covariance)) for each in (message.pose, message.twist))  # faster than NumPy's
+    pose, twist = (tuple(map(float, part.covariance)) for part in (message.pose, message.twist))  # faster than NumPy's
     finite("the covariance", (*pose, *twist))
     P = Covariance(
         pose[0], pose[1], pose[5], 0.0, 0.0, pose[7], pose[11], 0.0, 0.0, pose[35], 0.0, 0.0, twist[0], twist[5], twist[35]

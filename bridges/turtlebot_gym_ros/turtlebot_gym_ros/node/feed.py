@@ -215,4 +215,4 @@ def resting_on(feeds: Iterable[Feed], present: int) -> int:
     lasts counts from its end. A measurement without a stamp is dated by the time at which it was sent.
     """
     resting = [feed.measured_at for feed in feeds if feed.declared.required and feed.declared.measured]
-    return min((each for each in resting if each is not None), default=present)
+    return min((time for time in resting if time is not None), default=present)

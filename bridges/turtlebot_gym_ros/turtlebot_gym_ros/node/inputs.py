@@ -45,20 +45,20 @@ class Inputs:
     ) -> None:
         self._node, self._common, self._now, self._clock = node, common, now, SystemClock()
         self.look()
-        self.sees = any(each.type is Scan for each in declared.values())
+        self.sees = any(source.type is Scan for source in declared.values())
         """Whether the block sees obstacles."""
         mount = hear_mounts(node, common.body) if self.sees else lambda frame: None
         self.feeds = {
             key: Feed(
-                each,
-                conversion(each.type, stamped=common.enable_stamped_cmd_vel),
+                source,
+                conversion(source.type, stamped=common.enable_stamped_cmd_vel),
                 lock_step=common.lock_step,
                 clock=self._clock,
                 headers=headers,
                 group=group,
                 mount=mount,
             )
-            for key, each in declared.items()
+            for key, source in declared.items()
         }
         """The inputs by name."""
 

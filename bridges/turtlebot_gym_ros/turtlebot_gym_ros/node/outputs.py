@@ -44,24 +44,24 @@ class Outputs:
     def __init__(self, node: Node, declared: Mapping[str, Output], common: Common, time: Callable[[], int]) -> None:
         lock_step = common.lock_step
         self._declared, self._common, self._time = declared, common, time
-        self._ways = {key: conversion(each.type, stamped=common.enable_stamped_cmd_vel) for key, each in declared.items()}
+        self._ways = {key: conversion(output.type, stamped=common.enable_stamped_cmd_vel) for key, output in declared.items()}
         self._publishers = {
             key: node.create_publisher(
                 self._ways[key].message,
-                each.topic,
-                _profile(each, lock_step=lock_step),
+                output.topic,
+                _profile(output, lock_step=lock_step),
                 qos_overriding_options=overridable(),
             )
-            for key, each in declared.items()
+            for key, output in declared.items()
         }
-        newest = {key: f"{each.topic}/newest" for key, each in declared.items() if lock_step and each.newest}
+        newest = {key: f"{output.topic}/newest" for key, output in declared.items() if lock_step and output.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
-        transformed = {key for key, each in declared.items() if each.transform}
-        mounts = [each.mount for each in declared.values() if each.mount]
+        transformed = {key for key, output in declared.items() if output.transform}
+        mounts = [output.mount for output in declared.values() if output.mount]
         self._transforms = dict.fromkeys(transformed, _Transforms(node, mounts, common)) if transformed else {}
-        if not transformed and any(each.states_mount for each in declared.values()) and find_spec("tf2_msgs"):
+        if not transformed and any(output.states_mount for output in declared.values()) and find_spec("tf2_msgs"):
             _publish_mounts(node, mounts, common)
-        self.moving = [key for key, each in declared.items() if each.stop is not None]
+        self.moving = [key for key, output in declared.items() if output.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}
         self._step = 0
@@ -96,8 +96,8 @@ class Outputs:
         message = way.write(value, header)
         if hasattr(message, "child_frame_id"):
             message.child_frame_id = self._common.body
-        for each in getattr(message, "transforms", ()):
-            each.child_frame_id = self._common.fixed(each.child_frame_id)
+        for transform in getattr(message, "transforms", ()):
+            transform.child_frame_id = self._common.fixed(transform.child_frame_id)
         if (covariance := self._declared[key].covariance) is not None:
             state_covariance(message, covariance())
         return message
@@ -203,5 +203,5 @@ def _publish_mounts(node: Node, mounts: Sequence[Mount], common: Common) -> None
 
     static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
     header = Header(frame_id=common.body)
-    transforms = [transform_to(common.sensor(each), Pose(each.x, each.y, each.yaw), header) for each in mounts]
+    transforms = [transform_to(common.sensor(mount), Pose(mount.x, mount.y, mount.yaw), header) for mount in mounts]
     static.publish(TFMessage(transforms=transforms))

@@ -162,7 +162,7 @@ class DataLogger(Node):
         """Return which type of a topic with several to record, since a process can subscribe to only one."""
         kinds = sorted({info.topic_type for info in self.get_publishers_info_by_topic(topic)})
         wanted = f"geometry_msgs/msg/{(TwistStamped if self._p.enable_stamped_cmd_vel else Twist).__name__}"
-        kind = next((each for each in (wanted, known, *kinds) if each in kinds), known)
+        kind = next((candidate for candidate in (wanted, known, *kinds) if candidate in kinds), known)
         if len(kinds) > 1 and (topic, "") not in self._refused:
             self._refused.add((topic, ""))
             self.get_logger().error(f"{topic} is published as {' and '.join(kinds)}: only {kind} is recorded")

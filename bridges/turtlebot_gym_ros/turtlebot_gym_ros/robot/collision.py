@@ -163,7 +163,7 @@ def view_of(scan: Scan, body: Body, limits: Limits, *, reach: float, narrow: flo
     borders = [
         solid(first, last, partial(_edge, body=body, limits=limits, room=room)) for first, last, _, _ in gaps_there[wide]
     ]
-    near = (each[:, gaps(each, body.center_x) <= reach] for each in (_joined([seen, *fills]), _joined(borders)))
+    near = (places[:, gaps(places, body.center_x) <= reach] for places in (_joined([seen, *fills]), _joined(borders)))
     return View(beams, *near)
 
 

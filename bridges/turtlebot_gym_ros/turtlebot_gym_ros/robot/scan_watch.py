@@ -124,7 +124,7 @@ class ScanWatch:
         if math.hypot(*shift) < 0.5 * STEP:
             return
         shifts = [_turn(shift[:, None], -0.5 * math.pi * quarter) for quarter in range(4)]
-        fits = [_misfit(_binned(_turn(key[1] - each, -turn), bins), now) for each in shifts]
+        fits = [_misfit(_binned(_turn(key[1] - shift, -turn), bins), now) for shift in shifts]
         if max(fits) == math.inf:
             return
         best = min(range(4), key=fits.__getitem__)
