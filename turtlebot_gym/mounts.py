@@ -25,9 +25,9 @@ class StaticFrames:
 
     def hear(self, message: Any) -> None:
         """Take a message of ``/tf_static``: its ``transforms`` are each a TransformStamped."""
-        for each in message.transforms:
-            matrix, child = _matrix(each.transform), each.child_frame_id.lstrip("/")
-            above = each.header.frame_id.lstrip("/"), matrix
+        for transform in message.transforms:
+            matrix, child = _matrix(transform.transform), transform.child_frame_id.lstrip("/")
+            above = transform.header.frame_id.lstrip("/"), matrix
             before = self._above.setdefault(child, above)
             if before[0] != above[0] or not np.allclose(before[1], matrix, atol=1e-6):
                 self._rivals.add(child)

@@ -13,7 +13,7 @@ def least_clearance(make, speaks_as):
     robot = make(make.Params(world="dense", seed=1, speaks_as=speaks_as, own_clock=False))
     period = robot.trigger.period
     said = [robot.step(period, Command(0.2, 0.0)) for _ in range(round(8.0 / period))]
-    return min(each["clearance"].distance for each in said)
+    return min(answer["clearance"].distance for answer in said)
 
 
 @pytest.mark.parametrize("speaks_as", ["none", "turtlebot3"])
@@ -33,10 +33,10 @@ def test_differences_are_those_of_the_same_rooms():
     ]  # fmt: skip
     live = [{**row, "live": True} for row in rows[:3]]
     live[1] = {**live[1], "end of the episode": 9.1}
-    found = as_robot.summary(rows + live)
-    assert found["live"] == {"drives": 3, "same end": 2}
-    assert found["difference, bare"]["value"] == pytest.approx(-1.0 / 3.0)
-    assert found["difference, monitor"]["value"] == 0.0
-    assert (found["robot, bare"]["contacts"], found["robot, monitor"]["contacts"]) == (2, 0)
-    assert [row["seed"] for row in found["robot, bare"]["lost"]] == [1, 2]
+    summary = as_robot.summary(rows + live)
+    assert summary["live"] == {"drives": 3, "same end": 2}
+    assert summary["difference, bare"]["value"] == pytest.approx(-1.0 / 3.0)
+    assert summary["difference, monitor"]["value"] == 0.0
+    assert (summary["robot, bare"]["contacts"], summary["robot, monitor"]["contacts"]) == (2, 0)
+    assert [row["seed"] for row in summary["robot, bare"]["lost"]] == [1, 2]
     assert "plain, monitor" not in as_robot.summary([row for row in rows if not row["guarded"]])

@@ -84,7 +84,7 @@ def test_every_module_of_the_table_and_all_its_tests_are_there():
     rows = mutants.table(mutants.Config())
     assert len({row.path for row in rows}) == len(rows)
     for row in rows:
-        for name, _, test in (each.partition("::") for each in (row.path, *row.tests, *row.without)):
+        for name, _, test in (place.partition("::") for place in (row.path, *row.tests, *row.without)):
             assert f"def {test}" in (ROOT / name).read_text(encoding="utf-8") or not test, test
     assert sum(row.quota for row in rows) >= 300
     with pytest.raises(SystemExit, match="no_such_module"):

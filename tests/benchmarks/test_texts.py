@@ -68,9 +68,9 @@ def test_the_spread_of_a_ratio_of_sums_holds_the_variance_of_trainings():
 @pytest.fixture
 def read(monkeypatch):
     """The files' content, which a test may change."""
-    found = {}
+    texts = {}
     original = findings_text.read
-    monkeypatch.setattr(findings_text, "read", lambda name: found.setdefault(name, copy.deepcopy(original(name))))
+    monkeypatch.setattr(findings_text, "read", lambda name: texts.setdefault(name, copy.deepcopy(original(name))))
     return findings_text.read
 
 

@@ -42,7 +42,7 @@ def test_rates_and_ratios_are_medians_over_the_rounds_and_rows_of_one_base_stand
     assert (fast.steps_per_second, fast.steps_per_cpu_second) == pytest.approx((160.0, 100.0))
     assert (fast.ratio, fast.cpu_ratio) == pytest.approx((4.0, 2.0))  # of 1.6, 8 and 4; of 2, 1 and 4
     assert fast.ratio_range == pytest.approx((1.6, 8.0))
-    busy = {name: [each[0], Turn(7.0 * each[1].wall, each[1].cpu), each[2]] for name, each in turns.items()}
+    busy = {name: [first, Turn(7.0 * slow.wall, slow.cpu), last] for name, (first, slow, last) in turns.items()}
     beside = rows_of(both, {"slow": 100, "fast": 10}, busy)["fast"]  # a disturbance of a whole round moves no ratio
     assert (beside.ratio, beside.cpu_ratio, *beside.ratio_range) == pytest.approx((4.0, 2.0, 1.6, 8.0))
     assert [*grouped({name: made_up(base) for name, base in zip("abcde", "xyxzy", strict=True)})] == ["a", "c", "b", "e", "d"]

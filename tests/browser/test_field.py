@@ -62,7 +62,9 @@ def test_the_report_is_readable(browser, report, width, scheme, tmp_path):
     assert visit.evaluate("document.documentElement.scrollWidth") <= width
     cards = visit.evaluate("[...document.querySelectorAll('section')].map((each) => each.scrollWidth - each.clientWidth)")
     assert max(cards) == 0
-    assert [each.inner_text() for each in visit.query_selector_all("h2")][: len(FOUND)] == [each.name for each in FOUND]
+    assert [heading.inner_text() for heading in visit.query_selector_all("h2")][: len(FOUND)] == [
+        finding.name for finding in FOUND
+    ]
     assert min(visit.evaluate(CONTRASTS)) >= 4.5
     is_dark = visit.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
     assert is_dark == (scheme == "dark")

@@ -151,7 +151,7 @@ class Visitor:
                 if folder is not None and (size, scheme) in (("wide", "light"), ("narrow", schemes[-1])):
                     self.page.screenshot(path=folder / f"{name}-{size}-{scheme}.png", full_page=True)
         return Seen(
-            overflowing={each: found for each, found in overflowing.items() if found},
+            overflowing={scheme: elements for scheme, elements in overflowing.items() if elements},
             missing=missing,
             broken=self.page.evaluate(LINES),
             cut=cut,
@@ -177,7 +177,7 @@ def seen(site, visitor):
     folder = Path(os.environ["SCREENSHOTS"], "site") if os.environ.get("SCREENSHOTS") else None
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    found, count = {}, 0
+    pages, count = {}, 0
     for path in sorted(site.rglob("*.html")):
         name = path.relative_to(site).as_posix()
         if name.startswith("gallery/") or name == "404.html":  # views of drives, tested by test_watch.py
@@ -187,14 +187,14 @@ def seen(site, visitor):
         kept = folder if not of_api or count % 20 == 1 else None
         visitor.open(name)
         flat = name.removesuffix(".html").replace("/", "-")
-        found[name] = visitor.look(flat, kept, ("light",)) if of_api else visitor.look(flat, kept)
+        pages[name] = visitor.look(flat, kept, ("light",)) if of_api else visitor.look(flat, kept)
     if folder is not None:
-        asked = {name: sorted({urlsplit(url).path for url in one.inside}) for name, one in found.items()}
-        requests = {"outside": sorted({url for one in found.values() for url in one.outside}), "inside": asked}
+        asked = {name: sorted({urlsplit(url).path for url in page.inside}) for name, page in pages.items()}
+        requests = {"outside": sorted({url for page in pages.values() for url in page.outside}), "inside": asked}
         (folder / "requests.json").write_text(json.dumps(requests, indent=1))
-        (folder / "seen.json").write_text(json.dumps({name: one._asdict() for name, one in found.items()}, indent=1))
-    assert len(found) > 40
-    return found
+        (folder / "seen.json").write_text(json.dumps({name: page._asdict() for name, page in pages.items()}, indent=1))
+    assert len(pages) > 40
+    return pages
 
 
 WRONG = {
@@ -213,7 +213,7 @@ WRONG = {
 
 @pytest.mark.parametrize("what", WRONG)
 def test_no_page_has_a_fault(what, seen):
-    assert not {name: wrong for name, one in seen.items() if (wrong := WRONG[what](one))}
+    assert not {name: wrong for name, page in seen.items() if (wrong := WRONG[what](page))}
 
 
 def test_formulas_are_mathml(seen):
@@ -221,8 +221,8 @@ def test_formulas_are_mathml(seen):
 
 
 def test_pages_are_light_and_dark(seen):
-    for name, one in seen.items():
-        lightness = {scheme: sum(map(int, told.strip("rgba()").split(",")[:3])) for scheme, told in one.ground.items()}
+    for name, page in seen.items():
+        lightness = {scheme: sum(map(int, ground.strip("rgba()").split(",")[:3])) for scheme, ground in page.ground.items()}
         assert lightness["light"] > 700, name
         assert lightness.get("dark", 0) < 200, name
 
@@ -264,10 +264,10 @@ def test_the_search_finds_a_word_in_pages_that_are_files(browser, site):
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.goto((site / "index.html").as_uri())
     page.click("[data-md-component=search-query]")
-    for word, found in (("wheelbarrow", "No matching documents"), ("covariance", "matching documents")):
+    for word, answer in (("wheelbarrow", "No matching documents"), ("covariance", "matching documents")):
         page.keyboard.press("Control+A")
         page.keyboard.type(word)
-        page.locator(".md-search-result__meta", has_text=found).wait_for(timeout=60_000)
+        page.locator(".md-search-result__meta", has_text=answer).wait_for(timeout=60_000)
     page.locator(".md-search-result__item a").first.wait_for()
     first = page.locator(".md-search-result__item a").first
     first.click()

@@ -108,8 +108,8 @@ def visit(browser):
         return visits[-1]
 
     yield open_
-    for each in visits:
-        each.close()
+    for visit in visits:
+        visit.close()
 
 
 @pytest.fixture(scope="module")
@@ -131,14 +131,14 @@ def test_a_file_of_60_s_opens_and_scrubs_in_time(visit, urls, results, maps):
     url = urls[maps]
     size = Path(urlsplit(url).path).stat().st_size
     visits = [visit(url) for _ in range(3)]
-    scrubs = [statistics.median(each.page.evaluate(SCRUB, 40)) / 1000.0 for each in visits]
+    scrubs = [statistics.median(visit.page.evaluate(SCRUB, 40)) / 1000.0 for visit in visits]
     requests = sorted(set(visits[0].requests))
-    figures = {"bytes": size, "opened": [each.opened for each in visits], "scrubbed": scrubs, "requests": requests}
+    figures = {"bytes": size, "opened": [visit.opened for visit in visits], "scrubbed": scrubs, "requests": requests}
     (results / f"figures-{maps}.json").write_text(json.dumps(figures, indent=1))
     assert size <= SIZE_LIMIT
     assert min(figures["opened"]) <= OPEN_LIMIT  # the best of three: others use the machine too
     assert min(scrubs) <= SCRUB_LIMIT
-    assert all(each.requests == [url] for each in visits)
+    assert all(visit.requests == [url] for visit in visits)
 
 
 @pytest.mark.parametrize("maps", [1, 2])
@@ -266,7 +266,7 @@ def test_the_wheel_zooms_about_the_pointer_and_every_notch_holds(visit, long_url
 
 
 def numbers_of(text):
-    return [float(each) for each in re.findall(r"-?\d+\.\d+", text)]
+    return [float(number) for number in re.findall(r"-?\d+\.\d+", text)]
 
 
 def test_a_drag_pans_and_holds_until_all_is_shown_again(visit, long_url):
@@ -319,11 +319,11 @@ def test_the_whole_window_is_used(visit, pair, tmp_path, results, runs, scheme):
     seen.seek(6.0)
     seen.page.screenshot(path=results / f"window-{runs}-{scheme}.png")
     width, height = SIZES["wide"]
-    boxes = [each.bounding_box() for each in seen.page.locator(".map, .plot:visible, .readout, header, .controls").all()]
+    boxes = [element.bounding_box() for element in seen.page.locator(".map, .plot:visible, .readout, header, .controls").all()]
     assert sum(box["width"] * box["height"] for box in boxes) > 0.85 * width * height
     assert seen.page.evaluate("document.documentElement.scrollHeight") <= height
     assert max(box["x"] + box["width"] for box in boxes) <= width
-    maps = [each.bounding_box() for each in seen.page.locator(".map").all()]
+    maps = [element.bounding_box() for element in seen.page.locator(".map").all()]
     assert len({(round(box["width"]), round(box["height"])) for box in maps}) == 1
     assert maps[0]["width"] * maps[0]["height"] * runs > 0.3 * width * height
 
@@ -354,8 +354,8 @@ def test_values_stand_under_the_pointer(visit, long_url, long_drive):
     row = int(np.searchsorted(long_drive.time, t + 0.05)) - 1
     near = range(row - 1, row + 2)
     assert [value.rpartition(" ")[0] for value in values] == ["truth", "command"]
-    for value, told in zip(values, (long_drive.true_state[near, 3], long_drive.command[near, 0]), strict=True):
-        assert np.abs(float(value.rpartition(" ")[2]) - told).min() < 1e-3
+    for value, expected in zip(values, (long_drive.true_state[near, 3], long_drive.command[near, 0]), strict=True):
+        assert np.abs(float(value.rpartition(" ")[2]) - expected).min() < 1e-3
     seen.page.mouse.move(5, 5)
     assert not seen.page.is_visible("#tip")
 
@@ -375,10 +375,12 @@ def test_events_stand_on_the_time_line(visit, tmp_path, long_drive):
     )  # fmt: skip
     write_html([drive], tmp_path / "events.html", title="Events")
     seen = visit((tmp_path / "events.html").as_uri())
-    found = [(each["kind"], round(each["time"], 1)) for each in seen.events]
+    events = [(event["kind"], round(event["time"], 1)) for event in seen.events]
     expected = [("arrival", 2.0), ("fix", 3.0), ("contact", 5.0), ("guard", 6.0), ("lost", 7.0), ("arrival", 9.9)]
-    assert found == expected
-    assert [each.get_attribute("title") for each in seen.page.locator(".event").all()] == [f"{k}, {t} s" for k, t in expected]
+    assert events == expected
+    assert [element.get_attribute("title") for element in seen.page.locator(".event").all()] == [
+        f"{k}, {t} s" for k, t in expected
+    ]
     seen.page.locator(".event.contact").click()
     assert seen.time == pytest.approx(5.0)
     for key, moment in (("n", 6.0), ("n", 7.0), ("p", 6.0), ("Home", 0.0), ("End", 9.9)):

@@ -25,13 +25,13 @@ def tour():
 
 def test_intervals_hold_the_wheels_that_the_localizer_does_not_know(tour):
     drive, place, wheels = tour
-    found = calibrate_by_map(drive, place)
-    estimates = {name: found.estimates[name] for name in ("alpha2", "alpha4", "scale", "turn_scale", "veer", "marker_x")}
+    calibration = calibrate_by_map(drive, place)
+    estimates = {name: calibration.estimates[name] for name in ("alpha2", "alpha4", "scale", "turn_scale", "veer", "marker_x")}
     for name, estimate in estimates.items():
         assert estimate.is_determined, name
         centre, half = 0.5 * (estimate.low + estimate.high), 0.5 * (estimate.high - estimate.low)
         assert abs(getattr(wheels, name, 0.0) - centre) < 2.0 * half, name  # 4 deviations: one drive in 3000 fails
-    assert found.verdict.is_good
+    assert calibration.verdict.is_good
     assert estimates["veer"].high < 0.0  # it is the wheels that are found, not the usual ones
     assert estimates["scale"].high < 1.0
 

@@ -106,14 +106,14 @@ def test_a_drive_straight_ahead_leaves_turns_unknown():
     heading = np.concatenate([[0.0], np.cumsum(0.1 * done[1:, 1])])
     legs = 0.1 * done[1:, :1] * np.column_stack([np.cos(heading[:-1]), np.sin(heading[:-1])])
     truth = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(legs, axis=0)]), heading])
-    found = calibrate(Drive(time=drive.time, twist=twist, true_state=truth))
-    assert found.kind == "wheel"
-    assert found.estimates["alpha1"].is_determined
-    assert found.estimates["alpha3"].is_determined
+    calibration = calibrate(Drive(time=drive.time, twist=twist, true_state=truth))
+    assert calibration.kind == "wheel"
+    assert calibration.estimates["alpha1"].is_determined
+    assert calibration.estimates["alpha3"].is_determined
     for name in ("alpha2", "alpha4"):
-        assert not found.estimates[name].is_determined
-        assert "on the spot" in found.estimates[name].remedy
-        assert value_of(found.noise, name) > 0.0  # and a filter is not told that there is none
+        assert not calibration.estimates[name].is_determined
+        assert "on the spot" in calibration.estimates[name].remedy
+        assert value_of(calibration.noise, name) > 0.0  # and a filter is not told that there is none
 
 
 def test_drop_outs_are_counted(known, by_truth):
@@ -130,30 +130,30 @@ def test_drop_outs_are_counted(known, by_truth):
 @pytest.mark.parametrize("steps", [1, 3])
 def test_a_twist_that_acts_later_is_found_out(known, by_truth, steps):
     early = np.concatenate([known.twist[steps:], np.zeros((steps, 2))])
-    found = calibrate(replace(known, twist=early))
-    assert found.delay.value == pytest.approx(0.1 * steps)
-    assert f"follows the recorded twist by {0.1 * steps:.3f} s" in " ".join(found.remarks)
-    assert found.estimates["alpha1"].value == pytest.approx(by_truth.estimates["alpha1"].value, rel=0.05)
+    calibration = calibrate(replace(known, twist=early))
+    assert calibration.delay.value == pytest.approx(0.1 * steps)
+    assert f"follows the recorded twist by {0.1 * steps:.3f} s" in " ".join(calibration.remarks)
+    assert calibration.estimates["alpha1"].value == pytest.approx(by_truth.estimates["alpha1"].value, rel=0.05)
 
 
 def test_a_twist_that_comes_late_is_said_and_left(known):
     late = np.concatenate([np.zeros((2, 2)), known.twist[:-2]])
-    found = calibrate(replace(known, twist=late))
-    assert found.delay.value == pytest.approx(-0.2)
-    assert "comes late" in " ".join(found.remarks)
-    assert calibrate(replace(known, twist=late), delay=-0.2).estimates["alpha1"].value < found.estimates["alpha1"].value
+    calibration = calibrate(replace(known, twist=late))
+    assert calibration.delay.value == pytest.approx(-0.2)
+    assert "comes late" in " ".join(calibration.remarks)
+    assert calibrate(replace(known, twist=late), delay=-0.2).estimates["alpha1"].value < calibration.estimates["alpha1"].value
 
 
 def test_another_frame_and_another_clock_of_the_truth_are_found_out(known, by_truth):
     cosine, sine = math.cos(0.7), math.sin(0.7)
     x, y, theta = known.truth.T
     turned = np.column_stack([3.0 + cosine * x - sine * y, -2.0 + sine * x + cosine * y, theta + 0.7])
-    found = calibrate(replace(known, true_state=turned))
-    assert (found.frame.x, found.frame.y, found.frame.theta) == pytest.approx((3.0, -2.0, 0.7), abs=0.06)
-    assert "another frame" in " ".join(found.remarks)
-    assert set(found.unknown) == {"bias_x", "bias_y"}
-    assert found.estimates["bias_theta"].low < 0.03 < found.estimates["bias_theta"].high
-    assert found.estimates["R_x"].value == pytest.approx(by_truth.estimates["R_x"].value, rel=0.2)
+    calibration = calibrate(replace(known, true_state=turned))
+    assert (calibration.frame.x, calibration.frame.y, calibration.frame.theta) == pytest.approx((3.0, -2.0, 0.7), abs=0.06)
+    assert "another frame" in " ".join(calibration.remarks)
+    assert set(calibration.unknown) == {"bias_x", "bias_y"}
+    assert calibration.estimates["bias_theta"].low < 0.03 < calibration.estimates["bias_theta"].high
+    assert calibration.estimates["R_x"].value == pytest.approx(by_truth.estimates["R_x"].value, rel=0.2)
 
     before = replace(known, odometry=np.concatenate([known.odometry[:1], known.odometry[:1], known.odometry[:-2]]))
     late = calibrate(before)
@@ -169,10 +169,10 @@ def test_real_wheels_are_fitted_over_segments():
     for k in range(1, 3000):
         drift_of[k] = 0.97 * drift_of[k - 1] + 0.01 * random.standard_normal()
     lasting = drive.twist * (1.0 + drift_of[:, None]) + 1e-4 * random.standard_normal((3000, 2))
-    found = calibrate(Drive(time=drive.time, twist=lasting, true_state=drive.truth))
-    assert found.segment == 1.0
-    assert found.segments == count_segments(segment_rows(found.drive, 1.0))
-    short = drift(found, lengths=(0.25,))
+    calibration = calibrate(Drive(time=drive.time, twist=lasting, true_state=drive.truth))
+    assert calibration.segment == 1.0
+    assert calibration.segments == count_segments(segment_rows(calibration.drive, 1.0))
+    short = drift(calibration, lengths=(0.25,))
     assert short.fitted[0, 0] == pytest.approx(short.measured[0, 0], rel=0.5)
     rows = drift(calibrate(Drive(time=drive.time, twist=lasting, true_state=drive.truth), segment=0.0), lengths=(1.0,))
     assert rows.fitted[0, 0] < 0.5 * rows.measured[0, 0]  # row by row it would be overconfident
@@ -186,8 +186,8 @@ def test_wheels_alone_are_refused(known):
 
 
 def test_residuals_are_as_large_as_fitted(by_truth, blind):
-    for found in (by_truth, blind):
-        shown = residuals(found)
+    for calibration in (by_truth, blind):
+        shown = residuals(calibration)
         np.testing.assert_allclose(((shown.values / shown.deviations) ** 2).mean(axis=0), 1.0, atol=0.12)
 
 

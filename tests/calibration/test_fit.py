@@ -84,14 +84,14 @@ GRID = 0.1 * np.arange(-5, 6)
 
 def test_a_parabola_has_its_top_between_the_places_of_the_grid():
     # -50 (s - 0.03)^2 falls by half of chi-square's 3.841 at 0.03 +- 0.196: of the grid, -0.1 to 0.2 are within.
-    found = _best(GRID, -50.0 * (GRID - 0.03) ** 2 + 7.0)
-    assert found == pytest.approx((0.03, -0.2, 0.3, False))
+    best = _best(GRID, -50.0 * (GRID - 0.03) ** 2 + 7.0)
+    assert best == pytest.approx((0.03, -0.2, 0.3, False))
 
 
 @pytest.mark.parametrize(("height", "is_sure"), [(9.9, False), (10.1, True)])
 def test_a_shift_is_sure_where_none_is_far_less_likely(height, is_sure):
-    found = _best(GRID, np.where(np.abs(GRID - 0.3) < 0.01, height, 0.0))
-    assert found == pytest.approx((0.3, 0.2, 0.4, is_sure))
+    best = _best(GRID, np.where(np.abs(GRID - 0.3) < 0.01, height, 0.0))
+    assert best == pytest.approx((0.3, 0.2, 0.4, is_sure))
 
 
 def test_at_the_end_of_the_grid_there_is_no_parabola():
@@ -112,9 +112,9 @@ def test_a_robot_that_follows_its_twist_later_lags_by_that(heading, lag):
     twist = np.stack([np.gradient(way(time), time), np.zeros(len(time))], axis=1)
     driven = way(time - lag)
     poses = np.stack([driven * math.cos(heading), driven * math.sin(heading), np.full(len(time), heading)], axis=1)
-    found = _twist_delay(Drive(time=time, twist=twist, true_state=poses), poses, 0.1)
-    assert found.value == pytest.approx(lag, abs=0.03)  # a twist of a row is that of the interval before it
-    assert found.is_sure
+    delay = _twist_delay(Drive(time=time, twist=twist, true_state=poses), poses, 0.1)
+    assert delay.value == pytest.approx(lag, abs=0.03)  # a twist of a row is that of the interval before it
+    assert delay.is_sure
 
 
 def test_a_short_drive_tells_nothing_of_clocks():

@@ -31,20 +31,20 @@ def test_intervals_hold_the_truth_in_95_of_100_cases(walk):
     for seed in range(n):
         random = np.random.default_rng(seed)
         bias = random.uniform(-0.02, 0.02)
-        found = fit_gyro(driven(random, bias=bias, walk=walk)).estimates
+        estimates = fit_gyro(driven(random, bias=bias, walk=walk)).estimates
         # The first block begins where the robot has settled: half a second late, in which the bias hardly walks.
         for name, value in (("bias", bias), ("variance", WHITE**2), ("bias_walk", walk)):
-            hits[name] += found[name].low <= value <= found[name].high
+            hits[name] += estimates[name].low <= value <= estimates[name].high
     # A right interval fails this for one parameter in 10^4; that of the bias may hold more, since it knows of a walk.
     assert all(hit >= stats.binom.ppf(1e-4, n, 0.95) for hit in hits.values()), hits
 
 
 def test_without_a_stand_the_truth_shows_the_bias_and_without_both_nothing():
     random = np.random.default_rng(1)
-    found = fit_gyro(driven(random, stands=False, has_truth=True))
-    assert found.by_truth
-    assert found.estimates["bias"].low < 0.01 < found.estimates["bias"].high
-    assert found.noise.bias_deviation == pytest.approx(0.01, rel=0.1)
+    fitted = fit_gyro(driven(random, stands=False, has_truth=True))
+    assert fitted.by_truth
+    assert fitted.estimates["bias"].low < 0.01 < fitted.estimates["bias"].high
+    assert fitted.noise.bias_deviation == pytest.approx(0.01, rel=0.1)
     with pytest.raises(ValueError, match="there is no truth: stand still"):
         fit_gyro(driven(random, stands=False))
     with pytest.raises(ValueError, match="no gyro"):
@@ -66,6 +66,6 @@ def test_a_bag_with_an_imu_gives_the_sensors_file(tmp_path, capsys):
     # Wheels alone are no calibration; the gyro's file is written before that is said.
     assert main(["calibrate", str(bag), "--imu-out", str(out)]) == 2
     assert "while the robot stands" in " ".join(capsys.readouterr().out.split())
-    found = make_parameters(noise="wheel", filter="gyro", imu=str(out)).imu
-    assert found.variance == pytest.approx(WHITE**2, rel=0.1)
-    assert found.bias_deviation == pytest.approx(0.01, rel=0.05)
+    imu = make_parameters(noise="wheel", filter="gyro", imu=str(out)).imu
+    assert imu.variance == pytest.approx(WHITE**2, rel=0.1)
+    assert imu.bias_deviation == pytest.approx(0.01, rel=0.05)

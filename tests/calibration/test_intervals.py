@@ -91,8 +91,8 @@ def test_deviances_count_from_the_maximum_of_the_same_likelihood():
 def test_intervals_hold_those_of_either_integrator_where_both_may_be_right():
     drive, values = simulated(49, "euler", "pose", "noisy")
     fitted = calibrate(drive, kind="pose")
-    found = fitted.estimates["marker_theta"]
-    assert found.low < values["marker_theta"] < found.high
+    estimate = fitted.estimates["marker_theta"]
+    assert estimate.low < values["marker_theta"] < estimate.high
     alone = calibrate(drive, kind="pose", integrator=fitted.integrator).estimates["marker_theta"]
     assert not alone.low < values["marker_theta"] < alone.high
 

@@ -68,7 +68,7 @@ def test_it_reaches_through_closures_and_modules(monkeypatch):
 def test_the_loop_that_stands_for_a_function_of_arrays_is_a_part_of_its_fingerprint():
     prints = set()
     for step in ("+ 1.0", "- 1.0"):
-        of_arrays, loop = (with_source(f"def f(x):\n    return x {each}\n") for each in ("+ 1.0", step))
+        of_arrays, loop = (with_source(f"def f(x):\n    return x {rest}\n") for rest in ("+ 1.0", step))
         prints.add(_fingerprint(with_source("def f(x):\n    return helper(x)\n", helper=in_loops(loop)(of_arrays))))
     assert len(prints) == 2
 
@@ -84,7 +84,7 @@ def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
     odometry = system.sensors[0]._replace(sense=copied(system.sensors[0].sense))
     names = ("move", "estimate", "judge", "observe")
     changed = [system.with_sensor(odometry), *(system._replace(**{name: copied(getattr(system, name))}) for name in names)]
-    prints = {_fingerprint(loop._step_tile_of(each, GENERAL)) for each in (system, *changed)}
+    prints = {_fingerprint(loop._step_tile_of(kind, GENERAL)) for kind in (system, *changed)}
     assert len(prints) == 6
     assert _fingerprint(loop._reset_lane_of(system, GENERAL)) not in prints
 

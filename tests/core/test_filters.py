@@ -193,7 +193,7 @@ def test_a_spike_in_the_first_measurement_is_found_out(kind, spike, deviation):
     """
     tuning = replace(make_filter(kind, NOISE), R=(0.03**2, 0.02**2, deviation**2))
     headings = [1.0 + spike, *[1.0] * 4, 1.0 - spike, *[1.0] * 5]
-    first, *_, last = (one.belief for one in estimates(tuning, [Pose(0.0, 0.0, theta) for theta in headings]))
+    first, *_, last = (estimate.belief for estimate in estimates(tuning, [Pose(0.0, 0.0, theta) for theta in headings]))
     assert first.mean.theta == pytest.approx(1.0 + spike)
     assert first.covariance.tt == pytest.approx(deviation**2 + 0.1 * 0.4**2)
     assert last.mean.theta == pytest.approx(1.0, abs=0.01)

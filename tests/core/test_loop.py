@@ -109,7 +109,7 @@ def test_a_reset_leaves_the_rows_outside_its_mask():
     mask = np.array([False, True, False, False, True])
     batch.episodes[mask] += 1
     batch.reset(mask, observations, outcomes)
-    assert [one == other for one, other in zip(worlds(batch), before, strict=True)] == (~mask).tolist()
+    assert [world == other for world, other in zip(worlds(batch), before, strict=True)] == (~mask).tolist()
     assert ((observations == kept).all(axis=1) == ~mask).all()
 
 

@@ -13,7 +13,7 @@ LEVEL = (0.0, 0.0, 0.0)
 
 def transform(parent, child, at, roll_pitch_yaw=LEVEL):
     """Return a TransformStamped by the textbook's quaternion of roll, pitch and yaw."""
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(0.5 * each), math.sin(0.5 * each)) for each in roll_pitch_yaw)
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(0.5 * angle), math.sin(0.5 * angle)) for angle in roll_pitch_yaw)
     rotation = SimpleNamespace(
         w=cr * cp * cy + sr * sp * sy,
         x=sr * cp * cy - cr * sp * sy,
@@ -29,8 +29,8 @@ def transform(parent, child, at, roll_pitch_yaw=LEVEL):
 
 def frames(*transforms):
     said = StaticFrames()
-    for each in transforms:
-        said.hear(SimpleNamespace(transforms=[each]))
+    for transform in transforms:
+        said.hear(SimpleNamespace(transforms=[transform]))
     return said
 
 

@@ -21,11 +21,11 @@ def test_the_same_equations_as_a_class_give_the_same_estimates(options):
     for k in range(80):
         for episode in episodes:
             episode.act((0.8, 0.6 * math.sin(0.1 * k)))
-        one, other = (episode.world.estimate.belief for episode in episodes)
+        first, second = (episode.world.estimate.belief for episode in episodes)
         if options.get("noise") != "wheel":  # where dead reckoning follows the increments of the odometry
-            np.testing.assert_allclose(one.mean, other.mean, atol=1e-9)
-            np.testing.assert_allclose(matrix(one.covariance), matrix(other.covariance), atol=1e-10)
-    assert math.dist(one.mean[:2], episodes[0].world.body.true_state[:2]) < 0.5
+            np.testing.assert_allclose(first.mean, second.mean, atol=1e-9)
+            np.testing.assert_allclose(matrix(first.covariance), matrix(second.covariance), atol=1e-10)
+    assert math.dist(first.mean[:2], episodes[0].world.body.true_state[:2]) < 0.5
 
 
 def test_a_function_of_the_noise_may_return_any_tuning():

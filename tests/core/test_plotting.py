@@ -153,7 +153,7 @@ def test_errors_are_those_of_estimate_and_odometry():
 def test_a_map_is_drawn_where_it_lies():
     cells = np.array([[0, 100, -1], [0, 0, 0]], np.int8)
     figure = tutorial_figure(drive(), grid=GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, np.pi / 2.0)))
-    (mesh,) = (each for each in figure.axes[0].collections if each.__class__.__name__ == "QuadMesh")
+    (mesh,) = (artist for artist in figure.axes[0].collections if artist.__class__.__name__ == "QuadMesh")
     corners = mesh.get_coordinates()  # a step along a row goes up, one to the next row goes to the left
     np.testing.assert_allclose(corners[[0, 0, 2], [0, 3, 0]], [(1.0, 2.0), (1.0, 3.5), (0.0, 2.0)], atol=1e-12)
     figure.draw_without_rendering()

@@ -78,9 +78,9 @@ def test_neighbouring_trajectories_are_uncorrelated(other):
     def draw(seed, episode, step, stream):
         return normals(episode_key(seed, episode), step, stream)
 
-    one, two = np.array([draw(0, 0, i, 1) for i in range(N)]), np.array([draw(*OTHERS[other](i)) for i in range(N)])
+    first, second = np.array([draw(0, 0, i, 1) for i in range(N)]), np.array([draw(*OTHERS[other](i)) for i in range(N)])
     same = other == "next step"  # a step later the trajectory holds the same draws, moved by one
-    assert correlations(one[: N - 1] if same else one, two[1:] if same else two).min() > FALSE_ALARM / 4.0
+    assert correlations(first[: N - 1] if same else first, second[1:] if same else second).min() > FALSE_ALARM / 4.0
 
 
 def test_the_two_draws_of_a_stream_are_uncorrelated():
@@ -93,9 +93,9 @@ def test_correlation_notices_a_hash_that_adds_seed_and_stream(monkeypatch):
     """With a sum the next seed's stream is this seed's next one, so neighbours share their noise."""
     monkeypatch.setattr(random, "episode_key", lambda seed, episode: seed + 1000 * episode)
     monkeypatch.setattr(random, "_WEYL", 1)
-    one = np.array([normals(random.episode_key(0, 0), i, 2) for i in range(2000)])
+    draws = np.array([normals(random.episode_key(0, 0), i, 2) for i in range(2000)])
     two = np.array([normals(random.episode_key(1, 0), i, 1) for i in range(2000)])
-    assert correlations(one, two).min() < FALSE_ALARM / 4.0
+    assert correlations(draws, two).min() < FALSE_ALARM / 4.0
 
 
 def test_keys_are_63_bits_and_all_different():

@@ -169,9 +169,9 @@ def test_a_mask_cannot_leave_out_what_was_never_reset():
 def test_an_action_that_is_not_finite_is_refused_with_the_environments_index_and_changes_nothing(maker, bad):
     env, other, row = maker(NAV), maker(NAV), 0 if maker is gym.make else 2
     actions = np.full(env.action_space.shape, 0.5, np.float32)
-    for each in (env, other):
-        each.reset(seed=0)
-        each.step(actions)
+    for environment in (env, other):
+        environment.reset(seed=0)
+        environment.step(actions)
     wrong = actions.copy()
     np.atleast_2d(wrong)[row] = bad
     refused(lambda: env.step(wrong), f"Environment {row}: .*finite", InvalidAction)

@@ -162,8 +162,8 @@ def pickled(env):
 def test_a_copied_environment_goes_on_as_the_original_does(maker, kind, copied):
     env = driven(maker, kind)
     other = copied(env)
-    for one, two in zip(drive(env), drive(other), strict=True):
-        np.testing.assert_array_equal(one, two)
+    for first, second in zip(drive(env), drive(other), strict=True):
+        np.testing.assert_array_equal(first, second)
 
 
 @pytest.mark.parametrize("maker", [gym.make, vector_of_copies])

@@ -121,8 +121,8 @@ def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_s
     with limited(threads):
         batch.step(actions)
         batch.reset(others, *batch.empty())
-        told = [batch.is_flagged() for _ in range(3) if batch.step(actions)]
-    assert told == [False, True, True]
+        flagged = [batch.is_flagged() for _ in range(3) if batch.step(actions)]
+    assert flagged == [False, True, True]
 
 
 @pytest.mark.parametrize("why", ["the pace chose it", "numba has one"])

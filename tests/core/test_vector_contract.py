@@ -82,16 +82,16 @@ def drive(envs, mode, steps=16, mask=None):
 def compare(values, expected):
     """Compare infos for the keys that both have, but for times; and return how many numbers those were."""
     if isinstance(values, list):
-        return sum(compare(one, other) for one, other in zip(values, expected, strict=True))
+        return sum(compare(value, other) for value, other in zip(values, expected, strict=True))
     count = 0
     assert ("final_obs" in values) == ("final_obs" in expected)
     for key in set(values) & set(expected) - {"t"}:
         if isinstance(values[key], dict):
             count += compare(values[key], expected[key])
         else:
-            for one, other in zip(np.atleast_1d(values[key]), np.atleast_1d(expected[key]), strict=True):
-                np.testing.assert_array_equal(one, other, err_msg=key)
-                assert key != "final_obs" or getattr(one, "dtype", None) == getattr(other, "dtype", None)
+            for value, other in zip(np.atleast_1d(values[key]), np.atleast_1d(expected[key]), strict=True):
+                np.testing.assert_array_equal(value, other, err_msg=key)
+                assert key != "final_obs" or getattr(value, "dtype", None) == getattr(other, "dtype", None)
             count += np.size(values[key])
     return count
 
@@ -109,9 +109,9 @@ def test_within_gymnasiums_wrappers_ours_is_sync_vector_env(name, mode):
     compared = 0
     for seen, expected in zip(drive(ours, mode), drive(theirs, mode), strict=True):
         assert len(seen) == len(expected)
-        for one, other in zip(seen[:-1], expected[:-1], strict=True):
-            np.testing.assert_array_equal(one, other)
-            assert (one.dtype, one.shape) == (other.dtype, other.shape)
+        for outcome, other in zip(seen[:-1], expected[:-1], strict=True):
+            np.testing.assert_array_equal(outcome, other)
+            assert (outcome.dtype, outcome.shape) == (other.dtype, other.shape)
         compared += compare(seen[-1], expected[-1])
     assert compared > 100
     for envs in (ours, theirs):
@@ -124,8 +124,8 @@ def test_every_environment_is_sync_vector_env(id, mode):
     mask = np.array([False, True, False])
     pairs = zip(drive(native(id, mode, info="full"), mode, 14, mask), drive(sync(id, mode), mode, 14, mask), strict=True)
     for seen, expected in pairs:
-        for one, other in zip(seen[:-1], expected[:-1], strict=True):
-            np.testing.assert_array_equal(one, other)
+        for outcome, other in zip(seen[:-1], expected[:-1], strict=True):
+            np.testing.assert_array_equal(outcome, other)
         assert compare(seen[-1], expected[-1]) > 0
 
 

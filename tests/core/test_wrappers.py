@@ -82,9 +82,9 @@ def play(make, mode):
 
 def same(seen, expected):
     for row, other in zip(seen, expected, strict=True):
-        for one, two in zip(row, other, strict=False):
-            np.testing.assert_array_equal(one.observation, two.observation)
-            assert one[2:] == two[2:]
+        for first, second in zip(row, other, strict=False):
+            np.testing.assert_array_equal(first.observation, second.observation)
+            assert first[2:] == second[2:]
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
@@ -131,7 +131,7 @@ def test_rewards_by_hand():
         env.reset()
         rewards = [env.step(np.array([0.5], np.float32))[1] for _ in range(3)]
         assert rewards == [1 + 5 + 0.5, 2 - 10 + 5 + 0.5, 3 - 20 + 5 + 0.5 + 100]
-        assert all(type(one) is float for one in rewards)
+        assert all(type(reward) is float for reward in rewards)
     assert seen[1].before.observation == seen[0].after.observation == 1.0
 
 

@@ -79,18 +79,18 @@ class Textbook:
 
 def weighed(parts, weights):
     """Return the Gaussian with the moments of a mixture whose headings lie near each other, with its total weight."""
-    one, total = copy(parts[0]), sum(weights)
+    merged, total = copy(parts[0]), sum(weights)
     if total > 0.0:
-        aside = [off(part.x, one.x) for part in parts]
+        aside = [off(part.x, merged.x) for part in parts]
         mean = sum(weight / total * away for weight, away in zip(weights, aside, strict=True))
-        one.P = sum(
+        merged.P = sum(
             weight / total * (part.P + np.outer(away - mean, away - mean))
             for weight, part, away in zip(weights, parts, aside, strict=True)
         )
-        one.x = one.x + mean
-        one.x[2] = difference(one.x[2])
-    one.weight = total
-    return one
+        merged.x = merged.x + mean
+        merged.x[2] = difference(merged.x[2])
+    merged.weight = total
+    return merged
 
 
 class Mixture:
@@ -139,7 +139,7 @@ class Mixture:
 
     def _mixed(self, offset, chances, share, command):
         before = [self.hypotheses[offset, mode] for mode in (False, True)]
-        part = weighed(before, [chance * one.weight for chance, one in zip(chances, before, strict=True)])
+        part = weighed(before, [chance * hypothesis.weight for chance, hypothesis in zip(chances, before, strict=True)])
         part.x[3:] = share * np.array(command)
         return part
 

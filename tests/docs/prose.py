@@ -163,7 +163,7 @@ def findings(paths: Iterable[Path], rules: Iterable[Rule]) -> Iterator[Finding]:
         files = [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.suffix in READERS)
         for file in (file for file in files if file.name != SAMPLES):
             for passage in READERS[file.suffix](file.read_text(encoding="utf-8")):
-                yield from (Finding(file, *found) for found in check(passage, rules))
+                yield from (Finding(file, *match) for match in check(passage, rules))
 
 
 def main() -> int:

@@ -48,7 +48,7 @@ def parsed(words):
 def test_each_choice_is_there_and_a_sample_of_commands_is_what_was_chosen(choices):
     commands = list(made(choices))
     assert len(commands) > 10_000
-    for name, chosen, line in random.Random(0).sample([one for one in commands if one[0] != "bringup"], 60):
+    for name, chosen, line in random.Random(0).sample([command for command in commands if command[0] != "bringup"], 60):
         program, *words = shlex.split(line)
         assert program == "turtlebot-gym"
         command = parsed(words)

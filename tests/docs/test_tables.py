@@ -58,18 +58,18 @@ def test_the_table_of_the_localizer_is_what_was_measured():
     for name, *cells in rows:
         figures = [results["cases"][world][name] for world in ("dense", "office", "corridor")]
         assert cells == [
-            f"{100.0 * each['position_rms']:.1f} / {1e3 * each['heading_rms']:.0f} / {each['nees']['value']:.1f}"
-            for each in figures
+            f"{100.0 * figure['position_rms']:.1f} / {1e3 * figure['heading_rms']:.0f} / {figure['nees']['value']:.1f}"
+            for figure in figures
         ], name
     assert len(rows) == len(results["cases"]["dense"])
     assert (results["config"]["runs"], results["config"]["seconds"]) == (32, 300.0)
     shares = rows_after(page, "Share of robots within 0.3 m and 0.3 rad of the truth")
     for said, *cells in shares:
         when, of = said.partition("after ")[2], results["unknown" if said.startswith("unknown") else "kidnapped"]
-        figures = [each[f"after {when}" if when else "sure and wrong"] for each in of.values()]
-        assert cells == [f"{100.0 * (each['value'] if isinstance(each, dict) else each):.1f}" for each in figures], said
+        figures = [figure[f"after {when}" if when else "sure and wrong"] for figure in of.values()]
+        assert cells == [f"{100.0 * (figure['value'] if isinstance(figure, dict) else figure):.1f}" for figure in figures], said
     assert len(shares) == 4
-    later = [100.0 * each["after 2 s"]["value"] for each in results["blocked"].values()]
+    later = [100.0 * setting["after 2 s"]["value"] for setting in results["blocked"].values()]
     assert f"in {min(later):.0f} to {max(later):.0f} % of the cases" in (ROOT / page).read_text(encoding="utf-8")
 
 
@@ -107,7 +107,10 @@ def test_what_the_layer_costs_on_the_node_is_what_was_measured():
         ("/odom to /cmd_vel with {}, p50", "delays the command by {:.1f} to {:.1f} ms"),
         ("CPU of velocity_controller with {}, 10 commands a second", "takes {:.1f} to {:.1f} % of a core more"),
     ):
-        more = [figures[name.format(f"{each}+safety")] - figures[name.format(each)] for each in ("vfh", "ppo-rooms", "planner")]
+        more = [
+            figures[name.format(f"{policy}+safety")] - figures[name.format(policy)]
+            for policy in ("vfh", "ppo-rooms", "planner")
+        ]
         assert words.format(min(more), max(more)) in page
     assert f"{results['config']['layer_seconds']:.0f} s each" in page
 
@@ -255,9 +258,9 @@ HAZARDS = {
     "the guard is suspended or": ["guard hangs"],
     "the standby dies": ["standby killed or hung"],
     "a flood on a topic of the guard": [
-        f"flood on {each}" for each in ("cmd_vel_in", "cmd_vel_teleop", "scan", "emergency_stop")
+        f"flood on {topic}" for topic in ("cmd_vel_in", "cmd_vel_teleop", "scan", "emergency_stop")
     ],
-    "a flood on another": [f"flood on {each}" for each in ("odom", "estimate", "reference", "pose_fix", "another topic")],
+    "a flood on another": [f"flood on {topic}" for topic in ("odom", "estimate", "reference", "pose_fix", "another topic")],
     "a button's message": ["press lost by a radio", "one of two buttons silent", "button restarted"],
     "odometry ends": ["odometry dead", "odometry late", "odometry repeated"],
     "scans are late": ["scans late"],
@@ -304,10 +307,10 @@ def test_the_table_of_policies_on_calibrated_files_is_what_was_measured():
     rows = rows_after("docs/howto/calibrate.md", "The last table is about policies")
     for name, *cells in rows:
         row = results["robots"][name]
-        times = [", ".join(f"{each['time']:.2f}" for each in row["times"][side]) for side in ("calibrated", "truth")]
+        times = [", ".join(f"{training['time']:.2f}" for training in row["times"][side]) for side in ("calibrated", "truth")]
         assert cells == [f"{row['turn_scale']:.3f}", f"{row['found']:.3f}", *times, f"{row['ratio']:.3f}"], name
         assert abs(row["error"]) < 0.02
-        best = [min(each["time"] for each in row["times"][side]) for side in ("calibrated", "truth")]
+        best = [min(training["time"] for training in row["times"][side]) for side in ("calibrated", "truth")]
         assert abs(best[0] / best[1] - 1.0) < 0.006, name
     assert len(rows) == len(results["robots"])
     assert (results["config"]["first"], results["config"]["seeds"], results["config"]["episodes"]) == (3, 7, 500)

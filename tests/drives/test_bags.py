@@ -298,7 +298,7 @@ def test_a_map_by_hand():
 
 
 def test_a_bag_of_odometry_alone_knows_no_more(tmp_path):
-    said = [each for each in graph_drive() if each[0] == "/odom"]
+    said = [message for message in graph_drive() if message[0] == "/odom"]
     drive = read(write_bag(tmp_path / "bag", said), label="the floor")
     assert drive.around.label == "the floor"
     assert drive.around.room is None

@@ -111,17 +111,17 @@ def test_the_arrays_of_a_carmen_log(tmp_path):
 
 
 def test_a_robot_of_mrclam_has_its_truth_beside_it(tmp_path):
-    drive = draw(200)
+    drawn = draw(200)
     head = "# Time [s]    forward velocity [m/s]    angular velocity[rad/s]"
     path = tmp_path / "Robot3_Odometry.dat"
-    np.savetxt(path, np.column_stack([drive.time + 1e9, drive.twist]), header=head, comments="", fmt="%.4f")
+    np.savetxt(path, np.column_stack([drawn.time + 1e9, drawn.twist]), header=head, comments="", fmt="%.4f")
     assert not read(path).has_truth
     assert "there is no Robot3_Groundtruth.dat beside it" in read(path).remarks[0]
-    np.savetxt(tmp_path / "Robot3_Groundtruth.dat", np.column_stack([drive.time + 1e9, drive.truth]), header="# a", fmt="%.6f")
-    found = read(path)
-    np.testing.assert_allclose(found.twist, drive.twist, atol=1e-4)
-    np.testing.assert_allclose(found.truth, drive.truth, atol=1e-5)
-    assert found.remarks == ()
+    np.savetxt(tmp_path / "Robot3_Groundtruth.dat", np.column_stack([drawn.time + 1e9, drawn.truth]), header="# a", fmt="%.6f")
+    drive = read(path)
+    np.testing.assert_allclose(drive.twist, drawn.twist, atol=1e-4)
+    np.testing.assert_allclose(drive.truth, drawn.truth, atol=1e-5)
+    assert drive.remarks == ()
 
 
 @pytest.mark.parametrize(("name", "left_out"), [("aces", 0), ("intel", 1612)])
@@ -147,11 +147,11 @@ def test_a_log_of_nonsense_is_refused_or_its_good_rows_are_read(tmp_path):
     with pytest.raises(ValueError, match="do not fit each other"):
         read(path)
     lines = [odom(10.0 + k, ARC[k % 3]) for k in range(4)]
-    found = read(
+    drive = read(
         written(tmp_path / "a.log", *lines, "ODOM 1e300 0 0 0 0 0 20.0 host 20.0", "FLASER 0 0 0 0 0 0 0 21.0 host 21.0")
     )
-    assert len(found) == 4
-    assert "2 lines cannot be read" in found.remarks[0]
+    assert len(drive) == 4
+    assert "2 lines cannot be read" in drive.remarks[0]
     path = tmp_path / "Robot1_Odometry.dat"
     path.write_text("# a\n10.0 0.1 nan\n10.1 1e308 0.2\n10.2 0.1 0.2\n")
     with pytest.raises(ValueError, match="a drive needs two good rows, got 1"):

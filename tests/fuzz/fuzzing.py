@@ -60,25 +60,25 @@ def answered(kind: str, call: Callable[[], Any]) -> Any:
     Anything else that it raises fails the test.
     """
     for _ in range(2):
-        told, found = None, None
+        message, result = None, None
         held, since = peak(), time.process_time()
         with limited():
             try:
-                found = call()
+                result = call()
             except (ValueError, OSError) as error:
-                told = str(error)
+                message = str(error)
         took, grown = time.process_time() - since, peak() - held
         if took < WORK:
             break
     assert took < WORK, f"{kind}: {took:.1f} CPU s"
     assert grown < GROWTH, f"{kind}: {grown / 1e6:.0f} MB"
     LONGEST[kind] = max(took, LONGEST.get(kind, 0.0))
-    COUNTED[f"{kind}: {'taken' if told is None else 'refused'}"] += 1
-    if told is not None:
-        assert told.strip(), kind
-        assert "\n" not in told, told
-        assert len(told) < 2000, told
-    return found
+    COUNTED[f"{kind}: {'taken' if message is None else 'refused'}"] += 1
+    if message is not None:
+        assert message.strip(), kind
+        assert "\n" not in message, message
+        assert len(message) < 2000, message
+    return result
 
 
 def fuzzed(few: int, many: int, **strategies: Any) -> Callable[[Callable[..., None]], Any]:

@@ -44,8 +44,8 @@ def some_fields_of(value):
     needed = {item.name for item in fields(value) if item.default is MISSING and item.default_factory is MISSING}
     given_ = {item.name: for_field(item) for item in fields(value) if item.name not in ("process", "kind", "dead")}
     return st.fixed_dictionaries(
-        {name: one for name, one in given_.items() if name in needed},
-        optional={name: one for name, one in given_.items() if name not in needed},
+        {name: strategy for name, strategy in given_.items() if name in needed},
+        optional={name: strategy for name, strategy in given_.items() if name not in needed},
     )
 
 

@@ -15,7 +15,7 @@ from turtlebot_gym_agents.policies.bundle import BundlePolicy, _verified_hash, _
 from turtlebot_gym_agents.policies.named import pretrained_folder
 
 CONTENT = (pretrained_folder() / "ppo-nav.onnx").read_bytes()
-CARD = json.loads({one.key: one.value for one in onnx.load_from_string(CONTENT).metadata_props}["turtlebot_gym"])["card"]
+CARD = json.loads({entry.key: entry.value for entry in onnx.load_from_string(CONTENT).metadata_props}["turtlebot_gym"])["card"]
 SHAPES = [(13,), (1, 13), (4, 13)]
 
 

@@ -70,15 +70,15 @@ WORDS = st.one_of(
 
 def options_of(command):
     """Return the options of a command, with those of its parts."""
-    hints, found = get_type_hints(command), []
+    hints, names = get_type_hints(command), []
     for item in fields(command):
         if item.name in LEFT_OUT:
             continue
         inner = (
-            [f"{item.name}.{one.name}" for one in fields(hints[item.name])] if is_dataclass(hints[item.name]) else [item.name]
+            [f"{item.name}.{part.name}" for part in fields(hints[item.name])] if is_dataclass(hints[item.name]) else [item.name]
         )
-        found += ["--" + name.replace("_", "-") for name in inner]
-    return found
+        names += ["--" + name.replace("_", "-") for name in inner]
+    return names
 
 
 OPTIONS = {name: options_of(command) for name, command in COMMANDS.items() if name in BASES}

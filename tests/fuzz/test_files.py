@@ -201,12 +201,12 @@ TABLES = {"snapshots": SNAPSHOTS, **{name: table(header) for name, header in HEA
 
 
 def read_as(name, path):
-    found = replayable(read(path)) if name == "replay" else read(path)
+    drive = replayable(read(path)) if name == "replay" else read(path)
     if name != "snapshots":
-        assert np.isfinite(found.time).all()
-        assert np.isfinite(found.twist).all()
-        assert (np.diff(found.time) > 0.0).all()
-    return found
+        assert np.isfinite(drive.time).all()
+        assert np.isfinite(drive.twist).all()
+        assert (np.diff(drive.time) > 0.0).all()
+    return drive
 
 
 @pytest.mark.parametrize("name", TABLES)

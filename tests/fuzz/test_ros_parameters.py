@@ -45,7 +45,7 @@ GIVEN = st.one_of(
     st.lists(WHOLE, min_size=1, max_size=3),
     st.lists(TEXT, min_size=1, max_size=3),
     st.lists(st.booleans(), min_size=1, max_size=3),
-    st.lists(st.integers(0, 255), min_size=1, max_size=3).map(lambda numbers: [bytes([one]) for one in numbers]),
+    st.lists(st.integers(0, 255), min_size=1, max_size=3).map(lambda numbers: [bytes([byte]) for byte in numbers]),
 )
 OF_TYPE = {float: REAL, int: WHOLE, bool: st.booleans(), str: TEXT}
 
@@ -55,7 +55,7 @@ CLASSES = {name: load(name) for name in BLOCKS}
 
 def some_parameters(draw, classes):
     """Return one or two parameters: mostly with values of their types."""
-    known = {item.name: type(item.default) for each in classes for item in fields(each)}
+    known = {item.name: type(item.default) for declaration in classes for item in fields(declaration)}
     given = {}
     for _ in range(draw(st.integers(1, 2))):
         name = draw(st.sampled_from([*sorted(known), "rat", "policy.x"]))

@@ -23,14 +23,14 @@ ROS_OWN = ("/rosout", "/parameter_events", "/clock")
 
 def ids_of() -> dict[str, list[str]]:
     """Return the keys of ``info`` by id, of the scalar and of the vector environment."""
-    found = {}
+    interface = {}
     for id in sorted(id for id, spec in gym.registry.items() if spec.namespace == "turtlebot_gym"):
         env = gym.make(id)
-        found[id] = sorted(env.reset(seed=0)[1])
+        interface[id] = sorted(env.reset(seed=0)[1])
         for info in ("default", "full"):
             envs = gym.make_vec(id, num_envs=1, vectorization_mode="vector_entry_point", info=info)
-            found[f"{id}, vector, {info}"] = sorted(envs.reset(seed=0)[1])
-    return found
+            interface[f"{id}, vector, {info}"] = sorted(envs.reset(seed=0)[1])
+    return interface
 
 
 def flags_of(command: str) -> list[str]:
@@ -50,7 +50,7 @@ def nodes_of() -> dict[str, dict[str, Any]]:
     from turtlebot_gym_ros.recording.logger import DataLogger
     from turtlebot_gym_ros.robot.guard import CmdVelGuard
 
-    found = {}
+    interface = {}
     with tempfile.TemporaryDirectory() as folder:
         context = Context()
         context.init(["--ros-args", "--log-level", "warn", "-p", f"data_logger:output:={folder}/bag"])
@@ -64,18 +64,20 @@ def nodes_of() -> dict[str, dict[str, Any]]:
                 end = node.destroy_node
             ends = [*node.publishers, *node.subscriptions]
             parameters = node.get_parameters(sorted(node.list_parameters([], 0).names))
-            found[name] = {
+            interface[name] = {
                 "topics": sorted(
                     {f"{end.topic_name} {end.msg_type.__name__}" for end in ends if end.topic_name not in ROS_OWN}
                 ),
                 "services": sorted(own for service in node.services if "parameter" not in (own := service.srv_name)),
                 "parameters": {
-                    each.name: str(each.value).replace(folder, "FOLDER") for each in parameters if "qos" not in each.name
+                    parameter.name: str(parameter.value).replace(folder, "FOLDER")
+                    for parameter in parameters
+                    if "qos" not in parameter.name
                 },
             }
             end()
         context.shutdown()
-    return found
+    return interface
 
 
 def snapshot() -> dict[str, Any]:

@@ -187,16 +187,16 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="combinations that contain this text")
     given = parser.parse_args()
-    chosen = [one for one in combinations() if given.only in name_of(one) and given.mode in modes_of(one)]
+    chosen = [case for case in combinations() if given.only in name_of(case) and given.mode in modes_of(case)]
     if given.sample:
         chosen = random.Random(given.seed).sample(chosen, given.sample)
     known = json.loads(HASHES.read_text()) if HASHES.exists() else {}
     differing, start = [], time.time()
-    for at, one in enumerate(chosen):
-        name, found = name_of(one), hash_of(one, given.mode)
+    for at, case in enumerate(chosen):
+        name, digest = name_of(case), hash_of(case, given.mode)
         if given.what == "write":
-            known[name] = found
-        elif known[name] != found:
+            known[name] = digest
+        elif known[name] != digest:
             differing.append(name)
             print(f"differs: {name}", flush=True)
         if sys.stderr.isatty():

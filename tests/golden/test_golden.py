@@ -8,11 +8,11 @@ import pytest
 
 CHOSEN = list(golden.combinations())
 KNOWN = json.loads(golden.HASHES.read_text())
-OPEN_GROUND = [one for one in CHOSEN if one["id"] != "Rooms" and "fix" not in one and "plant" not in one]
+OPEN_GROUND = [case for case in CHOSEN if case["id"] != "Rooms" and "fix" not in case and "plant" not in case]
 
 
 def test_every_combination_has_a_hash():
-    assert [golden.name_of(one) for one in CHOSEN] == list(KNOWN)
+    assert [golden.name_of(case) for case in CHOSEN] == list(KNOWN)
     assert len(KNOWN) >= 300
 
 

@@ -123,7 +123,7 @@ def test_the_commands_localize_and_calibrate_by_a_log_in_a_map_file(stretch, tmp
     assert content["shares"]["lost"] == 0.0
     assert len(content["poses"]) == len(content["time"])
     assert (tmp_path / "path.png").stat().st_size > 0
-    noise, start = tmp_path / "noise.yaml", [str(each) for each in drive.reference[0]]
+    noise, start = tmp_path / "noise.yaml", [str(coordinate) for coordinate in drive.reference[0]]
     written = ["--json", str(result), "--out", str(noise), "--force", "--odometry", "wheel"]
     np.savez(log, **columns)
     assert main(["calibrate", str(log), "--map", str(map_file), "--start", *start, *written]) == 0

@@ -133,9 +133,9 @@ def test_the_whole_map_is_sought_the_same_in_loops_and_in_arrays(in_hall):
     from turtlebot_gym.compiled.cache import compiled
 
     room, _, points = in_hall
-    room, found = room._replace(field=room.field.copy()), []
+    room, results = room._replace(field=room.field.copy()), []
     room.field[:20, :20] = np.nan
     for function in (seek, compiled(lambda *arguments: seek(*arguments), "the whole map")):
         poses, values = np.empty((MOST, 3)), np.empty(MOST)
-        found.append((function(sight(room, points), poses, values), poses.tolist(), values.tolist()))
-    assert found[0] == found[1]
+        results.append((function(sight(room, points), poses, values), poses.tolist(), values.tolist()))
+    assert results[0] == results[1]

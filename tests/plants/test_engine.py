@@ -132,10 +132,10 @@ def test_where_it_starts_does_not_matter():
     start = Pose(3.0, -1.0, 2.0)
     here, there = (drive(GRIP, Command(0.15, 0.3), 5.0, start=pose) for pose in (ORIGIN, start))
     c, s = math.cos(start.theta), math.sin(start.theta)
-    for one, other in ((here.truth, there.truth), (here.wheels, there.wheels)):
-        x, y = start.x + c * one[0] - s * one[1], start.y + s * one[0] + c * one[1]
-        np.testing.assert_allclose(other[:2], (x, y), atol=1e-5)
-        assert math.remainder(other[2] - one[2] - start.theta, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-5)
+    for actual, expected in ((here.truth, there.truth), (here.wheels, there.wheels)):
+        x, y = start.x + c * actual[0] - s * actual[1], start.y + s * actual[0] + c * actual[1]
+        np.testing.assert_allclose(expected[:2], (x, y), atol=1e-5)
+        assert math.remainder(expected[2] - actual[2] - start.theta, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-5)
 
 
 def test_its_odometry_is_what_its_wheels_have_rolled():
@@ -169,8 +169,8 @@ def test_the_caster_carries_what_the_lever_says():
     ("options", "share"), [({}, 0.005), ({"friction": 0.5, "caster_friction": 0.3}, 0.015)], ids=["grip", "slippery"]
 )
 def test_half_the_time_step_gives_nearly_the_same_drive(options, share):
-    one, other = (drive(MujocoBurger(**options, step=step), Command(0.15, 0.4), 8.0).truth for step in (0.002, 0.001))
-    assert math.dist(one[:2], other[:2]) < share * 0.15 * 8.0
+    coarse, fine = (drive(MujocoBurger(**options, step=step), Command(0.15, 0.4), 8.0).truth for step in (0.002, 0.001))
+    assert math.dist(coarse[:2], fine[:2]) < share * 0.15 * 8.0
 
 
 def test_wheels_that_spin_push_as_newton_and_coulomb_say():

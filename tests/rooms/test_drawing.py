@@ -79,8 +79,8 @@ def test_rules_are_parameters(empty_scene):
 
     def drawn(rules):
         scene = empty_scene(replace(rules, circles=(0.0, 60.0), boxes=(0.0, 60.0), half_length=5.0, half_width=5.0))
-        found = [draw(scene, rules, 0.105, key) for key in (1, 2, 5)]
-        return str(found) + str([part.tolist() for part in scene])
+        worlds = [draw(scene, rules, 0.105, key) for key in (1, 2, 5)]
+        return str(worlds) + str([part.tolist() for part in scene])
 
     first = drawn(base)
     assert drawn(base) == first

@@ -117,13 +117,13 @@ def test_25_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at
             beside = edges[random.integers(len(edges), size=10)]
             angles[4:14] = np.arctan2(beside[:, 1] - y, beside[:, 0] - x) + random.choice([-1e-7, 1e-7], 10)
         dx, dy = np.cos(angles), np.sin(angles)
-        found = np.empty(angles.size)
-        cast_all(scene, np.full(angles.size, x), np.full(angles.size, y), dx, dy, found, 99.0)
-        worst = max(worst, float(np.abs(found - lengths_to_cells(grid, x, y, dx, dy)).max()))
+        distances = np.empty(angles.size)
+        cast_all(scene, np.full(angles.size, x), np.full(angles.size, y), dx, dy, distances, 99.0)
+        worst = max(worst, float(np.abs(distances - lengths_to_cells(grid, x, y, dx, dy)).max()))
         if number < 3:
             ends = np.stack([np.broadcast_to([x, y], (100, 2)), np.stack([x + 20.0 * dx, y + 20.0 * dy], -1)[:100]], 1)
             met = shapely.intersection(shapely.linestrings(ends), surfaces)
-            worst = max(worst, float(np.abs(found[:100] - shapely.distance(shapely.Point(x, y), met)).max()))
+            worst = max(worst, float(np.abs(distances[:100] - shapely.distance(shapely.Point(x, y), met)).max()))
         tried += angles.size
     assert tried >= 25_000
     assert worst < 1e-9
@@ -152,11 +152,11 @@ def test_plain_python_finds_the_same_bits(at, cast_all, cast_plain):
     x, y = points_on(grid, 200, at)
     angles = np.random.default_rng(at).uniform(-math.pi, math.pi, 200)
     angles[:4] = 0.0, math.pi / 2.0, math.pi, -math.pi / 2.0
-    found, expected = np.empty(200), np.empty(200)
+    actual, expected = np.empty(200), np.empty(200)
     for reach in (0.3, 99.0):
-        cast_all(compiled, x, y, np.cos(angles), np.sin(angles), found, reach)
+        cast_all(compiled, x, y, np.cos(angles), np.sin(angles), actual, reach)
         cast_plain(plain, x, y, np.cos(angles), np.sin(angles), expected, reach)
-        np.testing.assert_array_equal(found, expected)
+        np.testing.assert_array_equal(actual, expected)
     assert [NEAR(compiled, a, b) for a, b in zip(x, y, strict=True)] == [
         sensing.clearance(plain, a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)
     ]
@@ -175,10 +175,10 @@ def test_a_ray_around_a_corner_ends_everywhere(cast_all):
     at = np.arange(1, 30) / 10.0
     x, y = (part.ravel() for part in np.meshgrid(at, at))
     for angle in np.arange(64) * math.pi / 32.0:
-        found = np.empty(x.size)
-        cast_all(scene, x, y, np.full(x.size, math.cos(angle)), np.full(x.size, math.sin(angle)), found, 99.0)
-        assert (found >= 0.0).all()
-        assert (found < 4.3).all()
+        actual = np.empty(x.size)
+        cast_all(scene, x, y, np.full(x.size, math.cos(angle)), np.full(x.size, math.sin(angle)), actual, 99.0)
+        assert (actual >= 0.0).all()
+        assert (actual < 4.3).all()
 
 
 @pytest.mark.parametrize("at", [0, 1, 2])
@@ -232,9 +232,9 @@ def test_starts_and_goals_are_in_known_free_ground_and_not_far_apart(hall):
 def test_obstacles_may_stand_on_a_map(cast_all):
     grid = GridMap(cells=np.zeros((60, 60), np.int8), resolution=0.1)
     plan = FloorPlan(walls=grid.walls(), map=grid, circles=((3.0, 1.0, 0.5),))
-    found = np.empty(2)
-    cast_all(plan.scene(), np.full(2, 3.0), np.full(2, 3.0), np.zeros(2), np.array([-1.0, 1.0]), found, 99.0)
-    assert found == pytest.approx([1.5, 3.0])
+    actual = np.empty(2)
+    cast_all(plan.scene(), np.full(2, 3.0), np.full(2, 3.0), np.zeros(2), np.array([-1.0, 1.0]), actual, 99.0)
+    assert actual == pytest.approx([1.5, 3.0])
     assert NEAR(plan.scene(), 3.0, 2.0) == pytest.approx(0.5)
 
 

@@ -67,14 +67,16 @@ def test_100_000_rays_agree_with_shapely(empty_scene, cast_all):
             away = math.hypot(x - at[0], y - at[1])
             if away > r:  # at a tangent or a corner itself, rounding decides between a hit and a miss
                 tangent = math.asin(r / away)
-                aimed += [math.atan2(y - at[1], x - at[0]) + one for one in (tangent - 1e-7, tangent + 1e-7, 1e-7 - tangent)]
+                aimed += [
+                    math.atan2(y - at[1], x - at[0]) + offset for offset in (tangent - 1e-7, tangent + 1e-7, 1e-7 - tangent)
+                ]
         angles = np.concatenate([angles, aimed])
         x, y = np.full(angles.size, at[0]), np.full(angles.size, at[1])
         dx, dy = np.cos(angles), np.sin(angles)
-        found = np.empty(angles.size)
-        cast_all(scene, x, y, dx, dy, found, 99.0)
+        distances = np.empty(angles.size)
+        cast_all(scene, x, y, dx, dy, distances, 99.0)
         expected = np.minimum(lengths_to_polygons(scene, x, y, dx, dy), lengths_to_circles(scene, x, y, dx, dy))
-        worst, tried = max(worst, float(np.abs(found - expected).max())), tried + angles.size
+        worst, tried = max(worst, float(np.abs(distances - expected).max())), tried + angles.size
     assert tried >= 90_000
     assert worst < 1e-9
 
@@ -91,8 +93,8 @@ def test_clearance_agrees_with_shapely(empty_scene):
             apart = [point.distance(room.exterior)]
             apart += [math.hypot(x - c[0], y - c[1]) - c[2] for c in scene.circles[: scene.counts[0]]]
             apart += [point.distance(shapely.Polygon(corners(box))) for box in scene.boxes[: scene.counts[1]]]
-            found = NEAR(scene, x, y)
-            assert found == pytest.approx(min(apart), abs=1e-9) or (found < 0.0 and min(apart) <= 0.0)
+            nearest = NEAR(scene, x, y)
+            assert nearest == pytest.approx(min(apart), abs=1e-9) or (nearest < 0.0 and min(apart) <= 0.0)
 
 
 def test_a_ray_to_the_walls_begins_inside():
@@ -144,10 +146,10 @@ def test_leaving_out_obstacles_changes_no_bit(empty_scene, cast_all, beams):
 def test_this_law_notices_a_group_that_is_too_narrow(empty_scene, cast_all):
     scene, angles = empty_scene("dense"), 0.1 * np.arange(100)
     DRAW(scene, as_tuple(ROOMS["dense"]), 0)
-    found = np.empty((2, 100))
-    for lengths, sweep in zip(found, (np.inf, -0.1), strict=True):  # the other way round
+    distances = np.empty((2, 100))
+    for lengths, sweep in zip(distances, (np.inf, -0.1), strict=True):  # the other way round
         cast_all(scene, np.zeros(100), np.zeros(100), np.cos(angles), np.sin(angles), lengths, 99.0, sweep)
-    assert (found[1] > found[0]).any()
+    assert (distances[1] > distances[0]).any()
 
 
 BLOCKED = 65534
@@ -163,13 +165,13 @@ def test_lengths_are_those_of_dijkstra(empty_scene, name, key):
     number = np.arange(rows * columns).reshape(rows, columns)
     ends, lengths = [], []
     for down, right, length in ((0, 1, 5), (1, 0, 5), (1, 1, 7), (1, -1, 7)):
-        one = number[: rows - down, max(-right, 0) : columns - max(right, 0)]
-        other = number[down:, max(right, 0) : columns - max(-right, 0)]
-        both = free.ravel()[one] & free.ravel()[other]
-        ends.append(np.stack([one[both], other[both]]))
+        first = number[: rows - down, max(-right, 0) : columns - max(right, 0)]
+        second = number[down:, max(right, 0) : columns - max(-right, 0)]
+        both = free.ravel()[first] & free.ravel()[second]
+        ends.append(np.stack([first[both], second[both]]))
         lengths.append(np.full(both.sum(), length))
-    (one, other), length = np.concatenate(ends, axis=1), np.concatenate(lengths)
-    graph = coo_array((length, (one, other)), shape=(number.size, number.size))
+    (first, second), length = np.concatenate(ends, axis=1), np.concatenate(lengths)
+    graph = coo_array((length, (first, second)), shape=(number.size, number.size))
     row, column = int((goal.y + scene.walls[3]) / 0.1), int((goal.x + scene.walls[2]) / 0.1)
     expected = dijkstra(graph, directed=False, indices=number[row, column]).reshape(rows, columns)
     reached = free & np.isfinite(expected)

@@ -116,9 +116,9 @@ def _first_bias(time: Array, means: Array, white: Array, walk: float) -> tuple[f
     # The mean of a walk over a block varies as the walk does a sixth of the block before its middle.
     V = walk**2 * (np.minimum.outer(time, time) - BLOCK / 6.0 * np.eye(len(time))) + np.diag(white)
     root = np.linalg.cholesky(V)
-    z, one = np.linalg.solve(root, means), np.linalg.solve(root, np.ones_like(means))
-    information = float(one @ one)
-    bias = float(one @ z) / information
-    rest = z - bias * one
+    z, ones = np.linalg.solve(root, means), np.linalg.solve(root, np.ones_like(means))
+    information = float(ones @ ones)
+    bias = float(ones @ z) / information
+    rest = z - bias * ones
     likelihood = -np.log(np.diag(root)).sum() - 0.5 * math.log(information) - 0.5 * float(rest @ rest)
     return bias, 1.0 / math.sqrt(information), float(likelihood)

@@ -120,12 +120,12 @@ def _step_at(told: Any, count: float, age: float) -> int:
 def _replay(advance: Callable[..., Any], count: int) -> Callable[..., Any]:
     """Return the kernel that repeats the last ``count`` steps, without a loop."""
     if count == 0:
-        return kernel(lambda estimate, told, tuning, middle: estimate)
+        return kernel(lambda estimate, stored, tuning, middle: estimate)
     rest, before = _replay(advance, count - 1), count - 1
 
     @kernel
-    def replay(estimate, told, tuning, middle):
-        return rest(advance(estimate, told[count], told[before], tuning, middle), told, tuning, middle)
+    def replay(estimate, stored, tuning, middle):
+        return rest(advance(estimate, stored[count], stored[before], tuning, middle), stored, tuning, middle)
 
     return replay
 
@@ -152,30 +152,30 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
     @kernel
     def start(senses, tuning):
         first = begin(senses, tuning)
-        told = _Told(Read(*values_of(senses)), no_fix(), 0.0)
-        return Remembered(first.belief, first.nis, first, fill(told), first, 0.0)
+        stored = _Told(Read(*values_of(senses)), no_fix(), 0.0)
+        return Remembered(first.belief, first.nis, first, fill(stored), first, 0.0)
 
     @kernel
     def remember(estimate, before, senses, tuning, dt, middle):
         old, oldest = estimate.told, estimate.oldest
         if estimate.steps >= last:
             oldest = advance(oldest, old[last], old[last - 1], tuning, middle)
-        told = (_Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
+        stored = (_Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
         newest = step(estimate.newest, before, senses, tuning, dt, middle)
-        return Remembered(newest.belief, newest.nis, newest, told, oldest, min(estimate.steps + 1.0, 1.0 * last))
+        return Remembered(newest.belief, newest.nis, newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
 
     @kernel
     def insert(estimate, fix, tuning, middle):
-        told, oldest, count = estimate.told, estimate.oldest, estimate.steps
-        at = _step_at(told, count, fix.age)
+        stored, oldest, count = estimate.told, estimate.oldest, estimate.steps
+        at = _step_at(stored, count, fix.age)
         if at == count:
             oldest = fix_in(oldest, fix.pose, fix.R + fix.cross, tuning)
         else:
-            told = put(told, at, fix)
+            stored = put(stored, at, fix)
         newest = oldest
         for ago in range(int(count), 0, -1):
-            newest = advance(newest, told[ago], told[ago - 1], tuning, middle)
-        return Remembered(newest.belief, newest.nis, newest, told, oldest, count)
+            newest = advance(newest, stored[ago], stored[ago - 1], tuning, middle)
+        return Remembered(newest.belief, newest.nis, newest, stored, oldest, count)
 
     @kernel
     def insert_last(estimate, fix, tuning, middle):

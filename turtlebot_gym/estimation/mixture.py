@@ -177,16 +177,16 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, m
     is_high = 0.5 * share * (of_near if q_high <= q_low else of_far)
     is_low = 0.5 * share * (of_far if q_high <= q_low else of_near)
     likely = is_true + is_high + is_low
-    one = 1.0 / likely
-    is_true, is_high, is_low = is_true * one, is_high * one, is_low * one
+    scale = 1.0 / likely
+    is_true, is_high, is_low = is_true * scale, is_high * scale, is_low * scale
     mean = is_true * turn + is_high * high + is_low * low
     off_true, off_high, off_low = turn - mean, high - mean, low - mean
     spread = is_true * off_true * off_true + is_high * off_high * off_high + is_low * off_low * off_low
     posterior = wrapped(absorb(placed, h.column, mean * inverse, inverse - spread * inverse * inverse))
-    told = nis + is_true * q_true + is_high * q_high + is_low * q_low
+    expected_nis = nis + is_true * q_true + is_high * q_high + is_low * q_low
     return _Tracked(
         posterior if measured else prior,
-        told,
+        expected_nis,
         0.5 * (nis + least) if measured else 0.0,
         likely * max(sqrt(precision * inverse), _LEAST) if measured else 1.0,
     )

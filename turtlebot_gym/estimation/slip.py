@@ -86,8 +86,8 @@ def _mix(
 def _weigh_both(estimate: _Estimate, gripped: Tracks, slipped: Tracks) -> tuple[Three, Three]:
     least = min(least_exponent(gripped), least_exponent(slipped))
     grip, slip = weigh(estimate.grip_weights, gripped, least), weigh(estimate.slip_weights, slipped, least)
-    one = 1.0 / (grip[0] + grip[1] + grip[2] + slip[0] + slip[1] + slip[2])
-    return scaled(grip, one), scaled(slip, one)
+    scale = 1.0 / (grip[0] + grip[1] + grip[2] + slip[0] + slip[1] + slip[2])
+    return scaled(grip, scale), scaled(slip, scale)
 
 
 @kernel

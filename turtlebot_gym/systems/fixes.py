@@ -51,7 +51,7 @@ def _arrives(noise: FixNoise, key: int, stamp: int, dt: float) -> bool:
 def _measure(was: Pose, noise: FixNoise, key: int, stamp: int) -> Pose:
     """Return a pose as it is measured; without a heading, it is 0."""
     R, (xy, xt, yt) = noise.R, noise.cross
-    one, other = normals(key, stamp, POSITION)
+    first, second = normals(key, stamp, POSITION)
     turn, _ = normals(key, stamp, HEADING)
     sees_heading = R[2] < 1e300
     # Correlated draws, by the lower triangular root of the covariance.
@@ -60,8 +60,8 @@ def _measure(was: Pose, noise: FixNoise, key: int, stamp: int) -> Pose:
     of_y = sqrt(max(R[1] - y_by_x * y_by_x, 0.0))
     t_by_y = (yt - t_by_x * y_by_x) * inverse_of(of_y)
     own = sqrt(max((R[2] if sees_heading else 0.0) - t_by_x * t_by_x - t_by_y * t_by_y, 0.0))
-    theta = wrap(was.theta + t_by_x * one + t_by_y * other + own * turn) if sees_heading else 0.0
-    return Pose(was.x + of_x * one, was.y + y_by_x * one + of_y * other, theta)
+    theta = wrap(was.theta + t_by_x * first + t_by_y * second + own * turn) if sees_heading else 0.0
+    return Pose(was.x + of_x * first, was.y + y_by_x * first + of_y * second, theta)
 
 
 @kernel

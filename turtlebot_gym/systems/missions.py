@@ -24,8 +24,8 @@ def _renew(world, outcome, key, p, scene):
     room = Around(pose, way_left(scene, truth.x, truth.y), near, least, path_length, scan_age, collided, world.steps)
     course = Course(goal, goal, visited)
     reward, _, success, terminated, truncated, reached = outcome
-    told = Outcome(reward, distance_to(truth, goal), success, terminated, truncated, reached)
-    return Snapshot(world.body, world.senses, world.estimate, course, world.steps, room), told
+    renewed = Outcome(reward, distance_to(truth, goal), success, terminated, truncated, reached)
+    return Snapshot(world.body, world.senses, world.estimate, course, world.steps, room), renewed
 
 
 @cache

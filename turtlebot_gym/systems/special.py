@@ -197,12 +197,12 @@ def _with_slip(special: Special) -> Special:
         parameters=tuple(pair for pair in special.parameters if not _of_the_filter(pair[0])),
         world=(
             *(pair for pair in special.world if not _of_the_filter(pair[0])),
-            *((f"{each}.covariance.{entry}", 0.0) for each in (*grip, *slip) for entry in _WITH_TWIST),
+            *((f"{belief}.covariance.{entry}", 0.0) for belief in (*grip, *slip) for entry in _WITH_TWIST),
         ),
         same=(
             *(pair for pair in special.same if not _of_the_filter(pair[0])),
-            *(pair for each in grip for pair in _pairs(f"{each}.mean", "body.command", "v", "omega")),
-            *(pair for each in slip[1:] for pair in _pairs(f"{each}.mean", f"{slip[0]}.mean", "v", "omega")),
+            *(pair for belief in grip for pair in _pairs(f"{belief}.mean", "body.command", "v", "omega")),
+            *(pair for belief in slip[1:] for pair in _pairs(f"{belief}.mean", f"{slip[0]}.mean", "v", "omega")),
         ),
         name=f"{special.name} with a filter that models slip",
     )
@@ -219,15 +219,15 @@ _BELIEF = tuple(f"mean.{name}" for name in State._fields) + tuple(f"covariance.{
 @cache
 def with_late_fixes(special: Special, late: int) -> Special:
     """Return a case with fixes that are so many steps late: they count for the oldest estimate, never for a stored step."""
-    told = [f"estimate.told[{ago}]" for ago in range(late + 1)]
+    steps = [f"estimate.told[{ago}]" for ago in range(late + 1)]
     none = {
         **dict.fromkeys((*_POSE, "age", "arrived", "cross[0]", "cross[1]", "cross[2]"), 0.0),
         **{f"R[{at}]": value for at, value in enumerate(no_fix().R)},
     }
-    world = [(f"{step}.fix.{name}", value) for step in told for name, value in none.items()]
+    world = [(f"{step}.fix.{name}", value) for step in steps for name, value in none.items()]
     for path, value in special.world:
         if path == "senses.odometry.measured":
-            world += [(path, value), *((f"{step}.{path}", value) for step in told)]
+            world += [(path, value), *((f"{step}.{path}", value) for step in steps)]
         elif path.startswith("estimate."):
             rest = path.removeprefix("estimate.")
             world += [(f"estimate.{of}.{rest}", value) for of in ("newest", "oldest")]
@@ -236,11 +236,11 @@ def with_late_fixes(special: Special, late: int) -> Special:
             world.append((path, value))
     now, passed = "senses.odometry", "senses.fix.passed[0]"
     same = (
-        *_pairs(f"{told[0]}.{now}", now, *_POSE, *_TWIST, "measured"),
+        *_pairs(f"{steps[0]}.{now}", now, *_POSE, *_TWIST, "measured"),
         *_pairs(passed, "body.true_state", "x", "y", "theta"),
         *_pairs("estimate.newest.belief", "estimate.belief", *_BELIEF),
         ("estimate.newest.nis", "estimate.nis"),
-        *_pairs("estimate.oldest.belief.mean", f"{told[-1]}.{now}.twist", "v", "omega"),
+        *_pairs("estimate.oldest.belief.mean", f"{steps[-1]}.{now}.twist", "v", "omega"),
     )
     name = f"{special.name} with fixes {late} steps late"
     return special._replace(world=tuple(world), same=special.same + same, late=late, name=name)

@@ -192,8 +192,8 @@ def step_of(system: System) -> Step:
         course = _course(world.course.visited, waypoints, p.task.laps)
         distance = distance_to(world.body.true_state, course.reference)
         _, _, is_success, terminated, truncated, reached = outcome
-        told = Outcome(outcome.reward, distance, is_success, terminated, truncated, reached)
-        return Snapshot(world.body, world.senses, world.estimate, course, world.steps, world.room), told
+        renewed = Outcome(outcome.reward, distance, is_success, terminated, truncated, reached)
+        return Snapshot(world.body, world.senses, world.estimate, course, world.steps, world.room), renewed
 
     @kernel
     def completed(world, room, outcome, key, p, scene):
