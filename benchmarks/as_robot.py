@@ -160,7 +160,9 @@ def alone(guarded: bool, simulator: dict[str, Any], controller: dict[str, Any]) 
     mount = robot.outputs["scan"].mount
     seen_from, there, touches, at = mount and Pose(mount.x, mount.y, mount.yaw), False, False, 0
     for at in range(round(LONGEST / period) + 1):
-        said = {name: each if isinstance(each, Aged) else Aged(each, 0.0) for name, each in robot.step(period, command).items()}
+        said = {
+            name: value if isinstance(value, Aged) else Aged(value, 0.0) for name, value in robot.step(period, command).items()
+        }
         goal, clearance = said["goal"].value, said["clearance"].value.distance
         least, there, touches = min(least, clearance), arrived(said["truth"].value, goal, ROOM), clearance < 0.0
         if at and (there or touches):

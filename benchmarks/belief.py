@@ -174,16 +174,16 @@ def ratios(parts: ArrayLike, wholes: ArrayLike) -> NDArray[np.float64]:
 
 def tables(drives: list[dict[str, Any]], seconds: float) -> dict[str, NDArray[np.float64]]:
     """Return each figure of some trainings, or of one policy, as a table of trainings and missions."""
-    column = {name: [each[name] for each in drives] for name in drives[0]}
+    column = {name: [drive[name] for drive in drives] for name in drives[0]}
     once = np.ones_like(column["given"])
-    found = {
+    table = {
         "an_hour": ratios(column["arrivals"], once * seconds / 3600.0),
         "goals": ratios(column["arrivals"], column["given"]),
         "false_goals": ratios(column["false"], column["given"]),
         "lost": ratios(column["astray"], column["time"]),
         "collision": ratios(column["collision"], once),
     }
-    return {name: found[name] for name in FIGURES}
+    return {name: table[name] for name in FIGURES}
 
 
 def interval(table: NDArray[np.float64]) -> Interval:
@@ -193,13 +193,13 @@ def interval(table: NDArray[np.float64]) -> Interval:
 
 def compared(setting: str, by_policy: Mapping[str, list[dict[str, Any]]], config: Config) -> list[dict[str, Any]]:
     """Return the rows of a setting: figures of each policy, and of trainings their differences in the same missions."""
-    found, rows = {name: tables(drives, config.seconds) for name, drives in by_policy.items()}, []
-    for name, figures in found.items():
+    results, rows = {name: tables(drives, config.seconds) for name, drives in by_policy.items()}, []
+    for name, figures in results.items():
         row: dict[str, Any] = {"setting": setting, "policy": name, **{key: interval(part) for key, part in figures.items()}}
-        row["speed_in_doubt"] = float(np.mean([each["speed"] for each in by_policy[name]]))
+        row["speed_in_doubt"] = float(np.mean([drive["speed"] for drive in by_policy[name]]))
         for other in ("truth", *config.policy) if name.removesuffix(SHOWN) in TRAINED else ():
-            if other != name and other in found:
-                minus = {key: part - found[other][key] for key, part in figures.items()}
+            if other != name and other in results:
+                minus = {key: part - results[other][key] for key, part in figures.items()}
                 row[f"minus_{other}"] = {key: interval(part) for key, part in minus.items()}
                 row[f"p_{other}"] = comparison.spread(minus["an_hour"]).p_value()
         rows.append(row)
@@ -225,7 +225,7 @@ def measure(config: Config) -> tuple[dict[str, Any] | None, list[Table]]:
     rows, table = [], Table("setting", "policy, or trained on", *titles)
     for setting in SETTINGS:
         by_policy = {
-            name: [driven(each, setting, config, HIDDEN.get(name, ())) for each in some] for name, some in drivers.items()
+            name: [driven(policy, setting, config, HIDDEN.get(name, ())) for policy in some] for name, some in drivers.items()
         }
         if config.only:
             continue

@@ -65,16 +65,18 @@ def sentence(rows: Sequence[Mapping[str, Any]]) -> str:
     for row, p in zip(tests, holm([row["p_truth"] for row in tests]), strict=True):
         which = side(Interval(**row["minus_truth"]["an_hour"])) if p < 0.05 else 0
         found[which].append(f"{hourly(row, 'truth')} on {BELIEFS[row['policy']]} ({row['setting']})")
-    told = "; ".join(found[1] + found[-1])
+    differences = "; ".join(found[1] + found[-1])
     if not found[1]:
         least, most = (choose(row["minus_truth"]["an_hour"]["value"] for row in tests) for choose in (min, max))
         beyond = max(row["minus_truth"]["an_hour"]["high"] for row in tests)
-        losses = f"Significant losses: {told}." if told else "None is significant."
+        losses = f"Significant losses: {differences}." if differences else "None is significant."
         return (
             f"**No gain shows from training on what the robot knows**: {len(tests)} differences from training on the truth are "
             f"{least:+.0f} to {most:+.0f} goals an hour, no interval reaches beyond {beyond:+.0f}. {losses}"
         )
-    return f"**It pays in some settings to train on what the robot knows.** Significant differences, goals an hour: {told}."
+    return (
+        f"**It pays in some settings to train on what the robot knows.** Significant differences, goals an hour: {differences}."
+    )
 
 
 def search(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -102,16 +102,16 @@ def coverage(rows: list[dict[str, Any]]) -> dict[str, Any]:
         ones = [row["estimates"][name] for row in rows if name in row["estimates"]]
         if not ones:
             continue
-        holds = np.array([one["low"] <= one["true"] <= (np.inf if one["high"] is None else one["high"]) for one in ones])
-        clear = np.array([one["is_determined"] for one in ones])
-        error = np.array([one["value"] / one["true"] - 1.0 for one in ones])
+        holds = np.array([row["low"] <= row["true"] <= (np.inf if row["high"] is None else row["high"]) for row in ones])
+        clear = np.array([row["is_determined"] for row in ones])
+        error = np.array([row["value"] / row["true"] - 1.0 for row in ones])
         content[name] = {
             "drives": len(ones),
             "determined": int(clear.sum()),
             "coverage": float(holds.mean()),
             "coverage_where_determined": float(holds[clear].mean()) if clear.any() else None,
             "band_where_determined": band(int(clear.sum())) if clear.any() else None,
-            "profile": float(np.mean([one["is_profile"] for one in ones])),
+            "profile": float(np.mean([row["is_profile"] for row in ones])),
             "median_relative_error": float(np.median(np.abs(error))),
         }
     return content

@@ -111,23 +111,24 @@ def halves(path: Path) -> dict[str, Any]:
     drive = drive[int(np.flatnonzero(known(drive.truth))[0]) :]
     half, start = len(drive) // 2, Pose(*drive.truth[0].tolist())
     place = Place(map_of.field, map_of.frame, ROBOT, start, KNOWN)
-    found = calibrate_by_map(drive[:half], place, kind="wheel")
-    mapped = by_map(drive, place, found.likeliest.process)
+    fitted = calibrate_by_map(drive[:half], place, kind="wheel")
+    mapped = by_map(drive, place, fitted.likeliest.process)
     localizer = mapped.course.poses[mapped.where], mapped.course.covariances[mapped.where]
-    marker = [found.estimates[name].value for name in ("marker_x", "marker_y", "marker_theta")]
-    result: dict[str, Any] = {"verdict": found.verdict.text, "segment": found.segment, "remarks": found.remarks}
-    result["estimates"] = {name: [each.low, each.value, each.high] for name, each in found.estimates.items()}
+    marker = [fitted.estimates[name].value for name in ("marker_x", "marker_y", "marker_theta")]
+    result: dict[str, Any] = {"verdict": fitted.verdict.text, "segment": fitted.segment, "remarks": fitted.remarks}
+    result["estimates"] = {name: [estimate.low, estimate.value, estimate.high] for name, estimate in fitted.estimates.items()}
     for name, (truth, covariance) in {"localizer": localizer, "scans": (mapped.drive.truth, mapped.scanned.covariance)}.items():
         rest = at_axle(replace(drive, true_state=truth), *marker)[half:]
         result[name] = {
-            f"{apart:g} m": nees_of(rest, Scanned(covariance[half:], 0.0), found.noise, found.integrator, apart)
+            f"{apart:g} m": nees_of(rest, Scanned(covariance[half:], 0.0), fitted.noise, fitted.integrator, apart)
             for apart in APARTS
         }
         result[name] = {
-            key: {"median": np.median(each), "mean": each.mean(), "poses": len(each)} for key, each in result[name].items()
+            key: {"median": np.median(errors), "mean": errors.mean(), "poses": len(errors)}
+            for key, errors in result[name].items()
         }
     rest = at_axle(replace(drive, true_state=localizer[0]), *marker)[half:]
-    result["without corrections"] = float(np.median(uncorrected(rest, localizer[1][half:], found)))
+    result["without corrections"] = float(np.median(uncorrected(rest, localizer[1][half:], fitted)))
     return result
 
 

@@ -80,7 +80,7 @@ def judged(track: float, folder: Path, config: Config) -> dict[str, Any]:
     write_log(drive, folder / "log.csv")
     files["calibrated"].unlink(missing_ok=True)
     command("calibrate", folder / "log.csv", "--out", files["calibrated"])
-    found = read_parameters(Noise, files["calibrated"]).process.turn_scale
+    turn_scale = read_parameters(Noise, files["calibrated"]).process.turn_scale
     times = {}
     for side, file in files.items():
         times[side], own = [], make_filter("calibrated", read_parameters(Noise, file))
@@ -97,8 +97,8 @@ def judged(track: float, folder: Path, config: Config) -> dict[str, Any]:
     means = {side: float(np.mean([row["time"] for row in rows])) for side, rows in times.items()}
     return {
         "turn_scale": values["turn_scale"],
-        "found": found,
-        "error": found / values["turn_scale"] - 1.0,
+        "found": turn_scale,
+        "error": turn_scale / values["turn_scale"] - 1.0,
         "times": times,
         "mean": means,
         "ratio": means["calibrated"] / means["truth"],
@@ -107,7 +107,7 @@ def judged(track: float, folder: Path, config: Config) -> dict[str, Any]:
 
 def lost(robots: Mapping[str, Any]) -> Interval:
     """Return the share of its time that a policy trained on a file loses, over the pairs of all robots."""
-    sides = ([each["time"] for row in robots.values() for each in row["times"][side]] for side in ("calibrated", "truth"))
+    sides = ([drive["time"] for row in robots.values() for drive in row["times"][side]] for side in ("calibrated", "truth"))
     on_file, on_truth = map(np.array, sides)
     return metrics.mean(on_file / on_truth - 1.0)
 

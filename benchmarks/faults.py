@@ -88,12 +88,12 @@ def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -
 def inject_all(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
     """Inject all faults, and return the counts by kind, and after which the chain had to be started again, how often."""
     kinds = [name for name in FAULTS if not config.only or name.startswith(config.only)]
-    each = math.ceil(config.faults / len(kinds))
-    order = [(name, number) for number in range(each) for name in kinds]
+    count = math.ceil(config.faults / len(kinds))
+    order = [(name, number) for number in range(count) for name in kinds]
     zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0, "longest_revived": 0.0, "longest_stop": 0.0}
     counts: dict[str, dict[str, Any]] = {name: dict(zero) for name in kinds}
     stuck: dict[str, int] = {}
-    half = each // 2 * len(kinds)
+    half = count // 2 * len(kinds)
     with suppress(KeyboardInterrupt), Progress(console=Console(stderr=True)) as progress:  # the rest is reported
         bar = progress.add_task("faults", total=len(order))
         try:
@@ -158,7 +158,7 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     columns = "fault", "injected", "unsafe", "last motion, s", "zero, s", "zero after a motion that came out late, s", "stop, s"
     table = Table(*columns, caption="motion and zero: after the newest measurement; stop: after a fault that is a reason to")
     for name, (injected, unsafe, *longest) in ((name, kind.values()) for name, kind in counts.items()):
-        table.add_row(name, f"{injected}", f"{unsafe}", *(f"{each:.3f}" for each in longest))
+        table.add_row(name, f"{injected}", f"{unsafe}", *(f"{duration:.3f}" for duration in longest))
     total = {key: sum(kind[key] for kind in counts.values()) for key in ("injected", "unsafe")}
     table.add_row("all", str(total["injected"]), str(total["unsafe"]))
     return {"faults": counts, "total": total, "started again": stuck, "load": os.getloadavg()}, [table]

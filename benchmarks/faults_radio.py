@@ -51,12 +51,12 @@ class Radio:
 
 def _sockets() -> dict[int, int]:
     """Return the ports of this process's UDP sockets by their file descriptors."""
-    found = {}
+    sockets = {}
     for path in Path("/proc/self/fd").iterdir():
         try:
-            with socket.socket(fileno=os.dup(int(path.name))) as each:
-                if (each.family, each.type) == (socket.AF_INET, socket.SOCK_DGRAM):
-                    found[int(path.name)] = each.getsockname()[1]
+            with socket.socket(fileno=os.dup(int(path.name))) as connection:
+                if (connection.family, connection.type) == (socket.AF_INET, socket.SOCK_DGRAM):
+                    sockets[int(path.name)] = connection.getsockname()[1]
         except OSError:  # not a socket, or closed meanwhile
             continue
-    return found
+    return sockets

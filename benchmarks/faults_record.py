@@ -34,7 +34,7 @@ class Record:
 
     def moves(self, at: float) -> bool:
         """Return whether the last command that was published until a time is a motion."""
-        return max((each for each in list(self.heard) if each[0] <= at), default=(0.0, 0.0, 0.0))[1:] != (0.0, 0.0)
+        return max((entry for entry in list(self.heard) if entry[0] <= at), default=(0.0, 0.0, 0.0))[1:] != (0.0, 0.0)
 
     def stop(self) -> float:
         """Return the time from a fault that is a reason to stop to the next zero, s; 0 if the robot stood."""

@@ -93,7 +93,7 @@ def scan_late(robot: Robot, rng: random.Random) -> int:
 
     def delay(message: Any) -> Any:
         kept.append((time.time(), message))
-        due = [each for at, each in kept if at <= time.time() - late]
+        due = [message for at, message in kept if at <= time.time() - late]
         return due[-1] if due else None
 
     return _towards_wall(robot, delay)
@@ -155,7 +155,7 @@ def lidar_frozen(robot: Robot, rng: random.Random) -> int:
 def filled(value: float, share: float = 1.0) -> Callable[[Any], Any]:
     def fill(message: Any) -> Any:
         count = len(message.ranges)
-        message.ranges = [value if k < share * count else each for k, each in enumerate(message.ranges)]
+        message.ranges = [value if k < share * count else distance for k, distance in enumerate(message.ranges)]
         return message
 
     return fill

@@ -138,7 +138,7 @@ def arrivals(rows: Sequence[Results]) -> str:
 
 def buildings(results: Results) -> str:
     """Return under which conditions the localizer loses itself in recorded buildings."""
-    lost = {name: [each[name]["lost"] for each in results.values()] for name in next(iter(results.values()))}
+    lost = {name: [row[name]["lost"] for row in results.values()] for name in next(iter(results.values()))}
     without = sum(max(shares) == 0.0 for shares in lost.values())
     half = lost["50 % people"]
     return (
@@ -150,9 +150,9 @@ def buildings(results: Results) -> str:
 
 def delay(figures: Sequence[Results]) -> str:
     """Return whether the live graph keeps its limits of delay."""
-    told = [figure for figure in figures if "/cmd_vel, p" in figure["name"] and figure["limit"] is not None]
-    kept = all(figure["value"] <= figure["limit"] for figure in told)
-    values, limits = (" and ".join(f"{figure[key]:.1f}" for figure in told) for key in ("value", "limit"))
+    limited = [figure for figure in figures if "/cmd_vel, p" in figure["name"] and figure["limit"] is not None]
+    kept = all(figure["value"] <= figure["limit"] for figure in limited)
+    values, limits = (" and ".join(f"{figure[key]:.1f}" for figure in limited) for key in ("value", "limit"))
     return (
         f"* **The live graph {'keeps its limits' if kept else 'is slower than its own limits'}**: {values} ms from odometry to "
         f"command (median and 99 %), where {limits} are the limits. [The live graph](#the-live-graph)."
@@ -180,8 +180,8 @@ def rooms_won(rows: Sequence[Results]) -> str:
         for row in of(rows, "ppo-rooms")
         if row["success_difference"]["low"] > 0.0 and "," not in row["setting"]
     ]
-    told = listed([f"{name} ({gain:.1f} points)" for name, gain in won])
-    return f"* **Learning reaches more goals where there are dead ends**: `ppo-rooms` beats `vfh` in {told}. [Rooms](#rooms)."
+    gains = listed([f"{name} ({gain:.1f} points)" for name, gain in won])
+    return f"* **Learning reaches more goals where there are dead ends**: `ppo-rooms` beats `vfh` in {gains}. [Rooms](#rooms)."
 
 
 def begun_with(tasks: Results) -> str:

@@ -106,7 +106,7 @@ def repeats(config: Config) -> dict[str, Any]:
             with busy(load):
                 digests = [digest(live(drive, config.steps, processes=processes)) for _ in range(config.runs // 2)]
             by_load[f"{'4 processes' if processes else '1 process'}, {load} busy"] = digests
-    return {"different": len({each for digests in by_load.values() for each in digests}), "digests": by_load}
+    return {"different": len({digest for digests in by_load.values() for digest in digests}), "digests": by_load}
 
 
 def speeds(config: Config) -> dict[str, Any]:

@@ -90,7 +90,7 @@ class SwapName(_Own):
     """Replace a function or a name by its counterpart: min by max, sine by cosine, x by y."""
 
     pairs = (("min", "max"), ("minimum", "maximum"), ("any", "all"), ("sin", "cos"), ("sine", "cosine"), ("floor", "ceil"))
-    counterparts = dict(pairs) | {other: one for one, other in pairs} | {"x": "y", "y": "x", "v": "omega", "omega": "v"}
+    counterparts = dict(pairs) | {other: name for name, other in pairs} | {"x": "y", "y": "x", "v": "omega", "omega": "v"}
 
     def mutation_positions(self, node: Any) -> Iterator[Any]:
         if node.type == "name" and node.value in self.counterparts and not node.is_definition():
@@ -115,10 +115,10 @@ class SwapArguments(_Own):
                 yield (node.start_pos, node.end_pos)
 
     def mutate(self, node: Any, index: int) -> Any:
-        one, other = node.children[0], node.children[2]
-        prefixes = one.get_first_leaf().prefix, other.get_first_leaf().prefix
-        node.children[0], node.children[2] = other, one
-        other.get_first_leaf().prefix, one.get_first_leaf().prefix = prefixes
+        left, right = node.children[0], node.children[2]
+        prefixes = left.get_first_leaf().prefix, right.get_first_leaf().prefix
+        node.children[0], node.children[2] = right, left
+        right.get_first_leaf().prefix, left.get_first_leaf().prefix = prefixes
         return node
 
 
@@ -127,13 +127,13 @@ class ExceptionReplacer(_Own):
 
     def mutation_positions(self, node: Any) -> Iterator[Any]:
         if node.type == "except_clause":
-            yield from [(one.start_pos, one.end_pos) for one in self._caught(node)]
+            yield from [(caught.start_pos, caught.end_pos) for caught in self._caught(node)]
 
     def mutate(self, node: Any, index: int) -> Any:
-        one = self._caught(node)[index]
-        at = one.parent.children.index(one)
-        name = parso.python.tree.Name("NeverRaised", one.start_pos, one.get_first_leaf().prefix)
-        one.parent.children[at], name.parent = name, one.parent
+        caught = self._caught(node)[index]
+        at = caught.parent.children.index(caught)
+        name = parso.python.tree.Name("NeverRaised", caught.start_pos, caught.get_first_leaf().prefix)
+        caught.parent.children[at], name.parent = name, caught.parent
         return node
 
     @staticmethod

@@ -90,8 +90,8 @@ def _python(times: Mapping[str, float]) -> list[str]:
     """Return the sentence on what a step takes outside its compiled loops, by number of environments, if that was measured."""
     if not times:
         return []
-    told = ", ".join(f"{time:.1f}" for time in times.values())
-    return [f"Outside its compiled loops a vector step of {', '.join(times)} environments takes {told} microseconds."]
+    microseconds = ", ".join(f"{time:.1f}" for time in times.values())
+    return [f"Outside its compiled loops a vector step of {', '.join(times)} environments takes {microseconds} microseconds."]
 
 
 def _training(found: Mapping[str, Any]) -> list[str]:

@@ -149,5 +149,5 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Any]]:
 
 
 if __name__ == "__main__":
-    _, found = run(Config, measure)
-    raise SystemExit(found["within_0.3_s"] < found["times"] or found["first_message_not_zero"] > 0)
+    _, results = run(Config, measure)
+    raise SystemExit(results["within_0.3_s"] < results["times"] or results["first_message_not_zero"] > 0)

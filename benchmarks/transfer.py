@@ -159,7 +159,7 @@ def study(config: Config, folder: Path) -> dict[str, Any]:
             row(case, floor, policy=f"ppo, error {error:g}, seed {seed}")
             for case, (_, error, seed) in zip(ours, learned, strict=True) for floor in FLOORS
         ],
-        "filters": [one for rows in filters.values() for one in rows],
+        "filters": [row for rows in filters.values() for row in rows],
         "drift": [drift(floor, drives["wheel", floor]) for floor in FLOORS],
     }  # fmt: skip
 

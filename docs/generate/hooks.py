@@ -80,10 +80,10 @@ def equations(notebook: str, section: str) -> str:
     cells = json.loads(Path("notebooks", f"{notebook}.ipynb").read_text(encoding="utf-8"))["cells"]
     text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
     parts = dict(part.split("\n", 1) for part in re.split(r"^#+ ", text, flags=re.MULTILINE)[1:] if "\n" in part)
-    found = EQUATION.findall(parts.get(section, ""))
-    if not found:
+    equations = EQUATION.findall(parts.get(section, ""))
+    if not equations:
         raise PluginError(f"notebooks/{notebook}.ipynb has no section {section!r} with equations.")
-    return "\n\n".join(found)
+    return "\n\n".join(equations)
 
 
 def on_page_content(content: str, *, page: Any, config: Any, files: Any) -> str:

@@ -26,11 +26,11 @@ def number(value):
 def differences(value, path=""):
     """Yield the fields of a parameter class that are not at their defaults, as ``name = value``."""
     for field in fields(value):
-        each = getattr(value, field.name)
-        if is_dataclass(each):
-            yield from differences(each, f"{path}{field.name}.")
-        elif each != field.default:
-            yield f"`{path}{field.name} = {number(each)}`"
+        part = getattr(value, field.name)
+        if is_dataclass(part):
+            yield from differences(part, f"{path}{field.name}.")
+        elif part != field.default:
+            yield f"`{path}{field.name} = {number(part)}`"
 
 
 with mkdocs_gen_files.open("reference/presets.md", "w") as page:

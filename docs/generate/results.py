@@ -50,7 +50,7 @@ def layered(rows):
     for (setting, policy), row in cells.items():
         if "later" in row:
             pair = cells[setting, policy.removesuffix(SAFETY)], row
-            shares = (f"{100.0 * one[part]['value']:.1f}" for part in ("collision", "success") for one in pair)
+            shares = (f"{100.0 * side[part]['value']:.1f}" for part in ("collision", "success") for side in pair)
             yield setting, policy.removesuffix(SAFETY), *shares, f"{Interval(**row['later']):+.2f}"
 
 
