@@ -77,19 +77,17 @@ def _local_results(units: Iterable[tuple[str, Unit]], workers: int | None) -> It
     """Yield results as they arrive; units whose workers died are run again."""
     from joblib import cpu_count
 
-    # Not joblib.Parallel: when a worker dies, it drops results that have arrived but were not yet read.
+    # Not joblib.Parallel: when a worker dies, it drops results that have arrived and were not yet taken.
     from joblib.externals.loky import FIRST_COMPLETED, BrokenProcessPool, ProcessPoolExecutor, wait
 
     count, missing, reason = workers or cpu_count(), dict(units), ""
     for _ in range(1 + RETRIES):
-        # Ctrl-C reaches all processes and is handled by the command: an idle worker would print a traceback.
-        pool = ProcessPoolExecutor(count, initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN))
-        waiting, names = iter(missing.copy().items()), {}
+        pool, waiting, names = ProcessPoolExecutor(count), iter(missing.copy().items()), {}
         try:
             while missing:
-                # Few at a time: all of them, and one more, must have room in the pool's pipe.
-                for name, unit in itertools.islice(waiting, 2 * count - len(names)):
-                    names[pool.submit(run, unit)] = name
+                with _interrupts_held():
+                    for name, unit in itertools.islice(waiting, 2 * count - len(names)):  # as many as the pool's pipe takes
+                        names[pool.submit(run, unit)] = name
                 for done in wait(names, return_when=FIRST_COMPLETED).done:
                     result, name = done.result(), names.pop(done)
                     del missing[name]
@@ -101,20 +99,24 @@ def _local_results(units: Iterable[tuple[str, Unit]], workers: int | None) -> It
                 if done.done() and done.exception() is None:
                     del missing[name]
                     yield name, done.result()
-        except BaseException:  # also Ctrl-C
-            _put_into_pipe(pool)
+        except BaseException:  # Ctrl-C as well
+            # The pool's thread fails at a shutdown on a unit that it has not yet put into its pipe.
+            while not all(future.running() or future.done() for future in names):
+                time.sleep(0.001)
             raise
         finally:
             pool.shutdown(kill_workers=True)
     raise OSError(f"Workers have died {1 + RETRIES} times: {reason}")
 
 
-def _put_into_pipe(pool: Any) -> None:
-    """Wait until a pool's thread has put all units into its pipe: a shutdown before that makes the thread fail."""
-    with contextlib.suppress(RuntimeError):  # the pool broke, and its thread has ended
-        last = pool.submit(int)
-        while not (last.running() or last.done()):
-            time.sleep(0.001)
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Let Ctrl-C wait for the end of the block, and never reach the processes that start in it: they inherit this."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _token() -> dict[str, str]:
@@ -151,7 +153,7 @@ def _connected(cluster: str, memory: int) -> Iterator[None]:
 def _address_of(cluster: str) -> str:
     """Return the address at which a cluster answers.
 
-    If none answers, Ray waits long, prints much, and can end the process, so another process tries first.
+    Where none answers, Ray waits long, writes much text, and can end the process. So another process asks first.
     """
     if cluster != "auto":
         _require_ray(cluster)
@@ -232,7 +234,7 @@ def _ray_results(units: Iterable[tuple[str, Unit]], memory: int) -> Iterator[tup
 
 
 def _same_origin(unit: Unit, here: dict[str, Any]) -> Result:
-    """Run a unit in a worker whose code and libraries are those of the calling process.
+    """Run a unit in a worker, if that computes the same results as the process with the given origin.
 
     Raises:
         OSError: If code or libraries differ.

@@ -1,5 +1,6 @@
 """Workers of this machine: the same files with any number of them, and nothing lost or repeated when they are killed."""
 
+import contextlib
 import json
 import os
 import random
@@ -189,6 +190,26 @@ def test_an_interrupted_pool_ends_without_a_traceback(tmp_path, monkeypatch):
             list(results)
     signal.signal(signal.SIGINT, before)
     assert not failures
+
+
+def test_an_interrupt_reaches_no_worker_not_even_one_that_starts(tmp_path, environment, monkeypatch, capfd):
+    monkeypatch.setenv("TURTLEBOT_GYM_TEST", environment)
+    done = threading.Event()
+
+    def interrupt():
+        while not done.wait(0.01):
+            for process in processes.marked(environment):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGINT)
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    units = [(str(unit), killed.Logged(number=unit, folder=str(tmp_path))) for unit in range(4)]
+    with workers_on("local", workers=2) as workers:
+        assert sorted(name for name, _ in workers(units)) == ["0", "1", "2", "3"]
+    done.set()
+    thread.join()
+    assert capfd.readouterr().err == ""
 
 
 def test_workers_listen_nowhere(environment, monkeypatch):
