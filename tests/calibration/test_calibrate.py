@@ -155,8 +155,8 @@ def test_another_frame_and_another_clock_of_the_truth_are_found_out(known, by_tr
     assert calibration.estimates["bias_theta"].low < 0.03 < calibration.estimates["bias_theta"].high
     assert calibration.estimates["R_x"].value == pytest.approx(by_truth.estimates["R_x"].value, rel=0.2)
 
-    before = replace(known, odometry=np.concatenate([known.odometry[:1], known.odometry[:1], known.odometry[:-2]]))
-    late = calibrate(before)
+    delayed = replace(known, odometry=np.concatenate([known.odometry[:1], known.odometry[:1], known.odometry[:-2]]))
+    late = calibrate(delayed)
     assert late.truth_delay.value == pytest.approx(0.2, abs=0.01)
     assert "behind the truth" in " ".join(late.remarks)
     assert late.estimates["R_x"].value == pytest.approx(by_truth.estimates["R_x"].value, rel=0.2)  # shifted to where it belongs

@@ -55,14 +55,14 @@ def test_a_bag_with_an_imu_gives_the_sensors_file(tmp_path, capsys):
     pytest.importorskip("rosbags", reason="needs rosbags, of the extras [deploy] and [ros]")
     from rosbag_messages import ODOMETRY, header, make, odometry, turn, vector, write_bag
 
-    drive, said = driven(np.random.default_rng(3)), []
+    drive, messages = driven(np.random.default_rng(3)), []
     imu, none, theta = "sensor_msgs/msg/Imu", np.zeros(9), 0.0
     for time, (v, omega), gyro in zip(drive.time + 10.0, drive.twist, drive.gyro, strict=True):
         theta += DT * omega
-        said.append(("/odom", ODOMETRY, time, odometry(time, (0.0, 0.0, theta), (v, omega))))
+        messages.append(("/odom", ODOMETRY, time, odometry(time, (0.0, 0.0, theta), (v, omega))))
         measured = make(imu, header(time + 0.01, "imu"), turn(0.0), none, vector(z=gyro), none, vector(), none)
-        said.append(("/imu", imu, time + 0.01, measured))
-    bag, out = write_bag(tmp_path / "bag", said), tmp_path / "gyro.yaml"
+        messages.append(("/imu", imu, time + 0.01, measured))
+    bag, out = write_bag(tmp_path / "bag", messages), tmp_path / "gyro.yaml"
     # Wheels alone are no calibration; the gyro's file is written before that is said.
     assert main(["calibrate", str(bag), "--imu-out", str(out)]) == 2
     assert "while the robot stands" in " ".join(capsys.readouterr().out.split())

@@ -67,12 +67,12 @@ def write(path, columns, *, mark=","):
 def random_drive(rows=8, *, seed=0):
     """Return a drive of random numbers, with a scan in every second row."""
     random = np.random.default_rng(seed)
-    known = {name: random.normal(size=getattr(Drive(time=np.arange(rows)), name).shape) for name in COLUMNS}
-    known["covariance"] = known["covariance"] @ known["covariance"].transpose(0, 2, 1)
+    columns = {name: random.normal(size=getattr(Drive(time=np.arange(rows)), name).shape) for name in COLUMNS}
+    columns["covariance"] = columns["covariance"] @ columns["covariance"].transpose(0, 2, 1)
     ranges = random.uniform(0.1, 3.0, (rows, 36)).astype(np.float32)
     return Drive(
         time=0.1 * np.arange(rows),
-        **known,
+        **columns,
         report=tuple(f"report {k}" for k in range(rows)),
         circles=tuple(random.normal(size=(rows, 2, 3))),
         hypotheses=tuple(random.normal(size=(rows, 2, 4))),

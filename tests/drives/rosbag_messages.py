@@ -62,11 +62,11 @@ def transform(seconds, place, child="base"):
     return make(TRANSFORM, header(seconds), child, make("geometry_msgs/msg/Transform", vector(x, y), turn(theta)))
 
 
-def write_bag(folder, said, *, plugin=Plugin.SQLITE3):
+def write_bag(folder, messages, *, plugin=Plugin.SQLITE3):
     """Write messages, each given as its topic, its type, when it was received, and itself."""
     with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
         opened = {}
-        for topic, kind, received, message in said:
+        for topic, kind, received, message in messages:
             if topic not in opened:
                 opened[topic] = writer.add_connection(topic, kind, typestore=TYPES)
             writer.write(opened[topic], round(received * 1e9), TYPES.serialize_cdr(message, kind))

@@ -16,31 +16,31 @@ def stream(pairs, **options):
 
 
 def test_a_value_holds_from_its_own_time_until_it_is_too_old():
-    heard = stream([(1.0, [1.0]), (2.0, [2.0]), (3.0, [3.0])])
+    numbers = stream([(1.0, [1.0]), (2.0, [2.0]), (3.0, [3.0])])
     wanted = np.array([0.9, 1.0, 1.6, 2.0, 9.0])
-    np.testing.assert_array_equal(heard.held(wanted, 1)[:, 0], [NAN, 1.0, 1.0, 2.0, 3.0])
-    np.testing.assert_array_equal(heard.held(wanted, 1, fresh=0.5)[:, 0], [NAN, 1.0, NAN, 2.0, NAN])
-    np.testing.assert_array_equal(heard.held(wanted[:3], 1, fresh=0.0)[:, 0], [NAN, 1.0, NAN])
-    np.testing.assert_array_equal(heard.before(wanted, 1)[:, 0], [0.0, 0.0, 1.0, 1.0, 3.0])
+    np.testing.assert_array_equal(numbers.held(wanted, 1)[:, 0], [NAN, 1.0, 1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(numbers.held(wanted, 1, fresh=0.5)[:, 0], [NAN, 1.0, NAN, 2.0, NAN])
+    np.testing.assert_array_equal(numbers.held(wanted[:3], 1, fresh=0.0)[:, 0], [NAN, 1.0, NAN])
+    np.testing.assert_array_equal(numbers.before(wanted, 1)[:, 0], [0.0, 0.0, 1.0, 1.0, 3.0])
     assert np.isnan(Stream().held(wanted, (5, 5))).all()
 
 
 def test_a_value_belongs_to_the_nearest_row():
-    heard = stream([(0.04, [1.0]), (0.26, [2.0]), (0.44, [3.0]), (5.0, [4.0])])
-    np.testing.assert_array_equal(heard.nearest(0.1 * np.arange(5), 1)[:, 0], [1.0, NAN, NAN, 2.0, 3.0])
+    numbers = stream([(0.04, [1.0]), (0.26, [2.0]), (0.44, [3.0]), (5.0, [4.0])])
+    np.testing.assert_array_equal(numbers.nearest(0.1 * np.arange(5), 1)[:, 0], [1.0, NAN, NAN, 2.0, 3.0])
 
 
 def test_a_value_whose_time_does_not_increase_is_left_out():
-    heard = stream([(1.0, 1), (1.0, 2), (0.5, 3), (2.0, 4)])
-    assert (heard.times, heard.values, heard.late, heard.count) == ([1.0, 2.0], [1, 4], [2, 3], 4)
+    numbers = stream([(1.0, 1), (1.0, 2), (0.5, 3), (2.0, 4)])
+    assert (numbers.times, numbers.values, numbers.late, numbers.count) == ([1.0, 2.0], [1, 4], [2, 3], 4)
 
 
 def test_a_running_graph_is_remembered_for_a_while_and_begins_anew_where_time_leaps_back():
-    heard = stream([(0.1 * k, k) for k in range(KEPT + 50)], live=True)
-    assert heard.values == list(range(50, KEPT + 50))
-    assert not heard.add(heard.times[-1] - 0.5 * LEAP, -1)
-    assert heard.add(heard.times[-1] - 1.5 * LEAP, -2)
-    assert heard.values == [-2]
+    numbers = stream([(0.1 * k, k) for k in range(KEPT + 50)], live=True)
+    assert numbers.values == list(range(50, KEPT + 50))
+    assert not numbers.add(numbers.times[-1] - 0.5 * LEAP, -1)
+    assert numbers.add(numbers.times[-1] - 1.5 * LEAP, -2)
+    assert numbers.values == [-2]
 
 
 def test_poses_are_interpolated_over_short_gaps_alone_and_are_themselves_at_their_own_time():
@@ -50,8 +50,8 @@ def test_poses_are_interpolated_over_short_gaps_alone_and_are_themselves_at_thei
     got = interpolated(time, np.array(poses)[:, :3], wanted)
     np.testing.assert_allclose(got[[0, 1, 2, 3, 5], 0], [NAN, 0.05, 0.1, NAN, NAN], atol=1e-12)
     assert got[2, 2] == pytest.approx(3.12)
-    own = stream(zip(time, poses, strict=True)).interpolated(wanted)
-    np.testing.assert_array_equal(own[[2, 4]], [poses[1][:3], poses[3][:3]])
+    at_own_times = stream(zip(time, poses, strict=True)).interpolated(wanted)
+    np.testing.assert_array_equal(at_own_times[[2, 4]], [poses[1][:3], poses[3][:3]])
     alone = stream([(0.1, poses[1])]).interpolated(wanted)
     np.testing.assert_array_equal(alone[:, 0], [NAN, NAN, 0.1, NAN, NAN, NAN])
 

@@ -18,9 +18,9 @@ SHORT = draw(120)
 START = 100.0
 
 
-def said_of(drive, *, times=None, truth=POSE, command=False):
-    """Return what is said in a drive; ``times`` are the stamps of the odometry."""
-    said = []
+def messages_of(drive, *, times=None, truth=POSE, command=False):
+    """Return the messages of a drive; ``times`` are the stamps of the odometry."""
+    messages = []
     for k, time in enumerate(START + drive.time):
         stamp_of_row = time if times is None else START + times[k]
         place = drive.truth[k]
@@ -30,22 +30,22 @@ def said_of(drive, *, times=None, truth=POSE, command=False):
             TRANSFORM: lambda: ros.transform(time, place),  # noqa: B023
             TF: lambda: make(TF, [ros.transform(time, (9.0, 9.0, 0.0), "other"), ros.transform(time, place)]),  # noqa: B023
         }
-        said.append(("/odom", ODOMETRY, time, odometry(stamp_of_row, drive.odometry[k], drive.twist[k], measured=k != 17)))
+        messages.append(("/odom", ODOMETRY, time, odometry(stamp_of_row, drive.odometry[k], drive.twist[k], measured=k != 17)))
         if truth:
-            said.append(("/ground_truth", truth, time, true[truth]()))
+            messages.append(("/ground_truth", truth, time, true[truth]()))
         if command and k + 1 < len(drive):
-            said.append(("/cmd_vel", TWIST, time, ros.twist(*drive.twist[k + 1])))
-    return said
+            messages.append(("/cmd_vel", TWIST, time, ros.twist(*drive.twist[k + 1])))
+    return messages
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    return write_bag(tmp_path_factory.mktemp("short") / "bag", said_of(SHORT))
+    return write_bag(tmp_path_factory.mktemp("short") / "bag", messages_of(SHORT))
 
 
 @pytest.mark.parametrize("plugin", list(Plugin))
 def test_a_bag_is_read_whatever_its_file_is_called(tmp_path, plugin):
-    folder = write_bag(tmp_path / "bag", said_of(SHORT), plugin=plugin)
+    folder = write_bag(tmp_path / "bag", messages_of(SHORT), plugin=plugin)
     (file,) = (path for path in folder.iterdir() if path.suffix in (".db3", ".mcap"))
     shutil.copy(file, tmp_path / "recording")
     for path in (folder, file, tmp_path / "recording"):
@@ -74,7 +74,7 @@ def test_a_bag_of_ros_1_is_read(tmp_path):
 
     with rosbag1.Writer(tmp_path / "drive.bag") as writer:
         opened = {}
-        for topic, kind, received, message in said_of(SHORT):
+        for topic, kind, received, message in messages_of(SHORT):
             if topic not in opened:
                 opened[topic] = writer.add_connection(topic, kind, typestore=noetic)
             writer.write(opened[topic], round(received * 1e9), noetic.serialize_ros1(of_ros_1(message), kind))
@@ -87,7 +87,7 @@ def test_a_bag_of_ros_1_is_read(tmp_path):
 
 @pytest.mark.parametrize(("kind", "truth"), [(TRANSFORM, None), (TF, "/ground_truth:base"), (POINT, None)])
 def test_the_truth_is_any_message_that_states_a_pose(tmp_path, kind, truth):
-    drive = read(write_bag(tmp_path / "bag", said_of(SHORT, truth=kind)), truth=truth)
+    drive = read(write_bag(tmp_path / "bag", messages_of(SHORT, truth=kind)), truth=truth)
     np.testing.assert_allclose(drive.truth[:, :2], SHORT.truth[:, :2], atol=1e-6)
     if kind == POINT:
         assert "the truth has no heading" in drive.remarks[-1]
@@ -97,15 +97,17 @@ def test_the_truth_is_any_message_that_states_a_pose(tmp_path, kind, truth):
 
 def test_a_command_holds_until_the_next_one(tmp_path):
     # commands have no stamp: it is the time of their arrival
-    folder = write_bag(tmp_path / "bag", said_of(SHORT, command=True))
+    folder = write_bag(tmp_path / "bag", messages_of(SHORT, command=True))
     drive = read(folder, topics=Topics(twist="/cmd_vel", truth="/ground_truth"))
     np.testing.assert_allclose(drive.twist[1:], SHORT.twist[1:], atol=1e-12)
 
 
 def test_measured_poses_of_another_topic_belong_to_the_nearest_row(tmp_path):
-    said = said_of(SHORT)
-    said += [("/pose_fix", POSE, START + 11.0, make(POSE, header(START + 0.1 * k + 0.03), pose(k, 0.0, 0.0))) for k in (3, 40)]
-    drive = read(write_bag(tmp_path / "bag", said), topics=Topics(fix="/pose_fix"))
+    messages = messages_of(SHORT)
+    messages += [
+        ("/pose_fix", POSE, START + 11.0, make(POSE, header(START + 0.1 * k + 0.03), pose(k, 0.0, 0.0))) for k in (3, 40)
+    ]
+    drive = read(write_bag(tmp_path / "bag", messages), topics=Topics(fix="/pose_fix"))
     assert np.flatnonzero(np.isfinite(drive.odometry[:, 0])).tolist() == [3, 40]
     np.testing.assert_allclose(drive.odometry[[3, 40], 0], [3.0, 40.0])
 
@@ -126,7 +128,7 @@ def test_missing_and_wrong_topics_are_named(bag, topics, message):
 
 
 def test_transforms_need_the_name_of_a_frame_that_is_there(tmp_path):
-    folder = write_bag(tmp_path / "bag", said_of(SHORT, truth=TF))
+    folder = write_bag(tmp_path / "bag", messages_of(SHORT, truth=TF))
     with pytest.raises(ValueError, match="'/ground_truth' holds transforms: name the robot's frame"):
         read(folder, truth="/ground_truth")
     with pytest.raises(ValueError, match="'/ground_truth' has no messages about 'wheel'"):
@@ -136,7 +138,7 @@ def test_transforms_need_the_name_of_a_frame_that_is_there(tmp_path):
 def test_an_empty_bag_and_what_is_no_bag_are_refused(tmp_path):
     with ros.rosbag2.Writer(tmp_path / "bag", version=9):
         pass
-    write_bag(tmp_path / "few", said_of(SHORT)[:1])
+    write_bag(tmp_path / "few", messages_of(SHORT)[:1])
     (tmp_path / "folder").mkdir()
     (tmp_path / "noise.mcap").write_bytes(bytes(range(256)) * 8)
     for name, message in {
@@ -152,25 +154,25 @@ def test_an_empty_bag_and_what_is_no_bag_are_refused(tmp_path):
 
 @pytest.mark.parametrize("plugin", list(Plugin))
 def test_a_truncated_bag_is_refused_or_its_good_part_used(tmp_path, plugin):
-    folder = write_bag(tmp_path / "bag", said_of(SHORT), plugin=plugin)
+    folder = write_bag(tmp_path / "bag", messages_of(SHORT), plugin=plugin)
     data = next(path for path in folder.iterdir() if path.suffix in (".db3", ".mcap"))
     data.write_bytes(data.read_bytes()[: data.stat().st_size // 2])
     try:
         drive = read(folder)
     except ValueError as refusal:
-        said = str(refusal)
+        remark = str(refusal)
     else:
         assert len(drive) < 120
-        said = drive.remarks[-1]
-    assert said.startswith(f"{folder}: ")
-    assert "cut short" in said or "the bag is damaged or incomplete" in said or "messages" in said
-    assert "\n" not in said
+        remark = drive.remarks[-1]
+    assert remark.startswith(f"{folder}: ")
+    assert "cut short" in remark or "the bag is damaged or incomplete" in remark or "messages" in remark
+    assert "\n" not in remark
 
 
 def test_messages_whose_time_runs_backwards_are_left_out_and_counted(tmp_path):
     times = SHORT.time.copy()
     times[50:53] = times[10]
-    drive = read(write_bag(tmp_path / "bag", said_of(SHORT, times=times)))
+    drive = read(write_bag(tmp_path / "bag", messages_of(SHORT, times=times)))
     assert len(drive) == 117
     assert "topic '/odom': 3 of 120 messages, first number 51, have a time that does not increase" in drive.remarks[0]
 
@@ -215,30 +217,35 @@ def graph_drive():
     """Return what is said in a drive of five steps of 0.1 s along x, recorded a second late."""
     ranges = np.array([1.0, 2.0, np.inf, 0.01], np.float32)
     beams = make(SCAN, header(10.2, "laser"), 0.0, 4.712, 1.5708, 0.0, 0.0, 0.1, 3.5, ranges, np.zeros(0, np.float32))
-    said = [
+    messages = [
         ("/obstacles", MARKERS, 11.0, room()),
         ("/diagnostics", NIS, 11.15, diagnostics(500.0, "/cmd_vel_guard", "collision monitor: slow", 1)),
         ("/reference", POSE, 11.0, make(POSE, header(10.0), pose(2.0, 1.0, 0.5))),
         ("/scan", SCAN, 11.2, beams),
     ]
     for k in range(5):
-        at, heard = 10.0 + 0.1 * k, 11.0 + 0.1 * k
-        said += [
-            ("/odom", ODOMETRY, heard, odometry(at, (0.1 * k + 0.03, 0.0, 0.0), (0.2, 0.1), measured=k != 2)),
-            ("/true_state", ODOMETRY, heard, odometry(at, (0.1 * k, 0.0, 0.0), (0.9, 0.1))),
-            ("/estimate", ODOMETRY, heard, odometry(at, (0.1 * k + 0.01, 0.0, 0.0), (0.2, 0.1), variances=(0.04, 0.09, 0.01))),
-            ("/nis", NIS, heard, diagnostics(at, "innovation", "as expected", nis=1.5 + k)),
-            ("/clearance", RANGE, heard, make(RANGE, header(at), 0, 6.28, -math.inf, math.inf, 0.5 - 0.125 * k, 0.0)),
-            ("/diagnostics", NIS, heard, diagnostics(500.0, "/kalman_filter", "not the guard", 2)),
+        at, received = 10.0 + 0.1 * k, 11.0 + 0.1 * k
+        messages += [
+            ("/odom", ODOMETRY, received, odometry(at, (0.1 * k + 0.03, 0.0, 0.0), (0.2, 0.1), measured=k != 2)),
+            ("/true_state", ODOMETRY, received, odometry(at, (0.1 * k, 0.0, 0.0), (0.9, 0.1))),
+            (
+                "/estimate",
+                ODOMETRY,
+                received,
+                odometry(at, (0.1 * k + 0.01, 0.0, 0.0), (0.2, 0.1), variances=(0.04, 0.09, 0.01)),
+            ),
+            ("/nis", NIS, received, diagnostics(at, "innovation", "as expected", nis=1.5 + k)),
+            ("/clearance", RANGE, received, make(RANGE, header(at), 0, 6.28, -math.inf, math.inf, 0.5 - 0.125 * k, 0.0)),
+            ("/diagnostics", NIS, received, diagnostics(500.0, "/kalman_filter", "not the guard", 2)),
         ]
-    said += [("/odom", ODOMETRY, 11.41, odometry(10.4, (0.43, 0.0, 0.0), (0.2, 0.1)))]  # said again, as in lock-step
-    return sorted(said, key=lambda each: each[2])
+    messages += [("/odom", ODOMETRY, 11.41, odometry(10.4, (0.43, 0.0, 0.0), (0.2, 0.1)))]  # sent again, as in lock-step
+    return sorted(messages, key=lambda message: message[2])
 
 
 @pytest.mark.parametrize(("namespace", "plugin"), [("", Plugin.SQLITE3), ("/robot1", Plugin.MCAP)])
 def test_the_bag_of_a_graph_holds_all_that_was_said(tmp_path, namespace, plugin):
-    said = [(topic if topic == "/diagnostics" else namespace + topic, *rest) for topic, *rest in graph_drive()]
-    drive = read(write_bag(tmp_path / "bag", said, plugin=plugin))
+    messages = [(topic if topic == "/diagnostics" else namespace + topic, *rest) for topic, *rest in graph_drive()]
+    drive = read(write_bag(tmp_path / "bag", messages, plugin=plugin))
     x = 0.1 * np.arange(5)
     for column, expected in (
         (drive.time, x),
@@ -268,11 +275,11 @@ def test_the_bag_of_a_graph_holds_all_that_was_said(tmp_path, namespace, plugin)
 def test_the_mount_of_the_lidar_is_that_of_tf_static_if_it_states_it(tmp_path, frame, mount):
     tree = make(TF, [ros.transform(0.0, (-0.05, 0.02, 1.5), "laser")])
     tree.transforms[0].header.frame_id = "base"
-    said = [("/tf_static", TF, 10.9, tree), *graph_drive()]
-    for topic, _, _, message in said:
+    messages = [("/tf_static", TF, 10.9, tree), *graph_drive()]
+    for topic, _, _, message in messages:
         if topic == "/scan":
             message.header.frame_id = frame
-    drive = read(write_bag(tmp_path / "bag", said))
+    drive = read(write_bag(tmp_path / "bag", messages))
     (seen,) = drive.scans
     assert seen.mount == pytest.approx(mount)
     assert seen.lidar == pytest.approx((0.2 + mount[0], *mount[1:]))
@@ -280,10 +287,10 @@ def test_the_mount_of_the_lidar_is_that_of_tf_static_if_it_states_it(tmp_path, f
 
 
 def test_a_value_holds_for_a_second(tmp_path):
-    said = [("/odom", ODOMETRY, 10.0 + t, odometry(10.0 + t, (0.0, 0.0, 0.0))) for t in (0.0, 0.5, 1.1)]
-    said.append(("/estimate", ODOMETRY, 10.0, odometry(10.0, (3.0, 0.0, 0.0))))
-    said.append(("/reference", POSE, 10.0, make(POSE, header(10.0), pose(7.0, 0.0, 0.0))))
-    drive = read(write_bag(tmp_path / "bag", said))
+    messages = [("/odom", ODOMETRY, 10.0 + t, odometry(10.0 + t, (0.0, 0.0, 0.0))) for t in (0.0, 0.5, 1.1)]
+    messages.append(("/estimate", ODOMETRY, 10.0, odometry(10.0, (3.0, 0.0, 0.0))))
+    messages.append(("/reference", POSE, 10.0, make(POSE, header(10.0), pose(7.0, 0.0, 0.0))))
+    drive = read(write_bag(tmp_path / "bag", messages))
     np.testing.assert_array_equal(drive.estimate[:, 0], [3.0, 3.0, np.nan])
     np.testing.assert_array_equal(drive.reference[:, 0], [7.0, 7.0, 7.0])  # a waypoint holds indefinitely
 
@@ -298,8 +305,8 @@ def test_a_map_by_hand():
 
 
 def test_a_bag_of_odometry_alone_knows_no_more(tmp_path):
-    said = [message for message in graph_drive() if message[0] == "/odom"]
-    drive = read(write_bag(tmp_path / "bag", said), label="the floor")
+    messages = [message for message in graph_drive() if message[0] == "/odom"]
+    drive = read(write_bag(tmp_path / "bag", messages), label="the floor")
     assert drive.around.label == "the floor"
     assert drive.around.room is None
     assert np.isnan(drive.true_state).all()

@@ -61,15 +61,15 @@ def test_a_clock_that_is_set_back_goes_on(tmp_path):
 
 def bag(folder, *, ahead=0.0, back=0.0, delay=0.002):
     """Write a drive whose truth comes from another computer, and whose robot's clock is ahead, and set back on the way."""
-    rng, said = np.random.default_rng(0), []
+    rng, messages = np.random.default_rng(0), []
     for k, time in enumerate(1e9 + WHOLE.time[:200]):
         stamp = time + ahead - (back if k >= 100 else 0.0)
-        said.append(
+        messages.append(
             ("/odom", ODOMETRY, time + delay + rng.exponential(0.01), odometry(stamp, WHOLE.odometry[k], WHOLE.twist[k]))
         )
-        said.append(("/ground_truth", POSE, time + 0.003, make(POSE, header(time), pose(*WHOLE.truth[k]))))
-        said.append(("/cmd_vel", ros.TWIST, time + 0.02, ros.twist(*WHOLE.twist[min(k + 1, 199)])))
-    return write_bag(folder, sorted(said, key=lambda each: each[2]))
+        messages.append(("/ground_truth", POSE, time + 0.003, make(POSE, header(time), pose(*WHOLE.truth[k]))))
+        messages.append(("/cmd_vel", ros.TWIST, time + 0.02, ros.twist(*WHOLE.twist[min(k + 1, 199)])))
+    return write_bag(folder, sorted(messages, key=lambda message: message[2]))
 
 
 @pytest.mark.parametrize("ahead", [0.775, -0.775])

@@ -10,11 +10,11 @@ from drawing import COLUMNS, random_drive
 from turtlebot_gym.drives import Drive, Growing, concatenate, heading_error, position_error
 
 
-def same(one, other):
+def same(first, second):
     for name in ("time", "joined", "circles", "hypotheses", *COLUMNS):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
-    assert (one.report, one.outcome, one.around) == (other.report, other.outcome, other.around)
-    assert [(seen.row, seen.lidar) for seen in one.scans] == [(seen.row, seen.lidar) for seen in other.scans]
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
+    assert (first.report, first.outcome, first.around) == (second.report, second.outcome, second.around)
+    assert [(seen.row, seen.lidar) for seen in first.scans] == [(seen.row, seen.lidar) for seen in second.scans]
 
 
 def test_the_rows_of_an_episode_are_stacked():
@@ -38,8 +38,8 @@ def test_columns_that_are_not_given_are_unknown():
 def test_rows_far_apart_do_not_continue_each_other():
     time = np.array([0.0, 0.1, 0.2, 0.71, 0.81])
     assert Drive(time=time).joined.tolist() == [False, True, True, False, True]
-    given = Drive(time=time, joined=np.array([True, False, True, True, True]))
-    assert given.joined.tolist() == [False, False, True, False, True]
+    drive = Drive(time=time, joined=np.array([True, False, True, True, True]))
+    assert drive.joined.tolist() == [False, False, True, False, True]
 
 
 @pytest.mark.parametrize("cuts", [(0, 8), (0, 3, 8), tuple(range(9))])

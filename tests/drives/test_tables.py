@@ -209,9 +209,9 @@ def test_a_short_drive_is_not_calibrated():
 def test_the_truth_may_lie_in_a_file_of_its_own(tmp_path, columns):
     path = write(tmp_path / "drive.csv", {name: columns[name] for name in ("t", "v", "omega", "x", "y", "theta")})
     truth = dict(zip(("t", "x", "y", "theta"), np.column_stack([DRAWN.time, DRAWN.truth]).T, strict=True))
-    both = read(path, truth=write(tmp_path / "truth.csv", truth))
-    np.testing.assert_allclose(both.truth, DRAWN.truth, rtol=0, atol=1e-9)
-    np.testing.assert_array_equal(both.odometry, DRAWN.odometry)
+    drive = read(path, truth=write(tmp_path / "truth.csv", truth))
+    np.testing.assert_allclose(drive.truth, DRAWN.truth, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(drive.odometry, DRAWN.odometry)
     later = {**truth, "t": truth["t"] + 1000.0}
     with pytest.raises(ValueError, match="shares less than a second"):
         read(path, truth=write(tmp_path / "later.csv", later))

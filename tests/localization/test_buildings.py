@@ -60,9 +60,9 @@ def test_time_stamps_of_complete_scans_change_nothing(stretch):
     start, recorded = Pose(*drive.reference[0]), drive.recorded
     course, shuffled = follow(stretch, start), np.random.default_rng(0).permutation(recorded.time)
     for stamps in (shuffled, -recorded.time):
-        other = follow(stretch, start, recorded._replace(time=stamps, last=stamps))
-        np.testing.assert_array_equal(other.poses, course.poses)
-        np.testing.assert_array_equal(other.covariances, course.covariances)
+        stamped = follow(stretch, start, recorded._replace(time=stamps, last=stamps))
+        np.testing.assert_array_equal(stamped.poses, course.poses)
+        np.testing.assert_array_equal(stamped.covariances, course.covariances)
 
 
 def after_one_scan(stretch, off):
@@ -96,13 +96,13 @@ def test_scans_with_a_pose_of_their_own_count_where_the_rows_of_a_drive_are_fart
     ranges = np.rint(recorded.ranges * 100.0).astype(np.uint16)
     np.savez(tmp_path / "log.npz", time=bunched, odometry=recorded.odometry, ranges_cm=ranges)
     drive = read(tmp_path / "log.npz")
-    seen, where = recorded_of(drive)
+    recording, rows = recorded_of(drive)
     assert len(drive) < 0.5 * len(recorded.odometry)
-    assert len(seen.odometry) >= len(recorded.odometry) - 1  # no row follows the last scan
-    assert np.array_equal(seen.odometry, recorded.odometry[: len(seen.odometry)])
-    assert np.array_equal(seen.rows, np.arange(len(seen.odometry)))
-    assert np.array_equal(seen.odometry[where], drive.odometry)
-    assert np.array_equal(seen.time[where], drive.time)
+    assert len(recording.odometry) >= len(recorded.odometry) - 1  # no row follows the last scan
+    assert np.array_equal(recording.odometry, recorded.odometry[: len(recording.odometry)])
+    assert np.array_equal(recording.rows, np.arange(len(recording.odometry)))
+    assert np.array_equal(recording.odometry[rows], drive.odometry)
+    assert np.array_equal(recording.time[rows], drive.time)
 
 
 def test_the_commands_localize_and_calibrate_by_a_log_in_a_map_file(stretch, tmp_path, write_map, capsys):

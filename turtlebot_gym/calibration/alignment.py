@@ -147,8 +147,8 @@ def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
 
 def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return poses interpolated over all that are unknown, at other times, shape (n, 3)."""
-    there = known(poses)
-    return between(time[there], poses[there], then)
+    are_known = known(poses)
+    return between(time[are_known], poses[are_known], then)
 
 
 def _twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shift:
@@ -208,10 +208,10 @@ def _find_frame(drive: Drive) -> Frame:
     spread = (np.conj(z - z.mean()) * (true - true.mean())).sum()
     # The angle that turns one set of points onto the other.
     theta = float(np.angle(spread)) if abs(spread) > 0.0 else 0.0
-    there = true.mean() - z.mean() * np.exp(1j * theta)
+    origin = true.mean() - z.mean() * np.exp(1j * theta)
     apart = abs((true - z).mean())
     is_other = bool(apart > SAME_PLACE or abs(theta) > SAME_DIRECTION)
-    return Frame(float(there.real), float(there.imag), theta, is_other)
+    return Frame(float(origin.real), float(origin.imag), theta, is_other)
 
 
 def _into_measured_frame(drive: Drive, frame: Frame) -> Drive:

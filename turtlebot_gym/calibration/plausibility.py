@@ -80,10 +80,10 @@ def _check_clock(drive: Drive, where: str) -> None:
 
 def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: float, what: str) -> None:
     """Refuse poses in millimetres or degrees, judged by the twist."""
-    there = known(poses)
-    if there.sum() < 10:
+    are_known = known(poses)
+    if are_known.sum() < 10:
         return
-    heading = poses[there, 2]
+    heading = poses[are_known, 2]
     change = np.abs(np.diff(heading))
     jumps = change[(change > 0.9 * 360.0) & (change < 1.02 * 360.0)]
     if jumps.size or (np.ptp(heading) > 8.0 * TWO_PI and _turn(heading) > 8.0 * (turn + TWO_PI)):
@@ -91,7 +91,7 @@ def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: flo
         raise ValueError(f"{moved}: if it is in degrees, multiply it by pi/180.")
     # over a second each, so that the noise of measured poses does not count for way
     every = max(round(1.0 / drive.period), 1)
-    driven = float(np.hypot(*np.diff(poses[there][::every, :2], axis=0).T).sum())
+    driven = float(np.hypot(*np.diff(poses[are_known][::every, :2], axis=0).T).sum())
     moved = f"{what} positions move by {driven:.4g} m while the speed makes {way:.4g} m"
     if way >= STILL[0] and driven > 100.0 * way:
         raise ValueError(f"{moved}: if they are in millimetres, divide them by 1000.")

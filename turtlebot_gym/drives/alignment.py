@@ -142,12 +142,12 @@ def headings(time: NDArray[np.float64], positions: NDArray[np.float64], speed: N
         positions: Shape (T, 2), m.
         speed: Shape (T,), m/s; negative where the robot drives backwards.
     """
-    there = np.isfinite(positions).all(axis=1)
-    poses = np.column_stack([positions[there], np.full(there.sum(), np.nan)])
+    are_known = np.isfinite(positions).all(axis=1)
+    poses = np.column_stack([positions[are_known], np.full(are_known.sum(), np.nan)])
     way = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(time))])
     ends = time - 0.5 * FRESH, time + 0.5 * FRESH
     length = np.interp(ends[1], time, way) - np.interp(ends[0], time, way)
-    first, last = (interpolated(time[there], poses, end)[:, :2] for end in ends)
+    first, last = (interpolated(time[are_known], poses, end)[:, :2] for end in ends)
     chord = (last - first) * np.sign(length)[:, None]
     direction = np.arctan2(chord[:, 1], chord[:, 0])
     return np.where(np.abs(length) > CHORD, direction, np.nan)

@@ -59,8 +59,8 @@ def read_bag(path: Path, *, topics: Topics, label: str, lidar: str) -> Drive:
         if not stream and topic in _ASKED:
             raise ValueError(f"{path}: topic {name!r} has no messages{f' about {child!r}' if child else ''}.")
         if stream.late and topic not in ("map", "obstacles", "diagnostics", "tf_static"):
-            what = f"{path}: topic {name!r}: {len(stream.late)} of {stream.count} messages, first number {stream.late[0]}"
-            remarks.append(f"{what}, have a time that does not increase: left out")
+            late = f"{path}: topic {name!r}: {len(stream.late)} of {stream.count} messages, first number {stream.late[0]}"
+            remarks.append(f"{late}, have a time that does not increase: left out")
     mounting = [remark] if listener["scan"] and (remark := listener.mount()[1]) else []
     remarks += [f"{path}: {remark}" for remark in (*_by_one_clock(listener, roles), *mounting)]
     time = np.array(listener["odom"].times)
@@ -127,9 +127,9 @@ def _roles(path: Path, kinds: dict[str, str], wanted: Topics) -> tuple[dict[str,
     space = odom.rpartition("/")[0]
     searched = [(name, "true_state") for name in _TRUTHS if not truth] + [(name, name) for name in TYPES if name not in _ASKED]
     for name, role in searched:
-        there = next((topic for topic in (f"{space}/{name}", f"/{name}") if kinds.get(topic) in TYPES[role]), None)
-        if there and there not in roles and (role != "true_state" or role not in roles.values()):
-            roles[there] = role
+        present = next((topic for topic in (f"{space}/{name}", f"/{name}") if kinds.get(topic) in TYPES[role]), None)
+        if present and present not in roles and (role != "true_state" or role not in roles.values()):
+            roles[present] = role
     return roles, child
 
 

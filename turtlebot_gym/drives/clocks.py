@@ -73,18 +73,18 @@ def continued(time: NDArray[np.float64], where: str) -> tuple[NDArray[np.float64
     Returns:
         The times, whether a row is the first after its clock was set, shape (T,), and the remarks.
     """
-    there = np.flatnonzero(np.isfinite(time))
-    steps = np.diff(time[there])
+    finite = np.flatnonzero(np.isfinite(time))
+    steps = np.diff(time[finite])
     back = steps < -LEAP
     is_set = np.zeros(len(time), np.bool_)
     if not back.any():
         return time, is_set, []
-    is_set[there[1:][back]] = True
+    is_set[finite[1:][back]] = True
     moved = time.copy()
-    moved[there[1:]] += np.cumsum(np.where(back, np.median(steps[~back]) - steps, 0.0))
+    moved[finite[1:]] += np.cumsum(np.where(back, np.median(steps[~back]) - steps, 0.0))
     first, by = int(np.argmax(back)), float(-steps[back][0])
-    what = f"{where}: the clock was set back {back.sum()} times, first by {by:.3f} s"
-    return moved, is_set, [f"{what} after {time[there[first]]:.3f} s: later times are moved on"]
+    text = f"{where}: the clock was set back {back.sum()} times, first by {by:.3f} s"
+    return moved, is_set, [f"{text} after {time[finite[first]]:.3f} s: later times are moved on"]
 
 
 def increasing(time: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -117,8 +117,8 @@ def _unwound(drive: Drive) -> Drive:
         return drive
     twist = drive.twist.copy()
     twist[wrong, 1] = wrap_all(turn[wrong]) / interval[wrong]
-    what = f"{drive.around.label}: {wrong.sum()} turning rates are more than half a turn to a row, first at "
-    remark = f"{what}{drive.time[wrong][0]:.3f} s: the change of the measured heading is taken"
+    text = f"{drive.around.label}: {wrong.sum()} turning rates are more than half a turn to a row, first at "
+    remark = f"{text}{drive.time[wrong][0]:.3f} s: the change of the measured heading is taken"
     return replace(drive, twist=twist, remarks=(*drive.remarks, remark))
 
 
@@ -130,8 +130,8 @@ def _gaps(drive: Drive) -> list[str]:
     usual, upper = np.percentile(steps, (50, 75))
     gaps = np.flatnonzero((steps > max(MISSING * usual, usual + JITTER * (upper - usual))) & drive.joined[1:])
     rows = int((np.rint(steps[gaps] / usual) - 1).sum())
-    what = f"{rows} rows are missing at {len(gaps)} places, first after "
-    return [f"{what}{drive.time[gaps[0]]:.3f} s: the twist after each gap holds over it"] if len(gaps) else []
+    text = f"{rows} rows are missing at {len(gaps)} places, first after "
+    return [f"{text}{drive.time[gaps[0]]:.3f} s: the twist after each gap holds over it"] if len(gaps) else []
 
 
 def _leaps(drive: Drive) -> list[str]:
@@ -145,8 +145,8 @@ def _leaps(drive: Drive) -> list[str]:
         leaps[1:] |= _longer(np.where(drive.joined[1:], steps, np.nan), np.abs(twist), np.diff(drive.time))
     if leaps.mean() < FEW:
         return []
-    what = f"the truth leaps ahead of the twist at {leaps.sum()} rows, first at {drive.time[leaps][0]:.3f} s: "
-    return [f"{what}rows are missing there, or the truth is wrong"]
+    text = f"the truth leaps ahead of the twist at {leaps.sum()} rows, first at {drive.time[leaps][0]:.3f} s: "
+    return [f"{text}rows are missing there, or the truth is wrong"]
 
 
 def _longer(steps: NDArray[np.float64], speed: NDArray[np.float64], interval: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -157,13 +157,13 @@ def _longer(steps: NDArray[np.float64], speed: NDArray[np.float64], interval: ND
         speed: Size of the measured twist over each, shape (T - 1,).
         interval: Duration of each, shape (T - 1,), s.
     """
-    there = np.isfinite(steps)
+    comparable = np.isfinite(steps)
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(steps / interval, AROUND // 2, constant_values=np.nan), AROUND)
-    there &= np.isfinite(windows).sum(axis=1) > AROUND // 2
-    if not there.any():
-        return there
+    comparable &= np.isfinite(windows).sum(axis=1) > AROUND // 2
+    if not comparable.any():
+        return comparable
     expected = np.full(len(steps), np.inf)
-    expected[there] = np.maximum(np.nanmedian(windows[there], axis=1), speed[there]) * interval[there]
-    excess = np.where(there, steps - expected, 0.0)
-    spread = 1.4826 * float(np.median(np.abs(excess[there])))
-    return there & (steps > FARTHER * expected) & (excess > max(NOISE * spread, 1e-6))
+    expected[comparable] = np.maximum(np.nanmedian(windows[comparable], axis=1), speed[comparable]) * interval[comparable]
+    excess = np.where(comparable, steps - expected, 0.0)
+    spread = 1.4826 * float(np.median(np.abs(excess[comparable])))
+    return comparable & (steps > FARTHER * expected) & (excess > max(NOISE * spread, 1e-6))

@@ -226,13 +226,13 @@ class Listener:
 
     def mount(self) -> tuple[Pose, str]:
         """Return the pose of the LiDAR on the robot, by ``/tf_static`` if that states it, and a remark if it is unexpected."""
-        given = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw)
+        preset = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw)
         try:
             stated = self._fixed.mount(self._frames["odom"], self._frames["scan"])
         except ValueError as error:
-            return given, f"{error}: the mount of the LiDAR's preset is taken"
-        if stated is None or not differ(stated, given):
-            return stated or given, ""
+            return preset, f"{error}: the mount of the LiDAR's preset is taken"
+        if stated is None or not differ(stated, preset):
+            return stated or preset, ""
         x, y, theta = stated
         return (
             stated,

@@ -101,9 +101,9 @@ def read(
         raise ValueError(f"{path}: the file is binary, and not one of these: {READABLE}.")
     if truth and beside is None and "topics" not in form.options:
         raise ValueError(f"truth must be auto, none, or a file for a {form.name}, got {str(truth)!r}.")
-    asked = topics or Topics()
-    asked = replace(asked, truth=str(truth)) if truth and beside is None else asked
-    options = {"topics": asked, "columns": columns or {}, "lidar": lidar}
+    topics = topics or Topics()
+    topics = replace(topics, truth=str(truth)) if truth and beside is None else topics
+    options = {"topics": topics, "columns": columns or {}, "lidar": lidar}
     drive = form.read(path, label=label or path.name, **{name: options[name] for name in form.options})
     drive = _with_headings(drive if beside is None else _with_truth(drive, beside))
     return judged(drive) if form.measures_twist else drive

@@ -116,10 +116,10 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     names = []
     for name in ("time", *_MEASURED):
         known_as = (*NAMES[name], *NAMES.get(f"true_{name}", ()))
-        there = [column for column in known_as if column in table.names]
-        if not there and name != "theta":
+        matches = [column for column in known_as if column in table.names]
+        if not matches and name != "theta":
             raise ValueError(f"{path}: no column for {name} ({' or '.join(known_as)}); there are {_some_of(table.names)}.")
-        names += there[:1]
+        names += matches[:1]
     rows = table.numbers(names)
     rows = rows[(np.abs(rows) <= LARGEST).all(axis=1)]
     rows = rows[np.concatenate([[True], np.diff(np.maximum.accumulate(rows[:, 0])) > 0.0])[: len(rows)]]
@@ -206,9 +206,9 @@ def _choose(path: Path, names: Sequence[str], columns: Mapping[str, str]) -> dic
         raise ValueError(f"columns must name {', '.join(NAMES)}, got {', '.join(unknown)}.")
     chosen = dict(columns)
     for name, known_as in NAMES.items():
-        there = [column for column in known_as if column in names and column not in columns.values()]
-        if name not in chosen and there:
-            chosen[name] = there[0]
+        matches = [column for column in known_as if column in names and column not in columns.values()]
+        if name not in chosen and matches:
+            chosen[name] = matches[0]
     lone = "theta" in names and chosen.get("theta") == "theta" and chosen.get("true_theta") == "theta"
     if lone:  # one column cannot be both
         chosen.pop("true_theta" if "x" in chosen else "theta")
@@ -223,8 +223,8 @@ def _choose(path: Path, names: Sequence[str], columns: Mapping[str, str]) -> dic
     if not any(name in chosen for name in ("x", "true_x")):
         missing += ["x or true_x"]
     if missing:
-        asked = ", ".join(f"{name} ({' or '.join(NAMES[name])})" if name in NAMES else name for name in missing)
-        raise ValueError(f"{path}: no column for {asked}; there are {_some_of(names)}.")
+        wanted = ", ".join(f"{name} ({' or '.join(NAMES[name])})" if name in NAMES else name for name in missing)
+        raise ValueError(f"{path}: no column for {wanted}; there are {_some_of(names)}.")
     return chosen
 
 

@@ -243,8 +243,8 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
             goal = _goal_near(scene, rules, rules.goal, _END, start, room_key, first + _PLACES + 2 * place + 1)
             dx, dy = goal.x - start.x, goal.y - start.y
             far = dx * dx + dy * dy >= rules.min_distance * rules.min_distance
-            taken = math.isnan(rules.start[0]) and _is_beside_a_walker(scene, start.x, start.y, radius + MARGIN)
-            if far and not taken and is_free(scene, start.x, start.y) and is_free(scene, goal.x, goal.y):
+            is_taken = math.isnan(rules.start[0]) and _is_beside_a_walker(scene, start.x, start.y, radius + MARGIN)
+            if far and not is_taken and is_free(scene, start.x, start.y) and is_free(scene, goal.x, goal.y):
                 spread(scene, goal.x, goal.y)
                 to_be_blocked = True
                 row, column = cell_of(scene, start.x, start.y)

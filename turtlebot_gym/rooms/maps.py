@@ -45,15 +45,15 @@ def _read_grid(path: str | Path) -> GridMap:
     missing = [name for name in _NEEDED if name not in content]
     if missing:
         raise ValueError(f"The map {str(path)!r} must state {', '.join(missing)}.")
-    what = f"of the map {str(path)!r}"
-    free, occupied = (PROBABILITY.check(f"{name} {what}", content[name]) for name in ("free_thresh", "occupied_thresh"))
+    of_map = f"of the map {str(path)!r}"
+    free, occupied = (PROBABILITY.check(f"{name} {of_map}", content[name]) for name in ("free_thresh", "occupied_thresh"))
     if not free <= occupied:
-        raise ValueError(f"free_thresh {what} must be at most occupied_thresh, got {free:g} and {occupied:g}.")
+        raise ValueError(f"free_thresh {of_map} must be at most occupied_thresh, got {free:g} and {occupied:g}.")
     if content["negate"] not in (0, 1):
-        raise refusal(f"negate {what}", "0 or 1", content["negate"])
-    mode = choose(f"mode {what}", content.get("mode", "trinary"), _MODES)
-    resolution = POSITIVE.check(f"resolution {what}", content["resolution"])
-    pose = Pose(*Numbers(FINITE, 3).check(f"origin {what}", content["origin"]))
+        raise refusal(f"negate {of_map}", "0 or 1", content["negate"])
+    mode = choose(f"mode {of_map}", content.get("mode", "trinary"), _MODES)
+    resolution = POSITIVE.check(f"resolution {of_map}", content["resolution"])
+    pose = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
     shade, opaque = _read_image(path.parent / str(content["image"]), blended=mode == "trinary")
     cells = _occupancy(shade, opaque, mode, negate=bool(content["negate"]), occupied=occupied, free=free)
     try:

@@ -137,9 +137,9 @@ class Pooling:
         beams = len(scan.ranges)
         if self._beams not in (0, beams):
             raise ValueError(f"the scan has {beams} beams, but lidar_beams says {self._beams}")
-        there = np.flatnonzero(~np.isnan(scan.ranges))
-        ranges = scan.ranges[there]
-        directions = (mount.theta if mount else self._yaw) + scan.first + scan.increment * there
+        measured = np.flatnonzero(~np.isnan(scan.ranges))
+        ranges = scan.ranges[measured]
+        directions = (mount.theta if mount else self._yaw) + scan.first + scan.increment * measured
         if mount and (mount.x or mount.y):
             returned = np.isfinite(ranges)
             points = mount.x + 1j * mount.y + np.where(returned, ranges, 0.0) * np.exp(1j * directions)

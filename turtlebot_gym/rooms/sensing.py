@@ -31,7 +31,7 @@ BLOCK = 128
 NARROW = 2.5
 """Greatest angle between the first and the last of some rays at which they are compared as a whole, rad; less than pi."""
 FEW = 40
-"""Most rays that are cast for each obstacle without comparing groups of them first."""
+"""Above this many rays, groups of them are compared with each obstacle first."""
 _SLACK = 1e-6
 """Distance by which rays must pass an obstacle to be left out, m: much more than rounding."""
 _X, _Y, _DX, _DY, _LENGTH = range(0, 5 * BLOCK, BLOCK)
