@@ -52,7 +52,7 @@ def test_measured_poses_are_not_calibrated_by_a_map(tour):
         calibrate(replace(drive, true_state=drive.odometry), kind="pose", scanned=scanned)
 
 
-def test_odometry_is_corrected_by_what_the_wheels_are():
+def test_odometry_is_corrected_by_the_wheels_parameters():
     theta = np.linspace(0.0, 2.0, 41)
     circle = np.column_stack([np.sin(theta), 1.0 - np.cos(theta), theta])
     wheels = benchmark.ProcessNoise(scale=1.1, turn_scale=0.5, veer=0.2)

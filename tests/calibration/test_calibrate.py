@@ -1,4 +1,4 @@
-"""Calibration: known noise comes out, what a drive does not excite is said, and clocks and frames are put right."""
+"""Calibration: known noise is recovered, what a drive does not excite is reported, and clocks and frames are aligned."""
 
 import math
 from dataclasses import replace
@@ -60,7 +60,7 @@ def test_the_likelihood_of_a_measured_heading_is_the_mixture_of_spikes():
     assert got == pytest.approx(np.log(heading).sum(), abs=1e-8)
 
 
-def test_with_the_truth_everything_comes_out(by_truth, known):
+def test_the_truth_determines_every_parameter(by_truth, known):
     # 13 intervals of 95 %: this seed's drive is one of those in which the truth is in all but one of them or in all
     true = {"R_x": 0.03**2, "R_y": 0.04**2, "R_theta": 0.05**2, "bias_x": 0.05, "bias_y": -0.02, "bias_theta": 0.03}
     true |= {"scale": 1.03, **{f"alpha{k}": alpha for k, alpha in enumerate(ALPHAS, start=1)}}
@@ -86,7 +86,7 @@ def test_the_variance_of_x_has_the_textbook_interval(by_truth, known):
     assert (estimate.low, estimate.high) == pytest.approx((low, high), rel=0.01)
 
 
-def test_innovations_alone_say_less_and_say_so(blind):
+def test_innovations_alone_determine_less_and_report_it(blind):
     assert set(blind.unknown) == {"bias_x", "bias_y"}
     for name, value in (("R_x", 0.03**2), ("R_y", 0.04**2), ("R_theta", 0.05**2), ("bias_theta", 0.03), ("scale", 1.03)):
         estimate = blind.estimates[name]
@@ -128,7 +128,7 @@ def test_drop_outs_are_counted(known, by_truth):
 
 
 @pytest.mark.parametrize("steps", [1, 3])
-def test_a_twist_that_acts_later_is_found_out(known, by_truth, steps):
+def test_a_twist_that_acts_later_is_detected(known, by_truth, steps):
     early = np.concatenate([known.twist[steps:], np.zeros((steps, 2))])
     calibration = calibrate(replace(known, twist=early))
     assert calibration.delay.value == pytest.approx(0.1 * steps)
@@ -136,7 +136,7 @@ def test_a_twist_that_acts_later_is_found_out(known, by_truth, steps):
     assert calibration.estimates["alpha1"].value == pytest.approx(by_truth.estimates["alpha1"].value, rel=0.05)
 
 
-def test_a_twist_that_comes_late_is_said_and_left(known):
+def test_a_twist_that_comes_late_is_reported_and_kept(known):
     late = np.concatenate([np.zeros((2, 2)), known.twist[:-2]])
     calibration = calibrate(replace(known, twist=late))
     assert calibration.delay.value == pytest.approx(-0.2)
@@ -144,7 +144,7 @@ def test_a_twist_that_comes_late_is_said_and_left(known):
     assert calibrate(replace(known, twist=late), delay=-0.2).estimates["alpha1"].value < calibration.estimates["alpha1"].value
 
 
-def test_another_frame_and_another_clock_of_the_truth_are_found_out(known, by_truth):
+def test_another_frame_and_another_clock_of_the_truth_are_detected(known, by_truth):
     cosine, sine = math.cos(0.7), math.sin(0.7)
     x, y, theta = known.truth.T
     turned = np.column_stack([3.0 + cosine * x - sine * y, -2.0 + sine * x + cosine * y, theta + 0.7])

@@ -43,7 +43,7 @@ def test_a_skewed_likelihood_has_the_profile_interval():
     assert abs(math.sqrt(deviance(high)) - Z) < 0.1
 
 
-def test_the_profile_lets_the_other_coordinates_go_along():
+def test_a_profile_maximizes_over_the_other_coordinates():
     # y = a + b, seen with noise, b known to 2: a's interval is that of the sum of both variances, not that of y alone
     def likelihood(at):
         return -0.5 * ((at[0] + at[1] - 5.0) / 0.5) ** 2 - 0.5 * (at[1] / 2.0) ** 2 - 0.001 * (at[0] - 5.0) ** 4
@@ -60,7 +60,7 @@ def test_the_profile_lets_the_other_coordinates_go_along():
         assert abs(math.sqrt(2.0 * (profile(5.0) - profile(end))) - Z) < 0.1
 
 
-def test_what_a_likelihood_does_not_say_has_no_end():
+def test_an_undetermined_parameter_has_an_unbounded_interval():
     fit = maximize(lambda at: -0.5 * at[0] ** 2, np.array([1.0, 0.0]), np.array([1.0, 1.0]))
     low, high, _ = interval(lambda at: -0.5 * at[0] ** 2, fit, 1)
     assert low == -math.inf
@@ -117,7 +117,7 @@ def test_a_robot_that_follows_its_twist_later_lags_by_that(heading, lag):
     assert delay.is_sure
 
 
-def test_a_short_drive_tells_nothing_of_clocks():
+def test_a_short_drive_determines_no_clock_offset():
     time = 0.05 * np.arange(40)
     poses = np.zeros((40, 3))
     assert _twist_delay(Drive(time=time, twist=np.zeros((40, 2)), true_state=poses), poses, 0.1) == NO_SHIFT

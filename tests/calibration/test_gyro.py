@@ -13,7 +13,7 @@ DT, WHITE = 0.05, 0.002
 
 
 def driven(random, *, bias=0.01, walk=0.0, stands=True, has_truth=False):
-    """Return four minutes: half a minute of standing and half a minute of turning, in turn, or turning alone."""
+    """Return four minutes: standing and turning for half a minute each, alternately, or turning alone."""
     time = DT * np.arange(round(240.0 / DT))
     turning = 0.5 * np.sin(0.3 * time) + 0.1
     omega = np.where((time // 30.0) % 2 == 0, 0.0, turning) if stands else turning
@@ -63,7 +63,7 @@ def test_a_bag_with_an_imu_gives_the_sensors_file(tmp_path, capsys):
         measured = make(imu, header(time + 0.01, "imu"), turn(0.0), none, vector(z=gyro), none, vector(), none)
         messages.append(("/imu", imu, time + 0.01, measured))
     bag, out = write_bag(tmp_path / "bag", messages), tmp_path / "gyro.yaml"
-    # Wheels alone are no calibration; the gyro's file is written before that is said.
+    # Wheels alone cannot be calibrated; the gyro's file is written before that error.
     assert main(["calibrate", str(bag), "--imu-out", str(out)]) == 2
     assert "while the robot stands" in " ".join(capsys.readouterr().out.split())
     imu = make_parameters(noise="wheel", filter="gyro", imu=str(out)).imu

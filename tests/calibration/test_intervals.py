@@ -132,7 +132,7 @@ def test_a_robot_that_is_not_as_assumed_is_estimated_and_spoils_no_alpha(truth, 
 
 
 @pytest.mark.parametrize("truth", ["exact", "noisy"])
-def test_jumps_of_the_truth_are_left_out_and_said(truth):
+def test_jumps_of_the_truth_are_left_out_and_reported(truth):
     drive, random = drawn(truth), np.random.default_rng(1)
     state, rows = drive.true_state.copy(), [130, 400, 401, 777, 1100]
     for row in rows:

@@ -1,4 +1,4 @@
-"""Bags: written by rosbags, read without ROS, and what is wrong with one is said with its name and topic."""
+"""Bags: written by rosbags, read without ROS, and refused with their name and topic."""
 
 import math
 import shutil
@@ -135,7 +135,7 @@ def test_transforms_need_the_name_of_a_frame_that_is_there(tmp_path):
         read(folder, truth="/ground_truth:wheel")
 
 
-def test_an_empty_bag_and_what_is_no_bag_are_refused(tmp_path):
+def test_empty_bags_and_other_files_are_refused(tmp_path):
     with ros.rosbag2.Writer(tmp_path / "bag", version=9):
         pass
     write_bag(tmp_path / "few", messages_of(SHORT)[:1])
@@ -177,7 +177,7 @@ def test_messages_whose_time_runs_backwards_are_left_out_and_counted(tmp_path):
     assert "topic '/odom': 3 of 120 messages, first number 51, have a time that does not increase" in drive.remarks[0]
 
 
-def test_without_rosbags_it_is_said_what_to_install(bag, monkeypatch):
+def test_without_rosbags_the_error_names_what_to_install(bag, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(ImportError, match="pip install 'rosbags"):
         read(bag)
@@ -214,7 +214,7 @@ def room():
 
 
 def graph_drive():
-    """Return what is said in a drive of five steps of 0.1 s along x, recorded a second late."""
+    """Return the messages of a drive of five steps of 0.1 s along x, recorded a second late."""
     ranges = np.array([1.0, 2.0, np.inf, 0.01], np.float32)
     beams = make(SCAN, header(10.2, "laser"), 0.0, 4.712, 1.5708, 0.0, 0.0, 0.1, 3.5, ranges, np.zeros(0, np.float32))
     messages = [
@@ -243,7 +243,7 @@ def graph_drive():
 
 
 @pytest.mark.parametrize(("namespace", "plugin"), [("", Plugin.SQLITE3), ("/robot1", Plugin.MCAP)])
-def test_the_bag_of_a_graph_holds_all_that_was_said(tmp_path, namespace, plugin):
+def test_the_bag_of_a_graph_is_read_completely(tmp_path, namespace, plugin):
     messages = [(topic if topic == "/diagnostics" else namespace + topic, *rest) for topic, *rest in graph_drive()]
     drive = read(write_bag(tmp_path / "bag", messages, plugin=plugin))
     x = 0.1 * np.arange(5)
@@ -304,7 +304,7 @@ def test_a_map_by_hand():
     assert grid.origin == pytest.approx((-1.0, 2.5, math.radians(30.0)))
 
 
-def test_a_bag_of_odometry_alone_knows_no_more(tmp_path):
+def test_a_bag_of_odometry_alone_leaves_the_rest_unknown(tmp_path):
     messages = [message for message in graph_drive() if message[0] == "/odom"]
     drive = read(write_bag(tmp_path / "bag", messages), label="the floor")
     assert drive.around.label == "the floor"

@@ -77,7 +77,7 @@ def test_poses_that_a_mapper_corrected_are_the_truth(tmp_path):
     np.testing.assert_allclose(drive.odometry, ARC)
 
 
-def test_what_is_wrong_with_a_carmen_log_is_said(tmp_path):
+def test_faults_of_a_carmen_log_are_reported(tmp_path):
     poses = [(0.1 * k, 0.0, 0.0) for k in range(40)]
     lines = [odom(0.1 * k + 50.0, pose) for k, pose in enumerate(poses)]
     lines[5] = "ODOM 1.0 2.0"

@@ -1,4 +1,4 @@
-"""Tables: good ones are read to the bit, and what is wrong with others is said in one line with file and place."""
+"""Tables: good ones are read to the bit, and faults of others are reported in one line with file and place."""
 
 import re
 
@@ -100,7 +100,7 @@ def test_bad_tables_are_refused_with_file_and_line(tmp_path, text, message):
         read(path)
 
 
-def test_what_is_no_table_is_refused(tmp_path):
+def test_a_file_that_is_not_a_table_is_refused(tmp_path):
     with pytest.raises(OSError, match=r"none\.csv"):
         read(tmp_path / "none.csv")
     np.savez(tmp_path / "short.npz", t=np.arange(3.0), v=np.arange(4.0))
@@ -206,7 +206,7 @@ def test_a_short_drive_is_not_calibrated():
         check(DRAWN[:19], BURGER, "drive.csv")
 
 
-def test_the_truth_may_lie_in_a_file_of_its_own(tmp_path, columns):
+def test_the_truth_may_be_in_a_file_of_its_own(tmp_path, columns):
     path = write(tmp_path / "drive.csv", {name: columns[name] for name in ("t", "v", "omega", "x", "y", "theta")})
     truth = dict(zip(("t", "x", "y", "theta"), np.column_stack([DRAWN.time, DRAWN.truth]).T, strict=True))
     drive = read(path, truth=write(tmp_path / "truth.csv", truth))

@@ -76,14 +76,14 @@ def after_one_scan(stretch, off):
 
 
 @pytest.mark.parametrize("turn", [0.3, -0.3])
-def test_a_start_that_is_turned_comes_right_in_one_scan(stretch, turn):
+def test_one_scan_corrects_a_start_that_is_turned(stretch, turn):
     position, heading = after_one_scan(stretch, (0.0, 0.0, turn))
     assert position.max() < 0.1
     assert heading.max() < 0.03
 
 
 @pytest.mark.parametrize("shift", [(0.3, 0.0), (0.0, -0.3)])
-def test_a_start_that_is_shifted_comes_right_in_one_scan_unless_along_a_corridor(stretch, shift):
+def test_one_scan_corrects_a_start_that_is_shifted_unless_along_a_corridor(stretch, shift):
     position, heading = after_one_scan(stretch, (*shift, 0.0))
     assert np.median(position) < 0.1
     assert position.max() < 0.3  # along a corridor a scan says little

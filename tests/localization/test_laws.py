@@ -238,7 +238,7 @@ def test_in_walls_of_some_cells_long_ranges_say_as_much_as_short_ones(monkeypatc
 
 
 @pytest.mark.parametrize("start", [(0.3, 0.0, 0.0), (-0.2, 0.2, 0.0), (0.0, 0.0, 0.3), (0.0, 0.0, -0.3)])
-def test_a_start_that_is_off_comes_right_in_one_scan(in_hall, start):
+def test_one_scan_corrects_a_start_that_is_off(in_hall, start):
     room, pose, points = in_hall
     located = found(room, points, tuple(a + b for a, b in zip(pose, start, strict=True)), KNOWN, ROBOT)
     distance, turn = off(located, pose)

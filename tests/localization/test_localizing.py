@@ -165,6 +165,6 @@ def test_all_robots_share_the_field_of_a_map():
         ({"localizer": {"grain": 0.0}, "world": "office", "noise": "wheel"}, r"LocalizerTuning\.grain must be"),
     ],
 )
-def test_what_does_not_suit_is_refused(options, message):
+def test_invalid_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         Options(**options).setup()

@@ -50,7 +50,7 @@ def test_deskewed_ends_lie_on_the_surfaces_that_they_hit():
     assert off(1.0 / (LIDAR.rate * LIDAR.beams)).max() < 1e-6  # ranges are of single precision
 
 
-def test_without_the_times_of_the_beams_they_do_not():
+def test_without_the_times_of_the_beams_ends_miss_the_surfaces():
     assert off(0.0).max() > 0.1
 
 
@@ -66,7 +66,7 @@ def test_the_beams_are_spread_over_those_with_a_measurement(turn, most, used):
     np.testing.assert_array_equal(points[4, :number], used)
 
 
-def test_scans_in_turn_use_all_beams():
+def test_successive_scans_use_all_beams():
     ranges, points, used = np.arange(1.0, 361.0, dtype=np.float32), np.empty((5, 20)), set()
     for turn in range(18):
         timing = Timing(0.0, 0.0, 0.0, 0.0, 400.0)

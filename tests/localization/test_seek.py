@@ -58,7 +58,7 @@ def test_a_kidnapped_robot_is_found_after_its_patience():
 
 
 @pytest.mark.parametrize(("usually", "now", "doubts"), [(0, 0, False), (0, 4, True), (4, 4, False), (4, 24, True)])
-def test_more_misfits_than_usual_are_doubted(usually, now, doubts):
+def test_more_misfits_than_usual_put_the_place_in_doubt(usually, now, doubts):
     """Of 40 beams so many end short, at what is not on the map; the first doubt of these is confirmed to be none."""
     room, bank, counts = make_room(hall()), np.zeros((ROWS, 4)), []
     points, located = scan_of(room, POSES[0]), locate(Pose(*POSES[0]), (1e-4, 1e-4, 1e-4), Q)
@@ -98,7 +98,7 @@ def test_where_two_places_look_alike_both_stay():
 
 
 def test_hypotheses_move_with_the_wheels():
-    """Both places that look alike do; the best of them is the true one or the other."""
+    """Two places that look the same both stay; the best of them is either one."""
     room, bank = empty_hall(), np.zeros((ROWS, 4))
     x, y, theta = POSES[0]
     located, wheels = looks(nowhere(Q), room, scan_of(room, POSES[0]), 2, bank), Pose(0.0, 0.0, 0.0)
@@ -129,7 +129,7 @@ def test_weights_are_exponentials():
 
 
 @pytest.mark.skipif(not HAS_NUMBA, reason="needs numba")
-def test_the_whole_map_is_sought_the_same_in_loops_and_in_arrays(in_hall):
+def test_the_whole_map_is_searched_the_same_in_loops_and_in_arrays(in_hall):
     from turtlebot_gym.compiled.cache import compiled
 
     room, _, points = in_hall

@@ -106,7 +106,7 @@ def test_nobody_walks_where_the_robot_starts_and_all_as_fast_as_the_rules_say(em
         assert ((speeds >= 0.05) & (speeds <= 0.2)).all()
 
 
-def test_what_stands_is_spread_evenly_over_a_room(empty_scene):
+def test_static_obstacles_are_spread_evenly_over_a_room(empty_scene):
     """Obstacles of 300 rooms: from wall to wall along both axes, and as large as the rules say."""
     scene, circles, boxes = empty_scene("dense"), [], []
     for key in range(300):

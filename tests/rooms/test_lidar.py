@@ -128,7 +128,7 @@ def test_a_sector_holds_its_shortest_range(beams, yaw):
         assert min(abs(sectors[sector] - min(length, SIGHT) / SIGHT) for length in allowed) < 1e-6
 
 
-def test_what_is_no_range_is_free():
+def test_missing_infinite_and_negative_ranges_are_free():
     spans, sectors = np.zeros((SECTORS, 2), np.int64), np.zeros(SECTORS, np.float32)
     divide(spans, 0.0, 36)
     ranges = np.full(36, 1.75, np.float32)

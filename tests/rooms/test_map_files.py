@@ -65,7 +65,7 @@ EXACT = {"pixels": np.array([[255, 0, 200]], np.uint8), "occupied_thresh": 1.0, 
         *(({"pixels": text}, CANNOT) for text in ("no image at all", "P5\n80 60\n255\nfew")),
     ],
 )
-def test_a_map_that_cannot_be_is_one_clear_line(tmp_path, write_map, given, message):
+def test_an_invalid_map_is_refused_in_one_line(tmp_path, write_map, given, message):
     path = write_map(tmp_path, **given)
     with pytest.raises(ValueError, match=f"{message}[^\n]*$"):
         gym.make("turtlebot_gym/TurtleBotRooms-v0", world=str(path))
@@ -81,7 +81,7 @@ def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path, 
         find_world(path)
 
 
-def test_files_that_are_not_there_are_named(tmp_path, hall):
+def test_missing_files_are_named(tmp_path, hall):
     with pytest.raises(ValueError, match=r"There is no map 'nowhere.yaml'"):
         find_world("nowhere.yaml")
     shutil.move(hall.parent / "map.pgm", hall.parent / "other.pgm")

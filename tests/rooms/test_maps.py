@@ -238,7 +238,7 @@ def test_obstacles_may_stand_on_a_map(cast_all):
     assert NEAR(plan.scene(), 3.0, 2.0) == pytest.approx(0.5)
 
 
-def test_a_map_is_drawn_where_it_lies(hall):
+def test_a_map_is_drawn_at_its_place(hall):
     env = gym.make(ID, world=read_map(hall, start=Pose(-2.0, 0.0, 0.0)), render_mode="rgb_array", lidar="ideal")
     env.reset(seed=0)
     x, y, half_length, half_width = env.unwrapped._batch.scenes.walls[0]

@@ -1,4 +1,4 @@
-"""Missions: goals in turn, the same compiled and in plain Python, and counted by the truth."""
+"""Missions: successive goals, the same compiled and in plain Python, and counted by the truth."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -88,7 +88,7 @@ KNOWN = r"world must be one of 'clutter', .*, or a file \(.world, .sdf, .yaml, .
 @pytest.mark.parametrize(
     ("world", "message"), [("denser", KNOWN), ("nowhere.world", "There is no Gazebo world 'nowhere.world'")]
 )
-def test_a_world_that_is_not_there_is_refused(world, message):
+def test_a_missing_world_is_refused(world, message):
     with pytest.raises(ValueError, match=message):
         find_world(world)
 
@@ -106,7 +106,7 @@ NUMBERS = "holds a shape or a pose with missing or malformed numbers"
         *((WORLD.replace(*change), NUMBERS) for change in (("0.4 0.2 1", "0.4 0.2"), ("<radius>0.25", "<radius>wide"))),
     ],
 )
-def test_a_file_that_is_no_world_is_refused(tmp_path, text, message):
+def test_a_file_that_is_not_a_world_is_refused(tmp_path, text, message):
     (tmp_path / "bad.world").write_text(text)
     with pytest.raises(ValueError, match=message):
         read_gazebo(tmp_path / "bad.world")
@@ -129,7 +129,7 @@ def test_a_file_that_is_no_world_is_refused(tmp_path, text, message):
         ({"goal": (1.0, 1.0, 0.0), "boxes": ((1.1, 1.0, 0.4, 0.4, 0.3),)}, "FloorPlan.goal must be in the room and in no obs"),
     ],
 )
-def test_a_plan_that_cannot_be_is_refused(changes, message):
+def test_an_invalid_plan_is_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         FloorPlan(**{"walls": (0.0, 0.0, 2.0, 2.0)} | changes)
 

@@ -143,7 +143,7 @@ def test_leaving_out_obstacles_changes_no_bit(empty_scene, cast_all, beams):
         np.testing.assert_array_equal(needed, every)
 
 
-def test_this_law_notices_a_group_that_is_too_narrow(empty_scene, cast_all):
+def test_a_group_that_is_too_narrow_changes_lengths(empty_scene, cast_all):
     scene, angles = empty_scene("dense"), 0.1 * np.arange(100)
     DRAW(scene, as_tuple(ROOMS["dense"]), 0)
     distances = np.empty((2, 100))
@@ -198,7 +198,7 @@ def test_cells_are_blocked_within_the_clearance_and_no_farther():
             assert (scene.ways[row, column] == BLOCKED) == (near < 0.25) or abs(near - 0.25) < 1e-6
 
 
-def test_the_way_round_a_wall_is_as_long_as_it_is():
+def test_the_way_round_a_wall_is_at_most_9_percent_too_long():
     """From (-1, 0) to (1, 0) round the end of a wall at x = 0 that begins at y = 0.5 with a robot that keeps 0.2 m."""
     plan = FloorPlan(walls=(0.0, 0.0, 2.0, 2.0), boxes=((0.0, -0.75, 0.1, 2.5),))
     scene = plan.scene()

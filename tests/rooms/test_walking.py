@@ -23,7 +23,7 @@ def step(scene, robot=FAR, *, before=None, rules=ROOMS["crowd"]):
     walk(scene, before or robot, robot, RADIUS, rules, DT)
 
 
-def test_what_walks_waits_for_a_robot_that_is_near_and_in_its_way(empty_scene):
+def test_walkers_wait_for_a_robot_that_is_near_and_in_their_way(empty_scene):
     def steps(robot, courtesy):
         scene = empty_scene(ROOMS["crowd"])
         scene.walls[:] = 0.0, 0.0, 10.0, 10.0
@@ -39,7 +39,7 @@ def test_what_walks_waits_for_a_robot_that_is_near_and_in_its_way(empty_scene):
     assert steps(behind, 0.4) == steps(aside, 0.4) == pytest.approx(1.0)
 
 
-def test_what_walks_turns_back_at_the_walls(empty_scene):
+def test_walkers_turn_back_at_the_walls(empty_scene):
     scene = empty_scene(ROOMS["crowd"])
     scene.walls[:] = 3.0, -2.0, 1.0, 1.5
     scene.counts[0] = 1
@@ -101,7 +101,7 @@ def test_a_person_takes_up_the_pace_and_turns_round_at_the_place(alone):
 
 
 @pytest.mark.parametrize("sees", [True, False])
-def test_who_sees_the_robot_walks_round_it_and_who_does_not_runs_into_it(alone, sees):
+def test_people_who_see_the_robot_walk_round_it_and_others_run_into_it(alone, sees):
     """Nobody walks through a robot that stands: who does not see it is held up at its edge, and turns back."""
     scene, robot, near = alone(sees=sees), Pose(2.0, 0.15, 0.0), []
     for _ in range(40):

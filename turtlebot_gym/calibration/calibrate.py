@@ -32,7 +32,7 @@ WHITE = 5e-4
 
 
 UNKNOWN = {"alpha1": "scale", "alpha3": "veer", "alpha4": "turn_scale"}
-"""Alpha that stands for each parameter of the wheels where a drive does not determine it."""
+"""Wheel parameter whose error each alpha covers if the drive does not determine it."""
 MENTIONED = 5
 """Most jumps whose times are mentioned."""
 MARKER = (("marker_x", "m", "ahead"), ("marker_y", "m", "to the left"), ("marker_theta", "rad", "turned"))

@@ -24,9 +24,9 @@ LEVEL = 1e-5
 LAGS = 20
 """Motions over which residuals are compared with themselves."""
 FAR = 4.0
-"""Residuals beyond so many standard deviations count as this many for the correlation, which few of them would decide."""
+"""Standard deviations to which residuals are clipped for the correlation, so that a few do not decide it."""
 SMALL = 0.2
-"""Correlation up to which it may be one of heavy tails."""
+"""Correlation that heavy tails alone may cause."""
 JUMPS = 0.01
 """Largest share of jumps that a drive may have."""
 SLOW, LEVER = 1e-3, 0.1
@@ -43,7 +43,7 @@ class Verdict(NamedTuple):
     is_correlated: bool
     """Whether errors are correlated from row to row."""
     text: str
-    """One line for people."""
+    """One line for the user."""
     nees: float
     """Mean square of the residuals: 1 for the right model."""
     kurtosis: float

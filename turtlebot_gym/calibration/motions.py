@@ -30,7 +30,7 @@ class Motions(NamedTuple):
     """Whether a motion begins where the one before it ends, shape (n,)."""
 
     def without(self, left_out: NDArray[np.bool_]) -> Motions:
-        """Return the others."""
+        """Return the motions that are not left out."""
         kept = ~left_out
         follows = self.follows.copy()
         follows[1:] &= kept[:-1]

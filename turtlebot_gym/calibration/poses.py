@@ -36,7 +36,7 @@ from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Belief, Command, Covariance, State
 
 APART = (0.25, 0.5, 1.0, 2.0)
-"""Way between two poses that count, m: the first at which errors are neither correlated nor of heavy tails."""
+"""Distance between two poses that are used, m: the first at which errors are neither correlated nor of heavy tails."""
 TURN = 0.25
 """Distance as which a turn by 1 rad counts, m."""
 FITTED = ("R_x", "R_theta", "bias_x", "bias_y", "bias_theta", *ALPHAS, "scale", "turn_scale", "veer")
@@ -101,7 +101,7 @@ def _correct(
 
 @kernel
 def _calmed(belief: Belief, share: float) -> Belief:
-    """Return a belief of whose twist's variances only a share counts."""
+    """Return a belief with a share of its twist's variances."""
     mean, P = belief
     return Belief(mean, Covariance(
         P.xx, P.xy, P.xt, P.xv, P.xw, P.yy, P.yt, P.yv, P.yw, P.tt, P.tv, P.tw, share * P.vv, P.vw, share * P.ww,
@@ -212,7 +212,7 @@ def _spaced(drive: Drive, apart: float) -> NDArray[np.bool_]:
 def _noise(drive: Drive, due: NDArray[np.bool_], period: float) -> Array:
     """Return the share of the noise of each row's motion that poses show, shape (T,).
 
-    A pose is a mean over its period: of a random walk it shows two thirds of the variance therein.
+    A pose is a mean over its period: it shows two thirds of the variance of a random walk in it.
     """
     apart = np.abs(drive.time[due] - 0.5 * (drive.time[1:] + drive.time[:-1])[:, None]).min(axis=1)
     return np.concatenate([[1.0], np.where(apart < 0.5 * period, 2.0 / 3.0, 1.0)])

@@ -44,13 +44,13 @@ EXACT = 1e-5
 FINEST = 1e-8
 """... down to this one, for which the regression can be solved, m."""
 JUMP = 8.0
-"""Standard deviations beyond which an error is none of the noise, but a jump."""
+"""Standard deviations beyond which an error is a jump and not noise."""
 HUBER = 1.345
 """Standard deviations beyond which an error counts by its size instead of its square."""
 ROUNDS = 4
 """Most rounds in which jumps are looked for."""
 MOST = 0.1
-"""Share of jumps above which none is left out: the drive has no noise to which they would be jumps."""
+"""Share of jumps above which none is left out: so many are the noise itself."""
 TURNED = 0.2
 """Largest correction of the marker's direction for which the regression counts as linear, rad."""
 LEAST = 1e-5

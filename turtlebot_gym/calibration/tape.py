@@ -54,7 +54,7 @@ COLUMNS = ("log", "start", "end", "distance", "x", "y", "turns")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Leg:
-    """A part of a drive, and what was measured of it; NaN for what was not."""
+    """A part of a drive and its measurements; NaN where there is none."""
 
     drive: Drive
     """The part, with wheel odometry or twists."""
@@ -171,7 +171,7 @@ class _Driven(NamedTuple):
 
 
 def _driven(path: _Steps, wheels: Array) -> _Driven:
-    """Return how wheels drive a path."""
+    """Return the motion of wheels along a path."""
     scale, turn_scale, veer = wheels
     turn = scale * (turn_scale * path.turn + veer * path.ahead)
     heading = np.cumsum(turn) - 0.5 * turn
@@ -237,7 +237,7 @@ def calibrate_by_tape(legs: Sequence[Leg], *, start: Noise = WHEEL) -> Calibrati
 
     Args:
         legs: The parts.
-        start: Noise model whose alphas are the odometry's noise, and whose wheels stand where nothing was measured.
+        start: Noise model whose alphas are the odometry's noise, and whose wheels are used where nothing was measured.
 
     Raises:
         ValueError: If there are no legs, or a measurement is far from odometry.

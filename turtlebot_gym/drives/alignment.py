@@ -1,4 +1,4 @@
-"""Rows in time: what each of several streams, with clocks of their own, says at the time of a row."""
+"""Rows in time: the values of several streams, each with its own clock, at the times of rows."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Stream:
         return at
 
     def latest(self, wanted: NDArray[np.float64], otherwise: Any) -> list[Any]:
-        """Return the last value at or before each wanted time, and another where there is none."""
+        """Return the last value at or before each wanted time, and ``otherwise`` where there is none."""
         return [self.values[at] if at >= 0 else otherwise for at in self.last(wanted).tolist()]
 
     def held(self, wanted: NDArray[np.float64], size: int | tuple[int, ...] = (), *, fresh: float = math.inf) -> Any:

@@ -81,7 +81,7 @@ def read_bag(path: Path, *, topics: Topics, label: str, lidar: str) -> Drive:
 
 
 def _by_one_clock(listener: Listener, roles: dict[str, str]) -> list[str]:
-    """Move the times of all topics to the clock of the odometry, in place, and return what is said about clocks."""
+    """Move the times of all topics to the clock of the odometry, in place, and return remarks on the clocks."""
     remarks, odom = [], listener.clocks["odom"]
     if AHEAD < odom.ahead < SIMULATED:
         remarks.append(f"the clock of the odometry is {odom.ahead:.3f} s ahead of the recorder's")

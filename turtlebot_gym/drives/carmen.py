@@ -49,7 +49,7 @@ class _Line(NamedTuple):
 
 
 def is_carmen(path: Path) -> bool:
-    """Return whether a file is a CARMEN log: a message's name begins its first line that is no comment."""
+    """Return whether a file is a CARMEN log: the first line that is not a comment begins with a message's name."""
     lines = first_lines(path)
     return any(line.startswith("# CARMEN") for line in lines) or any(
         line.split(maxsplit=1)[0] in _WORDS for line in lines if line.strip() and line[0] != "#"

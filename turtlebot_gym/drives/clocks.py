@@ -1,4 +1,4 @@
-"""What is wrong with the times of a recording, each said in one line: clocks that are set back, rows that are missing."""
+"""Faults in the times of a recording, each reported in one line: clocks that are set back, missing rows."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ def judged(drive: Drive) -> Drive:
     """Notice the rows that a drive with a measured twist lacks.
 
     If the times have a gap, the twist of the row after it holds over the gap. If they have none, as of a logger that stamps
-    when it writes, a true step shows it, which is longer than the twist and the steps around it. That may as well be a truth
-    with heavy tails, so it is only said: a calibration judges what it leaves out.
+    when it writes, a true step shows it, which is longer than the twist and the steps around it. A truth with heavy tails looks
+    the same, so it is only reported: a calibration decides what it leaves out.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a message may state any number
         drive = _unwound(drive)

@@ -1,4 +1,4 @@
-"""What ROS 2 messages say of a drive: for messages of a bag, decoded by `rosbags`, as well as for those of a running graph.
+"""A drive from ROS 2 messages: those of a bag, decoded by `rosbags`, or those of a running graph.
 
 A row is a message on ``odom``. The truth is interpolated; of everything else, the last value holds for a while. What a message
 does not state stays unknown.

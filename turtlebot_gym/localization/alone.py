@@ -11,7 +11,7 @@ from turtlebot_gym.localization.information import Guess, Sight, information
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 
 WEAK = 4.0
-"""Information of the start, 1/m^2 and 1/rad^2: half a metre and half a radian, so that a corridor without ends has a pose."""
+"""Information of the start, 1/m^2 and 1/rad^2: half a metre and half a radian. It keeps an endless corridor solvable."""
 STEPS = 10
 """Most Gauss-Newton steps."""
 
@@ -30,7 +30,7 @@ def alone(
         start: Where the descent starts.
         scale: Share by which ranges are too long.
         q: A `LocalizerTuning`.
-        covariance: Output, the pose's covariance with what is wrong with the map, shape (3, 3); m^2, m, rad^2.
+        covariance: Output, the pose's covariance with errors of the map, shape (3, 3); m^2, m, rad^2.
     """
     sight = Sight(field, frame, points, number)
     x, y, theta, fits = start.x, start.y, start.theta, 0.0

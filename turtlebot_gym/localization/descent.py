@@ -1,6 +1,6 @@
 """The descent of a belief to where a scan fits, by Gauss-Newton steps from the prediction.
 
-Where the scan fits badly there, that may be a local minimum: the descent is tried from starts all around the belief, too.
+A bad fit there may be a local minimum: the descent is then also tried from starts all around the belief.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MOST_ALONG, MOST_TURNS = 6, 20
 
 
 class Descent(NamedTuple):
-    """Where a descent has ended."""
+    """Result of a descent."""
 
     belief: Belief
     scale: Sixth
@@ -58,7 +58,7 @@ def descend(
         prior: The belief before.
         scale: Prior of the ranges' scale.
         at: The start.
-        bias: Variances of the scan's position and heading by what is wrong with the map, m^2 and rad^2.
+        bias: Variances of the scan's position and heading by errors of the map, m^2 and rad^2.
         q: A `LocalizerTuning`.
         drift: See `information`.
     """
@@ -122,7 +122,7 @@ def keep(best: Any, values: Any, count: int, guess: tuple[float, ...], value: fl
         best: Guesses, shape (K, n).
         values: Their values, shape (K,).
         count: Number of guesses in the list.
-        guess: The guess: x, y and heading, and what else there is to be kept.
+        guess: x, y and heading, and further numbers to keep with them.
         value: Its value.
         apart: The distance, m.
         turned: The turn, rad.
@@ -222,13 +222,13 @@ def likelihood(sight: Sight, at: Guess, belief: Belief, q: Any, width: float = 0
 
 @kernel
 def best_descent(sight: Sight, now: Belief, scale: Sixth, bias: tuple[float, float], q: Any, drift: float) -> Descent:
-    """Return the descent from the prediction, or where that is in doubt a better one from a start around it.
+    """Return the descent from the prediction, or if that is in doubt, a better one from a start around it.
 
     Args:
         sight: The scan and the map.
         now: The prediction, which is the first start.
         scale: Prior of the ranges' scale.
-        bias: Variances of the scan's position and heading by what is wrong with the map, m^2 and rad^2.
+        bias: Variances of the scan's position and heading by errors of the map, m^2 and rad^2.
         q: A `LocalizerTuning`.
         drift: See `information`, rad^2.
     """
@@ -236,7 +236,7 @@ def best_descent(sight: Sight, now: Belief, scale: Sixth, bias: tuple[float, flo
     start = Guess(now.mean.x, now.mean.y, now.mean.theta, scale.mean)
     best, value, least = Descent(now, scale, start, 0.0, 0.0, 0.0, 0.0), -1e300, -1.0
     starts, values, count, k = np.empty((STARTS, 3)), np.empty(STARTS), 0, -1
-    while k < count:  # one place from which the descent is called: machine code for each would take long to compile
+    while k < count:  # a single call of the descent: code for a second one would take long to compile
         if k >= 0:
             start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
         end = descend(sight, now if k < 0 else wide, scale, start, bias, q, drift)

@@ -1,7 +1,7 @@
-"""Several hypotheses: where a robot may be that is lost, in doubt, or does not know where it starts.
+"""Several hypotheses of the pose of a robot that is lost, in doubt, or does not know where it starts.
 
 The places of the whole map that fit a scan best are followed for some scans: the wheels move them, each descends at each scan,
-and gains weight as well as the scan agrees with it. Then the best is believed, if its weight says so and it fits. Weights fade,
+and gains more weight the better the scan agrees. Then the best is believed, if its weight says so and it fits. Weights fade,
 so that in a symmetric room, where only noise tells its places apart, several hypotheses stay.
 
 A belief that is in doubt is a hypothesis too, and the first: only a place that fits well refutes it, since in a wrong map the
@@ -45,7 +45,7 @@ POSITION, TURN = 0.15, 0.1
 BONUS = 1.0
 """Added to the logarithm of the weight of a belief that is in doubt."""
 CLEAR = 0.95
-"""Share of fitting beams that another place needs to take over from it ..."""
+"""Share of fitting beams that another place needs to replace the belief ..."""
 UNEXPLAINED = 1.0 / 3.0
 """... and how much of what it leaves unexplained of all scans since the search that place may leave unexplained: people on half
 of the beams hide the true place, and some other fits all beams of a scan by chance ..."""
@@ -56,7 +56,7 @@ OBVIOUS = 0.25
 PATIENCE = 4 * CYCLE
 """Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
 FAR = 1e4
-"""Variance of a pose of which nothing is known, m^2 and rad^2."""
+"""Variance of an unknown pose, m^2 and rad^2."""
 LOG_WEIGHT = 3
 """Column of a bank of hypotheses, shape (`ROWS`, 4): x, y and heading of the odometry's origin in the map; the logarithm of the
 weight, of which the best is 0. In the last row the weight of a belief in doubt; the share of fitting beams that another place
@@ -105,7 +105,7 @@ def _follow(located: Located, bank: Any, sight: Sight, wheels: Pose, misfits: fl
         bank: The bank.
         sight: The scan and the map.
         wheels: The odometry at the present pose.
-        misfits: Scans that left a doubt before this one, see `Located`.
+        misfits: Doubtful scans before this one, see `Located.misfits`.
         q: A `LocalizerTuning`.
     """
     guesses, values, count, gain = np.empty((MOST, 5)), np.empty(MOST), 0, gain_of(sight.number, q)
@@ -173,7 +173,7 @@ def _follow(located: Located, bank: Any, sight: Sight, wheels: Pose, misfits: fl
 
 @kernel
 def look(located: Located, bank: Any, sight: Sight, wheels: Pose, q: Any, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
-    """Condition the belief on a scan; where the place is in doubt, look for it in the whole map too, and follow what is found.
+    """Condition the belief on a scan; if the place is in doubt, also search the whole map, and follow the places found.
 
     Args:
         located: The localizer.
@@ -245,6 +245,6 @@ def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) 
 
 @kernel
 def nowhere(q: Any) -> Located:
-    """Return a localizer that does not know where it starts: the first scan is sought in the whole map."""
+    """Return a localizer that does not know where it starts: the whole map is searched at the first scan."""
     belief, nis, scale, _, _, taken, slack, scans, moves, _, _, _, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
     return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0, 0.0, 0.0, 0.0)

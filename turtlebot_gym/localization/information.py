@@ -8,7 +8,7 @@ from the robot, u the beam's direction, rho its range. Its variance is ``R = (g 
 References:
     Censi, "On achievable accuracy for range-finder localization", ICRA (2007): the information of a scan.
     Thrun, Burgard, Fox, *Probabilistic Robotics* (2005), section 6.4: the likelihood field.
-    Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): scalar measurements in turn.
+    Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977): sequential scalar measurements.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FLAT = 0.5
 """Square of the gradient below which an end within a surface is about as far from its other side ..."""
 BACK = 2.0
 """... and how far before it along the beam, in cells, the side is in sight that the beam has met: in a wall of two cells the
-field is flat. Without, ranges that are too long would say less than those that are too short."""
+field is flat. Without it, ranges that are too long would inform less than those that are too short."""
 LEAST_PIVOT = 1e-10
 """Share of a diagonal entry below which a pivot is rounding: there is no information in its direction."""
 
@@ -134,7 +134,7 @@ def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: Any, drift: float) 
 
 @kernel
 def fetch_ends(sight: Sight, at: Guess) -> None:
-    """Ask for the part of a field that `information` will read at a guess; compiled code alone waits for memory."""
+    """Prefetch the part of a field that `information` will read at a guess; only compiled code waits for memory."""
     field, frame, points, number = sight
     sine, cosine = sincos(at.theta)
     for k in range(0 if is_plain() else number):
@@ -211,7 +211,7 @@ def _minus(L: Information, v: tuple[float, float, float, float], by: float, grad
 def blurred(L: Information, position: float, heading: float) -> Information:
     """Return the information of a scan whose pose has a further error, common to all its beams.
 
-    ``(L^-1 + C)^-1`` with a diagonal C, by the formula of Sherman and Morrison for one entry after the other: no inverse of L.
+    ``(L^-1 + C)^-1`` with a diagonal C, by the Sherman-Morrison formula, one entry after the other, without inverting L.
 
     Args:
         L: The information.

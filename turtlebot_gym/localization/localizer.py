@@ -3,11 +3,11 @@
 The update is an iterated extended Kalman update of pose and range scale by all beams at once, Gauss-Newton with the belief as
 prior. What a scan does not determine, such as the position along a corridor, stays as uncertain as it was.
 
-* What is wrong with the map stays the same while the robot does: a scan's pose has a further error, so that all scans from one
-  place together say no more than the map knows, however long the robot stands there.
+* Errors of the map do not average out while the robot stands: a scan's pose has a further error, so that all scans from one
+  place together are no more accurate than the map, however long the robot stands there.
 * Noise of the wheels grows while scans surprise: a blocked robot whose wheels turn is found by the next scans.
 * Where few beams fit after the descent from the prediction, or only a surprising pose explains them, starts all around it are
-  tried; where none explains the scan, the belief grows, since it is then worth less than it says.
+  tried; if none explains the scan, the belief's variance grows.
 
 References:
     Bell, Cathey, "The iterated Kalman filter update as a Gauss-Newton method", *IEEE Transactions on Automatic Control* 38
@@ -28,11 +28,11 @@ from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
 
 FRESH, LEAST_TAKE = 0.5, 1e-9
-"""Share of what the map can still say about a place that one scan says, and its least value: the variance stays finite."""
+"""Share of the map's remaining information on a place that one scan uses, and its least value: the variance stays finite."""
 FITTING = 0.9
-"""Share of fitting beams from which a surprise is put down to the wheels."""
+"""Share of fitting beams from which a surprise is attributed to the wheels."""
 LEAP = 0.3
-"""Correction by one scan, m or rad, after which the robot is sought in the whole map too."""
+"""Correction by one scan, m or rad, after which the whole map is searched too."""
 UNUSUAL = 2.0
 """Factor of the usual share of beams that do not fit, see `LocalizerTuning.suspicion`."""
 HABIT = 100.0
@@ -61,9 +61,9 @@ class Located(NamedTuple):
     fits: float
     """Share of the last scan's beams that end near a surface of the map; 1 before the first."""
     misfits: float
-    """Scans that leave a doubt of the place, less those that do not; negative while it is not doubted again."""
+    """Scans that put the place in doubt, less those that do not; negative while it is not doubted again."""
     taken: float
-    """Share of what the map can say about this place that scans have said already; it falls as the robot moves on."""
+    """Share of the map's information on this place that scans have used; it falls as the robot moves on."""
     slack: float
     """Factor of the wheels' variances."""
     scans: float
@@ -122,7 +122,7 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
         located: The localizer.
         before: Odometry at the start of the interval.
         now: Odometry at its end.
-        twist: Executed from now on; for those who read it, the belief's place does not depend on it.
+        twist: Executed from now on; kept in the belief, whose pose does not depend on it.
         drift: Variances of way and turn that the interval adds by time, m^2 and rad^2; noise by way is in the tuning.
         q: A `LocalizerTuning`.
     """
@@ -173,14 +173,14 @@ def scan(located: Located, sight: Sight, q: Any, unseen: tuple[float, float] = (
     slack = min(max(located.slack * growth, 1.0), q.widening)
     before, astray = max(located.misfits, 0.0), 1.0 - end.fits
     misfits = before + 1.0 if astray > UNUSUAL * located.strays + q.suspicion else max(before - 1.0, 0.0)
-    learns = before == 0.0 and end.fits >= bad  # what is in doubt, or not explained, is no habit
+    learns = before == 0.0 and end.fits >= bad  # doubtful or unexplained scans are not the usual ones
     strays = located.strays + ((astray - located.strays) / HABIT if learns else 0.0)
     if located.misfits < 0.0 and end.fits >= bad:
         misfits = located.misfits + 1.0
     weight = 0.0 if misfits >= q.patience and end.fits < bad else 1.0
     was, now = located.belief.mean, belief.mean
     dx, dy, turn = now.x - was.x, now.y - was.y, wrap(now.theta - was.theta)
-    if dx * dx + dy * dy > LEAP * LEAP or abs(turn) > LEAP:  # it may as well have been carried far away
+    if dx * dx + dy * dy > LEAP * LEAP or abs(turn) > LEAP:  # it may have been carried farther
         misfits = max(misfits, 1.0 * q.patience)
     taken, scans = min(located.taken + take, 1.0), located.scans + 1.0
     return Located(
@@ -191,6 +191,6 @@ def scan(located: Located, sight: Sight, q: Any, unseen: tuple[float, float] = (
 
 @kernel
 def state_of(located: Located, q: Any) -> int:
-    """Return `TRACKING`; `UNSURE` where scans leave a doubt; `LOST` after too many of these without a likely place."""
+    """Return `TRACKING`; `UNSURE` if scans put the place in doubt; `LOST` after too many of these without a likely place."""
     looks, unsure = located.misfits >= q.patience, 2.0 * located.misfits >= q.patience or located.fits < 0.7 * q.doubt
     return LOST if looks and not located.weight > SURE else (UNSURE if unsure else TRACKING)

@@ -65,9 +65,9 @@ def to_points(ranges: Any, beams: Any, turn: int, timing: Timing, trail: Any, po
         points: Output, shape (5, n), see `X`.
     """
     number, k, used, measured = len(ranges), len(trail) - 2, 0, 0
-    those = np.empty(number, np.int64)  # with a measurement; found without a branch: a processor guesses those wrongly
+    valid = np.empty(number, np.int64)  # beams with a measurement; without a branch, which would be mispredicted
     for beam in range(number):
-        those[measured] = beam
+        valid[measured] = beam
         measured += 1 if 0.0 < float(ranges[beam]) <= timing.range_max else 0
     most = min(points.shape[1], measured)
     every = max(-(-measured // max(most, 1)), 1)
@@ -78,7 +78,7 @@ def to_points(ranges: Any, beams: Any, turn: int, timing: Timing, trail: Any, po
         place = first + (part * measured + most - 1) // most
         if place >= measured:
             break
-        beam = those[place]
+        beam = valid[place]
         length = float(ranges[beam])
         time = timing.last - timing.interval * (number - 1 - beam)
         while k > 0 and trail[k, 0] < time:

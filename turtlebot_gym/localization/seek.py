@@ -1,4 +1,4 @@
-"""The whole map: where a scan fits best, for a robot that is lost or does not know where it starts.
+"""Search of the whole map for a scan's pose, for a robot that is lost or does not know where it starts.
 
 Each free place of a lattice is tried in each direction, a beam at a time for all places at once.
 """

@@ -17,7 +17,7 @@ _BEAMS = Range(5, 10_000, whole=True)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LocalizerTuning:
-    """Assumptions of the localizer about LiDAR, map and wheels, and when it looks elsewhere."""
+    """Assumptions of the localizer about LiDAR, map and wheels, and when it searches the whole map."""
 
     beams: Annotated[int, _BEAMS] = 20
     """Most beams of a scan that are used, evenly spread; those of the next scan lie between them."""
@@ -30,13 +30,13 @@ class LocalizerTuning:
     grain: Annotated[float, POSITIVE] = 0.014
     """Standard deviation of a surface in the map, m, independent from beam to beam."""
     bias: Annotated[float, NON_NEGATIVE] = 0.0003
-    """Standard deviation of a position by what is wrong with the map around it, m."""
+    """Standard deviation of a position by errors of the map around it, m."""
     turn_bias: Annotated[float, NON_NEGATIVE] = 0.0002
-    """The same of a heading, rad."""
+    """The same for a heading, rad."""
     length: Annotated[float, POSITIVE] = 0.5
-    """Distance after which what is wrong with the map is new, m."""
+    """Distance after which errors of the map are independent, m."""
     angle: Annotated[float, POSITIVE] = 1.0
-    """Turn after which it is new, rad."""
+    """Turn after which they are independent, rad."""
     gate: Annotated[float, POSITIVE] = 3.0
     """Standard deviations beyond which a beam counts little."""
     iterations: Annotated[int, ONE_OR_MORE] = 4
@@ -53,7 +53,7 @@ class LocalizerTuning:
     aside_step: Annotated[float, NON_NEGATIVE] = 0.0
     """... as a share of a step's distance ..."""
     aside_turn: Annotated[float, NON_NEGATIVE] = 0.0
-    """... and per turn, m per rad: a mount that is not known, a turn about another point."""
+    """... and per turn, m per rad: an unknown mount, a turn about another point."""
     turn_walk: Annotated[float, NON_NEGATIVE] = 0.0
     """Standard deviation of the heading, rad per root of m ..."""
     turn_step: Annotated[float, NON_NEGATIVE] = 0.05
@@ -70,8 +70,7 @@ class LocalizerTuning:
     doubt: Annotated[float, PROBABILITY] = 0.7
     """Share of fitting beams below which starts all around the prediction are tried; 0 for never."""
     suspicion: Annotated[float, PROBABILITY] = 0.08
-    """Share of beams that do not fit, beyond twice the usual share, above which scans make the localizer look in the whole map
-    too."""
+    """Share of beams that do not fit, beyond twice the usual share, above which a scan fits badly, see `patience`."""
     reach: Annotated[float, NON_NEGATIVE] = 0.6
     """Least distance of these starts, m."""
     swing: Annotated[float, NON_NEGATIVE] = 0.6
@@ -79,9 +78,9 @@ class LocalizerTuning:
     temper: Annotated[float, PROBABILITY] = 0.1
     """Share of a scan's log likelihood that counts where starts are compared: neighbouring beams see the same surfaces."""
     loosen: Annotated[float, NON_NEGATIVE] = 0.03
-    """Standard deviation that a scan adds which no start explains, m; half of it in rad."""
+    """Standard deviation added by a scan that no start explains, m; half of it in rad."""
     patience: Annotated[int, ONE_OR_MORE] = 8
-    """Scans that fit badly, less those that do not, after which it looks there."""
+    """Scans that fit badly, less those that do not, after which the whole map is searched."""
 
     def __post_init__(self) -> None:
         typed(self)

@@ -1,4 +1,4 @@
-"""The map of a room that a localizer is given: its obstacles as cells, and the distance field of these."""
+"""A localizer's map of a drawn room: obstacles as cells, and their distance field."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def _place(walls: Any, rules: RoomRules, key: int, number: int, copy: int, x: fl
         rules: How wrong the map is.
         key: Key of the draws.
         number: First draw of the obstacle.
-        copy: 0 for the obstacle itself, 1 for one like it that the room has no more.
-        x: Where it is, m.
+        copy: 0 for the obstacle itself, 1 for a similar one that has vanished from the room.
+        x: Its position, m.
         y: The same.
     """
     share, direction = uniforms(key, number, copy)
@@ -55,7 +55,7 @@ def _mark(occupied: Any, frame: Any, shape: Any, reach_x: float, reach_y: float)
     Args:
         occupied: The cells, shape (rows, columns).
         frame: Their frame.
-        shape: x, y, half length, which of a circle is the radius, half width, cosine and sine.
+        shape: x, y, half length (the radius of a circle), half width, cosine and sine.
         reach_x: Half its extent along x, m.
         reach_y: Half its extent along y, m.
     """

@@ -16,7 +16,7 @@ import numpy as np
 from turtlebot_gym.kernel import fetch, in_loops, kernel
 
 REACH = 1.0
-"""Greatest distance in a field, m: beams that end farther from a surface pull no longer."""
+"""Greatest distance in a field, m: beams that end farther from a surface have no pull."""
 
 
 class Sampled(NamedTuple):
@@ -171,7 +171,7 @@ def sample(field: Any, frame: Any, x: float, y: float) -> Sampled:
 
 @kernel
 def fetch_around(field: Any, frame: Any, x: float, y: float) -> None:
-    """Ask for the numbers that `sample` will read at a point: what was not read lately takes long to come."""
+    """Prefetch the numbers that `sample` will read at a point: memory outside of the cache is slow."""
     rows, columns = field.shape
     column, row = _from_centres(frame, x, y)
     at = int(min(max(row, 0.0), rows - 1.0)) * columns + int(min(max(column, 0.0), columns - 1.0))

@@ -92,7 +92,7 @@ class GridMap:
 
 
 def charted(scene: Scene, cut: int = 0) -> GridMap:
-    """Return the map of a drawn room that a localizer has, of which its field says which cells are occupied.
+    """Return a localizer's map of a drawn room, whose occupied cells follow from its distance field.
 
     Args:
         scene: The room.

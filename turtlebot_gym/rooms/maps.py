@@ -32,7 +32,7 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
         goal: Goal pose of the robot; None to draw it in free cells near the start.
 
     Raises:
-        ValueError: If a file cannot be read, or says what cannot be.
+        ValueError: If a file cannot be read or is invalid.
     """
     grid = _read_grid(path)
     return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal, max_distance=FAR_ENOUGH)

@@ -67,8 +67,7 @@ class RoomRules:
     unmapped: Annotated[float, PROBABILITY] = 0.0
     """Share of the obstacles that a localizer's map of a drawn room lacks."""
     vanished: Annotated[float, PROBABILITY] = 0.0
-    """Obstacles in that map that the room has no more, as a share of those that stand in it; each is like one of them, and
-    anywhere."""
+    """Obstacles in that map that have vanished from the room, as a share of those in it; each is like one of them, anywhere."""
     map_error: Annotated[float, NON_NEGATIVE] = 0.0
     """Distance by which each obstacle in that map is off, in a direction of its own, and at most each wall, m."""
     start: tuple[float, ...] = ANYWHERE

@@ -23,7 +23,7 @@ EDGE = 1e-5
 """Share of a sector by which a beam on its edge may miss it: directions travel in single precision."""
 _NEAREST, _FARTHEST = np.float32(0.0), np.float32(SIGHT)
 UNKNOWN = -1.0
-"""Marks a sector of which a scan says nothing, until it is filled."""
+"""Marks a sector without data, until it is filled."""
 
 
 @kernel
@@ -48,7 +48,7 @@ def divide(spans, first_angle: float, beams: int) -> None:
 
 @kernel
 def leave_out_blind(spans, beams, number: int) -> None:
-    """Empty the sectors in which a LiDAR is blind to all beams; `pool` takes them for unknown.
+    """Empty the sectors in which a LiDAR is blind to all beams; `pool` treats them as unknown.
 
     Args:
         spans: The assignment by `divide`.
@@ -64,7 +64,7 @@ def leave_out_blind(spans, beams, number: int) -> None:
 
 @kernel
 def _fill(sectors) -> None:
-    """Fill the sectors of which a scan says nothing.
+    """Fill the sectors without data.
 
     Each takes the shorter of the ranges beside its run of unknown sectors; in a run of more than `NARROW` at most `NEAR`.
 

@@ -123,10 +123,10 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
     Args:
         scene: The room.
         rays: Shape (`ROOM`,): five runs of up to `BLOCK` numbers: x and y of the rays' origins, close to each other, m; x
-            and y of their directions, unit vectors; and their lengths, the output, m. The rest is used by the way.
+            and y of their directions, unit vectors; and their lengths, the output, m. The rest is scratch space.
         n: Number of rays.
         reach: Distance from the first origin beyond which obstacles may be missed, m.
-        sweep: Angle from each ray to the next, rad; infinite if they are in no order.
+        sweep: Angle from each ray to the next, rad; infinite if they are not ordered.
         drift: Greatest distance from the origin of a ray to that of the next one, m.
     """
     x, y = rays[_X], rays[_Y]

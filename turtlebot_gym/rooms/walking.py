@@ -13,14 +13,14 @@ from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import Pose
 
 STANDS = 1e-3
-"""Greatest way of a robot that stands in a control interval, m."""
+"""Greatest distance that a standing robot moves in a control interval, m."""
 # The numbers of the paper.
 _RELAXATION = 0.5
 """Time in which people take up their pace, s."""
 _OTHERS, _OTHERS_WIDTH = 2.1, 0.3
 """Strength (m^2/s^2) and width (m) of the repulsion by others."""
 _WALLS, _WALLS_WIDTH = 10.0, 0.2
-"""The same by walls and boxes."""
+"""The same for walls and boxes."""
 _STRIDE = 2.0
 """Time for which the steps of others are anticipated, s."""
 _BESIDE = -0.17364817766693033
