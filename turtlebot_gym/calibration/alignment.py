@@ -202,9 +202,9 @@ def _find_frame(drive: Drive) -> Frame:
         Umeyama, "Least-squares estimation of transformation parameters between two point patterns", *IEEE Transactions on
         Pattern Analysis and Machine Intelligence* 13 (1991): here without a scale, in the plane.
     """
-    both = known(drive.odometry) & known(drive.truth)
-    z = drive.odometry[both, 0] + 1j * drive.odometry[both, 1]
-    true = drive.truth[both, 0] + 1j * drive.truth[both, 1]
+    are_known = known(drive.odometry) & known(drive.truth)
+    z = drive.odometry[are_known, 0] + 1j * drive.odometry[are_known, 1]
+    true = drive.truth[are_known, 0] + 1j * drive.truth[are_known, 1]
     spread = (np.conj(z - z.mean()) * (true - true.mean())).sum()
     # The angle that turns one set of points onto the other.
     theta = float(np.angle(spread)) if abs(spread) > 0.0 else 0.0

@@ -208,8 +208,8 @@ def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) 
     Raises:
         ValueError: If fewer than `FEWEST` measured poses have a true one beside them.
     """
-    both = known(drive.odometry) & known(drive.truth)
-    error = difference(drive.odometry[both], drive.truth[both])
+    are_known = known(drive.odometry) & known(drive.truth)
+    error = difference(drive.odometry[are_known], drive.truth[are_known])
     n = len(error)
     if n < FEWEST:
         raise ValueError(f"only {n} measured poses have a true one beside them.")

@@ -58,18 +58,18 @@ def segment_rows(drive: Drive, length: float) -> Rows:
         drive: With truth.
         length: Length of the segments by the twist, m, where a turn by 1 rad counts as `LEVER`; 0 for every row.
     """
-    there = known(drive.truth)
-    truth = np.where(there[:, None], drive.truth, 0.0)
+    are_known = known(drive.truth)
+    truth = np.where(are_known[:, None], drive.truth, 0.0)
     # by the twist: the ends of segments must not depend on the errors
     motion = np.abs(drive.twist[1:]) @ np.array([1.0, LEVER]) * np.diff(drive.time)
     driven = np.concatenate([[0.0], np.cumsum(motion)])
-    ends = there.copy()
+    ends = are_known.copy()
     if length > 0.0:
         ends[:] = False
         reached, running = -np.inf, False
         for row in range(len(driven)):
             running = running and bool(drive.joined[row])
-            if there[row] and (not running or driven[row] >= reached):
+            if are_known[row] and (not running or driven[row] >= reached):
                 ends[row], running, reached = True, True, driven[row] + length
     return Rows(drive.time, drive.twist, truth, ends, ends.copy(), drive.joined)
 

@@ -39,9 +39,9 @@ class Motions(NamedTuple):
 
 def motions_of(drive: Drive) -> Motions:
     """Return the motions of a drive."""
-    there = known(drive.truth)
+    are_known = known(drive.truth)
     good = np.zeros(len(drive), np.bool_)
-    good[1:] = there[1:] & there[:-1] & drive.joined[1:] & (np.diff(drive.time) > 0.0)
+    good[1:] = are_known[1:] & are_known[:-1] & drive.joined[1:] & (np.diff(drive.time) > 0.0)
     good &= known(drive.twist)
     row = np.flatnonzero(good)
     step = drive.truth[row] - drive.truth[row - 1]

@@ -50,8 +50,8 @@ def residuals(calibration: Calibration) -> Residuals:
     """Return the errors of measured poses, or the innovations without truth."""
     drive, odometry = calibration.drive, calibration.likeliest.odometry
     if calibration.has_truth:
-        both = known(drive.odometry) & known(drive.truth)
-        error = difference(drive.odometry[both], drive.truth[both] + odometry.bias)
+        are_known = known(drive.odometry) & known(drive.truth)
+        error = difference(drive.odometry[are_known], drive.truth[are_known] + odometry.bias)
         return Residuals(error, np.broadcast_to(np.sqrt(odometry.R), error.shape))
     spiky = odometry.spike_probability * odometry.spike**2  # a filter matched to the noise counts spikes into R
     R = (*odometry.R[:2], odometry.R[2] + spiky)

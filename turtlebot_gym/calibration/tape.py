@@ -208,20 +208,20 @@ class _Fit(NamedTuple):
 
 def _fitted(legs: Sequence[Leg], paths: Sequence[_Steps], start: Noise, free: NDArray[np.bool_]) -> _Fit:
     """Return the likeliest free parameters; the others have the values of the start."""
-    both = list(zip(legs, paths, strict=True))
-    seen = [np.isfinite(leg.measured) for leg in legs]
+    pairs = list(zip(legs, paths, strict=True))
+    masks = [np.isfinite(leg.measured) for leg in legs]
     usual = np.array([value_of(start, name) for name in NAMES])
     roots = np.sqrt(FREE[:3])[free]
     wheels, info, z = usual.copy(), np.zeros((3, 3)), np.zeros(0)
     for _ in range(ROUNDS if free.any() else 0):
-        V = [_covariance(leg, path, wheels, start)[np.ix_(s, s)] for (leg, path), s in zip(both, seen, strict=True)]
+        V = [_covariance(leg, path, wheels, start)[np.ix_(s, s)] for (leg, path), s in zip(pairs, masks, strict=True)]
         whiten = [np.linalg.inv(np.linalg.cholesky(covariance)) for covariance in V]
 
         def rest(x: Array, whiten: Sequence[NDArray[Any]] = whiten) -> Array:
             tried = usual.copy()
             tried[free] = x
-            off = [leg.measured - _driven(path, tried).measured for leg, path in both]
-            parts = [W @ error[s] for W, error, s in zip(whiten, off, seen, strict=True)]
+            off = [leg.measured - _driven(path, tried).measured for leg, path in pairs]
+            parts = [W @ error[s] for W, error, s in zip(whiten, off, masks, strict=True)]
             return np.concatenate([*parts, roots * (x - usual[free])])
 
         solution = least_squares(rest, wheels[free], x_scale=TYPICAL[:3][free])
