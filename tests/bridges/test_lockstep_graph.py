@@ -183,7 +183,7 @@ def test_nodes_that_come_late_or_again_are_waited_for(launch, peer, wait_for):
 
     def says(text):
         statuses = (status for message in reports for status in message.status if status.name == "/turtlebot_simulator")
-        return any(text in each.message for each in statuses)
+        return any(text in status.message for status in statuses)
 
     def moves():
         at = len({message.header.stamp.nanosec + message.header.stamp.sec * 10**9 for message in truths})
