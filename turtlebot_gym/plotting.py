@@ -54,7 +54,7 @@ _SOLID, _UNKNOWN = "#777777", "#dddddd"
 _COLORS = (BLUE, VERMILLION, PURPLE, ORANGE, SKY_BLUE, BLACK)
 _STYLES = ("-", "--", "-.", (0, (6, 1, 1, 1, 1, 1)), ":", (0, (10, 2)))
 PATHS = [(color, _STYLES[(at + turn) % 6]) for turn in range(6) for at, color in enumerate(_COLORS)]
-"""Colour and line style of each path in turn: six colours, then these with other styles."""
+"""Colours and line styles of paths, in this order: six colours, then the same with other styles."""
 _COMPONENTS = {"x": "x (m)", "y": "y (m)", "theta": "heading (rad)"}
 _COMMANDS = {"v": "speed (m/s)", "omega": "turning rate (rad/s)"}
 

@@ -35,7 +35,7 @@ def test_intervals_with_the_truth_hold_it_as_often_as_they_say():
     assert len(rows) > 100
     assert len(far) < 5
     for name, setting in settings.items():
-        # All parameters of a setting: right intervals fail this for one study in 1000.
+        # All parameters of a setting: correct intervals fail this for one study in 1000.
         intervals = sum(row["drives"] for row in setting["parameters"].values())
         low, high = stats.binom.interval(1.0 - 1e-3 / len(settings), intervals, 0.95)
         assert low <= round(setting["all"] * intervals) <= high, name

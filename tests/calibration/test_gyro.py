@@ -35,7 +35,7 @@ def test_intervals_hold_the_truth_in_95_of_100_cases(walk):
         # The first block begins where the robot has settled: half a second late, in which the bias hardly walks.
         for name, value in (("bias", bias), ("variance", WHITE**2), ("bias_walk", walk)):
             hits[name] += estimates[name].low <= value <= estimates[name].high
-    # A right interval fails this for one parameter in 10^4; that of the bias may hold more, since it knows of a walk.
+    # A correct interval fails this for one parameter in 10^4; that of the bias may hold more, since it knows of a walk.
     assert all(hit >= stats.binom.ppf(1e-4, n, 0.95) for hit in hits.values()), hits
 
 

@@ -37,7 +37,7 @@ def fits():
 
 @pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (0.5, False)])
 def test_intervals_hold_the_truth_in_95_of_100_cases_and_others_do_not(fits, factor, holds):
-    # A right interval fails this for one set of drives in 10^4; the seeds are fixed. Half as wide ones fail it.
+    # A correct interval fails this for one set of drives in 10^4; the seeds are fixed. Intervals half as wide fail it.
     low, high = stats.binom.interval(1.0 - 1e-4, len(fits), 0.95)
     assert (low <= (fits < factor).sum() <= high) == holds
 

@@ -81,7 +81,7 @@ def fits():
 
 @pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (0.7, False)])
 def test_intervals_hold_the_truth_in_95_of_100_cases_and_narrower_ones_do_not(fits, factor, holds):
-    # A right interval fails this for one set of robots in 10^4; the seeds are fixed.
+    # A correct interval fails this for one set of robots in 10^4; the seeds are fixed.
     low, high = stats.binom.interval(1.0 - 1e-4, len(fits), 0.95)
     assert (low <= (fits < factor).sum() <= high) == holds
 

@@ -19,7 +19,7 @@ from turtlebot_gym.values import Pose
 
 
 def test_nees_is_chi_square():
-    # Kolmogorov and Smirnov: a right one fails for one seed in 10^4.
+    # Kolmogorov and Smirnov: a correct filter fails for one seed in 10^4.
     rng = np.random.default_rng(11)
     root = rng.normal(size=(5, 5))
     P = root @ root.T + 0.1 * np.eye(5)

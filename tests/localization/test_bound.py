@@ -54,7 +54,7 @@ def drawn(world):
 
 @pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python")
 def test_at_rest_the_error_is_near_the_bound_of_the_scan():
-    """Of 300 scans a deviation is within 15 % of its true value but for one seed in 5,000."""
+    """With 300 scans, a standard deviation is within 15 % of its true value for all but one seed in 5,000."""
     in_hall = ratio_at(make_room(hall()), (1.7, 2.1, 0.4), 3)
     assert (in_hall < 1.3).all(), in_hall
     assert (in_hall > 0.85).all(), f"{in_hall}: better than the bound, so the bound is wrong"

@@ -1,8 +1,8 @@
 """The execution of twists, fitted to poses whose covariance is known, such as those of scans in a map.
 
-Each pose is given all before it: between two of them the wheels move the belief, by the equations of the core's filter. What is
-wrong with a map is the same for poses from nearly the same place, so that only poses `APART` count. Two factors on the
-covariances, one for positions and one for headings, are fitted too, and so is the place of what the poses are of on the robot.
+The likelihood of each pose is conditional on all earlier ones: between two of them the wheels move the belief, by the equations
+of the core's filter. Errors of a map are the same in poses from nearly the same place, so only poses that are `APART` count.
+Two factors on the covariances, for positions and headings, are fitted too, and so is the pose on the robot that was measured.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ SIDE, HEADER = 640, 64
 _FINE = 2
 """Supersampling factor, which smooths every edge."""
 _EDGE = 20 * _FINE
-"""Distance from an edge within which no coordinate is written, lest it is cut off."""
+"""Distance from an edge within which no coordinate is written, since it could be cut off."""
 _MARGIN = 0.5
 """Margin around the visible points, m: for circles of arrival, noisy odometry and the scale."""
 _GROWTH = 1.25

@@ -1,11 +1,11 @@
 """Several hypotheses of the pose of a robot that is lost, in doubt, or does not know where it starts.
 
-The places of the whole map that fit a scan best are followed for some scans: the wheels move them, each descends at each scan,
-and gains more weight the better the scan agrees. Then the best is believed, if its weight says so and it fits. Weights fade,
-so that in a symmetric room, where only noise tells its places apart, several hypotheses stay.
+The poses in the whole map that fit a scan best are tracked for some scans: odometry moves them, each scan refines them, and the
+better it agrees with one, the more weight that one gains. Then the best is believed, if it has enough weight and fits. Weights
+fade, so in a symmetric room, where only noise distinguishes the poses, several hypotheses remain.
 
-A belief that is in doubt is a hypothesis too, and the first: only a place that fits well refutes it, since in a wrong map the
-true place fits badly too. Otherwise it is confirmed, and not doubted again for some time.
+A belief that is in doubt is a hypothesis too, the first one: only a pose that fits well refutes it, since in a wrong map the
+true pose fits badly, too. Otherwise it is confirmed, and not doubted again for some time.
 """
 
 from __future__ import annotations

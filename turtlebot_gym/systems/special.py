@@ -178,8 +178,8 @@ SPECIALS = (
     _to_one_goal(_DRAWN_COURSE),
     _DRAWN_COURSE,
 )
-"""The cases, each before those that it is a case of: the default, and several waypoints; slip, wrong wheels, lost measurements
-and delays; and these different in each environment. What differs is loaded for each environment, all else once for all."""
+"""The cases, special ones before the general ones that include them: the default, and several waypoints; slip, wrong wheels,
+lost measurements and delays; these with other values in each environment. Only what differs is loaded per environment."""
 
 
 def _of_the_filter(path: str) -> bool:

@@ -11,9 +11,9 @@ from a header's age, as some drivers stamp the first beam). A scan that cannot b
 previous one, and so does one of a LiDAR that does not measure or is mounted otherwise, see `scan_watch`. Without a valid scan
 the robot stands and does not turn either.
 
-**Mount.** Where ``/tf_static`` states the pose of the scan's frame, that counts and not the preset's, which is any robot's of
-that kind. It is reported if they differ. A mount that a person gave is about this robot too, and one of the two is wrong: then
-scans are refused, as are those of a LiDAR that ``/tf_static`` states twice, differently, or tilted.
+**Mount.** The pose of the scan's frame by ``/tf_static``, if any, replaces that of the preset, which is about all robots
+of the kind; a difference is reported. A mount that a person gave is about this robot, too: if it differs, one of the two is
+wrong, and scans are refused, as are those of a LiDAR that ``/tf_static`` states twice, differently, or tilted.
 
 **Unknown space**, see `collision`, is entered slowly, at ``escape_speed`` at most, and only for the way that this makes in the
 time to contact: then the robot stops before it. Motion over ground that the scan shows gives the way back, since the robot may
