@@ -222,7 +222,9 @@ def test_in_gazebo_the_robots_loop_runs_on_gazebos_clock():
     known = {argument.get("name"): argument.get("default") for argument in robot.iter("arg")}
     declared = {argument.get("name"): argument.get("default") for argument in gazebo.findall("arg")}
     (given,) = (
-        {each.get("name"): each.get("value") for each in each.findall("arg")} for each in gazebo.iter("include") if len(each)
+        {argument.get("name"): argument.get("value") for argument in include.findall("arg")}
+        for include in gazebo.iter("include")
+        if len(include)
     )
     assert set(given) <= set(known)
     assert {name: value for name, value in given.items() if value != f"$(var {name})"} == IN_SIMULATION
