@@ -134,6 +134,8 @@ def _emit_scratch(typing_context, size):
 
 def _emit_wide(typing_context):
     def emit(context, builder, signature, arguments):
+        if isinstance(context.active_code_library, _InlinedLibrary):  # what inlines it has its own attributes
+            raise errors.UnsupportedError("prefer_wide() has no effect in a kernel: call it in the function that is compiled.")
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite does not support such attributes
         return context.get_dummy_value()
 

@@ -14,10 +14,10 @@ import numba
 import pytest
 
 from turtlebot_gym.compiled import loop, store
-from turtlebot_gym.compiled.cache import _fingerprint
+from turtlebot_gym.compiled.cache import _fingerprint, compiled
 from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
-from turtlebot_gym.kernel import in_loops
+from turtlebot_gym.kernel import in_loops, kernel, prefer_wide
 from turtlebot_gym.systems import Options, open_ground, system_of
 from turtlebot_gym.systems.special import GENERAL
 
@@ -73,10 +73,10 @@ def test_the_loop_that_stands_for_a_function_of_arrays_is_a_part_of_its_fingerpr
     assert len(prints) == 2
 
 
-def copied(kernel):
+def copied(function):
     """Return a kernel with one more constant."""
-    code = kernel.__code__.replace(co_consts=(*kernel.__code__.co_consts, 0.125))
-    return FunctionType(code, kernel.__globals__, kernel.__name__, None, kernel.__closure__)
+    code = function.__code__.replace(co_consts=(*function.__code__.co_consts, 0.125))
+    return FunctionType(code, function.__globals__, function.__name__, None, function.__closure__)
 
 
 def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
@@ -137,6 +137,29 @@ for program in ({FUNCTION!r}, {FUNCTION!r}.replace("+ 1.0", "+ 2.0")):
     addresses.add(address_of(loop, 3.0))
 print(len(addresses))
 """
+
+
+@kernel
+def widening(x):
+    prefer_wide()
+    return x
+
+
+def test_what_is_compiled_asks_for_wide_vectors_and_a_kernel_which_could_not_refuses(here):
+    def wide(x):
+        prefer_wide()
+        return x
+
+    def too_deep(x):
+        return widening(x)
+
+    compiled_wide = compiled(wide, "wide")
+    compiled_wide(1.0)
+    assert all('"prefer-vector-width"="512"' in text for text in compiled_wide.inspect_llvm().values())
+    with pytest.raises(numba.core.errors.NumbaError, match="has no effect in a kernel"):
+        numba.njit(too_deep)(1.0)
+    steps = loop.loops_of(open_ground(EXTENDED_KALMAN), GENERAL).step
+    assert "prefer_wide" in steps.py_func.__code__.co_names
 
 
 def test_functions_of_one_name_that_different_processes_have_compiled_have_different_addresses(tmp_path):

@@ -193,13 +193,11 @@ def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     work_tile = (_drive_tile_of if system.reads_scan else _advance_tile_of)(system, special)
     seen = system.surroundings.seen if system.surroundings else 0
     n_outcome, n_observation = outcome.size, observation.size
-    is_compiled, scratch_of = HAS_NUMBA and system.compiled, _scratch_of(system)
+    scratch_of = _scratch_of(system)
 
     @kernel
     def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
         """Advance the ``count`` environments of a tile whose first environment is ``first``; return how many flags are set."""
-        if is_compiled:
-            prefer_wide()
         scratch = scratch_of(size)
         asked, shown = actions[first : first + count], observations[first : first + count]
         for lane in range(count):
@@ -258,9 +256,11 @@ def loops_of(system: System, special: Special) -> _Loops:
     step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
     layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
     ahead, width = layout.parameters.ahead, layout.parameters.size * TILE
-    many = _LARGE // (layout.world.size * TILE)
+    many, is_compiled = _LARGE // (layout.world.size * TILE), HAS_NUMBA and system.compiled
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
+        if is_compiled:
+            prefer_wide()
         flagged = 0
         for at in range(len(tiles)):
             number = keys[at, TILE]
