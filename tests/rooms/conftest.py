@@ -46,8 +46,13 @@ def cast_plain() -> Callable[..., None]:
 
 @pytest.fixture(scope="session")
 def cast_all() -> Callable[..., None]:
-    """Return the same function, compiled."""
-    return compiled(_cast_all, "rays in tests")
+    """Return the same function, compiled for one list of types: arguments that a call leaves out would make another one."""
+    function = compiled(_cast_all, "rays in tests")
+
+    def cast_each(scene, x, y, dx, dy, lengths, reach, sweep=np.inf, drift=0.0):
+        function(scene, x, y, dx, dy, lengths, reach, sweep, drift)
+
+    return cast_each
 
 
 HALL = np.full((60, 80), 254, np.uint8)

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compiled_rooms import draw_compiled
 
-from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.rooms import drawing
@@ -15,15 +15,13 @@ from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.rooms.sensing import clearance
 
-DRAW = compiled(lambda scene, rules, radius, key: drawing.draw(scene, rules, radius, key), "rooms for robots in tests")
-
 
 @pytest.mark.parametrize("name", ROOMS)
 def test_a_way_leads_through_each_of_500_rooms(empty_scene, name):
     rules, counts, rooms = ROOMS[name], [], set()
     for number in range(500):
         scene = empty_scene(rules)
-        start, goal = DRAW(scene, as_tuple(rules), 0.105, episode_key(number, 0))
+        start, goal = draw_compiled(scene, as_tuple(rules), 0.105, episode_key(number, 0))
         straight = math.hypot(goal.x - start.x, goal.y - start.y)
         assert straight >= rules.min_distance
         for place in (start, goal):
@@ -48,7 +46,7 @@ def test_a_way_leads_through_each_of_500_rooms(empty_scene, name):
 def test_a_room_that_cannot_be_passed_loses_what_stands_in_it(empty_scene):
     rules = RoomRules(circles=(60.0, 60.0), radius=(0.6, 0.8))
     scene = empty_scene(rules)
-    start, _ = DRAW(scene, as_tuple(rules), 0.105, 5)
+    start, _ = draw_compiled(scene, as_tuple(rules), 0.105, 5)
     assert scene.counts.tolist() == [0, 0]
     assert way_left(scene, start.x, start.y) >= 1.3
 
@@ -56,7 +54,7 @@ def test_a_room_that_cannot_be_passed_loses_what_stands_in_it(empty_scene):
 def test_through_means_from_one_end_to_the_other(empty_scene):
     rules = ROOMS["corridor"]
     for key in range(50):
-        start, goal = DRAW(empty_scene(rules), as_tuple(rules), 0.105, key)
+        start, goal = draw_compiled(empty_scene(rules), as_tuple(rules), 0.105, key)
         assert start.x < -4.0 + 0.2 * 8.0
         assert goal.x > 4.0 - 0.2 * 8.0
 
@@ -64,7 +62,7 @@ def test_through_means_from_one_end_to_the_other(empty_scene):
 def test_a_start_and_a_goal_may_be_given(empty_scene):
     rules = replace(ROOMS["clutter"], start=(-2.0, -2.0, 0.5), goal=(2.0, 2.0, 0.0))
     scene = empty_scene(rules)
-    assert DRAW(scene, as_tuple(rules), 0.105, 3) == ((-2.0, -2.0, 0.5), (2.0, 2.0, 0.0))
+    assert draw_compiled(scene, as_tuple(rules), 0.105, 3) == ((-2.0, -2.0, 0.5), (2.0, 2.0, 0.0))
     assert way_left(scene, -2.0, -2.0) > 5.5
 
 
@@ -100,7 +98,7 @@ def test_nobody_walks_where_the_robot_starts_and_all_as_fast_as_the_rules_say(em
     """One drive in eighteen used to end at once, in contact with a walker."""
     rules, scene = ROOMS["crowd"], empty_scene("crowd")
     for key in range(300):
-        start, _ = DRAW(scene, as_tuple(rules), 0.105, key)
+        start, _ = draw_compiled(scene, as_tuple(rules), 0.105, key)
         assert clearance(scene, start[0], start[1]) > 0.105
         speeds = np.hypot(*scene.circles[: scene.counts[0], 3:].T)
         assert ((speeds >= 0.05) & (speeds <= 0.2)).all()

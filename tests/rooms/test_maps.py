@@ -6,12 +6,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import shapely
+from compiled_rooms import clearance_compiled, draw_compiled
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.parameters import RoomReward
-from turtlebot_gym.rooms import drawing, geodesic, sensing
+from turtlebot_gym.rooms import geodesic, sensing
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.maps import read_map
@@ -22,9 +23,7 @@ from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
-NEAR = compiled(lambda scene, x, y: sensing.clearance(scene, x, y), "clearance in tests")
 BLOCK = compiled(lambda scene, clearance: geodesic.block(scene, clearance), "path grids in tests")
-DRAW = compiled(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), "rooms in tests")
 
 
 def cellular(seed, rows=50, columns=70, fill=0.44):
@@ -137,12 +136,12 @@ def test_clearance_agrees_with_shapely(at):
     for x, y in zip(*points_on(grid, 300, at), strict=True):
         point = shapely.Point(x, y)
         expected = min(point.distance(solid), point.distance(outline.exterior), 1.0)
-        assert NEAR(scene, x, y) == pytest.approx(expected, abs=1e-9)
+        assert clearance_compiled(scene, x, y) == pytest.approx(expected, abs=1e-9)
     left, bottom, right, top = outline.bounds
     inside = np.random.default_rng(at).uniform([left - 0.5, bottom - 0.5], [right + 0.5, top + 0.5], (300, 2))
     for x, y in inside:
         point = shapely.Point(x, y)
-        assert (NEAR(scene, x, y) <= 0.0) == (solid.covers(point) or not outline.covers(point))
+        assert (clearance_compiled(scene, x, y) <= 0.0) == (solid.covers(point) or not outline.covers(point))
 
 
 @pytest.mark.parametrize("at", range(len(GRIDS)))
@@ -157,7 +156,7 @@ def test_plain_python_finds_the_same_bits(at, cast_all, cast_plain):
         cast_all(compiled, x, y, np.cos(angles), np.sin(angles), actual, reach)
         cast_plain(plain, x, y, np.cos(angles), np.sin(angles), expected, reach)
         np.testing.assert_array_equal(actual, expected)
-    assert [NEAR(compiled, a, b) for a, b in zip(x, y, strict=True)] == [
+    assert [clearance_compiled(compiled, a, b) for a, b in zip(x, y, strict=True)] == [
         sensing.clearance(plain, a, b) for a, b in zip(x.tolist(), y.tolist(), strict=True)
     ]
     if grid.cells.size < 10_000:
@@ -217,7 +216,7 @@ def test_starts_and_goals_are_in_known_free_ground_and_not_far_apart(hall):
     scene, rules = plan.scene(), as_tuple(plan.rules())
     grid, places = plan.map, set()
     for key in range(40):
-        poses = DRAW(scene, rules, key)
+        poses = draw_compiled(scene, rules, 0.105, key)
         for pose in poses:
             cell = cell_of(grid, pose.x, pose.y)
             assert grid.cells[cell] == FREE
@@ -235,7 +234,7 @@ def test_obstacles_may_stand_on_a_map(cast_all):
     actual = np.empty(2)
     cast_all(plan.scene(), np.full(2, 3.0), np.full(2, 3.0), np.zeros(2), np.array([-1.0, 1.0]), actual, 99.0)
     assert actual == pytest.approx([1.5, 3.0])
-    assert NEAR(plan.scene(), 3.0, 2.0) == pytest.approx(0.5)
+    assert clearance_compiled(plan.scene(), 3.0, 2.0) == pytest.approx(0.5)
 
 
 def test_a_map_is_drawn_at_its_place(hall):

@@ -5,20 +5,17 @@ import math
 import numpy as np
 import pytest
 import shapely
+from compiled_rooms import clearance_compiled, draw_compiled
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.rooms import drawing, rays, sensing
+from turtlebot_gym.rooms import rays
 from turtlebot_gym.rooms.drawing import draw
 from turtlebot_gym.rooms.geodesic import UNKNOWN, block, centre_of, spread, way_left
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import UNREACHED
-
-DRAW = compiled(lambda scene, rules, key: drawing.draw(scene, rules, 0.105, key), "rooms in tests")
-NEAR = compiled(lambda scene, x, y: sensing.clearance(scene, x, y), "clearance in tests")
 
 
 def corners(box):
@@ -56,7 +53,7 @@ def test_100_000_rays_agree_with_shapely(empty_scene, cast_all):
     names = ["dense", "office", "clutter", "crowd", "corridor"]
     for number in range(250):
         scene = empty_scene(names[number % len(names)])
-        DRAW(scene, as_tuple(ROOMS[names[number % len(names)]]), number)
+        draw_compiled(scene, as_tuple(ROOMS[names[number % len(names)]]), 0.105, number)
         at = random.uniform(-0.98, 0.98, 2) * scene.walls[2:]
         angles = random.uniform(-math.pi, math.pi, 360)
         angles[:4] = 0.0, math.pi / 2.0, math.pi, -math.pi / 2.0
@@ -85,7 +82,7 @@ def test_clearance_agrees_with_shapely(empty_scene):
     random = np.random.default_rng(2)
     for number in range(60):
         scene = empty_scene("dense")
-        DRAW(scene, as_tuple(ROOMS["dense"]), number)
+        draw_compiled(scene, as_tuple(ROOMS["dense"]), 0.105, number)
         cx, cy, half_length, half_width = scene.walls
         room = shapely.box(cx - half_length, cy - half_width, cx + half_length, cy + half_width)
         for x, y in random.uniform(-2.4, 2.4, (30, 2)):
@@ -93,7 +90,7 @@ def test_clearance_agrees_with_shapely(empty_scene):
             apart = [point.distance(room.exterior)]
             apart += [math.hypot(x - c[0], y - c[1]) - c[2] for c in scene.circles[: scene.counts[0]]]
             apart += [point.distance(shapely.Polygon(corners(box))) for box in scene.boxes[: scene.counts[1]]]
-            nearest = NEAR(scene, x, y)
+            nearest = clearance_compiled(scene, x, y)
             assert nearest == pytest.approx(min(apart), abs=1e-9) or (nearest < 0.0 and min(apart) <= 0.0)
 
 
@@ -114,7 +111,7 @@ def test_what_is_near_enough_is_never_missed(empty_scene, cast_all):
     random, missed = np.random.default_rng(4), 0
     for number in range(40):
         scene = empty_scene("clutter")
-        DRAW(scene, as_tuple(ROOMS["clutter"]), number)
+        draw_compiled(scene, as_tuple(ROOMS["clutter"]), 0.105, number)
         x, y = (np.full(64, at) for at in random.uniform(-2.4, 2.4, 2))
         angles = random.uniform(-math.pi, math.pi, 64)
         whole, part = np.empty(64), np.empty(64)
@@ -133,19 +130,19 @@ def test_leaving_out_obstacles_changes_no_bit(empty_scene, cast_all, beams):
     for number in range(60):
         name = ("clutter", "dense", "office", "cellular")[number % 4]
         scene = empty_scene(name)
-        DRAW(scene, as_tuple(ROOMS[name]), number)
+        draw_compiled(scene, as_tuple(ROOMS[name]), 0.105, number)
         sweep = (2.0 * math.pi / beams + random.uniform(-0.01, 0.02)) * (-1.0) ** (number // 4)  # it turns meanwhile
         angles = random.uniform(-4.0, 4.0) + sweep * np.arange(100)
         x, y = random.uniform(-2.0, 2.0, (2, 1)) + random.uniform(-3e-4, 3e-4, (2, 1)) * np.arange(100)
         every, needed = np.empty(100), np.empty(100)
-        cast_all(scene, x, y, np.cos(angles), np.sin(angles), every, 99.0, np.inf)
+        cast_all(scene, x, y, np.cos(angles), np.sin(angles), every, 99.0)
         cast_all(scene, x, y, np.cos(angles), np.sin(angles), needed, 99.0, sweep, 6e-4)
         np.testing.assert_array_equal(needed, every)
 
 
 def test_a_group_that_is_too_narrow_changes_lengths(empty_scene, cast_all):
     scene, angles = empty_scene("dense"), 0.1 * np.arange(100)
-    DRAW(scene, as_tuple(ROOMS["dense"]), 0)
+    draw_compiled(scene, as_tuple(ROOMS["dense"]), 0.105, 0)
     distances = np.empty((2, 100))
     for lengths, sweep in zip(distances, (np.inf, -0.1), strict=True):  # the other way round
         cast_all(scene, np.zeros(100), np.zeros(100), np.cos(angles), np.sin(angles), lengths, 99.0, sweep)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.kernel import fetch, in_loops, kernel
+from turtlebot_gym.kernel import fetch, in_loops, kernel, sqrt
 
 REACH = 1.0
 """Greatest distance in a field, m: beams that end farther from a surface have no pull."""
@@ -42,21 +42,60 @@ def _lower(row: Any, by: Any, more: int) -> None:
     np.minimum(row, by + more, out=row)
 
 
+def _begin_each(marked, value, far, out):
+    for row in range(marked.shape[0]):
+        for column in range(marked.shape[1]):
+            out[row, column] = far * (marked[row, column] != value)
+
+
+@in_loops(_begin_each)
+def _begin(marked: Any, value: bool, far: int, out: Any) -> None:
+    """Write 0 where a cell, shape (rows, columns), has a value, and ``far`` elsewhere."""
+    out[:] = far * (marked != value)
+
+
+def _square_each(numbers, out):
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            numbers[row, column] *= numbers[row, column]
+            out[row, column] = numbers[row, column]
+
+
+@in_loops(_square_each)
+def _square(numbers: Any, out: Any) -> None:
+    """Square numbers in place, shape (rows, columns), and copy them."""
+    numbers *= numbers
+    out[:] = numbers
+
+
+def _subtract_each(occupied, outside, inside, side, out):
+    for row in range(occupied.shape[0]):
+        for column in range(occupied.shape[1]):
+            away = occupied[row, column] - 0.5 + sqrt(outside[row, column]) - sqrt(inside[row, column])
+            out[row, column] = min(max(away * side, -REACH), REACH)
+
+
+@in_loops(_subtract_each)
+def _subtract(occupied: Any, outside: Any, inside: Any, side: float, out: Any) -> None:
+    """Write the difference of the two distances, m, of which one is 0, and half a cell from a centre to the border."""
+    out[:] = np.minimum(np.maximum((occupied - 0.5 + np.sqrt(outside) - np.sqrt(inside)) * side, -REACH), REACH)
+
+
 @kernel
-def _squares_to_nearest(marked: Any, reach: int) -> Any:
-    """Return the squared distance from each cell to the nearest marked one, in cells; at least (reach + 1)^2 beyond the reach.
+def _squares_to_nearest(marked: Any, value: bool, reach: int) -> Any:
+    """Return the squared distance from each cell to the nearest with a value, in cells; (reach + 1)^2 or more beyond the reach.
 
     First along columns, then along rows: since only distances up to the reach count, the lower envelope of parabolas is the
     minimum over that many shifts, in whole numbers and a row at a time, which is fast with and without numba.
     """
     rows, columns = marked.shape
-    along = ((reach + 1) * (1 - marked)).astype(np.int32)
+    squares, nearest = np.empty((rows, columns), np.int32), np.empty((rows, columns), np.int32)
+    _begin(marked, value, reach + 1, squares)
     for row in range(1, rows):
-        _lower(along[row], along[row - 1], 1)
+        _lower(squares[row], squares[row - 1], 1)
     for row in range(rows - 2, -1, -1):
-        _lower(along[row], along[row + 1], 1)
-    squares = along * along
-    nearest = squares.copy()
+        _lower(squares[row], squares[row + 1], 1)
+    _square(squares, nearest)
     for shift in range(1, min(reach + 1, columns)):
         for row in range(rows):
             _lower(nearest[row, shift:], squares[row, : columns - shift], shift * shift)
@@ -74,10 +113,7 @@ def field_of_cells(occupied: Any, side: float, out: Any) -> None:
         out: Output, the same shape, float32, m.
     """
     reach = int(REACH / side) + 1
-    away = occupied - 0.5  # half a cell from a centre to the border; one of the two distances that are added is 0
-    for sign in (1.0, -1.0):
-        away = away + sign * np.sqrt(_squares_to_nearest(occupied == (sign > 0.0), reach))
-    out[:] = np.minimum(np.maximum(away * side, -REACH), REACH)
+    _subtract(occupied, _squares_to_nearest(occupied, True, reach), _squares_to_nearest(occupied, False, reach), side, out)
 
 
 @kernel
@@ -92,7 +128,7 @@ def field_of_hits(occupied: Any, side: float, out: Any) -> None:
         side: Side of a cell, m.
         out: Output, the same shape, float32, m.
     """
-    out[:] = np.minimum(np.sqrt(_squares_to_nearest(occupied, int(REACH / side) + 1)) * side, REACH)
+    out[:] = np.minimum(np.sqrt(_squares_to_nearest(occupied, True, int(REACH / side) + 1)) * side, REACH)
 
 
 @kernel

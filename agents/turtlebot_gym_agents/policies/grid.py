@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.cache import compiled
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import in_loops, kernel, sqrt
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 
@@ -130,6 +130,42 @@ def _line_costs(weights, row: float, column: float, to_row: float, to_column: fl
     return _STRAIGHT * total / points * sqrt(down * down + along * along)
 
 
+def _weigh_each(weights, seen, unknown):
+    for a in range(seen.shape[0]):
+        for b in range(seen.shape[1]):
+            weights[a, b] = unknown if seen[a, b] == 0 else FREE
+
+
+@in_loops(_weigh_each)
+def _weigh(weights: Any, seen: Any, unknown: int) -> None:
+    """Write the weights of cells, by their evidence of the same shape."""
+    weights[:] = np.where(seen == 0, unknown, FREE)
+
+
+def _raise_each(weights, least):
+    for a in range(weights.shape[0]):
+        for b in range(weights.shape[1]):
+            weights[a, b] = max(weights[a, b], least[a, b])
+
+
+@in_loops(_raise_each)
+def _raise(weights: Any, least: Any) -> None:
+    """Raise weights to at least others of the same shape."""
+    np.maximum(weights, least, out=weights)
+
+
+def _avoid_each(weights, vain):
+    for a in range(vain.shape[0]):
+        for b in range(vain.shape[1]):
+            weights[a, b] += _VAIN * vain[a, b]
+
+
+@in_loops(_avoid_each)
+def _avoid(weights: Any, vain: Any) -> None:
+    """Raise weights where the robot has tried in vain; the first of each row and column belong together."""
+    weights[: vain.shape[0], : vain.shape[1]] += _VAIN * vain.astype(np.int32)
+
+
 @kernel
 def plan(
     grid, vain, ways, stuck: bool, x: float, y: float, goal_x: float, goal_y: float, stamp, preview: float, detour: float,
@@ -164,14 +200,13 @@ def plan(
     weights = np.full((bottom - top + _PAD + 1, right - left + _PAD + 1), np.int32(unknown))
     a, b = max(top, 0), max(left, 0)
     seen = grid[a : bottom + _PAD + 1, b : right + _PAD + 1]
-    weights[a - top : a - top + seen.shape[0], b - left : b - left + seen.shape[1]][:] = np.where(seen == 0, unknown, FREE)
+    inside = weights[a - top : a - top + seen.shape[0], b - left : b - left + seen.shape[1]]
+    _weigh(inside, seen, unknown)
     side = len(stamp)
     for n in range(len(down)):
         a, b = down[n] - top - side // 2, along[n] - left - side // 2
-        weights[a : a + side, b : b + side] = np.maximum(weights[a : a + side, b : b + side], stamp)
-    for a, b in np.argwhere(vain > 0):
-        if top <= a <= bottom and left <= b <= right:
-            weights[a - top, b - left] += _VAIN * int(vain[a, b])
+        _raise(weights[a : a + side, b : b + side], stamp)
+    _avoid(inside, vain[max(top, 0) : bottom + 1, max(left, 0) : right + 1])
     # Cells off the last path cost more, unless it has led nowhere.
     if not stuck and ways.any():
         for a in range(top, bottom + _PAD + 1):
@@ -195,8 +230,9 @@ def plan(
     # The third cell of a stuck robot's path, and its neighbours, have been tried in vain.
     if stuck and n > 3:
         a, b = way[2] // width + top, way[2] % width + left
-        area = vain[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2]
-        area[:] = np.minimum(area, 99) + 1
+        for near_a in range(max(a - 1, 0), min(a + 2, SIDE)):
+            for near_b in range(max(b - 1, 0), min(b + 2, SIDE)):
+                vain[near_a, near_b] = min(vain[near_a, near_b], 99) + 1
     row, column = y / CELL + SIDE // 2 - top, x / CELL + SIDE // 2 - left
     target[0], target[1] = math.nan, math.nan
     # From the farthest cell back, until a straight line costs little more than the path.

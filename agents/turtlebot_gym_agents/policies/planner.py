@@ -198,7 +198,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         scan_heading = heading * np.conj(turned)
         scan_place = place - scan_heading * moved
         scans = np.stack([scan_place.real, scan_place.imag, np.angle(scan_heading)], axis=-1)
-        shares = rows[:, len(Observation._fields) : -1]
+        shares = np.ascontiguousarray(rows[:, len(Observation._fields) : -1])  # one row would be another type: compiled twice
         due = memory.steps % max(round(self.period / self.dt), 1) == 0
         left = np.abs(place - memory.since) > _LEFT
         memory.since[left], memory.idle[:] = place[left], np.where(left, 0, memory.idle + 1)
