@@ -53,19 +53,19 @@ def test_its_seeds_are_apart_from_those_of_trainings_their_evaluations_and_tunin
 @pytest.mark.usefixtures("short")
 def test_an_entry_has_the_numbers_of_an_evaluation_and_stands_in_a_table(tmp_path, capsys):
     ours, theirs = tmp_path / "vfh.json", tmp_path / "bearing.json"
-    assert main(["protocol", "run", "--policy", "vfh", "--filter", "slip", "--json", str(ours)]) == 0
+    assert main(["protocol", "run", "--policy", "vfh", "--filter", "tutorial", "--json", str(ours)]) == 0
     assert main(["protocol", "run", "--policy", "bearing", "--json", str(theirs)]) == 0
     entry = json.loads(ours.read_text())
-    assert entry["entry"] == {"policy": "vfh", "filter": "slip", "localizer": None, "sha256": None}
+    assert entry["entry"] == {"policy": "vfh", "filter": "tutorial", "localizer": None, "sha256": None}
     assert list(entry["rows"]) == ["rooms, dense"]
-    options = {"world": "dense", "lidar": "lds01", "noise": "tutorial", "filter": "slip"}
+    options = {"world": "dense", "lidar": "lds01", "noise": "tutorial", "filter": "tutorial"}
     summary = evaluate("vfh", env=ROOMS, episodes=4, seed=SEED, **options).summary()
     assert entry["rows"]["rooms, dense"]["time"] == pytest.approx(summary["time"]._asdict())
     assert "commit" in entry
     capsys.readouterr()
     assert main(["protocol", "table", str(ours), str(theirs)]) == 0
     out = capsys.readouterr().out
-    assert out.count("vfh, slip") == 1
+    assert out.count("vfh, tutorial") == 1
     assert out.count("bearing, matched") == 2
 
 

@@ -31,7 +31,7 @@ GATED = FilterTuning(
 )
 """A gate that is often shut, and often enough for a restart."""
 HEAVY = Robot(max_linear=0.3, max_angular=1.9, max_wheel=0.306, max_linear_acceleration=0.9, max_angular_acceleration=7.0)
-LATE = FixNoise(R=(0.01, 0.02, 0.03), cross=(0.008, 0.01, 0.002), period=0.4, delay=0.2, dropout_probability=0.3)
+LATE = FixNoise(R=(0.01, 0.02, 0.03), cross=(0.008, 0.01, 0.002), period=0.4, delay=0.3, dropout_probability=0.3)
 NOISY = "pose, everything noisy"
 CASES = {
     "nav": {},

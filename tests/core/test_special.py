@@ -82,7 +82,7 @@ def in_general(parameters, waypoints=GOAL):
         return begun(parameters, waypoints=waypoints)
 
 
-LATE = FixNoise(R=(0.02, 0.01, 0.03), cross=(0.008, 0.01, 0.002), period=0.4, delay=0.2, dropout_probability=0.3)
+LATE = FixNoise(R=(0.02, 0.01, 0.03), cross=(0.008, 0.01, 0.002), period=0.4, delay=0.3, dropout_probability=0.3)
 
 
 @pytest.mark.parametrize(
