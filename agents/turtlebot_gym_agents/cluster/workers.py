@@ -75,11 +75,14 @@ def workers_on(cluster: str, *, workers: int | None = None, memory: int = 0) -> 
 
 def _local_results(units: Iterable[tuple[str, Unit]], workers: int | None) -> Iterator[tuple[str, Result]]:
     """Yield results as they arrive; units whose workers died are run again."""
+    from multiprocessing import resource_tracker
+
     from joblib import cpu_count
 
     # Not joblib.Parallel: when a worker dies, it drops results that have arrived and were not yet taken.
     from joblib.externals.loky import FIRST_COMPLETED, BrokenProcessPool, ProcessPoolExecutor, wait
 
+    resource_tracker.ensure_running()  # the pool would start it, which lets interrupts through again
     count, missing, reason = workers or cpu_count(), dict(units), ""
     for _ in range(1 + RETRIES):
         pool, waiting, names = ProcessPoolExecutor(count), iter(missing.copy().items()), {}

@@ -29,7 +29,8 @@ class Logged:
         self._log("begin")
         time.sleep(120.0 if stays else self.seconds)
         self._log("end")
-        return Result({"number": self.number}, {}, {}, {})
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+        return Result({"number": self.number, "hears": signal.SIGINT not in blocked}, {}, {}, {})
 
     def _log(self, event):
         log = os.open(Path(self.folder) / "log", os.O_WRONLY | os.O_APPEND | os.O_CREAT)

@@ -205,6 +205,22 @@ def test_an_interrupt_reaches_no_worker_not_even_one_that_starts(tmp_path, envir
     assert capfd.readouterr().err == ""
 
 
+FIRST = """
+import killed
+from turtlebot_gym_agents.cluster.workers import workers_on
+
+with workers_on("local", workers=2) as workers:
+    units = [(str(unit), killed.Logged(number=unit, folder=".")) for unit in range(4)]
+    print({result.facts["hears"] for _, result in workers(units)})
+"""
+
+
+def test_the_first_workers_of_a_process_hear_no_interrupt_either(tmp_path):
+    """With them starts the tracker of multiprocessing, which unblocks the signal."""
+    done = subprocess.run([sys.executable, "-c", FIRST], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("{False}\n", "")
+
+
 def test_workers_listen_nowhere(environment, monkeypatch):
     monkeypatch.setenv("TURTLEBOT_GYM_TEST", environment)
     before = processes.addresses([os.getpid()])
