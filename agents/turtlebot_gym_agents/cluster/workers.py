@@ -19,6 +19,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -75,14 +76,11 @@ def workers_on(cluster: str, *, workers: int | None = None, memory: int = 0) -> 
 
 def _local_results(units: Iterable[tuple[str, Unit]], workers: int | None) -> Iterator[tuple[str, Result]]:
     """Yield results as they arrive; units whose workers died are run again."""
-    from multiprocessing import resource_tracker
-
     from joblib import cpu_count
 
     # Not joblib.Parallel: when a worker dies, it drops results that have arrived and were not yet taken.
     from joblib.externals.loky import FIRST_COMPLETED, BrokenProcessPool, ProcessPoolExecutor, wait
 
-    resource_tracker.ensure_running()  # the pool would start it, which lets interrupts through again
     count, missing, reason = workers or cpu_count(), dict(units), ""
     for _ in range(1 + RETRIES):
         pool, waiting, names = ProcessPoolExecutor(count), iter(missing.copy().items()), {}
@@ -115,6 +113,7 @@ def _local_results(units: Iterable[tuple[str, Unit]], workers: int | None) -> It
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
     """Let Ctrl-C wait for the end of the block, and never reach the processes that start in it: they inherit this."""
+    resource_tracker.ensure_running()  # it would start with the first of them, and let interrupts through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -162,7 +162,7 @@ def _avoid_each(weights, vain):
 
 @in_loops(_avoid_each)
 def _avoid(weights: Any, vain: Any) -> None:
-    """Raise weights where the robot has tried in vain; the first of each row and column belong together."""
+    """Raise weights by the number of vain attempts, an array that covers their first rows and columns."""
     weights[: vain.shape[0], : vain.shape[1]] += _VAIN * vain.astype(np.int32)
 
 
