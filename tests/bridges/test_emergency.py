@@ -99,6 +99,7 @@ def test_the_end_of_a_button_is_noticed_by_its_count_and_a_loss_needs_a_button()
         stop = play((50.0, 7))
         stop.wake(gap, 50.1)
         assert stop.trouble(50.1) == why
+        assert stop.trouble(50.59) == (why or SILENT)  # the process, not the button, was silent
     for why in (lambda stop: stop.wake(9.0, 50.0), lambda stop: stop.count(1, 50.0) or stop.count(0, 50.0)):
         stop = EmergencyStop()
         why(stop)

@@ -67,6 +67,7 @@ class Rehearsed:
 
     def confirm(self, key: str, text: str) -> bool:
         """Agree, and mark the robot's place or press the emergency stop."""
+        print(f"{text}.")
         if key == "press":
             self._hold(True)
             threading.Timer(PRESS, self._hold, [False]).start()
@@ -75,6 +76,7 @@ class Rehearsed:
 
     def number(self, key: str, text: str) -> float | None:
         """Return the true motion since the mark."""
+        print(f"{text}: as it moved.")
         poses = [read_pose(message.pose.pose) for message in self._truth[max(self._mark - 1, 0) :]]
         if not poses:
             return None

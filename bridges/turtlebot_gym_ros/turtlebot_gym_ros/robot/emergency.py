@@ -139,8 +139,8 @@ class EmergencyStop:
         alive = self._alive(now)
         if now - self._pressed_at <= SILENCE or any(button.pressed for button in alive):
             return "the emergency stop is pressed"
-        if len(alive) >= self._expected:
-            return self.lost(now)
+        if (why := self.lost(now)) or len(alive) >= self._expected:
+            return why  # first of all, since a process that did not run would call its buttons silent
         if self._expected == 1:
             return "the emergency stop is silent"
         return f"{self._expected - len(alive)} of {self._expected} emergency stops are silent"
