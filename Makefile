@@ -57,11 +57,11 @@ ELSEWHERE := not slow and not clients and not cluster and not browser
 
 test: $(READY)  ## what one runs before each commit (5 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
-	$(RUN)python -m pytest -n 3 --dist loadfile -m "$(ELSEWHERE) and not nightly"
+	$(RUN)python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "$(ELSEWHERE) and not nightly"
 
 test-all: $(READY)  ## the same, and pages that train, further live graphs, and statistics of size (20 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
-	$(RUN)python -m pytest -n 3 --dist loadfile -m "$(ELSEWHERE)"
+	$(RUN)python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "$(ELSEWHERE)"
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow

@@ -9,6 +9,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+# Three test processes share the cores: threads of small products of matrices would only wait for each other.
+os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
 import numpy as np
 import pytest
 from hypothesis import settings

@@ -11,7 +11,6 @@ from dataclasses import fields, replace
 import numpy as np
 import onnx
 import pytest
-import torch
 from bundles import CARD, WEIGHTS, linear_model, metadata, rewritten, seal, small_bundle
 from onnx import TensorProto, helper
 from stable_baselines3 import PPO
@@ -116,7 +115,6 @@ class _Trap:
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_code_in_a_pickled_file_is_run_only_where_it_is_allowed(tmp_path):
-    torch.set_num_threads(1)
     sprung, zipped, pickled = (tmp_path / name for name in ("sprung", "evil.zip", "evil.pkl"))
     model = PPO("MlpPolicy", "CartPole-v1", device="cpu")
     model.trap = _Trap(sprung)

@@ -91,7 +91,7 @@ def test_parameters_that_innovations_cannot_determine_are_reported(table, capsys
     assert "bias_x │ a shift of all poses looks like another origin: record the truth" in printed
 
 
-@pytest.mark.parametrize(("name", "other"), [RECORDED, RECORDED[::-1]])
+@pytest.mark.parametrize(("name", "other"), [RECORDED, pytest.param(*RECORDED[::-1], marks=pytest.mark.nightly)])
 def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, other):
     # 20 seeds: `benchmarks/calibration_recorded.json`
     drive, calibrated = read(recorded(other)), read(recorded(name))

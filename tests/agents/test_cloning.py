@@ -13,7 +13,6 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.train import learn, train
 
-torch.set_num_threads(1)
 HYPER = {"n_envs": 128, "n_timesteps": 2048, "policy": "MlpPolicy", "n_steps": 16, "batch_size": 1024, "n_epochs": 1}
 HYPER |= {"policy_kwargs": {"net_arch": [64, 64], "activation_fn": "ReLU", "log_std_init": -0.5}}
 small = TrainingConfig(config=HYPER, from_policy="bearing", episodes=8, evaluations=2)

@@ -19,7 +19,6 @@ from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-torch.set_num_threads(1)
 CARD = Card(env="e", robot=describe_robot("burger"), dt=0.1, noise="tutorial", filter="matched", observation="ekf")
 SHORT = {
     "ppo": {"n_steps": 32, "batch_size": 256, "n_epochs": 2, "learning_rate": 0.003},

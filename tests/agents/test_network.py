@@ -11,7 +11,6 @@ from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.network import TOLERANCE, export_network
 
 NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
-torch.set_num_threads(1)
 
 
 def mlp(inputs=13, outputs=2, scale=1.0):

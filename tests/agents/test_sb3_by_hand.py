@@ -15,7 +15,6 @@ import turtlebot_gym  # noqa: F401  # registers its environments
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
-torch.set_num_threads(1)
 
 
 class Scripted(gym.vector.VectorEnv):

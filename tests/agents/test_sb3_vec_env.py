@@ -5,7 +5,6 @@ import copy
 import gymnasium as gym
 import numpy as np
 import pytest
-import torch
 from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
@@ -19,7 +18,6 @@ from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 SAME_STEP = AutoresetMode.SAME_STEP
 NAV = "turtlebot_gym/TurtleBotNav-v0"
-torch.set_num_threads(1)  # on a busy machine, threads that wait for each other make small networks many times slower
 SPACES = {
     "box": spaces.Box(-1.0, 1.0, (2, 2), np.float32),
     "discrete": spaces.Discrete(9),

@@ -26,7 +26,6 @@ from turtlebot_gym_agents.training.model import _choose_device, make_model
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.train import train
 
-torch.set_num_threads(1)
 SHORT = {
     "n_envs": 128,
     "n_timesteps": 50_000,

@@ -79,6 +79,19 @@ def test_the_environment_variable_sets_the_limit_and_is_checked(value, run):
             limit()
 
 
+ENTRIES = ["turtlebot_gym", "turtlebot_gym_agents.__main__", "turtlebot_gym_ros.__main__"]
+
+
+@pytest.mark.parametrize("given", [{}, {"OPENBLAS_THREAD_TIMEOUT": "20"}], ids=["default", "the user's"])
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_how_long_threads_spin_is_set_before_numpy_reads_it_unless_the_user_has_said_so(entry, given, run):
+    look = "def find_spec(name, *_): name == 'numpy' and seen.append(os.environ['OPENBLAS_THREAD_TIMEOUT'])"
+    program = f"import os, sys; seen = []\n{look}\nsys.meta_path.insert(0, sys.modules[__name__])\n"
+    assert run(f"{program}import {entry}\nimport numpy; print(seen[0])", **given) == int(
+        given.get("OPENBLAS_THREAD_TIMEOUT", 4)
+    )
+
+
 def paced(pace, cost, steps):
     """Let steps take what ``cost`` says, all threads or one; return how they were made, and the time that was spent."""
     made = []

@@ -25,12 +25,6 @@ if HAS_NUMBA:
 VARIABLE = "TURTLEBOT_GYM_THREADS"
 """Environment variable that limits the threads of a parallel loop."""
 
-# Threads that spin at the end of each step burn a core while they wait for a thread that a busy machine has not
-# scheduled: with the default spin a step of 512 environments took 5 ms of CPU instead of 0.06. Without spinning it
-# costs at worst 5 microseconds more than one thread. OpenMP reads this when it is loaded; if torch has loaded it
-# earlier, `Pace` notices what that costs.
-os.environ.setdefault("GOMP_SPINCOUNT", "0")
-
 TRIAL = 8
 """Steps for which the other number of threads is tried."""
 FIRST_TRIAL, LAST_TRIAL = 32, 8192
