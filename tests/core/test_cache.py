@@ -247,6 +247,13 @@ def test_the_wait_for_another_process_ends(here, tmp_path, monkeypatch):
         assert here() == COMPILED
 
 
+def test_nobody_waits_for_a_process_whose_compilation_has_failed(here, tmp_path):
+    """As after a Ctrl-C in a notebook, which goes on."""
+    with pytest.raises(numba.TypingError):
+        here(FUNCTION.replace("2.0 * x", "2.0 * x.nothing"))
+    assert list((tmp_path / "turtlebot_gym").iterdir()) == []  # no lock
+
+
 def test_files_that_nobody_used_for_the_longest_time_are_removed(tmp_path, monkeypatch):
     for age in range(5):
         (tmp_path / f"{age}.bin").write_bytes(b"x" * 100)

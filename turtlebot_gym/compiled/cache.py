@@ -111,5 +111,6 @@ def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False)
     # numba numbers functions in each process anew: two from different processes could share a symbol, and so an address
     function.__qualname__ = f"{function.__name__}_{identity}"
     dispatcher: Any = njit(function, error_model="numpy", parallel=parallel)
-    dispatcher._cache = Store(name, identity)
+    dispatcher._cache = store = Store(name, identity)
+    dispatcher.compile = store.released(dispatcher.compile)
     return dispatcher

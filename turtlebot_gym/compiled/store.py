@@ -12,6 +12,7 @@ import pickle
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
@@ -66,8 +67,6 @@ class Store:
         if result is None:
             self._began = time.perf_counter()
             say(f"turtlebot_gym: compiling {self._name} for this machine, once ... ")
-        else:
-            self._release()
         return result
 
     def save_overload(self, signature: Any, result: Any) -> None:
@@ -81,7 +80,17 @@ class Store:
                 file.write(dumps(result._reduce()))
             os.replace(file.name, path)  # at once, so that nobody reads a part of it
             _tidy(path.parent)
-        self._release()
+
+    def released(self, compile_: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        """Return numba's method that loads or compiles, after which no other process waits, even if it fails or is interrupted."""
+
+        def run(signature: Any) -> Any:
+            try:
+                return compile_(signature)
+            finally:
+                self._release()
+
+        return run
 
     def _path(self, signature: Any, codegen: Any) -> Path:
         key = f"{self._identity} {signature} {codegen.magic_tuple()}"
