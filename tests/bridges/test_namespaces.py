@@ -12,11 +12,13 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
 from std_msgs.msg import Empty, String
 
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.base.discovery import PROFILE, _profiles_variable, prepare
 from turtlebot_gym_ros.base.names import absolute, prefix_of, remapping
+from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.graph import status
 
 STEPS = 300
@@ -273,3 +275,31 @@ print("both noted", signal.getsignal(signal.SIGTERM) is signal.SIG_DFL)
 def test_an_ending_that_a_librarys_thread_takes_is_noted():
     run = subprocess.run([sys.executable, "-c", LIBRARY_THREAD], capture_output=True, text=True, timeout=60)
     assert (run.returncode, run.stdout) == (0, "both noted True\n")
+
+
+def test_a_runner_beside_another_shares_its_context_and_leaves_it_open(runner):
+    beside = Runner(beside=runner)
+    beside.add(guest := Node("guest", context=beside.context))
+    beside.start()
+    assert guest.context is runner.context
+    beside.close()
+    assert runner.context.ok()
+
+
+FROZEN = """
+import gc, os, signal
+from rclpy.node import Node
+from turtlebot_gym_ros.base.process import run
+
+def make(context):
+    node = Node("node", context=context)
+    node.create_timer(0.01, lambda: print(gc.get_freeze_count() > 10_000, flush=True) or os.kill(os.getpid(), signal.SIGTERM))
+    return node
+
+run(make, [])
+"""
+
+
+def test_what_a_process_has_when_its_node_begins_is_not_collected_again():
+    done = subprocess.run([sys.executable, "-c", FROZEN], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout.splitlines()[0]) == (0, "True")

@@ -82,7 +82,7 @@ class Store:
             _tidy(path.parent)
 
     def released(self, compile_: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """Return numba's method that loads or compiles, after which no other process waits, even if it fails or is interrupted."""
+        """Return numba's method that loads or compiles, after which, even after an error, no other process waits."""
 
         def run(signature: Any) -> Any:
             try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import platform
 import sys
@@ -133,6 +134,7 @@ def _field(
     person: Person = Console(answers, agrees=options.yes)
     if options.simulate:
         person = Rehearsed(runner, ending.enter_context(button()))
+    gc.freeze()  # as in a node's process, since drives run in this one
     runner.start()
     field = Field(listener=listener, person=person, robot=options.robot, folder=folder, **numbers)
     ending.push(field.recording)

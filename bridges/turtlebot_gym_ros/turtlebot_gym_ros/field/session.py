@@ -46,6 +46,7 @@ class Listener:
     """
 
     def __init__(self, runner: Runner) -> None:
+        self.runner = runner
         self.node = Node("field_test", context=runner.context)
         self.heard: dict[str, list[Heard]] = {}
         for topic, kind in (("odom", Odometry), ("scan", LaserScan), ("emergency_stop", Bool)):
@@ -128,9 +129,9 @@ COMMANDS = {"cmd_vel": "cmd_vel_in"}
 
 
 @contextmanager
-def _running(parts: Sequence[Part], *, stamped: bool) -> Iterator[list[Shell]]:
-    """Run nodes in a context of their own, and stop the robot at the end, however it ends."""
-    runner = Runner()
+def _running(listener: Listener, parts: Sequence[Part], *, stamped: bool) -> Iterator[list[Shell]]:
+    """Run nodes in a thread of their own, and stop the robot at the end, however it ends."""
+    runner = Runner(beside=listener.runner)  # whose context knows the emergency stop already
     try:
         shells = []
         for part in parts:
@@ -157,7 +158,7 @@ def drive(listener: Listener, parts: Sequence[Part], *, stamped: bool, timeout: 
         stamped: Whether velocities are stamped.
         timeout: Longest time of the drive, s.
     """
-    with _running(parts, stamped=stamped) as shells:
+    with _running(listener, parts, stamped=stamped) as shells:
         switch, name = shells[-1].switch, parts[-1].name
         assert switch is not None
         try:
