@@ -83,10 +83,10 @@ def gaps_of(beams: Beams) -> NDArray[np.float64]:
         Shape (n, 4): the direction of the first and of the last missing beam, counter-clockwise from one to the other, the
         angle between the beams around them, rad, and the shorter of these beams' ranges, m.
     """
-    there = np.flatnonzero(~np.isnan(beams.ranges))
-    around = beams.directions[there] % TURN
+    present = np.flatnonzero(~np.isnan(beams.ranges))
+    around = beams.directions[present] % TURN
     order = np.argsort(around, kind="stable")
-    around, ranges = around[order], beams.ranges[there][order].astype(np.float64)
+    around, ranges = around[order], beams.ranges[present][order].astype(np.float64)
     widths = np.diff(around, append=around[0] + TURN)
     at = np.flatnonzero(widths > 1.5 * beams.spacing)
     inside = np.minimum(beams.spacing, 0.5 * widths[at])

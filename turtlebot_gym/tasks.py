@@ -143,7 +143,7 @@ def by_time(task: Task) -> bool:
 
 @kernel
 def due(steps: float, visited: float, task: Task, dt: float) -> bool:
-    """Return whether it is time for the next waypoint, whether or not this one is reached.
+    """Return whether it is time for the next waypoint, even if this one is not reached.
 
     Args:
         steps: Steps since the start.

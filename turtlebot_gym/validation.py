@@ -219,8 +219,8 @@ def did_you_mean(name: Any, known: Iterable[Any]) -> str:
     if not isinstance(name, str):
         return ""
     known_as = {text.lower(): text for text in known if isinstance(text, str)}
-    asked = name.lower()
-    similar = get_close_matches(asked, known_as, 1) or [text for text in known_as if len(asked) > 2 and asked in text]
+    wanted = name.lower()
+    similar = get_close_matches(wanted, known_as, 1) or [text for text in known_as if len(wanted) > 2 and wanted in text]
     return f" Did you mean {known_as[similar[0]]!r}?" if similar else ""
 
 

@@ -195,10 +195,10 @@ def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tupl
         share = 1.0
         while share > 0.1 and not cost(x + share * move) < here:
             share *= 0.5
-        there = cost(x + share * move)
-        if not there < here:
+        beyond = cost(x + share * move)
+        if not beyond < here:
             break
-        x, here = x + share * move, there
+        x, here = x + share * move, beyond
     return x, expected
 
 

@@ -214,10 +214,10 @@ def reset_mask(options: dict[str, Any] | None, num_envs: int, *, others: Sequenc
     Raises:
         ValueError: If it is no boolean array of shape (num_envs,), true somewhere, or there is another option.
     """
-    given = read_options(options, ["reset_mask", *others])
-    if "reset_mask" not in given:
+    chosen = read_options(options, ["reset_mask", *others])
+    if "reset_mask" not in chosen:
         return np.ones(num_envs, np.bool_)
-    mask = given["reset_mask"]
+    mask = chosen["reset_mask"]
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (num_envs,):
         raise ValueError(f"reset_mask must be a boolean array of shape ({num_envs},), got {shown(mask)}.")
     if not mask.any():

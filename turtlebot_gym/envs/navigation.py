@@ -166,10 +166,10 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         Raises:
             ValueError: If the seed or an option is invalid, or no path leads from start to goal.
         """
-        asked = read_options(options, ("world", "start", "goal") if self._own else ())
+        for_episode = read_options(options, ("world", "start", "goal") if self._own else ())
         seed = None if seed is None else whole("seed", seed)
         if self._own:
-            self._enter(with_options(self._own, asked))
+            self._enter(with_options(self._own, for_episode))
         super().reset(seed=seed)
         batch = self._batch
         if self._started:

@@ -153,18 +153,18 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             ResetNeeded: If the mask leaves out an environment that was never reset and so has no observation.
         """
         mask, batch, seeds = self._reset_mask(options), self._batch, read_seeds(seed, self.num_envs)
-        asked = self._poses.read(options or {}, mask) if self._poses else {}
+        at_poses = self._poses.read(options or {}, mask) if self._poses else {}
         super().reset(seed=next((row_seed for row_seed in seeds if row_seed is not None), None))
         if not self._begun:
             seeds = [self._entropy() + i if row_seed is None else row_seed for i, row_seed in enumerate(seeds)]
-        given = np.array([row_seed is not None for row_seed in seeds]) & mask
-        batch.seeds[given] = [
-            row_seed & MAX_SEED for row_seed, use in zip(seeds, given, strict=True) if use and row_seed is not None
+        seeded = np.array([row_seed is not None for row_seed in seeds]) & mask
+        batch.seeds[seeded] = [
+            row_seed & MAX_SEED for row_seed, use in zip(seeds, seeded, strict=True) if use and row_seed is not None
         ]
         batch.episodes[mask] += 1
-        batch.episodes[given] = 0
+        batch.episodes[seeded] = 0
         observations, outcomes = batch.last()
-        self._begin(mask, observations, outcomes, asked)
+        self._begin(mask, observations, outcomes, at_poses)
         self._begun = True
         self._done[mask] = False
         self._is_any_over = np.count_nonzero(self._done) > 0
@@ -264,9 +264,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             infos["distance"] = infos["distance"].copy()
             for value in infos.values():
                 value[~mask] = 0
-        there = self._everywhere if mask is None else mask.copy()
+        has_info = self._everywhere if mask is None else mask.copy()
         for key in list(infos):
-            infos[f"_{key}"] = there
+            infos[f"_{key}"] = has_info
         return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]

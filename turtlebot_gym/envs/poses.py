@@ -39,18 +39,18 @@ class GivenPoses:
         Raises:
             ValueError: If a pose is malformed, outside of the room or inside a given obstacle.
         """
-        given = {name: options[name] for name in _POSES if name in options}
+        poses = {name: options[name] for name in _POSES if name in options}
         size = self._batch.num_envs
-        for name, value in given.items():
+        for name, value in poses.items():
             if _shape(value) not in ((3,), (size, 3)):
                 raise ValueError(f"{name} must be x, y and heading, or those of each of {size}, got {shown(value)}.")
-        asked: dict[int, Parameters] = {}
-        for row in np.flatnonzero(mask).tolist() if given else ():
+        parameters: dict[int, Parameters] = {}
+        for row in np.flatnonzero(mask).tolist() if poses else ():
             usual = self._usual.get(row, self._batch.parameters_of(row))
             rules, lidar = usual.room
-            poses = {name: value[row] if np.ndim(value) == 2 else value for name, value in given.items()}
-            asked[row] = usual._replace(room=make_room(with_options(self._plan or rules, poses), lidar, usual.dt))
-        return asked
+            own = {name: value[row] if np.ndim(value) == 2 else value for name, value in poses.items()}
+            parameters[row] = usual._replace(room=make_room(with_options(self._plan or rules, own), lidar, usual.dt))
+        return parameters
 
     def begin(self, mask: NDArray[np.bool_], asked: Mapping[int, Parameters]) -> None:
         """Set the parameters, asked for or usual, of rows whose episodes begin."""

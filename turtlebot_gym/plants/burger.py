@@ -109,10 +109,10 @@ def make_plant(
         ValueError: If the name is unknown, or a friction is given for the unicycle or is not finite and >= 0.
     """
     options = {"friction": friction, "caster_friction": caster_friction}
-    given = {name: value for name, value in options.items() if value is not None}
+    frictions = {name: value for name, value in options.items() if value is not None}
     model = plant if isinstance(plant, MujocoBurger) else choose("plant", plant, PLANTS)
-    if not given:
+    if not frictions:
         return model
     if not isinstance(model, MujocoBurger):
         raise ValueError(f"friction and caster_friction are for the plant 'mujoco', not for {plant!r}.")
-    return replace(model, **given)
+    return replace(model, **frictions)

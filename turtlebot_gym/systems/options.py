@@ -211,12 +211,12 @@ class Options:
 
     def _reward(self) -> Reward:
         """Return the weights of the reward, in a room with those for rooms."""
-        kind, given = RoomReward if self.in_room else Reward, {} if self.reward is None else self.reward
-        if self.in_room and type(given) is Reward:
-            given = asdict(given)
-        if not self.in_room and isinstance(given, RoomReward):
-            raise refusal("reward", "a Reward on open ground, where there is nothing to collide with", given)
-        return made(kind, given, "reward")
+        kind, weights = RoomReward if self.in_room else Reward, {} if self.reward is None else self.reward
+        if self.in_room and type(weights) is Reward:
+            weights = asdict(weights)
+        if not self.in_room and isinstance(weights, RoomReward):
+            raise refusal("reward", "a Reward on open ground, where there is nothing to collide with", weights)
+        return made(kind, weights, "reward")
 
     def _localizer(self, noise: Noise, room: Any) -> LocalizerTuning | tuple[()]:
         """Return the localizer, which needs a room, and wheels that it moves with."""

@@ -280,7 +280,7 @@ class _AsPlant(Drive):
         return self._chain.missing
 
     def new_episode(self) -> None:
-        """Take the first step of an episode now, whether or not the previous one was answered."""
+        """Take the first step of an episode now, even if the previous one was not answered."""
         self._rule.begin_episode()
         self._go_on()
 
