@@ -54,14 +54,15 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 COMPILED := nav kalman wheels gated mixture scale kalman+fixes wheels+fixes mixture+fixes rooms-kalman rooms-wheels \
             rooms-localized
 ELSEWHERE := not slow and not clients and not cluster and not browser
+IN_PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder  # else the files of the fewest tests, which last longest, come last
 
-test: $(READY)  ## what one runs before each commit (5 minutes)
+test: $(READY)  ## what one runs before each commit (6 to 8 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
-	$(RUN)python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "$(ELSEWHERE) and not nightly"
+	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE) and not nightly"
 
 test-all: $(READY)  ## the same, and pages that train, further live graphs, and statistics of size (20 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
-	$(RUN)python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "$(ELSEWHERE)"
+	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE)"
 
 test-slow: $(READY)  ## the tests that take minutes
 	$(RUN)python -m pytest -m slow

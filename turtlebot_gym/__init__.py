@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 from turtlebot_gym.lazy import lazy_names
 
 # Threads that spin while they wait burn a core each, and on a busy machine they wait long: with the default spin a step of 512
-# environments took 5 ms of CPU instead of 0.06, and products of small matrices in a policy took three times the CPU. Without,
-# a parallel loop takes 5 microseconds longer at worst. OpenMP and OpenBLAS read this when they, or torch or numpy, are loaded.
-for _name, _value in (("GOMP_SPINCOUNT", "0"), ("OPENBLAS_THREAD_TIMEOUT", "4")):
-    os.environ.setdefault(_name, _value)
+# environments took 5 ms of CPU instead of 0.06, and a policy with small products of matrices more than twice the CPU. Without,
+# a parallel loop takes 5 microseconds longer at worst. OpenMP and OpenBLAS read this when they are loaded; if torch has loaded
+# OpenMP earlier, `compiled.threads.Pace` notices what that costs.
+os.environ.setdefault("GOMP_SPINCOUNT", "0")
+os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 
 if TYPE_CHECKING:
     from turtlebot_gym.estimation.ekf import Estimate

@@ -62,7 +62,7 @@ class Store:
         path = self._path(signature, target.codegen())
         result = _load(path, target)
         if result is None:
-            self._lock = self._lock or _lock(path.with_suffix(".lock"), self._name)
+            self._lock = _lock(path.with_suffix(".lock"), self._name)
             result = _load(path, target)  # another process may have compiled it meanwhile
         if result is None:
             self._began = time.perf_counter()

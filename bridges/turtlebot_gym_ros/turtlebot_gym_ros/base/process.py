@@ -45,8 +45,8 @@ class Runner:
         domain: ROS domain; None for that of the environment.
         executor: Type of the executor.
         local: Whether discovery stays on this machine unless the environment says otherwise.
-        beside: Another runner, whose context and arguments it shares, and which closes them. Nodes of a new context are not
-            heard for up to 3 s, and a part of their first messages is lost; in a known one it takes milliseconds.
+        beside: Another runner, whose context, with its arguments and domain, it shares and leaves open. On a busy machine the
+            nodes of a new context hear nothing for up to 3 s, those of a known one after milliseconds.
     """
 
     def __init__(
