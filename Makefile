@@ -5,6 +5,7 @@ RUN := $(VENV)/bin/
 DATA ?= $(if $(wildcard data/wifibot1.txt),data,../shared/data)
 OUT ?= out
 READY := $(VENV)/.ready
+unexport PYTHONDONTWRITEBYTECODE  # tests start hundreds of processes: without bytecode each compiles all modules anew
 
 .PHONY: $(shell sed -nE 's/^([a-z-]+):.*/\1/p' $(firstword $(MAKEFILE_LIST)))
 

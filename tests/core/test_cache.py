@@ -36,15 +36,16 @@ SOURCE = "def f(x):\n    return helper(x) * FACTOR\n"
 @pytest.mark.parametrize(
     ("source", "names", "is_same"),
     [
-        (HELPER + SOURCE.replace("*", "/"), {}, False),
-        (HELPER + SOURCE, {"FACTOR": 3.0}, False),
-        (HELPER.replace("1.0", "1.5") + SOURCE, {}, False),
-        (HELPER.replace("+", "-") + SOURCE, {}, False),
-        (HELPER + SOURCE, {"FACTOR": (2.0,)}, False),
-        ("# a comment\n\n" + HELPER + "\n\n\n" + SOURCE, {}, True),
-        (HELPER + SOURCE, {"UNUSED": 5.0, "unused": abs}, True),
+        pytest.param(HELPER + SOURCE.replace("*", "/"), {}, False, id="operator"),
+        pytest.param(HELPER + SOURCE, {"FACTOR": 3.0}, False, id="constant"),
+        pytest.param(HELPER.replace("1.0", "1.5") + SOURCE, {}, False, id="constant of a helper"),
+        pytest.param(HELPER.replace("+", "-") + SOURCE, {}, False, id="operator of a helper"),
+        pytest.param(HELPER + SOURCE, {"FACTOR": (2.0,)}, False, id="type"),
+        pytest.param("# a comment\n\n" + HELPER + "\n\n\n" + SOURCE, {}, True, id="comments and lines"),
+        pytest.param('def helper(x):\n    """Add."""\n    return x + 1.0\n' + SOURCE, {}, True, id="docstring"),
+        pytest.param("def helper(x):\n    return x + None\n" + SOURCE, {}, False, id="none"),
+        pytest.param(HELPER + SOURCE, {"UNUSED": 5.0, "unused": abs}, True, id="other names"),
     ],
-    ids=["operator", "constant", "constant of a helper", "operator of a helper", "type", "comments and lines", "other names"],
 )
 def test_a_change_of_anything_that_a_function_reaches_and_of_nothing_else_changes_its_fingerprint(source, names, is_same):
     first, second = with_source(HELPER + SOURCE, FACTOR=2.0), with_source(source, "there.py", **{"FACTOR": 2.0} | names)

@@ -47,7 +47,10 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         if id(value) in seen:
             return
         seen.add(id(value))
-        yield from _parts(value.__code__, seen)
+        code = value.__code__
+        if code.co_consts[:1] == (value.__doc__,):  # machine code does not change with a docstring
+            code = code.replace(co_consts=(None, *code.co_consts[1:]))
+        yield from _parts(code, seen)
         yield from _parts(getattr(value, "in_loops", ()), seen)
         for cell in value.__closure__ or ():
             yield from _parts(cell.cell_contents, seen)
