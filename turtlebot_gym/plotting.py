@@ -87,8 +87,8 @@ def draw_trajectory(axes: Axes, trajectory: Drive, *, ellipses: int = 12) -> Axe
     truth, estimate, covariance = trajectory.true_state, trajectory.estimate, trajectory.covariance
     _plot(axes, truth[:, 0], truth[:, 1], _TRUTH)
     _plot(axes, estimate[:, 0], estimate[:, 1], _ESTIMATE)
-    known = np.flatnonzero(np.isfinite(covariance[:, :2, :2]).all((1, 2)) & np.isfinite(estimate[:, :2]).all(1))
-    outlines = [ellipse(estimate[at], covariance[at]) for at in known[:: max(1, len(known) // ellipses)]]
+    rows = np.flatnonzero(np.isfinite(covariance[:, :2, :2]).all((1, 2)) & np.isfinite(estimate[:, :2]).all(1))
+    outlines = [ellipse(estimate[at], covariance[at]) for at in rows[:: max(1, len(rows) // ellipses)]]
     if outlines:
         axes.add_collection(PolyCollection(outlines, **_BAND))  # one entry in a legend, however many ellipses
     _plot(axes, trajectory.odometry[:, 0], trajectory.odometry[:, 1], _ODOMETRY)

@@ -161,8 +161,8 @@ def _gyro(noise: Noise, imu: Any) -> FilterTuning:
     if not imu:
         raise ValueError("filter 'gyro' reads the sensor 'imu': choose one with imu=..., such as imu='calibrated'.")
     white, walk = max(imu.variance, TURN_FLOOR**2 * 1e-4), imu.bias_walk
-    own = Gyro(variance=white, bias_deviation=imu.bias_deviation, bias_walk=walk, corrects=not noise.odometry.wheel)
-    return replace(matched(noise), kind=own)
+    gyro = Gyro(variance=white, bias_deviation=imu.bias_deviation, bias_walk=walk, corrects=not noise.odometry.wheel)
+    return replace(matched(noise), kind=gyro)
 
 
 FILTERS: dict[str, Callable[..., FilterTuning]] = {
@@ -225,17 +225,17 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     Raises:
         ValueError: If the name is unknown, or there is no such object.
     """
-    own: Any = load_object(tuning) if isinstance(tuning, str) and ":" in tuning else tuning
-    if hasattr(own, "predict") and hasattr(own, "update"):
-        return replace(matched(noise), kind=Plain(make=own, corrects=not noise.odometry.wheel))
-    if callable(own):
+    loaded: Any = load_object(tuning) if isinstance(tuning, str) and ":" in tuning else tuning
+    if hasattr(loaded, "predict") and hasattr(loaded, "update"):
+        return replace(matched(noise), kind=Plain(make=loaded, corrects=not noise.odometry.wheel))
+    if callable(loaded):
         try:
-            own = own(noise)
+            loaded = loaded(noise)
         except Exception as error:
             raise failure(str(tuning), error) from error
-    if isinstance(own, (FilterTuning, Mapping)):
-        return made(FilterTuning, own, "filter")
-    if own is not tuning:
-        raise refusal("filter", "a tuning, or what makes one", own)
+    if isinstance(loaded, (FilterTuning, Mapping)):
+        return made(FilterTuning, loaded, "filter")
+    if loaded is not tuning:
+        raise refusal("filter", "a tuning, or what makes one", loaded)
     preset = choose("filter", tuning, FILTERS)
     return _gyro(noise, imu) if preset is _gyro else preset(noise)

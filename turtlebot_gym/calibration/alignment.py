@@ -114,10 +114,10 @@ def _shift_twist(drive: Drive, delay: float) -> Drive:
     if delay == 0.0:
         return drive
     steps, driven = np.diff(drive.time), _progress(drive)
-    then = drive.time - delay
-    moved = np.stack([np.interp(then, drive.time, driven[:, k]) for k in (0, 1)], axis=1)
+    shifted = drive.time - delay
+    moved = np.stack([np.interp(shifted, drive.time, driven[:, k]) for k in (0, 1)], axis=1)
     twist = np.concatenate([drive.twist[:1], np.diff(moved, axis=0) / steps[:, None]])
-    covered = (then >= drive.time[0] - 1e-9) & (then <= drive.time[-1] + 1e-9)
+    covered = (shifted >= drive.time[0] - 1e-9) & (shifted <= drive.time[-1] + 1e-9)
     joined = drive.joined.copy()
     joined[1:] &= covered[1:] & covered[:-1]
     return replace(drive, twist=twist, joined=joined)
@@ -134,8 +134,8 @@ def _best(shifts: NDArray[np.float64], score: NDArray[np.float64]) -> Shift:
     at = int(np.argmax(score))
     value = float(shifts[at])
     if 0 < at < len(shifts) - 1:
-        before, here, after = score[at - 1 : at + 2]
-        bend = before - 2.0 * here + after
+        before, peak, after = score[at - 1 : at + 2]
+        bend = before - 2.0 * peak + after
         if bend < 0.0:
             value += 0.5 * (before - after) / bend * (shifts[1] - shifts[0])
     # Half of chi-square: twice the loss is the deviance.
@@ -166,8 +166,8 @@ def _twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shi
     for at, shift in enumerate(shifts):
         for k in (0, 1):
             until, since = (np.interp(begin + ahead - shift, drive.time, driven[:, k]) for ahead in (window, 0.0))
-            rest = float(((moved[:, k] - (until - since)) ** 2).sum())
-            score[at] -= 0.25 * len(begin) * math.log(rest + 1e-12 * len(begin))  # windows overlap by half
+            misfit = float(((moved[:, k] - (until - since)) ** 2).sum())
+            score[at] -= 0.25 * len(begin) * math.log(misfit + 1e-12 * len(begin))  # windows overlap by half
     return _best(shifts, score)
 
 
@@ -187,11 +187,11 @@ def _truth_delay(drive: Drive) -> Shift:
 
 def _shift_truth(drive: Drive, delay: float) -> Drive:
     """Return a drive with its truth on the measured poses' clock."""
-    then = drive.time - delay
+    shifted = drive.time - delay
     times = drive.time[known(drive.truth)]
-    truth = _at(drive.time, drive.truth, then)
+    truth = _at(drive.time, drive.truth, shifted)
     truth[:, 2] = wrap_all(truth[:, 2])
-    truth[(then < times[0]) | (then > times[-1])] = np.nan
+    truth[(shifted < times[0]) | (shifted > times[-1])] = np.nan
     return replace(drive, true_state=truth)
 
 

@@ -93,10 +93,10 @@ def detect_kind(drive: Drive) -> str:
         return WHEELS if not drive.has_odometry else POSE
     middle = z[:-1, 2] + 0.5 * step[:, 2]
     forward = np.cos(middle) * step[:, 0] + np.sin(middle) * step[:, 1]
-    rest = np.where(good, forward - drive.twist[1:, 0] * dt, 0.0)
-    size = float((rest**2).sum())
+    surplus = np.where(good, forward - drive.twist[1:, 0] * dt, 0.0)
+    size = float((surplus**2).sum())
     # White noise gives -0.5: an error ends one step and begins the next.
-    is_white = size > 2.0 * WHITE**2 * good.sum() and float((rest[1:] * rest[:-1]).sum()) < -0.25 * size
+    is_white = size > 2.0 * WHITE**2 * good.sum() and float((surplus[1:] * surplus[:-1]).sum()) < -0.25 * size
     return POSE if is_white else WHEELS
 
 

@@ -129,9 +129,9 @@ def _search_with_spikes(likelihood: Likelihood, start: Noise, names: Sequence[st
     x, without = climb(lambda x: likelihood(from_coordinates(start, plain, x)), to_coordinates(start, plain), scales)
     smooth = from_coordinates(start, plain, x)
     # Without spikes in the model, they were part of the variance.
-    rest = {"spike_probability": 0.02, "R_theta": 0.8 * smooth.odometry.R[2]}
+    spikes = {"spike_probability": 0.02, "R_theta": 0.8 * smooth.odometry.R[2]}
     sizes = [size * math.sqrt(smooth.odometry.R[2]) for size in SPIKE_SIZES]
-    begin = max((with_values(smooth, {**rest, "spike": size}) for size in sizes), key=likelihood)
+    begin = max((with_values(smooth, {**spikes, "spike": size}) for size in sizes), key=likelihood)
     spiky = search(likelihood, begin, names)
     if 2.0 * (spiky.value - without) > SPIKY:
         return tuple(names), begin, spiky
@@ -161,8 +161,8 @@ def profiled(
     # Coordinates of variances have no sign: take the positive ones; those beyond the parameters are roots of variances.
     kinds = [PARAMETERS[name].kind for name in values] + [VARIANCE] * (len(fit.x) - len(values))
     signs = np.where((fit.x < 0.0) & (np.array(kinds) != PLAIN), -1.0, 1.0)
-    both = np.outer(signs, signs)
-    fit = fit._replace(x=signs * fit.x, information=fit.information * both, covariance=fit.covariance * both)
+    products = np.outer(signs, signs)
+    fit = fit._replace(x=signs * fit.x, information=fit.information * products, covariance=fit.covariance * products)
     table = {}
     for at, (name, value) in enumerate(values.items()):
         low, high, is_profile = interval(likelihood, fit, at, least=-math.inf if kinds[at] == PLAIN else 0.0)

@@ -85,10 +85,10 @@ def _gradient(cost: Likelihood, steps: Vector) -> Callable[[Vector], Vector]:
     def gradient(x: Vector) -> Vector:
         slopes = np.empty(len(x))
         for k, step in enumerate(steps):
-            there, back = x.copy(), x.copy()
-            there[k] += step
-            back[k] -= step
-            slopes[k] = (cost(there) - cost(back)) / (2.0 * step)
+            ahead, behind = x.copy(), x.copy()
+            ahead[k] += step
+            behind[k] -= step
+            slopes[k] = (cost(ahead) - cost(behind)) / (2.0 * step)
         return slopes
 
     return gradient
@@ -154,25 +154,25 @@ def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
 
     steps = np.full(len(start), STEP)
     u = climb(likelihood, start, scales)[0] / scales
-    information, rest = np.eye(len(start)), math.inf
+    information, expected = np.eye(len(start)), math.inf
     for _ in range(NEWTON):
-        if rest < CONVERGED:
+        if expected < CONVERGED:
             break
         steps = _steps(scaled, u, steps)
         information = _curvature(scaled, u, steps)
-        u, rest = _descend(scaled, u, _inverse(information), steps)
+        u, expected = _descend(scaled, u, _inverse(information), steps)
     covariance = _inverse(information)
     return Fit(u * scales, -scaled(u), information / np.outer(scales, scales), covariance * np.outer(scales, scales))
 
 
 def _steps(cost: Likelihood, x: Vector, steps: Vector) -> Vector:
     """Return steps beyond rounding within which a cost is quadratic."""
-    here, sizes = cost(x), steps.copy()
+    value, sizes = cost(x), steps.copy()
     low, high = BEND
     for k in range(len(x)):
         for _ in range(20):
             off = sizes[k] * np.eye(len(x))[k]
-            bend = cost(x + off) + cost(x - off) - 2.0 * here
+            bend = cost(x + off) + cost(x - off) - 2.0 * value
             if low <= bend <= high or (bend < low and sizes[k] >= LONGEST):
                 break
             sizes[k] *= 2.5 if bend < low else 0.4
@@ -185,7 +185,7 @@ def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tupl
     Returns:
         The point reached, and how much lower the quadratic model puts the minimum.
     """
-    here, expected, slope_of = cost(x), math.inf, _gradient(cost, steps)
+    value, expected, slope_of = cost(x), math.inf, _gradient(cost, steps)
     for _ in range(DESCENTS):
         slope = slope_of(x)
         move = -metric @ slope
@@ -193,12 +193,12 @@ def _descend(cost: Likelihood, x: Vector, metric: Vector, steps: Vector) -> tupl
         if expected < CONVERGED:
             break
         share = 1.0
-        while share > 0.1 and not cost(x + share * move) < here:
+        while share > 0.1 and not cost(x + share * move) < value:
             share *= 0.5
         beyond = cost(x + share * move)
-        if not beyond < here:
+        if not beyond < value:
             break
-        x, here = x + share * move, beyond
+        x, value = x + share * move, beyond
     return x, expected
 
 

@@ -119,6 +119,6 @@ def _first_bias(time: Array, means: Array, white: Array, walk: float) -> tuple[f
     z, ones = np.linalg.solve(root, means), np.linalg.solve(root, np.ones_like(means))
     information = float(ones @ ones)
     bias = float(ones @ z) / information
-    rest = z - bias * ones
-    likelihood = -np.log(np.diag(root)).sum() - 0.5 * math.log(information) - 0.5 * float(rest @ rest)
+    residuals = z - bias * ones
+    likelihood = -np.log(np.diag(root)).sum() - 0.5 * math.log(information) - 0.5 * float(residuals @ residuals)
     return bias, 1.0 / math.sqrt(information), float(likelihood)

@@ -58,8 +58,8 @@ def require_units(drive: Drive, robot: Robot, where: str) -> None:
                 f"divide it by {factor:.4g}; another robot is chosen by its name or file."
             )
     way, turn = _moved(drive)
-    for what, poses in (("measured", drive.odometry), ("true", drive.truth)):
-        _check_poses(drive, poses, way, turn, f"{where}: the {what}")
+    for source, poses in (("measured", drive.odometry), ("true", drive.truth)):
+        _check_poses(drive, poses, way, turn, f"{where}: the {source}")
 
 
 def _moved(drive: Drive) -> tuple[float, float]:

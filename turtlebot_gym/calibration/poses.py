@@ -87,11 +87,11 @@ def _correct(
     off_x, off_y = z[0] - prior.x - forward, z[1] - prior.y - left
     off_theta = wrap(z[2] - prior.theta - marker[2])
     for k in range(3):
-        x, y, own = whitener[k, 0] / spread[0], whitener[k, 1] / spread[0], whitener[k, 2] / spread[1]
-        theta = own - x * left + y * forward
+        x, y, by_theta = whitener[k, 0] / spread[0], whitener[k, 1] / spread[0], whitener[k, 2] / spread[1]
+        theta = by_theta - x * left + y * forward
         now = belief.mean
         moved = x * (now.x - prior.x) + y * (now.y - prior.y) + theta * (now.theta - prior.theta)
-        h, off = of_row(belief.covariance, (x, y, theta)), x * off_x + y * off_y + own * off_theta - moved
+        h, off = of_row(belief.covariance, (x, y, theta)), x * off_x + y * off_y + by_theta * off_theta - moved
         belief, nis = update(belief, h, off, 1.0)
         S = innovation_variance(h, 1.0)
         white[k] = off / sqrt(S)
@@ -115,10 +115,10 @@ def _of_poses(time, twist, poses, whiteners, due, joined, noise, tuning, marker,
     belief = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), nowhere)
     for row in range(len(time)):
         after = min(row + 1, len(time) - 1)
-        then = Command(twist[after, 0], twist[after, 1])
+        command = Command(twist[after, 0], twist[after, 1])
         running = running and joined[row]
         if running:
-            belief = _calmed(predict(belief, then, tuning, time[row] - time[row - 1], middle), noise[after])
+            belief = _calmed(predict(belief, command, tuning, time[row] - time[row - 1], middle), noise[after])
         if due[row]:
             if not running:
                 belief = Belief(State(poses[row, 0], poses[row, 1], poses[row, 2] - marker[2], 0.0, 0.0), nowhere)
@@ -127,7 +127,7 @@ def _of_poses(time, twist, poses, whiteners, due, joined, noise, tuning, marker,
                 total += likelihood
             else:  # at rest: nothing moves yet
                 white[row] = math.nan
-                belief = _calmed(predict(belief, then, tuning, time[after] - time[row], middle), noise[after])
+                belief = _calmed(predict(belief, command, tuning, time[after] - time[row], middle), noise[after])
             running = True
     return total
 

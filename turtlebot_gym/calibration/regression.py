@@ -125,12 +125,12 @@ def _model(motions: Motions, guess: Array, middle: float) -> _Model:
     following = np.flatnonzero(motions.follows)
     for at, columns in ((4, slice(0, 2)), (5, slice(2, 3))):
         A, B = starts[:, :, columns], ends[:, :, columns]
-        own = A @ A.swapaxes(1, 2) + B @ B.swapaxes(1, 2)
+        covariances = A @ A.swapaxes(1, 2) + B @ B.swapaxes(1, 2)
         shared = A[following] @ B[following - 1].swapaxes(1, 2)
         for i in range(3):
             for j in range(3):
                 if i >= j:
-                    parts[at, :, j, i - j] = own[:, i, j]
+                    parts[at, :, j, i - j] = covariances[:, i, j]
                 parts[at, following - 1, j, 3 + i - j] = shared[:, i, j]
     model = _Model(y.reshape(-1), X.reshape(-1, 7), parts.reshape(6, 3 * n, 6), RESOLUTION)
     side = float(_sizes(model.rest(guess))[1])
@@ -270,28 +270,28 @@ def _robust_guess(motions: Motions, middle: float, prior: Array) -> Array:
     guess[6] = -math.atan2(pull.imag, pull.real) if abs(pull) > 0.0 else 0.0
     for _ in range(10):
         model = _model(motions, guess, middle)
-        rest = model.rest(guess)
-        sizes = np.maximum(_sizes(rest), RESOLUTION)
-        weights = (1.0 / np.maximum(1.0, np.abs(rest / sizes) / HUBER) / sizes**2).reshape(-1)
+        residuals = model.rest(guess)
+        sizes = np.maximum(_sizes(residuals), RESOLUTION)
+        weights = (1.0 / np.maximum(1.0, np.abs(residuals / sizes) / HUBER) / sizes**2).reshape(-1)
         information = (model.X * weights[:, None]).T @ model.X + np.diag(prior)
-        pull = model.X.T @ (weights * rest.reshape(-1)) + prior * (_coefficients(USUAL) - _coefficients(guess))
+        pull = model.X.T @ (weights * residuals.reshape(-1)) + prior * (_coefficients(USUAL) - _coefficients(guess))
         guess = _parameters(_coefficients(guess) + np.linalg.solve(information, pull), guess)
     return guess
 
 
-def _first_roots(motions: Motions, guess: Array, rest: Array) -> Array:
+def _first_roots(motions: Motions, guess: Array, residuals: Array) -> Array:
     """Return rough roots of `VARIANCES` from the residuals' moments; four if the truth is exact."""
-    sizes = _sizes(rest)
-    rest = np.clip(rest, -6.0 * sizes, 6.0 * sizes)
+    sizes = _sizes(residuals)
+    residuals = np.clip(residuals, -6.0 * sizes, 6.0 * sizes)
     position = 0.5 * float(sizes[1]) ** 2
     is_exact = math.sqrt(position) < EXACT
-    products = rest[1:, 2] * rest[:-1, 2] * motions.follows[1:]
+    products = residuals[1:, 2] * residuals[:-1, 2] * motions.follows[1:]
     # An error of the truth ends one motion and begins the next.
     heading = 0.0 if is_exact else max(-float(products.sum()) / max(int(motions.follows[1:].sum()), 1), EXACT**2)
     squares = motions.twist**2 * (REFERENCE_PERIOD * motions.dt)[:, None]
     roots = []
     for at, known_variance, share in ((0, position, guess[0]), (2, heading, guess[0] * guess[1])):
-        over = np.maximum(rest[:, at] ** 2 - 2.0 * known_variance, -2.0 * known_variance)
+        over = np.maximum(residuals[:, at] ** 2 - 2.0 * known_variance, -2.0 * known_variance)
         weight = 1.0 / (sizes[at] ** 2 + squares.sum(axis=1) * 1e-3 + RESOLUTION**2)
         alphas, _ = nnls(squares * (share**2 * weight)[:, None], over * weight)
         roots += np.sqrt(np.maximum(alphas, LEAST)).tolist()

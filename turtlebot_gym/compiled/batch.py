@@ -114,8 +114,8 @@ class Batch:
         if self._around:
             self._make_room_for(self._around, rows * self.num_envs if same else rows)
         layout = self._loops.layout.parameters
-        own = [index for index, place in enumerate(layout.places) if place >= 0]
-        table = numbers[:, own]
+        varying = [index for index, place in enumerate(layout.places) if place >= 0]
+        table = numbers[:, varying]
         table = np.repeat(table, TILE if same else np.r_[[1] * (len(rows) - 1), 1 + -len(rows) % TILE], axis=0)
         tiles = table.reshape(len(table) // TILE, TILE, layout.size).transpose(0, 2, 1)
         self._parameters = aligned(layout.ahead + tiles.size)

@@ -35,8 +35,8 @@ LONGEST_WAIT = 300.0
 
 def folder() -> Path:
     """Return the folder of the cache: in NUMBA_CACHE_DIR if that is set, otherwise in the user's folder for caches."""
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    return Path(given, "turtlebot_gym") if given else Path(user_cache_dir("turtlebot_gym", appauthor=False))
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    return Path(folder, "turtlebot_gym") if folder else Path(user_cache_dir("turtlebot_gym", appauthor=False))
 
 
 class Store:

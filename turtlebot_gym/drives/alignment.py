@@ -104,8 +104,8 @@ class Stream:
         if len(self.times) < 2:
             return self.held(wanted, 5, fresh=0.0)[:, :3]
         poses = np.array(self.values, np.float64)[:, :3]
-        placed, own = interpolated(np.array(self.times), poses, wanted), self.last(wanted, fresh=0.0)
-        placed[own >= 0] = poses[own[own >= 0]]
+        placed, latest = interpolated(np.array(self.times), poses, wanted), self.last(wanted, fresh=0.0)
+        placed[latest >= 0] = poses[latest[latest >= 0]]
         return placed
 
 

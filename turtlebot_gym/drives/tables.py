@@ -81,8 +81,8 @@ def read_table(path: Path, *, columns: Mapping[str, str], label: str) -> Drive:
     part = dict(zip(chosen, rows.T, strict=True))
     time, twist = part["time"], np.stack([part[name] for name in _TWIST], axis=1)
     time, is_set, remarks = continued(time, str(path))
-    keep, more = _good(path, time, twist, table.lines)
-    remarks += more
+    keep, left_out = _good(path, time, twist, table.lines)
+    remarks += left_out
     span = np.ptp(np.flatnonzero(keep)) + 1 if keep.any() else len(keep)
     if keep.sum() < max(2, MOST * span):
         why = "; ".join(remarks) or "nothing is wrong with them"
@@ -93,8 +93,8 @@ def read_table(path: Path, *, columns: Mapping[str, str], label: str) -> Drive:
         remarks += _lost(path, measured, twist[keep])
     if true is not None:
         remarks += _holes(f"{path}: true poses", true)
-    rest = {name: table.numbers(names)[keep] for name, names in _MORE if all(column in table.names for column in names)}
-    poses: dict[str, Any] = {"command": twist[keep], "odometry": measured, "true_state": true} | rest
+    more = {name: table.numbers(names)[keep] for name, names in _MORE if all(column in table.names for column in names)}
+    poses: dict[str, Any] = {"command": twist[keep], "odometry": measured, "true_state": true} | more
     return Drive(
         time=time[keep],
         twist=twist[keep],
@@ -235,8 +235,8 @@ def _good(
     finite = np.isfinite(time) & known(twist)
     late = finite & ~increasing(np.where(finite, time, np.nan))
     remarks = [
-        f"{path}: {bad.sum()} of {len(bad)} rows {what}, first in line {lines[int(np.argmax(bad))]}: left out"
-        for bad, what in ((~finite, "without a finite time and twist"), (late, "whose time does not increase"))
+        f"{path}: {bad.sum()} of {len(bad)} rows {reason}, first in line {lines[int(np.argmax(bad))]}: left out"
+        for bad, reason in ((~finite, "without a finite time and twist"), (late, "whose time does not increase"))
         if bad.any()
     ]
     return finite & ~late, remarks

@@ -128,13 +128,13 @@ def with_limit(options: Options, steps: float | None) -> Setup:
         ValueError: If a task of the caller's own has another limit.
     """
     setup = options.setup()
-    own, task = setup.parameters.task.max_steps, options.task
+    max_steps, task = setup.parameters.task.max_steps, options.task
     if steps is None:
         return setup
-    if isinstance(task, Task) and own < math.inf and POSITIVE_OR_INFINITE.check("max_episode_steps", steps) != own:
+    if isinstance(task, Task) and max_steps < math.inf and POSITIVE_OR_INFINITE.check("max_episode_steps", steps) != max_steps:
         raise ValueError(
-            f"task ends episodes after {own:g} steps (Task.max_steps), max_episode_steps after {steps:g}: make them equal, "
-            "or Task.max_steps infinite."
+            f"task ends episodes after {max_steps:g} steps (Task.max_steps), max_episode_steps after {steps:g}: make them "
+            "equal, or Task.max_steps infinite."
         )
     return setup._replace(parameters=setup.parameters._replace(task=replace(setup.parameters.task, max_steps=steps)))
 

@@ -193,14 +193,14 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _warn_of_a_limit(self) -> None:
         """Warn where Gymnasium's own limit has ended an episode early."""
-        own = self.parameters.task.max_steps
-        if own == math.inf or self.spec is None or self.spec.id not in registry:
+        max_steps = self.parameters.task.max_steps
+        if max_steps == math.inf or self.spec is None or self.spec.id not in registry:
             return
         limit, steps = registry[self.spec.id].max_episode_steps, self._batch.numbers("steps")[0]
-        if steps == limit and steps < own:
+        if steps == limit and steps < max_steps:
             gym.logger.warn(
-                f"The episode was cut after {limit} steps, though Task.max_steps is {own:g}: "
-                f"gym.make(..., max_episode_steps={own:g})."
+                f"The episode was cut after {limit} steps, though Task.max_steps is {max_steps:g}: "
+                f"gym.make(..., max_episode_steps={max_steps:g})."
             )
 
     def _enter(self, world: RoomRules | FloorPlan) -> None:

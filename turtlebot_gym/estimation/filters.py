@@ -33,11 +33,11 @@ def filter_of(tuning: FilterTuning) -> Filter:
     Raises:
         ValueError: If its kind belongs to no filter.
     """
-    own = getattr(tuning.kind, "filter", None)
-    if not isinstance(own, Filter) and type(tuning.kind) not in FILTERS:
+    brought = getattr(tuning.kind, "filter", None)
+    if not isinstance(brought, Filter) and type(tuning.kind) not in FILTERS:
         known = ", ".join(kind.__name__ for kind in FILTERS)
         raise refusal("FilterTuning.kind", f"one of {known}, or have a Filter as its attribute 'filter'", tuning.kind)
-    return own if isinstance(own, Filter) else FILTERS[type(tuning.kind)]
+    return brought if isinstance(brought, Filter) else FILTERS[type(tuning.kind)]
 
 
 def matrix(covariance: Covariance) -> NDArray[np.float64]:

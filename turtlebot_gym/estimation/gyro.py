@@ -67,20 +67,20 @@ def _turn_rate(belief: Belief, bias: Sixth) -> Projection:
 @kernel
 def _step(estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, middle: float) -> _GyroEstimate:
     """Predict, and correct by turning rate and pose; see `interface.Filter`."""
-    odometry, own = senses.odometry, tuning.kind
+    odometry, gyro = senses.odometry, tuning.kind
     to = moved_column(estimate.bias, estimate.belief.mean, dt, middle)
     belief = predict(estimate.belief, odometry.twist, tuning, dt, middle)
-    variance = estimate.bias.variance + own.bias_walk * own.bias_walk * dt
+    variance = estimate.bias.variance + gyro.bias_walk * gyro.bias_walk * dt
     bias = Sixth(estimate.bias.mean, variance, State(to.x, to.y, to.theta, 0.0, 0.0))  # a new twist is executed
 
     surprise = senses.imu.omega - belief.mean.omega - bias.mean
     h = _turn_rate(belief, bias)
-    belief, bias, _ = update_both(belief, bias, h, bias.column.omega + bias.variance, surprise, own.variance)
+    belief, bias, _ = update_both(belief, bias, h, bias.column.omega + bias.variance, surprise, gyro.variance)
     turned = _GyroEstimate(wrapped(belief), estimate.nis, bias)
 
     z, prior = odometry.pose, turned.belief
     belief, bias, nis = correct_both(prior, bias, z, tuning.R, innovation(prior.mean, z).theta)
-    return _GyroEstimate(belief, nis, bias) if odometry.measured and own.corrects else turned
+    return _GyroEstimate(belief, nis, bias) if odometry.measured and gyro.corrects else turned
 
 
 @kernel

@@ -59,8 +59,8 @@ def _measure(was: Pose, noise: FixNoise, key: int, stamp: int) -> Pose:
     y_by_x, t_by_x = xy / of_x, xt / of_x
     of_y = sqrt(max(R[1] - y_by_x * y_by_x, 0.0))
     t_by_y = (yt - t_by_x * y_by_x) * inverse_of(of_y)
-    own = sqrt(max((R[2] if sees_heading else 0.0) - t_by_x * t_by_x - t_by_y * t_by_y, 0.0))
-    theta = wrap(was.theta + t_by_x * first + t_by_y * second + own * turn) if sees_heading else 0.0
+    root = sqrt(max((R[2] if sees_heading else 0.0) - t_by_x * t_by_x - t_by_y * t_by_y, 0.0))
+    theta = wrap(was.theta + t_by_x * first + t_by_y * second + root * turn) if sees_heading else 0.0
     return Pose(was.x + of_x * first, was.y + y_by_x * first + of_y * second, theta)
 
 

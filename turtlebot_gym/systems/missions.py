@@ -47,8 +47,10 @@ def on_missions(system: System) -> System:
     @kernel
     def complete(world, room, outcome, p):
         reward, distance, success, terminated, truncated, reached = complete_one(world, room, outcome, p)
-        there = reached and not success and not room.collided and arrived(world.body.true_state, world.course.reference, p.task)
-        reward = reward + (p.reward.success if there else 0.0)
+        is_there = (
+            reached and not success and not room.collided and arrived(world.body.true_state, world.course.reference, p.task)
+        )
+        reward = reward + (p.reward.success if is_there else 0.0)
         return Outcome(reward, distance, success, terminated, truncated, reached)
 
     return system._replace(judge=judge, surroundings=around._replace(complete=complete, renew=_renew))

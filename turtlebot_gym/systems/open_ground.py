@@ -78,11 +78,11 @@ def _move(body, command, key, at, p):
     wheels = Pose(
         rolled.x if is_rolled else pose.x, rolled.y if is_rolled else pose.y, rolled.theta if is_rolled else pose.theta
     )
-    asked = (_either(is_late, command, first), _either(is_late, first, second), _either(is_late, second, third))
+    queue = (_either(is_late, command, first), _either(is_late, first, second), _either(is_late, second, third))
     slip_draw, _ = uniforms(key, at, SLIP)
     slipping = slips(body.slipping, noise, slip_draw, dt)
     twist = execute(now, noise, slipping, normals(key, at, PROCESS), dt)
-    return Body(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), now, asked, wheels, slipping)
+    return Body(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), now, queue, wheels, slipping)
 
 
 @kernel
@@ -104,13 +104,13 @@ def _judge(world, body, senses, estimate, waypoints, p):
     """Return the number of waypoints visited, and the step's outcome."""
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited
-    there = arrived(truth, reference, task)
-    reached = believed_to_arrive(_shown(body, senses, estimate, p), reference, task) if task.on_belief else there
+    is_there = arrived(truth, reference, task)
+    reached = believed_to_arrive(_shown(body, senses, estimate, p), reference, task) if task.on_belief else is_there
     timed, is_due = by_time(task), due(steps, visited, task, p.dt)
     done_with = is_due if timed else reached
     visited = visited + (1.0 if done_with else 0.0)
     terminated = visited >= waypoints * task.laps and not timed
-    success = terminated and there
+    success = terminated and is_there
     before = distance_to(world.body.true_state, reference)
     ahead = remaining(truth, reference, world.course.following, done_with and not timed)
     reward = reward_of(before, ahead, body.command, success, p.reward, p.robot, p.dt)

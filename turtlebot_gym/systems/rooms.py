@@ -232,12 +232,12 @@ def find_system(system: System | str | Callable[[Parameters], System] | None, pa
     """
     if system is None:
         return system_of(parameters)
-    own: Any = load_object(system) if isinstance(system, str) else system
-    if callable(own):
+    loaded: Any = load_object(system) if isinstance(system, str) else system
+    if callable(loaded):
         try:
-            own = own(parameters)
+            loaded = loaded(parameters)
         except Exception as error:
             raise failure(str(system), error) from error
-    if not isinstance(own, System):
-        raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", own)
-    return own
+    if not isinstance(loaded, System):
+        raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", loaded)
+    return loaded

@@ -116,15 +116,15 @@ class TransitionReward(_RowsWrapper, RecordConstructorArgs):
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Make a step; rows that begin an episode instead have the reward 0."""
-        it = self._step(actions)
-        last = it.last()
+        outcome = self._step(actions)
+        last = outcome.last()
         after = moment(*last)
-        transition = Transition(self._before, doubled(actions), after, it.rewards, it.terminated, it.truncated)
+        transition = Transition(self._before, doubled(actions), after, outcome.rewards, outcome.terminated, outcome.truncated)
         rewards = ask(self._reward, transition)
         if rewards.shape != (self.num_envs,):
             raise ValueError(f"reward must return shape ({self.num_envs},), got {rewards.shape}.")
-        self._before = after if last.info is it.infos else moment(it.observations, it.infos)
-        return it._replace(rewards=np.where(it.waited, 0.0, rewards)).returned(it.observations)
+        self._before = after if last.info is outcome.infos else moment(outcome.observations, outcome.infos)
+        return outcome._replace(rewards=np.where(outcome.waited, 0.0, rewards)).returned(outcome.observations)
 
 
 class AppendSensor(_RowsWrapper, RecordConstructorArgs):
@@ -147,16 +147,16 @@ class AppendSensor(_RowsWrapper, RecordConstructorArgs):
         return self._with(observations, infos, mask), infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        it = self._step(actions)
-        self._sensor.advance(~it.waited)
-        last, final = it.last(), None
-        self._sensor.begin(it.waited)
+        outcome = self._step(actions)
+        self._sensor.advance(~outcome.waited)
+        last, final = outcome.last(), None
+        self._sensor.begin(outcome.waited)
         observations = self._with(last.observation, last.info)
-        if self._mode is AutoresetMode.SAME_STEP and it.done.any():
+        if self._mode is AutoresetMode.SAME_STEP and outcome.done.any():
             final = observations
-            self._sensor.begin(it.done)
-            observations = self._with(it.observations, it.infos, it.done)
-        return it.returned(observations, final)
+            self._sensor.begin(outcome.done)
+            observations = self._with(outcome.observations, outcome.infos, outcome.done)
+        return outcome.returned(observations, final)
 
     def _with(self, observations: Any, infos: dict[str, Any], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
         """Return observations with sensor values that are new for the rows in a mask."""
@@ -181,9 +181,9 @@ class SmoothAction(_RowsWrapper, RecordConstructorArgs):
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         self._last = self._last + self._last.dtype.type(self._share) * (np.asarray(actions, self._last.dtype) - self._last)
-        it = self._step(self._last)
-        self._last = self._still(it.begins(self._mode))
-        return it.returned(it.observations)
+        outcome = self._step(self._last)
+        self._last = self._still(outcome.begins(self._mode))
+        return outcome.returned(outcome.observations)
 
     def _still(self, mask: NDArray[np.bool_]) -> Any:
         """Return the last actions, with zeros where a mask is true."""
@@ -218,13 +218,13 @@ class FrameStackObservation(_RowsWrapper, RecordConstructorArgs):
         return self._frames.copy(), infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        it = self._step(actions)
-        self._frames = final = np.concatenate([self._frames[:, 1:], it.last().observation[:, None]], axis=1)
-        begins = it.begins(self._mode)
+        outcome = self._step(actions)
+        self._frames = final = np.concatenate([self._frames[:, 1:], outcome.last().observation[:, None]], axis=1)
+        begins = outcome.begins(self._mode)
         if begins.any():
             self._frames = final.copy()
-            self._pad(begins, it.observations)
-        return it.returned(self._frames.copy(), final)
+            self._pad(begins, outcome.observations)
+        return outcome.returned(self._frames.copy(), final)
 
     def _pad(self, mask: NDArray[np.bool_], observations: Any) -> None:
         self._frames[mask] = observations[mask][:, None] if self._repeats else 0

@@ -61,8 +61,8 @@ def _each_alone(
             number = to_points(ranges[k], beams, 0, when, trail, points)
             start = Pose(starts[row, 0], starts[row, 1], starts[row, 2])
             pose, fits[k] = alone(field, frame, points, number, start, scale, q, covariances[k])
-            then = Pose(odometry[at[k], 0], odometry[at[k], 1], odometry[at[k], 2])
-            by = increment(pose, now, then, sincos(pose.theta - now.theta))
+            measured = Pose(odometry[at[k], 0], odometry[at[k], 1], odometry[at[k], 2])
+            by = increment(pose, now, measured, sincos(pose.theta - now.theta))
             poses[k, 0], poses[k, 1], poses[k, 2] = by.x, by.y, wrap(by.theta)
             k += 1
 

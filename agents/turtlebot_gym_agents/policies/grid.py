@@ -106,17 +106,17 @@ def cheapest_way(weights, width: int, start: int, goal: int):
     costs[goal] = 0
     queue = [(FREE * _steps(goal, start, width), goal)]
     while True:
-        least, here = heappop(queue)
-        if here == start:
+        least, cell = heappop(queue)
+        if cell == start:
             return costs, following
-        cost = costs[here]
-        if least == cost + FREE * _steps(here, start, width):  # otherwise a cheaper path to it was found since
+        cost = costs[cell]
+        if least == cost + FREE * _steps(cell, start, width):  # otherwise a cheaper path to it was found since
             for k in range(9):
-                there = here + (k // 3 - 1) * width + k % 3 - 1
-                new = cost + (_DIAGONAL if k % 2 == 0 else _STRAIGHT) * weights[there]
-                if weights[there] > 0 and new < costs[there]:
-                    costs[there], following[there] = new, here
-                    heappush(queue, (new + FREE * _steps(there, start, width), there))
+                neighbour = cell + (k // 3 - 1) * width + k % 3 - 1
+                new = cost + (_DIAGONAL if k % 2 == 0 else _STRAIGHT) * weights[neighbour]
+                if weights[neighbour] > 0 and new < costs[neighbour]:
+                    costs[neighbour], following[neighbour] = new, cell
+                    heappush(queue, (new + FREE * _steps(neighbour, start, width), neighbour))
 
 
 @kernel
@@ -219,13 +219,13 @@ def plan(
     width, cells = weights.shape[1], int(preview / CELL) + 1
     start, goal = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
     costs, following = cheapest_way(weights.ravel(), width, start, goal)
-    way, here, n = np.empty(cells, np.int64), start, 0
-    while here != goal:
-        here = following[here]
+    way, cell, n = np.empty(cells, np.int64), start, 0
+    while cell != goal:
+        cell = following[cell]
         if n < cells:
-            way[n] = here
+            way[n] = cell
             n += 1
-        a, b = here // width + top, here % width + left
+        a, b = cell // width + top, cell % width + left
         ways[max(a - 1, 0) : a + 2, max(b - 1, 0) : b + 2] = 1
     # The third cell of a stuck robot's path, and its neighbours, have been tried in vain.
     if stuck and n > 3:

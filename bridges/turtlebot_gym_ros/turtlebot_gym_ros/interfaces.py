@@ -197,8 +197,8 @@ def _run(*command: str | Path, **environment: str) -> None:
         check=False,
     )  # fmt: skip
     if done.returncode:
-        said = " ".join(" ".join(done.stdout.splitlines()[-5:]).split())
-        raise ValueError(f"{' '.join(map(str, command[:4]))} failed: {said}")
+        output = " ".join(" ".join(done.stdout.splitlines()[-5:]).split())
+        raise ValueError(f"{' '.join(map(str, command[:4]))} failed: {output}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -206,8 +206,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     about = "Build nav2_msgs and tf2_msgs, which PyPI lacks, into this environment; a minute, with cmake and g++."
     parser = argparse.ArgumentParser(prog="interfaces", description=about)
     parser.parse_args(argv)
-    there = [name for name in ("nav2_msgs", "tf2_msgs") if find_spec(name)]
-    if len(there) == 2:
+    installed = [name for name in ("nav2_msgs", "tf2_msgs") if find_spec(name)]
+    if len(installed) == 2:
         print("nav2_msgs and tf2_msgs are installed.")
         return 0
     try:

@@ -28,11 +28,11 @@ def hear_mounts(
         body: The robot's frame, with its prefix.
         count: Called with each message's info.
     """
-    said = StaticFrames()
+    frames = StaticFrames()
 
     def hear(message: Any, info: Mapping[str, Any]) -> None:
         count(info)
-        said.hear(message)
+        frames.hear(message)
 
     try:
         from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
@@ -41,4 +41,4 @@ def hear_mounts(
     else:
         callback: Any = hear  # rclpy supports the info, but its types do not show it
         node.create_subscription(TFMessage, TOPIC, callback, STATIC)
-    return partial(said.mount, body)
+    return partial(frames.mount, body)

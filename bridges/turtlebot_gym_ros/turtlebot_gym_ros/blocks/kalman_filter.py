@@ -151,8 +151,8 @@ class KalmanFilter:
         dt, self._unused = dt + self._unused, 0.0
         now = odometry._replace(twist=self._executed(odometry, command))
         if self._seat:
-            read, there = self._seat
-            now = now._replace(pose=increment(there, read, now.pose, sincos(there.theta - read.theta)))
+            read, place = self._seat
+            now = now._replace(pose=increment(place, read, now.pose, sincos(place.theta - read.theta)))
         senses = _SENSES(now, no_fix())
         after = self._filter.start(senses, tuning) if begins else self._advance(senses, dt)
         self._gate.remember(self._time, after.belief)

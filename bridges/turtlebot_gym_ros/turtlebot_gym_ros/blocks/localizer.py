@@ -197,9 +197,9 @@ class Localizer:
         (x, y, heading), (xy, xt, yt) = seat.R, seat.cross
         if heading == math.inf:
             return located
-        there = locate(seat.pose, (x, y, heading), self._q)
-        belief = there.belief._replace(covariance=there.belief.covariance._replace(xy=xy, xt=xt, yt=yt))
-        return there._replace(belief=belief, scans=located.scans, moves=located.moves)
+        place = locate(seat.pose, (x, y, heading), self._q)
+        belief = place.belief._replace(covariance=place.belief.covariance._replace(xy=xy, xt=xt, yt=yt))
+        return place._replace(belief=belief, scans=located.scans, moves=located.moves)
 
     def _correct(self, located: Located, scan: Aged) -> Located:
         """Condition the belief on a scan, if it is new and the odometry has reached its last beam."""
@@ -258,9 +258,9 @@ class Localizer:
         if state == LOST and self._params.when_lost == "stop":
             return places
         evidence = Nis(located.nis, located.fits, located.weight)
-        said = places | {"pose": located, "nis": evidence, "estimate": Estimate(located.belief, located.nis, 0.0)}
+        values = places | {"pose": located, "nis": evidence, "estimate": Estimate(located.belief, located.nis, 0.0)}
         if self._params.publish_tf:
             mean, wheels = located.belief.mean, odometry.pose
             frame = increment(Pose(*mean[:3]), wheels, ORIGIN, sincos(wrap(mean.theta - wheels.theta)))
-            said["tied"] = Aged(Correction(frame, self._params.odom_frame), -AHEAD)
-        return said
+            values["tied"] = Aged(Correction(frame, self._params.odom_frame), -AHEAD)
+        return values

@@ -171,8 +171,8 @@ class TurtlebotSimulator:
                 ValueError: If the name is unknown, or a friction is given for the unicycle.
             """
             named = {name: getattr(self, name) for name in ("friction", "caster_friction")}
-            given = {name: value for name, value in named.items() if value != getattr(_BURGER, name)}
-            return make_plant(self.plant, **given)
+            changed = {name: value for name, value in named.items() if value != getattr(_BURGER, name)}
+            return make_plant(self.plant, **changed)
 
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
@@ -246,16 +246,16 @@ class TurtlebotSimulator:
         self._begun = True
         world = self._episode.world
         odometry = world.senses.odometry
-        said: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
+        values: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
         if self._sees_fixes and world.senses.fix.arrived:
             now = world.senses.fix
-            said["fix"] = Aged(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
+            values["fix"] = Aged(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
         self._uncertainty.hear(odometry)
         if self._map:
-            said["map"], self._map = self._map, None
+            values["map"], self._map = self._map, None
         if self._lidar:
-            said |= self._look_round(self._lidar)
-        return self._by_its_clock(said) if self._ahead or self._held_up else said
+            values |= self._look_round(self._lidar)
+        return self._by_its_clock(values) if self._ahead or self._held_up else values
 
     def _by_its_clock(self, said: dict[str, Any]) -> dict[str, Any]:
         """Return what the step says with the stamps of the robot's clock, and the odometry that arrives by now, if any."""
@@ -276,13 +276,13 @@ class TurtlebotSimulator:
         at, room = int(episode.world.steps), episode.world.room
         if room.collided and self.notice is None:
             self.notice = f"contact after {at * dt:.1f} s: the environment's episode ends here."
-        said: dict[str, Any] = {"goal": episode.world.course.reference, "clearance": Clearance(room.clearance)}
+        values: dict[str, Any] = {"goal": episode.world.course.reference, "clearance": Clearance(room.clearance)}
         if at == 0 or beams_by(at, lidar, dt) // lidar.beams > beams_by(at - 1, lidar, dt) // lidar.beams:
             beam_period = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
             is_blind = np.isinf(episode.scene.beams[2, : lidar.beams])
             ranges = np.where(is_blind, np.float32(np.nan), episode.scene.ranges[1, : lidar.beams])
             scan = Scan(ranges, 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max, beam_period, 1.0 / lidar.rate)
-            said["scan"] = Aged(as_sent(scan, self._driver, self._rng) if self._driver else scan, room.scan_age)
+            values["scan"] = Aged(as_sent(scan, self._driver, self._rng) if self._driver else scan, room.scan_age)
         if at % SHOWN_EVERY == 0:
-            said["obstacles"] = obstacles_of(episode.scene)
-        return said
+            values["obstacles"] = obstacles_of(episode.scene)
+        return values

@@ -96,8 +96,8 @@ class WaypointGenerator:
         if params.frame == MAP_FRAME:
             grid = Input(topic="map", type=GridMap, required=False, max_age=None, latched=True)
             self.inputs = {**self.inputs, "map": grid}
-        given = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else _load_waypoints(params.waypoints)
-        task, self._waypoints = Options(task="square", waypoints=given, switch=params.switch, laps=params.laps).course()
+        course = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else _load_waypoints(params.waypoints)
+        task, self._waypoints = Options(task="square", waypoints=course, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
         self._relative, self._in_room = params.relative, in_room
         self._params, self._robot = params, make_robot(params.robot)
@@ -181,8 +181,8 @@ class WaypointGenerator:
         if not self._poses:
             if estimate is None or self._in_room or self._rests:
                 return {}
-            here = Pose(*estimate.belief.mean[:3])
-            self._poses = [increment(here, ORIGIN, pose, sincos(here.theta)) for pose in self._waypoints]
+            start = Pose(*estimate.belief.mean[:3])
+            self._poses = [increment(start, ORIGIN, pose, sincos(start.theta)) for pose in self._waypoints]
         last = int(len(self._poses) * self._laps) - 1
         if self._is_done_with(dt, estimate) and self._visited < last:
             self._visited += 1

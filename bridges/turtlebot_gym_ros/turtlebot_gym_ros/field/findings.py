@@ -214,8 +214,8 @@ def judge_wheels(topic: Topic, *, kinds: Sequence[str]) -> Finding:
 
 def judge_guard(topic: Topic) -> Finding:
     """Judge who keeps the wheels, by the publishers of their commands."""
-    there = {end.node for end in topic.publishers}
-    if missing := [name for name in OURS if name not in there]:
+    nodes = {end.node for end in topic.publishers}
+    if missing := [name for name in OURS if name not in nodes]:
         advice = "Start both on the robot: ros2 launch turtlebot_gym_ros robot.launch.xml, or here with --with-guard."
         return Finding("guard", REFUSED, f"Missing: {' and '.join(missing)}.", (), advice)
     return Finding("guard", FINE, "Guard and standby run.")

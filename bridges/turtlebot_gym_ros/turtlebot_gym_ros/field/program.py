@@ -49,10 +49,10 @@ class Console:
 
     def confirm(self, key: str, text: str) -> bool:
         """Ask, unless it is answered."""
-        given = self._answers.get(key)
-        if isinstance(given, bool) or self._agrees:
+        answer = self._answers.get(key)
+        if isinstance(answer, bool) or self._agrees:
             print(f"{text}.")
-            return given if isinstance(given, bool) else True
+            return answer if isinstance(answer, bool) else True
         return input(f"{text}. Yes? [y/N] ").strip().lower() in ("y", "yes")
 
     def number(self, key: str, text: str) -> float | None:

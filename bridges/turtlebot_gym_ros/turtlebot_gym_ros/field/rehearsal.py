@@ -45,8 +45,8 @@ def simulated(speaks_as: str, robot: str, folder: Path, **parameters: Any) -> li
     """Return the simulated robot, in a hall."""
     world = folder / "hall.sdf"
     world.write_text(HALL)
-    given = {"robot": robot, "speaks_as": speaks_as, "noise": "wheel", "world": str(world), **parameters}
-    return [("turtlebot_simulator", given)]
+    values = {"robot": robot, "speaks_as": speaks_as, "noise": "wheel", "world": str(world), **parameters}
+    return [("turtlebot_simulator", values)]
 
 
 class Rehearsed:

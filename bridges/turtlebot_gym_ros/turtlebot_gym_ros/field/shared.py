@@ -99,6 +99,6 @@ def relative(poses: Sequence[Pose]) -> NDArray[np.float64]:
 
 def ends_of(scan: Scan) -> NDArray[np.float64]:
     """Return where a scan's beams end, in the LiDAR's frame."""
-    there = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
-    angles = scan.first + scan.increment * np.flatnonzero(there)
-    return (scan.ranges[there] * np.stack([np.cos(angles), np.sin(angles)])).T.astype(np.float64)
+    is_hit = np.isfinite(scan.ranges) & (scan.ranges > 0.0)
+    angles = scan.first + scan.increment * np.flatnonzero(is_hit)
+    return (scan.ranges[is_hit] * np.stack([np.cos(angles), np.sin(angles)])).T.astype(np.float64)

@@ -142,7 +142,7 @@ def drive_for_calibration(at: Field) -> list[Finding]:
 
 def drive_a_square(at: Field) -> list[Finding]:
     """Drive a square with filter, policy and guard, and time it."""
-    own = {name: f"field_test/{name}" for name in ("estimate", "nis", "reference", "next_reference", "goal_pose")}
+    topics = {name: f"field_test/{name}" for name in ("estimate", "nis", "reference", "next_reference", "goal_pose")}
     side, begun = at.side, time.monotonic()
     corners = [[side, 0.0, 0.0], [side, side, 0.5 * math.pi], [0.0, side, -math.pi], [0.0, 0.0, -0.5 * math.pi]]
     with tempfile.TemporaryDirectory() as folder:
@@ -150,9 +150,9 @@ def drive_a_square(at: Field) -> list[Finding]:
         path.write_text("\n".join(",".join(map(str, corner)) for corner in corners))
         course = {"waypoints": str(path), "relative": True, "radius": 0.15}
         parts = [
-            Part(KalmanFilter, "field_filter", {"robot": at.robot, "noise": "wheel"}, own),
-            Part(WaypointGenerator, "field_waypoints", course, own),
-            Part(VelocityController, "field_controller", {"robot": at.robot, "policy": "bearing"}, {**own, **COMMANDS}),
+            Part(KalmanFilter, "field_filter", {"robot": at.robot, "noise": "wheel"}, topics),
+            Part(WaypointGenerator, "field_waypoints", course, topics),
+            Part(VelocityController, "field_controller", {"robot": at.robot, "policy": "bearing"}, {**topics, **COMMANDS}),
         ]
         why = _drive(at, parts, timeout=60.0 + 60.0 * side)
     poses = poses_since(at, at.begun)

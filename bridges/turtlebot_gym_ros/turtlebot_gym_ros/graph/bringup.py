@@ -73,13 +73,13 @@ def room_metrics(trajectory: Drive) -> dict[str, float]:
         trajectory: The drive, with clearance.
     """
     poses = zip(trajectory.true_state.tolist(), trajectory.reference.tolist(), strict=True)
-    there = [at > 0 and arrived(State(*state), Pose(*goal), ROOM) for at, (state, goal) in enumerate(poses)]
+    at_goal = [at > 0 and arrived(State(*state), Pose(*goal), ROOM) for at, (state, goal) in enumerate(poses)]
     contact = trajectory.clearance < 0.0
-    ended = np.flatnonzero(contact | there)
-    end = int(ended[0]) if len(ended) else len(there) - 1
+    ended = np.flatnonzero(contact | at_goal)
+    end = int(ended[0]) if len(ended) else len(at_goal) - 1
     return {
         "collision": float(contact[end]),
-        "goal reached": float(there[end] and not contact[end]),
+        "goal reached": float(at_goal[end] and not contact[end]),
         "end of the episode": float(trajectory.time[end]),
         "least clearance": float(np.nanmin(trajectory.clearance[: end + 1])),
     }
@@ -134,12 +134,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = vars(parser().parse_args(argv))
     duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
     watch, port, force = (options.pop(name) for name in ("watch", "port", "force"))
-    given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    values: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     try:
         POSITIVE_OR_INFINITE.check("--duration", duration)
-        whole("--seed", given.get("seed", 0), 0, MAX_SEED)
+        whole("--seed", values.get("seed", 0), 0, MAX_SEED)
         written = [("--figure", figure, FIGURE), ("--json", report, JSON)]
-        require_outputs([output for output in written if output[1] is not None], inputs=given.values(), force=force)
+        require_outputs([output for output in written if output[1] is not None], inputs=values.values(), force=force)
     except (ValueError, OSError) as error:
         return refuse(error)
     be_interruptible()
@@ -149,9 +149,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             if watch:
                 from turtlebot_gym_ros.graph.watch import View  # slow to import
 
-                title = f"bringup, policy {given.get('policy', 'bearing')}"
-                view = viewing.enter_context(View(given, title=title, port=port))
-            with Graph(**given) as graph:
+                title = f"bringup, policy {values.get('policy', 'bearing')}"
+                view = viewing.enter_context(View(values, title=title, port=port))
+            with Graph(**values) as graph:
                 if view:
                     view.open()
                 try:
@@ -165,7 +165,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         except (ValueError, RuntimeError, OSError, ImportError) as error:
             return refuse(error)
-        _tell(trajectory, latest, given, figure=figure, report=report)
+        _tell(trajectory, latest, values, figure=figure, report=report)
         if view:
             view.stay()
     return 0

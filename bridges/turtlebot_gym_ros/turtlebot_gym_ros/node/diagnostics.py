@@ -71,8 +71,8 @@ def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = 
             problems.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
         elif not mine.publishes and len(publishers) > 1:
             names = " and ".join(sorted(map(node_name, publishers)))
-            what = "refused until there is one" if mine.sole else "which of them counts is undefined"
-            problems.append(Problem(ERROR if mine.sole else WARN, f"{mine.topic}: {names} publish it: {what}."))
+            effect = "refused until there is one" if mine.sole else "which of them counts is undefined"
+            problems.append(Problem(ERROR if mine.sole else WARN, f"{mine.topic}: {names} publish it: {effect}."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
             names = [node_name(other) for other in subscriptions]
             strangers = {node_name(other) for other in subscriptions if other.node_name not in NODES}

@@ -145,8 +145,8 @@ class Feed:
                 that is mounted tilted.
         """
         if self.conversion.in_world and message.header.frame_id != frame:
-            got = message.header.frame_id
-            raise ValueError(f"its frame is {got!r} instead of {frame!r} (the parameters frame_prefix and frame)")
+            received = message.header.frame_id
+            raise ValueError(f"its frame is {received!r} instead of {frame!r} (the parameters frame_prefix and frame)")
         if self.declared.aged and not self.conversion.in_world:
             self._mount = self._mount_of(message.header.frame_id)
         return self.conversion.read(message)

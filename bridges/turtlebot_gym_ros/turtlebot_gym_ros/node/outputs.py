@@ -87,8 +87,8 @@ class Outputs:
         if isinstance(value, Aged):
             value, stamp = value.value, stamp - round(value.age * SECOND)
         way, mount, is_command = self._ways[key], self._declared[key].mount, self._declared[key].type is Command
-        own = self._common.sensor(mount) if mount else self._common.body
-        frame = self._common.fixed(self._declared[key].frame) if way.in_world else own
+        body = self._common.sensor(mount) if mount else self._common.body
+        frame = self._common.fixed(self._declared[key].frame) if way.in_world else body
         rests = is_command and not self._common.lock_step
         at = self._time() if rests else stamp
         is_light = way.message in cdr.KINDS and key not in self._transforms and key not in self._tellers

@@ -153,9 +153,9 @@ class DataLogger(Node):
         for topic, kinds in self.get_topic_names_and_types():
             if not topic.startswith(self._own) and topic.count("/") > 1:
                 continue
-            known = self._recorded.get(topic)
-            kind = kinds[0] if len(kinds) == 1 else self._choose(topic, known.kind if known else "")
-            if known is None or known.kind != kind:
+            recorded = self._recorded.get(topic)
+            kind = kinds[0] if len(kinds) == 1 else self._choose(topic, recorded.kind if recorded else "")
+            if recorded is None or recorded.kind != kind:
                 self._record(topic, kind)
 
     def _choose(self, topic: str, known: str) -> str:
@@ -180,8 +180,8 @@ class DataLogger(Node):
         }
         if not wanted or (topic, kind) in self._refused:
             return
-        known = self._recorded.get(topic)
-        if known is not None and known.kind == kind and wanted <= known.subscriptions.keys():
+        recorded = self._recorded.get(topic)
+        if recorded is not None and recorded.kind == kind and wanted <= recorded.subscriptions.keys():
             return
         try:
             if (topic, kind) not in self._opened:
@@ -193,23 +193,23 @@ class DataLogger(Node):
             self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
             return
         message, connection = self._opened[topic, kind]
-        if known is not None and known.kind != kind:
-            known.collect()
-            for subscription in known.subscriptions.values():
+        if recorded is not None and recorded.kind != kind:
+            recorded.collect()
+            for subscription in recorded.subscriptions.values():
                 self.destroy_subscription(subscription)
-            known = None
-        if known is None:
-            known = self._recorded[topic] = _Topic(kind, self._writer_of(topic, message, connection), {})
-        for reliable, latched in wanted - known.subscriptions.keys():
+            recorded = None
+        if recorded is None:
+            recorded = self._recorded[topic] = _Topic(kind, self._writer_of(topic, message, connection), {})
+        for reliable, latched in wanted - recorded.subscriptions.keys():
             profile = QoSProfile(
                 depth=DEPTH,
                 reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
             )
-            known.subscriptions[reliable, latched] = self.create_subscription(
+            recorded.subscriptions[reliable, latched] = self.create_subscription(
                 message,
                 topic,
-                known.write,
+                recorded.write,
                 profile,
                 raw=True,
                 callback_group=self._collected,
@@ -239,8 +239,8 @@ class DataLogger(Node):
             topic.collect()
 
     def _commit(self) -> None:
-        for topic, known in list(self._recorded.items()):
-            self._record(topic, known.kind)
+        for topic, recorded in list(self._recorded.items()):
+            self._record(topic, recorded.kind)
         self._bag.commit()
         if self._csv is not None:
             self._csv.flush()

@@ -118,10 +118,10 @@ class Monitor:
         if stated is None or (mount.frame in (frame, frame.rsplit("/", 1)[-1]) and not differ(stated, Pose(*mount[1:]))):
             return self._body
         x, y, yaw = stated
-        there = f"/tf_static says that {frame!r} is at x {x:.3f} m, y {y:.3f} m, turned by {yaw:.3f} rad"
+        place = f"/tf_static says that {frame!r} is at x {x:.3f} m, y {y:.3f} m, turned by {yaw:.3f} rad"
         if self._given:
-            raise ValueError(f"{there}, and the given mount is another: correct one, or set scan_mount to robot")
-        self.remark = f"{there}, which is not the preset's mount, and counts"
+            raise ValueError(f"{place}, and the given mount is another: correct one, or set scan_mount to robot")
+        self.remark = f"{place}, which is not the preset's mount, and counts"
         return self._body._replace(scan=Mount(frame, x, y, yaw))
 
     def trouble(self, now: float) -> str:

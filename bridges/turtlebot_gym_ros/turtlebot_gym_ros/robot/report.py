@@ -67,8 +67,8 @@ class Report:
         node = self._node
         topics = [node.resolve_topic_name(name) for name in ("cmd_vel", "cmd_vel_teleop", "cmd_vel_in")]
         speakers = [node_name(info) for info in node.get_publishers_info_by_topic(topics[0])]
-        own = [node.get_fully_qualified_name(), f"{node.get_namespace().rstrip('/')}/{STANDBY}"]
-        rivals = sorted((Counter(speakers) - Counter(own)).elements())
+        mine = [node.get_fully_qualified_name(), f"{node.get_namespace().rstrip('/')}/{STANDBY}"]
+        rivals = sorted((Counter(speakers) - Counter(mine)).elements())
         if rivals:
             return ERROR, f"{topics[0]} must have one publisher, the guard, and its standby, but has also {', '.join(rivals)}"
         if mismatch := self._mismatch(topics):
