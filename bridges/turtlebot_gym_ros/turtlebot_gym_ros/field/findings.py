@@ -119,7 +119,7 @@ def judge_clock(name: str, arrivals: ArrayLike, stamps: ArrayLike) -> Finding:
     """Judge the clock of a sender by its stamps.
 
     The largest lead of a stamp before its arrival, that of the least delayed message, is the lead of the clock minus the least
-    delay; what a message lacks of it is its delay beyond that.
+    delay; how far a stamp's lead falls short of it is that message's further delay.
     """
     arrived, stamped = np.asarray(arrivals, np.float64), np.asarray(stamps, np.float64)
     name = f"clock of {name}"
