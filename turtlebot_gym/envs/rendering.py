@@ -119,7 +119,8 @@ class Renderer:
         self._draw_present(fine.subsurface((0, _FINE * HEADER, _FINE * SIDE, _FINE * SIDE)), world)
         picture = self._pygame.transform.smoothscale(fine, (SIDE, HEADER + SIDE))
         if self._mode == "rgb_array":
-            return np.ascontiguousarray(self._pygame.surfarray.array3d(picture).transpose(1, 0, 2))
+            pixels = bytearray(self._pygame.image.tobytes(picture, "RGB"))  # four times as fast as pygame.surfarray
+            return np.frombuffer(pixels, np.uint8).reshape(HEADER + SIDE, SIDE, 3)
         self._show(picture)
         return None
 
