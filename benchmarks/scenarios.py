@@ -147,7 +147,9 @@ def best_of_trainings(runs: Sequence[Path]) -> Path:
 
 
 def run_all(jobs: Iterable[Callable[[], Any]], label: str, processes: int) -> list[Any]:
-    """Call functions in separate processes; return their results in order."""
+    """Call functions in separate processes, or here if it is to be one; return their results in order."""
+    if processes == 1:
+        return [job() for job in each(list(jobs), label)]
     one_thread = patch.dict(os.environ, NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1")  # for the processes: each has one core
     with one_thread, ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         futures = list(map(pool.submit, jobs))

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -168,6 +169,11 @@ def test_a_card_states_its_losses_first_and_its_origin(small, tmp_path):
     assert "12 episodes on seeds from 2,000,000" in text
     assert "--randomize --seed 0`" in text
     assert text.count("| ppo-nav |") == 3
+
+
+def test_jobs_return_in_order_whether_they_run_here_or_in_two_processes():
+    jobs = [partial(divmod, 7, number) for number in (1, 2, 3)]
+    assert scenarios.run_all(jobs, "divisions", 1) == scenarios.run_all(jobs, "divisions", 2) == [(7, 0), (3, 1), (2, 1)]
 
 
 def test_the_delay_by_the_safety_layer_counts_rooms_crossed_with_and_without_it():

@@ -372,11 +372,14 @@ class World:
             soonest = min(buttons, default=(math.inf, 0))
             message = min(self.flying, key=lambda each: each.at, default=None)
             arrives = math.inf if message is None else message.at
-            tick = max(self.next_tick, self.suspended_until)
             chained = min(self.later, default=(math.inf,))
             wakes = min((node.suspended_until for node in self.nodes if node.queue or node.held), default=math.inf)
-            # No two things at the same moment.
-            self.t = max(self.t + 1e-7, min(end, soonest[0], arrives, tick, chained[0], wakes))
+            event = min(end, soonest[0], arrives, chained[0], wakes)
+            while True:  # ticks, which add no events, until the next one; no two things happen at the same moment
+                self.t = max(self.t + 1e-7, min(event, max(self.next_tick, self.suspended_until)))
+                if self.t >= event:
+                    break
+                self.turn()
             if self.t >= end:
                 return
             if soonest[0] <= self.t:
@@ -389,8 +392,6 @@ class World:
             elif arrives <= self.t:
                 self.flying.remove(message)
                 self.arrive(message)
-            else:
-                self.turn()
 
     def arrive(self, message):
         if message.topic != "button":  # depth 1: the latest is kept

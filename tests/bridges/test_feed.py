@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Command, State
 from turtlebot_gym_ros.base.sent import Age, SystemClock
-from turtlebot_gym_ros.base.swift import Swift, Unawaited
+from turtlebot_gym_ros.base.swift import Swift, Unawaited, take
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed, resting_on
@@ -85,6 +85,7 @@ def test_messages_on_which_steps_depend_do_not_wait_for_others_and_some_wake_nob
     feed, node = unconnected(lock_step=lock_step, group=group, wakes=wakes), FakeNode()
     feed.connect(node, "hear", "told")
     assert type(node.group) is kind
+    assert (getattr(feed.poll, "func", None) is take) == (kind is Unawaited)
 
 
 def test_a_message_in_another_frame_is_refused():

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from turtlebot_gym import write_parameters
 from turtlebot_gym.models.angles import sincos
@@ -18,7 +19,7 @@ from turtlebot_gym.systems import Episode, make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
-from turtlebot_gym_ros.blocks.credible import Credible, bounded
+from turtlebot_gym_ros.blocks.credible import CERTAIN, Credible, Gate, bounded
 from turtlebot_gym_ros.node.block import Aged
 
 COMMAND = Command(0.15, 0.4)
@@ -267,6 +268,21 @@ def test_a_fix_is_judged_by_the_belief_of_its_own_time():
     assert node.figures["refused fixes"] == 0
     node.step(0.1, seen(1.02, 0.0, 0.0, Command(0.1, 0.0)), fix=Aged(Fix(Pose(0.97, 0.0, 0.0), (1e-8,) * 3, 0.0, True), 0.0))
     assert node.figures["refused fixes"] == 1
+
+
+def test_beliefs_are_remembered_for_as_long_as_a_fix_may_be_late():
+    gate, belief = Gate(), driving().step(0.1, NEXT)["estimate"].belief
+    for k in range(20):
+        gate.remember(0.1 * k, belief._replace(mean=belief.mean._replace(x=float(k))))
+    recent, old = (Fix(Pose(float(k), belief.mean.y, belief.mean.theta), SURE, 0.0, True) for k in (14, 13))
+    assert not gate.refusal(recent, 1.4)  # 0.5 s before the last one
+    assert gate.refusal(old, 1.3)
+    gate.forget()
+    assert not gate.refusal(old, 1.3)
+
+
+def test_a_consistent_filter_exceeds_the_gates_bound_once_in_a_million():
+    assert [chi2.sf(bound, degrees) for degrees, bound in CERTAIN.items()] == pytest.approx([1e-6, 1e-6], rel=0.01)
 
 
 @pytest.mark.parametrize("noise", ["clean", "wheel", "documented"])
