@@ -1,4 +1,4 @@
-"""The prose linter finds every phrase of its word list, and nothing in the project's own texts."""
+"""The prose linter finds every phrase of its word list; `make check` lets it read the project's own texts."""
 
 import prose
 import pytest
@@ -39,8 +39,3 @@ def test_code_is_not_read(tmp_path):
     (tmp_path / "page.md").write_text("Text with `it believes to be`.\n\n```python\n# it believes to be\n```\n")
     (tmp_path / "module.py").write_text('"""The field ``it believes to be`` is a name."""\ncolor = "gray"\n')
     assert not list(prose.findings([tmp_path], RULES))
-
-
-def test_the_project_is_clean():
-    every = list(prose.findings([prose.ROOT / name for name in prose.WHOLE if (prose.ROOT / name).exists()], RULES))
-    assert not every, "\n".join(map(str, every))
