@@ -177,6 +177,20 @@ def test_messages_whose_time_runs_backwards_are_left_out_and_counted(tmp_path):
     assert "topic '/odom': 3 of 120 messages, first number 51, have a time that does not increase" in drive.remarks[0]
 
 
+@pytest.mark.parametrize(("lead", "how"), [(0.7, "ahead of"), (-0.7, "behind")])
+def test_a_topic_with_a_clock_of_its_own_is_moved_to_that_of_the_odometry(tmp_path, lead, how):
+    drive = read(write_bag(tmp_path / "bag", messages_of(SHORT, times=SHORT.time - lead)))
+    assert f"topic '/ground_truth': its clock is 0.700 s {how} that of the odometry" in drive.remarks[-1]
+    np.testing.assert_allclose(drive.truth, SHORT.truth, atol=1e-6)
+
+
+def test_two_messages_are_a_drive_and_one_is_none(tmp_path):
+    odom = [message for message in messages_of(SHORT, truth="") if message[0] == "/odom"]
+    assert len(read(write_bag(tmp_path / "two", odom[:2]))) == 2
+    with pytest.raises(ValueError, match="a drive needs two messages on odom, got 1"):
+        read(write_bag(tmp_path / "one", odom[:1]))
+
+
 def test_without_rosbags_the_error_names_what_to_install(bag, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(ImportError, match="pip install 'rosbags"):

@@ -68,8 +68,8 @@ def test_a_reader_of_a_growing_drive_misses_nothing_and_reads_nothing_twice():
 
 
 def test_position_error_is_the_distance_for_any_batch_and_that_of_an_unknown_pose_is_unknown():
-    pose, unknown = np.tile([3.0, -4.0, 0.0], (2, 3, 1)), np.full((2, 3, 5), np.nan)
-    np.testing.assert_array_equal(position_error(pose, np.zeros((2, 3, 5))), np.full((2, 3), 5.0))
+    pose, unknown = np.tile([4.0, -2.0, 0.0], (2, 3, 1)), np.full((2, 3, 5), np.nan)
+    np.testing.assert_array_equal(position_error(pose, np.array([1.0, 2.0, 0.3, 0.0, 0.0])), np.full((2, 3), 5.0))
     assert np.isnan([position_error(pose, unknown), heading_error(pose, unknown)]).all()
 
 
