@@ -15,7 +15,8 @@ from bundles import CARD, WEIGHTS, linear_model, metadata, rewritten, seal, smal
 from onnx import TensorProto, helper
 from stable_baselines3 import PPO
 
-from turtlebot_gym import ROBOTS
+from turtlebot_gym import ROBOTS, make_filter, make_noise, make_parameters
+from turtlebot_gym.tasks import NAV
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
 from turtlebot_gym_agents.policies.fit import describe_robot
@@ -37,6 +38,13 @@ def test_round_trip(bundle):
         actions = policy(observations)
         assert (actions.shape, actions.dtype) == ((*shape[:-1], 2), np.float32)
         np.testing.assert_allclose(actions, np.tanh(observations @ WEIGHTS), atol=1e-6)
+
+
+def test_a_card_names_presets_and_calls_everything_else_custom():
+    options = {"filter": make_filter("matched", make_noise("rough")), "observation": "odometry", "robot": "waffle"}
+    card = Card.of(CARD.env, options, make_parameters(NAV, robot="waffle"), {"steps": 5})
+    assert (card.noise, card.filter, card.observation) == ("tutorial", "custom", "odometry")  # by default, and as given
+    assert (card.robot["name"], card.layout, card.dt, card.training) == ("waffle", 1, 0.1, {"steps": 5})
 
 
 WAFFLE = "(max_linear 0.2108 there, 0.26 here; max_angular 2.635 there, 1.82 here; wheel_separation 0.16 there, 0.287 here; "
