@@ -112,15 +112,15 @@ class Guarded(TurtlebotSimulator):
             executed.append(self._executed)
         if self._arbiter.monitor:
             self.verdicts.append(self._arbiter.monitor.state)
-        said = super().step(dt, Command(*np.mean(executed, axis=0).tolist()) if executed else command)
+        values = super().step(dt, Command(*np.mean(executed, axis=0).tolist()) if executed else command)
         self._steps += 1
-        if "scan" in said:
-            scan = said["scan"].value if isinstance(said["scan"], Aged) else said["scan"]
+        if "scan" in values:
+            scan = values["scan"].value if isinstance(values["scan"], Aged) else values["scan"]
             mount = self.outputs["scan"].mount
             frame = mount.frame if mount else ""
             sent = Scan(scan.ranges, scan.first, scan.increment, scan.range_min, scan.range_max, frame)
             self._arbiter.hear_scan(sent, self._steps * period)
-        return said
+        return values
 
 
 def load_guarded(name: str) -> Any:
@@ -160,15 +160,15 @@ def alone(guarded: bool, simulator: dict[str, Any], controller: dict[str, Any]) 
     mount = robot.outputs["scan"].mount
     seen_from, there, touches, at = mount and Pose(mount.x, mount.y, mount.yaw), False, False, 0
     for at in range(round(LONGEST / period) + 1):
-        said = {
+        values = {
             name: value if isinstance(value, Aged) else Aged(value, 0.0) for name, value in robot.step(period, command).items()
         }
-        goal, clearance = said["goal"].value, said["clearance"].value.distance
-        least, there, touches = min(least, clearance), arrived(said["truth"].value, goal, ROOM), clearance < 0.0
+        goal, clearance = values["goal"].value, values["clearance"].value.distance
+        least, there, touches = min(least, clearance), arrived(values["truth"].value, goal, ROOM), clearance < 0.0
         if at and (there or touches):
             break
-        scan = said.get("scan", scan._replace(age=scan.age + period))._replace(mount=seen_from)
-        believed = filter_.step(period if at else 0.0, said["odometry"].value)
+        scan = values.get("scan", scan._replace(age=scan.age + period))._replace(mount=seen_from)
+        believed = filter_.step(period if at else 0.0, values["odometry"].value)
         if believed and at % round(policy.trigger.period / period) == 0:
             dt = policy.trigger.period
             command = policy.step(dt, believed["estimate"], goal, None, scan, believed["nis"]).get("command", command)
@@ -186,15 +186,15 @@ def drives(config: Config) -> list[dict[str, Any]]:
     """Return all drives; those of an earlier run of the same commit are not driven again."""
     file = f"{provenance()['commit']}-{config.speaks_as}-{config.policy}-{config.world}-{config.safety_margin}.jsonl"
     number = {False: config.drives, True: config.guarded}
-    asked = [(*arm, False, seed) for arm in ARMS for seed in range(FIRST, FIRST + number[arm[1]])]
-    asked += [(speaks, guarded, True, seed) for speaks, guarded, _, seed in asked if seed < FIRST + config.live]
+    drives = [(*arm, False, seed) for arm in ARMS for seed in range(FIRST, FIRST + number[arm[1]])]
+    drives += [(speaks, guarded, True, seed) for speaks, guarded, _, seed in drives if seed < FIRST + config.live]
     spawn = multiprocessing.get_context("spawn")
     numbers = spawn.Queue()
     for worker in range(config.workers):
         numbers.put(worker)
     with ProcessPoolExecutor(config.workers, spawn, enter, (numbers,)) as pool:
-        ended = finished(partial(drive, config), asked, config.kept / file, ("speaks", "guarded", "live", "seed"), pool)
-        return list(each(ended, "drives", len(asked)))
+        ended = finished(partial(drive, config), drives, config.kept / file, ("speaks", "guarded", "live", "seed"), pool)
+        return list(each(ended, "drives", len(drives)))
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:

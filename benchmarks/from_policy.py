@@ -66,9 +66,9 @@ def training(config: Config, task: str, policy: str, seed: int) -> list[dict[str
             self.run()
 
     with closing(chosen.make_training()) as envs, closing(chosen.make(500)) as judges:
-        for each in (envs, judges):  # compiled before the clock starts
-            each.reset(seed=0)
-            each.step(each.action_space.sample())
+        for batch in (envs, judges):  # compiled before the clock starts
+            batch.reset(seed=0)
+            batch.step(batch.action_space.sample())
         start = time.process_time()
         judge = Judge(judges, every=max(1, config.steps // config.evaluations))
         learn(chosen, envs, [judge])

@@ -54,7 +54,7 @@ def start_peer(folder: Path, scene: Scene, turn: float) -> Process:
     robot = {"kinematics": {"name": "diff"}, "shape": {"name": "circle", "radius": 0.105}, "sensors": [lidar]}
     world = {"width": 2.0 * half_length, "height": 2.0 * half_width, "offset": [x - half_length, y - half_width]}
     world |= {"step_time": 0.1, "sample_time": 0.1, "collision_mode": "unobstructed"}
-    said = {"world": world, "robot": [robot | {"state": [0.0, 0.0, 0.0], "goal": [9.0, 9.0, 0.0]}], "obstacle": obstacles}
-    (folder / "room.yaml").write_text(json.dumps(said))  # JSON is YAML
+    world_file = {"world": world, "robot": [robot | {"state": [0.0, 0.0, 0.0], "goal": [9.0, 9.0, 0.0]}], "obstacle": obstacles}
+    (folder / "room.yaml").write_text(json.dumps(world_file))  # JSON is YAML
     command = [str(python), "-c", _PEER_PROGRAM, str(folder / "room.yaml"), str(turn)]
     return Process(command, folder / "log.txt")

@@ -132,8 +132,8 @@ class Process:
         for line in self._process.stdout:
             if line.startswith(f"{word} "):
                 return json.loads(line.removeprefix(word))
-        said = _last_line(self._log.read_text(encoding="utf-8", errors="replace"))
-        raise ChildProcessError(f"The peer has ended with status {self._process.wait()}: {said}")
+        last = _last_line(self._log.read_text(encoding="utf-8", errors="replace"))
+        raise ChildProcessError(f"The peer has ended with status {self._process.wait()}: {last}")
 
 
 class Present(NamedTuple):

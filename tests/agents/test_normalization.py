@@ -53,9 +53,9 @@ def test_half_of_the_actions_are_drawn_evenly():
     measure(envs, steady, seed=7, steps=200)
     actions = np.concatenate(envs.actions)
     assert actions.dtype == np.float32
-    own = (actions == 0.25).all(axis=1)
-    assert own.mean() == pytest.approx(0.5, abs=0.01)
-    stray = actions[~own]
+    unchanged = (actions == 0.25).all(axis=1)
+    assert unchanged.mean() == pytest.approx(0.5, abs=0.01)
+    stray = actions[~unchanged]
     assert stray.min() == pytest.approx(-1.0, abs=0.01)
     assert stray.max() == pytest.approx(1.0, abs=0.01)
     assert stray.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.01)

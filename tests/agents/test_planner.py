@@ -39,12 +39,12 @@ def test_the_cheapest_path_is_dijkstras():
         start, goal = (12 * random.integers(1, 16, 2) + random.integers(1, 11, 2)).tolist()
         best, queue = {}, [(0, goal)]
         while queue:
-            cost, here = heapq.heappop(queue)
-            if here not in best:
-                best[here] = cost
+            cost, cell = heapq.heappop(queue)
+            if cell not in best:
+                best[cell] = cost
                 for step in (-13, -12, -11, -1, 1, 11, 12, 13):
-                    if weight := int(weights.ravel()[here + step]):
-                        heapq.heappush(queue, (cost + (5 if abs(step) in (1, 12) else 7) * weight, here + step))
+                    if weight := int(weights.ravel()[cell + step]):
+                        heapq.heappush(queue, (cost + (5 if abs(step) in (1, 12) else 7) * weight, cell + step))
         costs, following = grid.cheapest_way(weights.ravel(), 12, start, goal)
         assert costs[start] == best[start]
         while start != goal:

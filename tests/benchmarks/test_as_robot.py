@@ -12,8 +12,8 @@ def least_clearance(make, speaks_as):
     """Return the least clearance of a robot that is driven ahead for 8 s, m."""
     robot = make(make.Params(world="dense", seed=1, speaks_as=speaks_as, own_clock=False))
     period = robot.trigger.period
-    said = [robot.step(period, Command(0.2, 0.0)) for _ in range(round(8.0 / period))]
-    return min(answer["clearance"].distance for answer in said)
+    sent = [robot.step(period, Command(0.2, 0.0)) for _ in range(round(8.0 / period))]
+    return min(answer["clearance"].distance for answer in sent)
 
 
 @pytest.mark.parametrize("speaks_as", ["none", "turtlebot3"])

@@ -87,8 +87,8 @@ def test_an_environment_is_made_once_and_anew_for_other_versions_and_a_missing_w
     assert peers.install("envpool", tmp_path) == python
     assert len(made) == 2
     answer = subprocess.CompletedProcess([], 1, "", "WARNING: x\nERROR: No matching distribution found for envpool==1.2.5\n")
-    said = r"EnvPool cannot be installed for Python 3\.\d+ \(it has wheels for 3\.11 to 3\.14\): ERROR: No matching"
-    with pytest.raises(ChildProcessError, match=said):
+    text = r"EnvPool cannot be installed for Python 3\.\d+ \(it has wheels for 3\.11 to 3\.14\): ERROR: No matching"
+    with pytest.raises(ChildProcessError, match=text):
         peers.install("envpool", tmp_path / "other")
 
 

@@ -145,8 +145,8 @@ def test_the_page_names_a_peer_that_took_no_part(committed):
 
 
 def test_the_page_says_what_python_takes_where_that_was_measured(committed):
-    said = "Outside its compiled loops a vector step of 1, 4096 environments takes 3.3, 7.5 microseconds."
-    assert said in speed_text.section(committed | {"python_us": {"1": 3.26, "4096": 7.5}})
+    text = "Outside its compiled loops a vector step of 1, 4096 environments takes 3.3, 7.5 microseconds."
+    assert text in speed_text.section(committed | {"python_us": {"1": 3.26, "4096": 7.5}})
     bare = {name: part for name, part in committed.items() if name != "python_us"}
     assert "Outside its compiled loops" not in speed_text.section(bare)
 

@@ -68,11 +68,11 @@ def wait_for(what, patience=PATIENCE):
 
 def said_types():
     """Return the type of each topic that a block publishes, in a room and with fixes, as the graph writes it."""
-    said = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
-    said |= {
+    kinds = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
+    kinds |= {
         f"/{output.topic}": output.type for output in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values(), *FIX_OUTPUTS.values())
     }
-    return {topic: type_name(conversion(kind).message) for topic, kind in said.items()}
+    return {topic: type_name(conversion(kind).message) for topic, kind in kinds.items()}
 
 
 class FakeTime:

@@ -61,14 +61,14 @@ class Drive:
         x, y = x + self.center_x * np.cos(theta), y + self.center_x * np.sin(theta)
         walls, circles, boxes, counts = scenes.walls, scenes.circles, scenes.boxes, scenes.counts
         near = np.minimum(walls[:, 2] - abs(x - walls[:, 0]), walls[:, 3] - abs(y - walls[:, 1]))
-        there = np.arange(circles.shape[1]) < counts[:, :1]
+        is_there = np.arange(circles.shape[1]) < counts[:, :1]
         gaps = np.hypot(circles[..., 0] - x[:, None], circles[..., 1] - y[:, None]) - circles[..., 2]
-        near = np.minimum(near, np.where(there, gaps, np.inf).min(axis=1))
-        there = np.arange(boxes.shape[1]) < counts[:, 1:]
+        near = np.minimum(near, np.where(is_there, gaps, np.inf).min(axis=1))
+        is_there = np.arange(boxes.shape[1]) < counts[:, 1:]
         dx, dy, cosine, sine = boxes[..., 0] - x[:, None], boxes[..., 1] - y[:, None], boxes[..., 4], boxes[..., 5]
         out_x, out_y = abs(dx * cosine + dy * sine) - boxes[..., 2], abs(dy * cosine - dx * sine) - boxes[..., 3]
         gaps = np.hypot(np.maximum(out_x, 0.0), np.maximum(out_y, 0.0)) + np.minimum(np.maximum(out_x, out_y), 0.0)
-        return np.minimum(near, np.where(there, gaps, np.inf).min(axis=1)) - BURGER.radius
+        return np.minimum(near, np.where(is_there, gaps, np.inf).min(axis=1)) - BURGER.radius
 
     def ask(self):
         """Ask for full speed: towards what is nearest, ahead or backwards, or anywhere, or turn on the spot."""
@@ -149,10 +149,10 @@ def test_a_scan_that_is_cut_stops_every_robot_within_600_ms(driven):
 @pytest.mark.parametrize("footprint_x", [-0.032, -0.1])
 def test_a_footprint_behind_the_axle_touches_nothing_by_turning(footprint_x):
     drive = Drive(100, ["dense", "corridor"], seed=3, footprint_x=footprint_x, x=footprint_x)
-    there = drive.least > 0.02  # rooms are drawn for a footprint around the axle
+    is_there = drive.least > 0.02  # rooms are drawn for a footprint around the axle
     drive.run(4.0)
-    assert drive.least[there].min() > 0.0
-    assert drive.turned[there].mean() > 0.5
+    assert drive.least[is_there].min() > 0.0
+    assert drive.turned[is_there].mean() > 0.5
 
 
 def test_a_monitor_that_takes_old_scans_for_new_ones_is_noticed():

@@ -171,19 +171,19 @@ def test_the_covariances_of_a_message_place_by_place(value):
 
 def test_a_message_is_read_place_by_place():
     message = write(BELIEF)
-    got = conversion(Belief).read(message)
-    assert got.mean == pytest.approx(BELIEF.mean)
-    assert got.covariance == P._replace(xv=0.0, xw=0.0, yv=0.0, yw=0.0, tv=0.0, tw=0.0)
+    value = conversion(Belief).read(message)
+    assert value.mean == pytest.approx(BELIEF.mean)
+    assert value.covariance == P._replace(xv=0.0, xw=0.0, yv=0.0, yw=0.0, tv=0.0, tw=0.0)
     assert conversion(State).read(message) == pytest.approx(BELIEF.mean)
     estimate = conversion(Estimate).read(message)
-    assert (estimate.belief, estimate.rejections) == (got, 0.0)
+    assert (estimate.belief, estimate.rejections) == (value, 0.0)
 
 
 @pytest.mark.parametrize("place", ["pose_14", "pose_21", "pose_28", "twist_7", "twist_14", "twist_21", "twist_28"])
 @pytest.mark.parametrize("number", [0.0, 1e6])
 def test_what_another_filter_says_of_what_a_planar_robot_does_not_know_changes_nothing(place, number):
-    got, other = (conversion(Estimate).read(message) for message in (write(BELIEF), filled(write(BELIEF), **{place: number})))
-    assert got == other
+    value, other = (conversion(Estimate).read(message) for message in (write(BELIEF), filled(write(BELIEF), **{place: number})))
+    assert value == other
 
 
 @pytest.mark.parametrize("measured", [True, False])

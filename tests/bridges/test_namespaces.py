@@ -105,11 +105,11 @@ def test_an_odometry_of_another_robots_frame_is_refused(make_bench):
 def test_status_asks_one_robot(compare, drives, start, capsys):
     start(drives["robot1"], "robot1")
     status.main(["--namespace", "robot1", "--seconds", "30"])
-    said = capsys.readouterr().out
-    assert "not there" not in said
+    output = capsys.readouterr().out
+    assert "not there" not in output
     status.main(["--namespace", "robot2", "--seconds", "0.5"])
-    said = " ".join(capsys.readouterr().out.split())
-    assert said.count("not there") == 4
+    output = " ".join(capsys.readouterr().out.split())
+    assert output.count("not there") == 4
     assert status.main(["--namespace", "robot 2"]) == 2
     assert "namespace must be names of letters, digits and _" in capsys.readouterr().err
 

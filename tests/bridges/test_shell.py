@@ -201,11 +201,11 @@ def test_a_schedule_begins_when_somebody_listens(runner, peer, wait_for):
 def test_a_plant_warns_of_strangers_that_obey_the_same_commands(runner, peer, wait_for):
     reports = peer.hear("/diagnostics", DiagnosticArray)
     runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context))
-    said = "/cmd_vel: /peer obeys the same commands as this simulation. Is it a real robot?"
+    text = "/cmd_vel: /peer obeys the same commands as this simulation. Is it a real robot?"
     wait_for(lambda: reports)
-    assert said not in reports[-1].status[0].message
+    assert text not in reports[-1].status[0].message
     peer.hear("cmd_vel", TwistStamped)
-    wait_for(lambda: said in reports[-1].status[0].message)
+    wait_for(lambda: text in reports[-1].status[0].message)
 
 
 def speaker(peer, topic, kind, name):

@@ -36,13 +36,13 @@ def drive(steps=40):
         scan = Scan([0.8] * 360, 0.0, 0.017453292519943295, 0.12, 3.5, "base_scan")
         for k in range(steps):
             now = 0.1 * k
-            said = estimator.step(0.1 * (k > 0), plant.step(0.1, command)["odometry"])
-            reference = generator.step(0.1, said["estimate"], None)["reference"]
-            wanted = controller.step(0.1, said["estimate"], reference, Pose(1.0, 1.0, 0.0), nis=said["nis"])["command"]
+            values = estimator.step(0.1 * (k > 0), plant.step(0.1, command)["odometry"])
+            reference = generator.step(0.1, values["estimate"], None)["reference"]
+            wanted = controller.step(0.1, values["estimate"], reference, Pose(1.0, 1.0, 0.0), nis=values["nis"])["command"]
             guard.hear_scan(scan, now, sent=now, dated=True)
             guard.hear("program", wanted, now, sent=now, dated=True)
             command = guard.step(now) or command
-            rows.append((*said["estimate"].belief.mean, *said["estimate"].belief.covariance, said["nis"].value, *command))
+            rows.append((*values["estimate"].belief.mean, *values["estimate"].belief.covariance, values["nis"].value, *command))
     return rows
 
 

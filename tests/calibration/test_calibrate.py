@@ -47,8 +47,8 @@ def test_the_likelihood_of_one_step_is_the_textbook_density():
     covariance = np.diag([a1 * v**2 * dt**2 + 2 * r, 2 * r + (v * dt) ** 2 * r, a3 * v**2 * dt**2 + 2 * r])
     covariance[1, 2] = covariance[2, 1] = v * dt * r
     expected = stats.multivariate_normal.logpdf([0.02, 0.01, 0.02], np.zeros(3), covariance)
-    got = innovations(rows, noise, middle=0.0) - 1.5 * math.log(2.0 * math.pi)
-    assert got == pytest.approx(expected, abs=1e-9)
+    likelihood = innovations(rows, noise, middle=0.0) - 1.5 * math.log(2.0 * math.pi)
+    assert likelihood == pytest.approx(expected, abs=1e-9)
 
 
 def test_the_likelihood_of_a_measured_heading_is_the_mixture_of_spikes():
@@ -56,8 +56,8 @@ def test_the_likelihood_of_a_measured_heading_is_the_mixture_of_spikes():
     odometry = OdometryNoise(R=(1.0, 1.0, 0.008), bias=(0.0, 0.0, 0.02), spike_probability=0.1, spike=0.3)
     density = stats.norm(0.0, 0.1).pdf  # with a truth that is known to a variance of 0.002
     heading = 0.9 * density(error) + 0.05 * density(error - 0.3) + 0.05 * density(error + 0.3)
-    got = _of_headings(error + 0.02, odometry, 0.002) - 1.5 * math.log(2.0 * math.pi)
-    assert got == pytest.approx(np.log(heading).sum(), abs=1e-8)
+    likelihood = _of_headings(error + 0.02, odometry, 0.002) - 1.5 * math.log(2.0 * math.pi)
+    assert likelihood == pytest.approx(np.log(heading).sum(), abs=1e-8)
 
 
 def test_the_truth_determines_every_parameter(by_truth, known):

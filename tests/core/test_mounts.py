@@ -28,10 +28,10 @@ def transform(parent, child, at, roll_pitch_yaw=LEVEL):
 
 
 def frames(*transforms):
-    said = StaticFrames()
+    frames = StaticFrames()
     for transform in transforms:
-        said.hear(SimpleNamespace(transforms=[transform]))
-    return said
+        frames.hear(SimpleNamespace(transforms=[transform]))
+    return frames
 
 
 BASE = transform("base_footprint", "base_link", (0.0, 0.0, 0.01))

@@ -47,9 +47,9 @@ def test_poses_are_interpolated_over_short_gaps_alone_and_are_themselves_at_thei
     poses = [[0.1 * k, 0.0, 3.1 + 0.02 * k, 0.0, 0.0] for k in (0, 1, 2, 9, 10)]
     time = np.array([0.0, 0.1, 0.2, 0.9, 1.0])
     wanted = np.array([-0.1, 0.05, 0.1, 0.5, 0.9, 1.1])
-    got = interpolated(time, np.array(poses)[:, :3], wanted)
-    np.testing.assert_allclose(got[[0, 1, 2, 3, 5], 0], [NAN, 0.05, 0.1, NAN, NAN], atol=1e-12)
-    assert got[2, 2] == pytest.approx(3.12)
+    poses_then = interpolated(time, np.array(poses)[:, :3], wanted)
+    np.testing.assert_allclose(poses_then[[0, 1, 2, 3, 5], 0], [NAN, 0.05, 0.1, NAN, NAN], atol=1e-12)
+    assert poses_then[2, 2] == pytest.approx(3.12)
     at_own_times = stream(zip(time, poses, strict=True)).interpolated(wanted)
     np.testing.assert_array_equal(at_own_times[[2, 4]], [poses[1][:3], poses[3][:3]])
     alone = stream([(0.1, poses[1])]).interpolated(wanted)

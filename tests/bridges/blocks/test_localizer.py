@@ -32,8 +32,8 @@ class Drive:
         self.plant = TurtlebotSimulator(
             TurtlebotSimulator.Params(world=str(hall_file), lidar="lds01", noise="wheel", period=0.1, seed=2)
         )
-        given = {"localizer": "match", "hits": False, "start": "odometry", **parameters}
-        self.node, self.scan, self.said, self.at = Localizer(Localizer.Params(**given)), None, {}, 0
+        options = {"localizer": "match", "hits": False, "start": "odometry", **parameters}
+        self.node, self.scan, self.answer, self.at = Localizer(Localizer.Params(**options)), None, {}, 0
 
     def go(self, seconds, command=COMMAND, seat=None, see=lambda scan: scan):
         """Drive, and return how often an estimate was published."""
@@ -42,15 +42,15 @@ class Drive:
             sent = self.plant.step(0.1, command)
             self.scan = sent.get("scan", self.scan and self.scan._replace(age=self.scan.age + 0.1))
             scan = self.scan._replace(value=see(self.scan.value))
-            self.said = self.node.step(0.1 if self.at else 0.0, sent["odometry"], scan, GRID, seat)
+            self.answer = self.node.step(0.1 if self.at else 0.0, sent["odometry"], scan, GRID, seat)
             seat, self.truth, self.odometry = None, sent["truth"], sent["odometry"]
             self.at += 1
-            published += "estimate" in self.said
+            published += "estimate" in self.answer
         return published
 
     @property
     def error(self):
-        mean = self.said["estimate"].belief.mean
+        mean = self.answer["estimate"].belief.mean
         return np.hypot(mean.x - self.truth.x, mean.y - self.truth.y)
 
 
@@ -62,50 +62,50 @@ def drive(tmp_path, write_map):
 
 
 def test_it_stays_where_the_robot_is_and_ties_the_odometry_to_the_map(drive):
-    it = drive(publish_tf=True)
-    assert it.go(20.0) == 200
-    assert it.error < 0.05
-    assert it.node.notice is None
-    assert it.node.figures["localization"] == "tracking"
-    assert it.node.figures["weight of the best hypothesis"] == "1.00"
-    (x, y, theta), child = it.said["tied"].value
+    loop = drive(publish_tf=True)
+    assert loop.go(20.0) == 200
+    assert loop.error < 0.05
+    assert loop.node.notice is None
+    assert loop.node.figures["localization"] == "tracking"
+    assert loop.node.figures["weight of the best hypothesis"] == "1.00"
+    (x, y, theta), child = loop.answer["tied"].value
     assert child == "odom"
-    wheels, mean = it.odometry.pose, it.said["estimate"].belief.mean
-    there = complex(x, y) + complex(wheels.x, wheels.y) * np.exp(1j * theta)
-    assert there == pytest.approx(complex(mean.x, mean.y), abs=1e-12)
+    wheels, mean = loop.odometry.pose, loop.answer["estimate"].belief.mean
+    expected = complex(x, y) + complex(wheels.x, wheels.y) * np.exp(1j * theta)
+    assert expected == pytest.approx(complex(mean.x, mean.y), abs=1e-12)
     assert np.exp(1j * (theta + wheels.theta)) == pytest.approx(np.exp(1j * mean.theta), abs=1e-12)
 
 
 def test_a_robot_that_does_not_know_where_it_is_says_nothing_until_it_does(drive):
-    it = drive(start="unknown")
-    it.go(0.1)
-    assert it.said == {}
-    assert it.node.notice.startswith("lost")
-    it.go(0.5)
-    others = it.said["places"].poses
+    loop = drive(start="unknown")
+    loop.go(0.1)
+    assert loop.answer == {}
+    assert loop.node.notice.startswith("lost")
+    loop.go(0.5)
+    others = loop.answer["places"].poses
     assert 1 < len(others) <= 16
-    assert min(np.hypot(x - it.truth.x, y - it.truth.y) for x, y, _ in others) < 0.3
-    assert it.go(5.0) > 20
-    assert "places" not in it.said
-    assert it.error < 0.1
+    assert min(np.hypot(x - loop.truth.x, y - loop.truth.y) for x, y, _ in others) < 0.3
+    assert loop.go(5.0) > 20
+    assert "places" not in loop.answer
+    assert loop.error < 0.1
 
 
 def test_it_looks_anew_when_asked(drive):
-    it = drive()
-    it.go(2.0)
-    it.node.services["reinitialize_global_localization"]()
-    assert "estimate" not in it.node.step(0.1, it.odometry, it.scan._replace(age=it.scan.age + 0.1), GRID)
-    assert it.go(3.0) > 10
-    assert it.error < 0.1
+    loop = drive()
+    loop.go(2.0)
+    loop.node.services["reinitialize_global_localization"]()
+    assert "estimate" not in loop.node.step(0.1, loop.odometry, loop.scan._replace(age=loop.scan.age + 0.1), GRID)
+    assert loop.go(3.0) > 10
+    assert loop.error < 0.1
 
 
 def test_a_person_says_where_it_is(drive):
-    it = drive()
-    it.go(1.0)
-    it.go(0.1, seat=Fix(Pose(1.0, 1.0, 0.3), (0.01, 0.01, 0.01), 0.0, True))
-    assert it.error > 0.2
-    it.go(0.1, seat=Fix(Pose(*it.truth[:3]), (0.01, 0.01, 0.01), 0.0, True))
-    assert it.error < 0.15
+    loop = drive()
+    loop.go(1.0)
+    loop.go(0.1, seat=Fix(Pose(1.0, 1.0, 0.3), (0.01, 0.01, 0.01), 0.0, True))
+    assert loop.error > 0.2
+    loop.go(0.1, seat=Fix(Pose(*loop.truth[:3]), (0.01, 0.01, 0.01), 0.0, True))
+    assert loop.error < 0.15
 
 
 def nonsense(seed):
@@ -116,14 +116,14 @@ def nonsense(seed):
 
 @pytest.mark.parametrize("when_lost", ["stop", "drive"])
 def test_a_lost_robot_stops_unless_told_otherwise(drive, when_lost):
-    it = drive(when_lost=when_lost)
-    it.go(2.0)
-    published = it.go(4.0, see=nonsense(5))  # not after every draw so soon, see the next test
-    assert it.node.figures["localization"] == "lost"
+    loop = drive(when_lost=when_lost)
+    loop.go(2.0)
+    published = loop.go(4.0, see=nonsense(5))  # not after every draw so soon, see the next test
+    assert loop.node.figures["localization"] == "lost"
     assert published == 40 if when_lost == "drive" else published < 30
-    assert ("estimate" in it.said) == (when_lost == "drive")
-    assert it.go(5.0, STOP) > 20  # and finds itself when it sees again
-    assert it.error < 0.1
+    assert ("estimate" in loop.answer) == (when_lost == "drive")
+    assert loop.go(5.0, STOP) > 20  # and finds itself when it sees again
+    assert loop.error < 0.1
 
 
 @pytest.mark.slow
@@ -131,47 +131,47 @@ def test_after_most_draws_of_nonsense_a_standing_robot_finds_itself_within_five_
     """After 13 of the 15; one of the others believes for a minute that it is elsewhere: a limit of the localizer."""
     right = 0
     for seed in range(1, 16):
-        it = drive()
-        it.go(2.0)
-        it.go(4.0, see=nonsense(seed))
-        it.go(5.0, STOP)
-        right += "estimate" in it.said and it.error < 0.1
+        loop = drive()
+        loop.go(2.0)
+        loop.go(4.0, see=nonsense(seed))
+        loop.go(5.0, STOP)
+        right += "estimate" in loop.answer and loop.error < 0.1
     assert right >= 12
 
 
 def test_after_steps_that_were_skipped_it_goes_on_from_where_the_wheels_have_led(drive):
-    it = drive()
-    it.go(2.0)
+    loop = drive()
+    loop.go(2.0)
     for _ in range(30):  # without a scan no step is taken
-        sent = it.plant.step(0.1, COMMAND)
-        it.scan = sent.get("scan", it.scan._replace(age=it.scan.age + 0.1))
-    assert it.node.step(0.0, sent["odometry"], it.scan, GRID)
-    assert it.go(2.0) == 20
-    assert it.error < 0.05
+        sent = loop.plant.step(0.1, COMMAND)
+        loop.scan = sent.get("scan", loop.scan._replace(age=loop.scan.age + 0.1))
+    assert loop.node.step(0.0, sent["odometry"], loop.scan, GRID)
+    assert loop.go(2.0) == 20
+    assert loop.error < 0.05
 
 
 def test_without_a_scan_that_says_anything_it_is_unsure(drive):
-    it = drive()
-    it.go(1.0)
-    it.go(3.0, see=lambda scan: scan._replace(ranges=np.full(360, np.inf, np.float32)))
-    assert it.said
-    assert it.node.notice == "unsure: no scan has said anything for 2 s"
+    loop = drive()
+    loop.go(1.0)
+    loop.go(3.0, see=lambda scan: scan._replace(ranges=np.full(360, np.inf, np.float32)))
+    assert loop.answer
+    assert loop.node.notice == "unsure: no scan has said anything for 2 s"
 
 
 def test_a_scan_is_read_as_it_was_sent(drive):
     """Clockwise, from elsewhere, with another number of beams, and mounted as /tf_static says."""
-    it = drive()
+    loop = drive()
 
     def turned(scan):
         half = scan.ranges[::-2]
         return Scan(half, 359 * scan.increment + 0.3, -2.0 * scan.increment, 0.12, 3.5, 0.0, 0.2)
 
     mount = Pose(-0.032, 0.0, -0.3)
-    step = it.node.step
-    it.node.step = lambda dt, odometry, scan, *rest: step(dt, odometry, Aged(scan.value, scan.age, mount), *rest)
-    it.go(10.0, see=turned)
-    assert it.error < 0.05
-    assert it.node.figures["localization"] == "tracking"
+    step = loop.node.step
+    loop.node.step = lambda dt, odometry, scan, *rest: step(dt, odometry, Aged(scan.value, scan.age, mount), *rest)
+    loop.go(10.0, see=turned)
+    assert loop.error < 0.05
+    assert loop.node.figures["localization"] == "tracking"
 
 
 @pytest.mark.nightly
@@ -181,26 +181,26 @@ def test_it_takes_a_twentieth_of_a_core(drive, localizer):
 
     Other programs only add to it: 5.6 % were measured over all of them beside two busy processes.
     """
-    it, spent = drive(localizer=localizer), []
-    step = it.node.step
+    loop, spent = drive(localizer=localizer), []
+    step = loop.node.step
 
     def timed(*arguments):
         begin = time.thread_time()
-        said = step(*arguments)
+        values = step(*arguments)
         spent.append(time.thread_time() - begin)
-        return said
+        return values
 
-    it.go(1.0)
-    it.node.step = timed
-    it.go(20.0)
+    loop.go(1.0)
+    loop.node.step = timed
+    loop.go(20.0)
     assert min(np.reshape(spent, (10, -1)).sum(axis=1)) < 0.05  # each is of ten scans
 
 
 def test_the_map_of_a_file_is_published_once_also_while_the_robot_is_lost(drive, tmp_path):
-    it = drive(map=str(tmp_path / "map.yaml"), start="unknown")
-    it.go(0.1)
-    assert it.said.keys() == {"map"}
-    assert it.node.outputs["map"].latched
-    np.testing.assert_array_equal(it.said["map"].cells, GRID.cells)
-    it.go(0.1)
-    assert not it.said
+    loop = drive(map=str(tmp_path / "map.yaml"), start="unknown")
+    loop.go(0.1)
+    assert loop.answer.keys() == {"map"}
+    assert loop.node.outputs["map"].latched
+    np.testing.assert_array_equal(loop.answer["map"].cells, GRID.cells)
+    loop.go(0.1)
+    assert not loop.answer

@@ -35,17 +35,17 @@ class Loop:
 
     def step(self):
         """Take one step, and return what the plant said; stamps are whole nanoseconds, as in messages."""
-        said = self.plant.step(DT, self.command)
+        values = self.plant.step(DT, self.command)
         now = self.at * 100_000_000
-        if "scan" in said:
-            self.scan = self.scan if self.frozen else said["scan"].value
-            self.stamp = now - round(said["scan"].age * 1e9)
-        estimate = self.filter.step(DT if self.at else 0.0, said["odometry"])["estimate"]
-        way = self.generator.step(DT, estimate, None, said["goal"])
+        if "scan" in values:
+            self.scan = self.scan if self.frozen else values["scan"].value
+            self.stamp = now - round(values["scan"].age * 1e9)
+        estimate = self.filter.step(DT if self.at else 0.0, values["odometry"])["estimate"]
+        way = self.generator.step(DT, estimate, None, values["goal"])
         scan = Aged(self.scan, (now - self.stamp) / 1e9)
         self.command = self.controller.step(DT, estimate, **way, scan=scan)["command"]
         self.at += 1
-        return said
+        return values
 
 
 def differences(loop, env, steps, policy, noise):
@@ -53,11 +53,11 @@ def differences(loop, env, steps, policy, noise):
     observation, info = env.reset()
     policy = make_policy(policy, noise=noise)
     for _ in range(steps):
-        said = loop.step()
+        values = loop.step()
         np.testing.assert_array_equal(loop.controller.deployment.observation, observation)
-        np.testing.assert_array_equal(said["truth"], info["true_state"])
-        assert said["goal"] == tuple(info["reference"])
-        assert said["clearance"].distance == info["clearance"]
+        np.testing.assert_array_equal(values["truth"], info["true_state"])
+        assert values["goal"] == tuple(info["reference"])
+        assert values["clearance"].distance == info["clearance"]
         action = policy(observation)
         np.testing.assert_array_equal(loop.controller.deployment.action, action)
         observation, _, terminated, _, info = env.step(action)
@@ -93,14 +93,14 @@ def test_a_contact_is_noticed_once_and_the_next_episode_forgets_it():
     """The first seed of a drive straight to the goal that ends at an obstacle."""
     for seed in range(20):
         plant = make(TurtlebotSimulator, world="dense", seed=seed)
-        said, notices = plant.step(DT, None), set()
+        values, notices = plant.step(DT, None), set()
         for _ in range(200):
-            x, y, theta = said["truth"][:3]
-            bearing = math.atan2(said["goal"].y - y, said["goal"].x - x) - theta
+            x, y, theta = values["truth"][:3]
+            bearing = math.atan2(values["goal"].y - y, values["goal"].x - x) - theta
             turn = math.atan2(math.sin(bearing), math.cos(bearing))
-            said = plant.step(DT, type(said["odometry"].twist)(0.2 * (abs(turn) < 0.3), turn))
+            values = plant.step(DT, type(values["odometry"].twist)(0.2 * (abs(turn) < 0.3), turn))
             notices.add(plant.notice)
-            assert (said["clearance"].distance < 0.0) <= (plant.notice is not None)
+            assert (values["clearance"].distance < 0.0) <= (plant.notice is not None)
         if len(notices) > 1:
             break
     assert len(notices) == 2

@@ -22,8 +22,8 @@ def simulator(**parameters):
 def error_and_covariance(plant, command):
     """Return the error of the pose after a drive, shape (3,), and its stated covariance, shape (3, 3)."""
     for _ in range(STEPS):
-        said = plant.step(0.1, command)
-    truth, pose = said["truth"], said["odometry"].pose
+        values = plant.step(0.1, command)
+    truth, pose = values["truth"], values["odometry"].pose
     P = plant.outputs["odometry"].covariance()
     stated = np.array([[P.xx, P.xy, P.xt], [P.xy, P.yy, P.yt], [P.xt, P.yt, P.tt]])
     return np.array([pose.x - truth.x, pose.y - truth.y, wrap(pose.theta - truth.theta)]), stated
