@@ -55,7 +55,8 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 COMPILED := nav kalman wheels gated mixture scale kalman+fixes wheels+fixes mixture+fixes rooms-kalman rooms-wheels \
             rooms-localized
 ELSEWHERE := not slow and not clients and not cluster and not browser
-IN_PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder  # else the files of the fewest tests, which last longest, come last
+# Reordered, the files of the fewest tests, which last longest, would come last.
+IN_PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 
 test: $(READY)  ## what one runs before each commit (6 to 8 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)

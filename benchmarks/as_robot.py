@@ -186,15 +186,15 @@ def drives(config: Config) -> list[dict[str, Any]]:
     """Return all drives; those of an earlier run of the same commit are not driven again."""
     file = f"{provenance()['commit']}-{config.speaks_as}-{config.policy}-{config.world}-{config.safety_margin}.jsonl"
     number = {False: config.drives, True: config.guarded}
-    drives = [(*arm, False, seed) for arm in ARMS for seed in range(FIRST, FIRST + number[arm[1]])]
-    drives += [(speaks, guarded, True, seed) for speaks, guarded, _, seed in drives if seed < FIRST + config.live]
+    wanted = [(*arm, False, seed) for arm in ARMS for seed in range(FIRST, FIRST + number[arm[1]])]
+    wanted += [(speaks, guarded, True, seed) for speaks, guarded, _, seed in wanted if seed < FIRST + config.live]
     spawn = multiprocessing.get_context("spawn")
     numbers = spawn.Queue()
     for worker in range(config.workers):
         numbers.put(worker)
     with ProcessPoolExecutor(config.workers, spawn, enter, (numbers,)) as pool:
-        ended = finished(partial(drive, config), drives, config.kept / file, ("speaks", "guarded", "live", "seed"), pool)
-        return list(each(ended, "drives", len(drives)))
+        ended = finished(partial(drive, config), wanted, config.kept / file, ("speaks", "guarded", "live", "seed"), pool)
+        return list(each(ended, "drives", len(wanted)))
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:

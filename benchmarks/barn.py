@@ -72,7 +72,7 @@ class Config(Study):
     first: int | None = None
     """Number of worlds to drive, from the first."""
     processes: int = 1
-    """Number of parallel processes, each on one core."""
+    """Number of parallel processes, each on one core; with 1 all runs in this one."""
     runs: Path | None = None
     """Folder of finished drives; by default out/barn/COMMIT."""
     add_to: tuple[Path, ...] = ()

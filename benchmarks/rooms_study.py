@@ -90,7 +90,7 @@ class Config:
     first_seed: int = 1_000_000
     """First seed of the rooms, which are the first episodes of these seeds."""
     processes: int = 2
-    """Number of parallel processes, each on one core."""
+    """Number of parallel processes, each on one core; with 1 all runs in this one."""
     runs: Path | None = None
     """Folder of trainings and drives; by default out/pretrained/COMMIT."""
     out: Path = Path("out/rooms")

@@ -39,7 +39,7 @@ class Budget:
     tries: int = 40
     """Number of tries to tune each baseline."""
     processes: int = os.cpu_count() or 1
-    """Number of parallel processes, each on one core."""
+    """Number of parallel processes, each on one core; with 1 all runs in this one."""
 
 
 def results_folder(name: str) -> Path:

@@ -330,8 +330,8 @@ def test_geofence(start, probe, peer, topic):
 @pytest.mark.nightly
 def test_it_lives_through_every_change_of_what_it_reports(start, probe, peer):
     start()
-    (guards,) = (subscription for subscription in probe.node.subscriptions if subscription.topic_name == "/cmd_vel")
-    probe.node.destroy_subscription(guards)
+    (wheels,) = (subscription for subscription in probe.node.subscriptions if subscription.topic_name == "/cmd_vel")
+    probe.node.destroy_subscription(wheels)
     assert probe.until_reported("has no listener").level == DiagnosticStatus.WARN
     listener = peer.node.create_subscription(TwistStamped, "cmd_vel", lambda message: None, 1)
     assert probe.until_reported("silent").level == DiagnosticStatus.OK
@@ -381,8 +381,8 @@ def test_it_reports_commands_that_are_too_old_and_clocks_that_are_ahead(start, p
     start()
     probe.command = AHEAD
     leads = {-60.0: "s old by its header's stamp", 1000.0: "s ahead, more than 2 s: synchronize both clocks"}
-    for probe.lead, texts in leads.items():
-        status = probe.until_reported(texts)
+    for probe.lead, text in leads.items():
+        status = probe.until_reported(text)
         assert status.level == DiagnosticStatus.WARN
         assert "/cmd_vel_in" in status.message
         assert set(probe.heard) <= {STOP}

@@ -156,11 +156,11 @@ def test_in_lock_step_a_scan_is_sent_again_until_its_step_and_the_next_are_answe
         scans, newest = peer.hear("scan", LaserScan), peer.hear("scan/newest", TimeReference)  # after the step began
         wait_for(lambda scans=scans, newest=newest: scans and newest)
         assert {Time.from_msg(scan.header.stamp).nanoseconds for scan in scans} == {expected}
-        values = {
+        pairs = {
             tuple(Time.from_msg(stamp).nanoseconds for stamp in (reference.header.stamp, reference.time_ref))
             for reference in newest
         }
-        assert values == {(step, expected)}
+        assert pairs == {(step, expected)}
         commands.publish(TwistStamped(header=truths[-1].header))
 
 

@@ -28,10 +28,10 @@ def transform(parent, child, at, roll_pitch_yaw=LEVEL):
 
 
 def frames(*transforms):
-    frames = StaticFrames()
+    heard = StaticFrames()
     for transform in transforms:
-        frames.hear(SimpleNamespace(transforms=[transform]))
-    return frames
+        heard.hear(SimpleNamespace(transforms=[transform]))
+    return heard
 
 
 BASE = transform("base_footprint", "base_link", (0.0, 0.0, 0.01))

@@ -54,7 +54,7 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
         yield from _parts(getattr(value, "in_loops", ()), seen)
         for cell in value.__closure__ or ():
             yield from _parts(cell.cell_contents, seen)
-        names = value.__code__.co_names
+        names = code.co_names
         scopes = [value.__globals__, *(vars(it) for name in names if isinstance(it := value.__globals__.get(name), ModuleType))]
         for name in names:
             for scope in scopes:

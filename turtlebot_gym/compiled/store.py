@@ -35,8 +35,8 @@ LONGEST_WAIT = 300.0
 
 def folder() -> Path:
     """Return the folder of the cache: in NUMBA_CACHE_DIR if that is set, otherwise in the user's folder for caches."""
-    folder = os.environ.get("NUMBA_CACHE_DIR")
-    return Path(folder, "turtlebot_gym") if folder else Path(user_cache_dir("turtlebot_gym", appauthor=False))
+    parent = os.environ.get("NUMBA_CACHE_DIR")
+    return Path(parent, "turtlebot_gym") if parent else Path(user_cache_dir("turtlebot_gym", appauthor=False))
 
 
 class Store:

@@ -257,17 +257,17 @@ class TurtlebotSimulator:
             values |= self._look_round(self._lidar)
         return self._by_its_clock(values) if self._ahead or self._held_up else values
 
-    def _by_its_clock(self, said: dict[str, Any]) -> dict[str, Any]:
+    def _by_its_clock(self, values: dict[str, Any]) -> dict[str, Any]:
         """Return what the step says with the stamps of the robot's clock, and the odometry that arrives by now, if any."""
         dt = self._episode.parameters.dt
         self._waiting = [(age + dt, odometry) for age, odometry in self._waiting]
-        self._waiting.append((0.0, said.pop("odometry")))
+        self._waiting.append((0.0, values.pop("odometry")))
         if len(self._waiting) > MOST_HELD_UP or self._rng.random() >= self._held_up:
             age, odometry = self._waiting.pop(0)
-            said["odometry"] = Aged(odometry, age)
+            values["odometry"] = Aged(odometry, age)
             if self._rng.random() < 0.5:
                 self._waiting.clear()  # it catches up: what still waits is lost
-        aged = {key: value if isinstance(value, Aged) else Aged(value, 0.0) for key, value in said.items()}
+        aged = {key: value if isinstance(value, Aged) else Aged(value, 0.0) for key, value in values.items()}
         return {key: value._replace(age=value.age - self._ahead) for key, value in aged.items()}
 
     def _look_round(self, lidar: Lidar) -> dict[str, Any]:

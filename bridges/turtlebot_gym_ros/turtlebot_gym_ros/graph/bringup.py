@@ -134,12 +134,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = vars(parser().parse_args(argv))
     duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
     watch, port, force = (options.pop(name) for name in ("watch", "port", "force"))
-    values: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
+    chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     try:
         POSITIVE_OR_INFINITE.check("--duration", duration)
-        whole("--seed", values.get("seed", 0), 0, MAX_SEED)
+        whole("--seed", chosen.get("seed", 0), 0, MAX_SEED)
         written = [("--figure", figure, FIGURE), ("--json", report, JSON)]
-        require_outputs([output for output in written if output[1] is not None], inputs=values.values(), force=force)
+        require_outputs([output for output in written if output[1] is not None], inputs=chosen.values(), force=force)
     except (ValueError, OSError) as error:
         return refuse(error)
     be_interruptible()
@@ -149,9 +149,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             if watch:
                 from turtlebot_gym_ros.graph.watch import View  # slow to import
 
-                title = f"bringup, policy {values.get('policy', 'bearing')}"
-                view = viewing.enter_context(View(values, title=title, port=port))
-            with Graph(**values) as graph:
+                title = f"bringup, policy {chosen.get('policy', 'bearing')}"
+                view = viewing.enter_context(View(chosen, title=title, port=port))
+            with Graph(**chosen) as graph:
                 if view:
                     view.open()
                 try:
@@ -165,7 +165,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         except (ValueError, RuntimeError, OSError, ImportError) as error:
             return refuse(error)
-        _tell(trajectory, latest, values, figure=figure, report=report)
+        _tell(trajectory, latest, chosen, figure=figure, report=report)
         if view:
             view.stay()
     return 0
@@ -174,7 +174,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _tell(
     trajectory: Drive,
     latest: dict[str, Any],
-    given: dict[str, Any],
+    chosen: dict[str, Any],
     *,
     figure: Path | None,
     report: Path | None,
@@ -188,9 +188,9 @@ def _tell(
     for name, value in figures.items():
         print(f"{name:<26}{value:10.3f}")
     if report:
-        report.write_text(json.dumps({"options": given, "metrics": figures}, indent=2) + "\n")
+        report.write_text(json.dumps({"options": chosen, "metrics": figures}, indent=2) + "\n")
     if figure:
-        lidar = LIDARS[given.get("lidar", TurtlebotSimulator.Params().lidar)]
+        lidar = LIDARS[chosen.get("lidar", TurtlebotSimulator.Params().lidar)]
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
         tutorial_figure(trajectory, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan).savefig(figure)
         print(f"figure written to {figure}")

@@ -105,7 +105,7 @@ class Graph:
         if parameters.get("fix", "none") not in NO_FIX:
             parameters = {"takes_fixes": True, **parameters}
         self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
-        unknown = set(parameters) - {key for values in self._parameters.values() for key in values}
+        unknown = set(parameters).difference(*self._parameters.values())
         if unknown:
             raise ValueError(f"no node of mode {mode!r} has a parameter {', '.join(sorted(unknown))}.")
         self.in_room = parameters.get("world", "open") not in OPEN_GROUND
