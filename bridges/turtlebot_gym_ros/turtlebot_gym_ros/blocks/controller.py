@@ -18,7 +18,7 @@ from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, typed
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_agents import Deployment
-from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
+from turtlebot_gym_ros.node.block import HALT, Aged, Input, Nis, On, Output
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
 PLACE, AT_PLACE = (-0.032, 0.0), 0.05
@@ -48,7 +48,8 @@ class VelocityController:
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
     ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: 0 for a
-    filter that does not publish it; with layout 3 it must have a localizer's evidence); for a policy that sees also ``scan``
+    filter that does not publish it; with layout 3 it must have a localizer's evidence); ``disagreement``, with a cause on which
+    the robot stops until it is enabled; for a policy that sees also ``scan``
     (`Scan`, on ``scan``, of a full revolution).
     Outputs: ``command`` (`Command`, on ``cmd_vel``). Parameters: those of `Params`.
     """
@@ -91,6 +92,7 @@ class VelocityController:
         "estimate": Input(topic="estimate", type=Estimate, reliable=False),
         "reference": Input(topic="reference", type=Pose, lock_step="same", measured=False),
         "following": Input(topic="next_reference", type=Pose, required=False, lock_step="same"),
+        "disagreement": HALT,
     }
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
 

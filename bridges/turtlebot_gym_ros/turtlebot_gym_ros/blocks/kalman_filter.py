@@ -6,23 +6,28 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
+from turtlebot_gym.estimation.agreement import Agreement
+from turtlebot_gym.estimation.doubt import Doubt
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
-from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning
+from turtlebot_gym.parameters import MAX_FIX_AGE, DeadReckoning, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
-from turtlebot_gym.validation import Range, choose, typed
-from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, senses_of
-from turtlebot_gym_ros.blocks.credible import Credible, Gate, bounded
-from turtlebot_gym_ros.node.block import Aged, Input, Nis, On, Output
+from turtlebot_gym.validation import Names, Range, choose, typed
+from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, senses_of
+from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Gate, Verdict, bounded
+from turtlebot_gym_ros.node.block import COMMANDED, RESUME, Aged, Input, Nis, On, Output, Resume
 
 REMEMBERED = depth_of(0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
 STANDS = Command(0.01, 0.05)
 """Twist up to which the odometry of a robot says that it stands; m/s, rad/s."""
+UNSEEN = 0.15
+"""Standard deviation that is added to what the filter knew of position and heading when a person lets it go on, m and rad: the
+robot took that way to stand."""
 _SENSES = senses_of(("odometry", "fix"))
 
 
@@ -36,15 +41,18 @@ class KalmanFilter:
 
     With ``takes_fixes`` it also uses external pose measurements, each at its own stamp, up to 0.5 s late.
 
-    Odometry that the robot cannot have driven, and fixes that its belief rules out, are refused, see `credible`: counted,
-    reported, and not used. A person puts the robot elsewhere by a pose on ``initialpose``, as RViz sends it, while it stands:
-    the filter starts anew from there, with the stated variances, and from then on reads odometry from there.
+    Odometry that contradicts itself or the command in force (`agreement`), and fixes that the belief rules out (`credible`),
+    are refused: counted, reported, and not used. A contradiction that lasts is final: the cause is published on
+    ``disagreement``, at which controllers stop, and no estimate follows until a person lets the robot go on. Enabling a
+    controller does (``resume``): the filter then goes on from where it believed the robot, and reads odometry from there. A
+    pose on ``initialpose``, as RViz sends it, puts a standing robot elsewhere, with the stated variances. A robot whose
+    odometry was reset goes on by itself if it stands and a fix says where it is.
 
-    Inputs: ``odometry`` (`Odometry`, on ``odom``, every message); with ``twist`` "commanded", ``command`` (`Command`, on
-    ``cmd_vel``; optional, the last value holds); with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional); and ``seat``
-    (`Fix`, on ``initialpose``, optional).
+    Inputs: ``odometry`` (`Odometry`, on ``odom``, every message); ``command`` (`Command`, on ``cmd_vel``; optional, the last
+    value holds; not in lock-step); with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional); ``seat`` (`Fix`, on
+    ``initialpose``, optional); and ``resume`` (`Resume`, on ``resume``, optional).
     Outputs: ``nis`` (`Nis`, on ``nis``), the normalized innovation squared, and ``estimate`` (`Estimate`, on ``estimate``), at
-    odometry's stamp and in its frame.
+    odometry's stamp and in its frame; and ``disagreement`` (`Disagreement`, on ``disagreement``, when it changes).
     Parameters: those of `Params`.
     """
 
@@ -72,6 +80,9 @@ class KalmanFilter:
         max_gap: Annotated[float, Range(0.0, 60.0, open_low=True, open_high=True, unit="s")] = 1.0
         """Gap in the odometry after which the filter restarts, s."""
 
+        doubts: Annotated[str, Names(("report", "stop"))] = "report"
+        """What follows where ten seconds of odometry do not fit the filter's model (`estimation.doubt`): "report", a warning in
+        the diagnostics; or "stop", as for a contradiction."""
         publish_tf: bool = False
         """Whether to publish the estimate on ``/tf`` too, from the world frame to the robot's. That transform must have one
         owner: set it only if the robot's bring-up does not publish it. Needs a ROS installation."""
@@ -83,9 +94,15 @@ class KalmanFilter:
 
     inputs = {
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
+        "command": COMMANDED,
         "seat": Input(topic="initialpose", type=Fix, required=False, once=True),
+        "resume": RESUME,
     }
-    outputs = {"nis": Output(topic="nis", type=Nis), "estimate": Output(topic="estimate", type=Estimate)}
+    outputs = {
+        "nis": Output(topic="nis", type=Nis),
+        "estimate": Output(topic="estimate", type=Estimate),
+        "disagreement": DISAGREEMENT,
+    }
 
     def __init__(self, params: Params) -> None:
         self.trigger = On("odometry", max_gap=params.max_gap)
@@ -93,13 +110,14 @@ class KalmanFilter:
             self.outputs = {**self.outputs, "estimate": replace(self.outputs["estimate"], transform=True)}
         self._period = params.period
         self._robot = make_robot(params.robot)
-        self._tuning = make_filter(params.filter, make_noise(params.noise))
+        noise = make_noise(params.noise)
+        self._tuning = make_filter(params.filter, noise)
         self._filter = filter_of(self._tuning)
-        self._credible, self._gate = Credible(self._robot, self._tuning, longest=params.max_gap), Gate()
+        self._agreement, self._gate, self._stops = Agreement(self._robot, noise), Gate(), params.doubts == "stop"
+        self._doubt = Doubt(noise, degrees=0 if isinstance(self._tuning.kind, DeadReckoning) else 3)
         self._middle = choose("integrator", params.integrator, INTEGRATORS)
         if choose("twist", params.twist, {"executed": False, "commanded": True}):
-            command = Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="refused")
-            self.inputs = {**self.inputs, "command": command}
+            self.inputs = {**self.inputs, "command": replace(COMMANDED, lock_step="refused")}
             self._executed = lambda odometry, command: limit(command or STOP, self._robot)
         if params.takes_fixes:
             self._filter = with_fixes(self._filter, REMEMBERED)
@@ -107,8 +125,9 @@ class KalmanFilter:
             self.inputs = {**self.inputs, "fix": fix}
         self.notice: str | None = None
         """Why the last message was refused, until the next one of its kind is accepted."""
-        self.figures = {"refused odometry": 0, "refused fixes": 0, "refused initial poses": 0}
-        """Number of messages that were refused, by kind."""
+        self._verdict = Verdict()
+        self.figures: dict[str, Any] = {"refused odometry": 0, "refused fixes": 0, "refused initial poses": 0}
+        """Number of messages that were refused, by kind, and what the last ten seconds say of the filter's model."""
         self.reset()
 
     @staticmethod
@@ -117,16 +136,31 @@ class KalmanFilter:
         return odometry.twist
 
     def reset(self) -> None:
-        """Restart with the next odometry."""
-        self._estimate: Estimate | None = None
-        self._senses = _SENSES(Odometry(Pose(0.0, 0.0, 0.0), STOP, False), no_fix())
-        self._time = 0.0
-        self._unused = 0.0
-        self._last_fix: tuple[Fix, float] | None = None
-        self._seat: tuple[Pose, Pose] | None = None  # the odometry and where the person said that the robot is, at one time
-        self._credible.begin(None)
-        self._gate.forget()
+        """Restart with the next odometry, wherever it is."""
+        self._seat: tuple[Pose, Pose] | None = None  # the odometry and where the robot was at that time
+        self._agreement.begin()
+        self._restart()
         self.notice = None
+
+    @property
+    def fault(self) -> str | None:
+        """Why odometry is not believed any more, until a person lets the filter go on."""
+        return self._verdict.fault
+
+    def _restart(self) -> None:
+        """Forget everything but where odometry was."""
+        self._estimate: Estimate | None = None
+        self._senses = _SENSES(Odometry(ORIGIN, STOP, False), no_fix())
+        self._time = self._unused = 0.0
+        self._last_fix: tuple[Fix, float] | None = None
+        self._gate.forget()
+        self._doubt.begin()
+
+    def pause(self) -> None:
+        """Restart with the next odometry, which must be about where it was: nobody knows how long it has paused."""
+        if not self._agreement.cause:
+            self._agreement.pause()
+            self._restart()
 
     def step(
         self,
@@ -135,18 +169,24 @@ class KalmanFilter:
         command: Command | None = None,
         fix: Aged | None = None,
         seat: Fix | None = None,
+        resume: Resume | None = None,
     ) -> dict[str, Any]:
-        """Return the estimate after an odometry message that is ``dt`` later than the one before; nothing if it is refused."""
+        """Return the estimate after an odometry message that is ``dt`` later than the one before; none if it is refused."""
+        if self._estimate is not None and dt <= 0.0:
+            self.pause()
         self._time += dt
         tuning = self._take_seat(odometry, seat) if seat else self._tuning
-        begins = self._estimate is None or dt <= 0.0  # the first message, or the first after a pause
-        if begins:
-            self._credible.begin(None)
-            self._unused = 0.0
-        if why := self._credible.refusal(odometry, dt):
-            self._unused += dt
-            self._refuse("odometry", why)
-            return {}
+        if self._agreement.cause and resume is not None:
+            tuning = self._go_on(odometry)
+        begins = self._estimate is None
+        if why := self._agreement.judge(max(dt, 0.0), odometry, command):
+            back = self._back(odometry, fix)
+            if back is None:
+                self._unused += dt
+                self._refuse("odometry", why)
+                return self._verdict.news(self._agreement.cause)
+            tuning, begins = back, True
+            self._agreement.judge(0.0, odometry, command)
         self._accept("odometry")
         dt, self._unused = dt + self._unused, 0.0
         now = odometry._replace(twist=self._executed(odometry, command))
@@ -161,7 +201,8 @@ class KalmanFilter:
             after = self._advance(senses, dt)
             self._gate.remember(self._time, after.belief)
         self._estimate, self._senses = after, senses
-        return {"nis": Nis(after.nis), "estimate": after}
+        self._judge_model(dt, now, after.nis)
+        return {"nis": Nis(after.nis), "estimate": after} | self._verdict.news(self._agreement.cause)
 
     def _advance(self, senses: Any, dt: float) -> Any:
         """Return the estimate ``dt`` after the last one, s, by what the sensors say then."""
@@ -173,21 +214,55 @@ class KalmanFilter:
             estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._middle)
         return self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
 
+    def _judge_model(self, dt: float, odometry: Odometry, nis: float) -> None:
+        """Report what the last ten seconds say of the filter's model."""
+        before, found = self._doubt.found, self._doubt.add(dt, odometry, nis)
+        if found is before:
+            return
+        self.figures["mean NIS of 10 s"] = f"{found.nis:.2f}"
+        self.figures["of positions, headings"] = f"{found.position:.2f}, {found.heading:.2f} times their variance"
+        if found.cause:
+            self.notice = f"the filter doubts its model: {found.cause}"
+            if self._stops:
+                self._agreement.cause = found.cause
+        elif self.notice and self.notice.startswith("the filter doubts"):
+            self.notice = None
+
     def _take_seat(self, odometry: Odometry, seat: Fix) -> FilterTuning:
         """Start anew where a person says that the robot is, if it stands; return the tuning to start with."""
         v, omega = odometry.twist
-        if abs(v) > STANDS.v or abs(omega) > STANDS.omega or not odometry.measured:
+        if not _stands(odometry):
             self._refuse("initial poses", f"the robot must stand, but drives with {v:g} m/s and {omega:g} rad/s")
         elif seat.R[2] == math.inf:
             self._refuse("initial poses", "it has no heading")
         elif why := Gate().refusal(seat, self._time):
             self._refuse("initial poses", why)
         else:
-            time = self._time
-            self.reset()
-            self._time, self._seat = time, (odometry.pose, seat.pose)
-            return replace(self._tuning, R=bounded(seat).R, from_origin=False)
+            return self._place(odometry, seat)
         return self._tuning
+
+    def _place(self, odometry: Odometry, place: Fix) -> FilterTuning:
+        """Start anew from a pose, and read odometry from there; return the tuning to start with."""
+        time = self._time
+        self.reset()
+        self._time, self._seat = time, (odometry.pose, place.pose)
+        return replace(self._tuning, R=bounded(place).R, from_origin=False)
+
+    def _go_on(self, odometry: Odometry) -> FilterTuning:
+        """Start anew from where the robot was believed to be when its odometry began to contradict itself."""
+        if self._estimate is None:  # odometry has contradicted itself since its first message
+            self.reset()
+            return self._tuning
+        mean, P = self._estimate.belief
+        variances = P.xx + UNSEEN**2, P.yy + UNSEEN**2, P.tt + UNSEEN**2
+        return self._place(odometry, Fix(Pose(*mean[:3]), variances, 0.0, True))
+
+    def _back(self, odometry: Odometry, fix: Aged | None) -> FilterTuning | None:
+        """Return the tuning to start with where a fix says where a standing robot is whose odometry was displaced."""
+        if fix is None or fix.value.R[2] == math.inf or not self._agreement.displaced or not _stands(odometry):
+            return None
+        new = self._new(fix)
+        return self._place(odometry, new) if new.arrived else None
 
     def _new(self, fix: Aged | None) -> Fix:
         """Return a fix with its age, if it is new, recent enough and credible."""
@@ -218,3 +293,8 @@ class KalmanFilter:
         """End the report on refused messages of a kind."""
         if self.notice and self.notice.startswith(kind):
             self.notice = None
+
+
+def _stands(odometry: Odometry) -> bool:
+    """Return whether odometry says where the robot is, and that it stands."""
+    return abs(odometry.twist.v) <= STANDS.v and abs(odometry.twist.omega) <= STANDS.omega and odometry.measured

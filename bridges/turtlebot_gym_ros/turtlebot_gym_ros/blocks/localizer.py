@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.hypotheses import ROWS, followed, look, nowhere
 from turtlebot_gym.localization.information import Sight
@@ -18,7 +19,7 @@ from turtlebot_gym.localization.tuning import make_localizer
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym.presets import make_filter, make_noise
+from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import aim
 from turtlebot_gym.rooms.maps import read_map
@@ -27,8 +28,9 @@ from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.localizing import drift_of
 from turtlebot_gym.validation import Names, Range, typed
-from turtlebot_gym.values import ORIGIN, Fix, Odometry, Pose
-from turtlebot_gym_ros.node.block import Aged, Correction, Input, Nis, On, Output, Places
+from turtlebot_gym.values import ORIGIN, Command, Fix, Odometry, Pose
+from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Verdict
+from turtlebot_gym_ros.node.block import COMMANDED, RESUME, Aged, Correction, Input, Nis, On, Output, Places, Resume
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
@@ -38,6 +40,8 @@ SILENT = 2.0
 """Time without a scan that says anything after which the localizer is unsure, s."""
 AHEAD = 0.1
 """Time by which the transform to ``odom`` is stamped ahead, s, so that it holds until the next one."""
+LEAPS, LEAP_TIME = 3, 10.0
+"""Number of times in so many seconds that odometry may begin elsewhere: the scans say where the robot is."""
 STATES = {TRACKING: "tracking", UNSURE: "unsure", LOST: "lost"}
 """States of the localizer in the diagnostics."""
 
@@ -54,12 +58,14 @@ class Localizer:
     A pose on ``initialpose``, as RViz sends it, puts it elsewhere; the service ``reinitialize_global_localization`` makes it
     look anew. The diagnostics show whether it is tracking, unsure or lost, and the share of fitting beams.
 
+    Odometry that contradicts itself or the command in force (`agreement`) is refused, as by `KalmanFilter`.
+
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``),
-    ``seat`` (`Fix`, on ``initialpose``, optional), and without a map's file ``map`` (`GridMap`, on ``map``).
+    ``command``, ``seat`` and ``resume`` as for `KalmanFilter`, and without a map's file ``map`` (`GridMap`, on ``map``).
     Outputs: ``pose`` (`Located`, on ``amcl_pose``, with the covariance of x, y and heading), ``nis`` (`Nis`, on ``nis``),
     ``estimate`` (`Estimate`, on ``estimate``), and while it doubts its place ``places`` (`Places`, on ``hypotheses``), all
-    that it considers; at odometry's stamp, in the frame ``frame``; with ``publish_tf`` the transform
-    from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on ``map``), once.
+    that it considers; at odometry's stamp, in the frame ``frame``; ``disagreement`` as for `KalmanFilter`; with ``publish_tf``
+    the transform from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on ``map``), once.
     Parameters: those of `Params`.
     """
 
@@ -79,6 +85,8 @@ class Localizer:
         """Assumptions: a name in `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file of them."""
         lidar: str = "lds01"
         """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`: its timing, and its mount if ``/tf_static`` states none."""
+        robot: str = "burger"
+        """A name in `turtlebot_gym.robots.ROBOTS`, or a file: its limits are those of its odometry."""
         noise: str = "wheel"
         """Noise of the wheels: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         start: Annotated[str, Names(("unknown", "odometry"))] = "unknown"
@@ -98,13 +106,16 @@ class Localizer:
     inputs = {
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
         "scan": Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, wakes=False),
+        "command": COMMANDED,
         "seat": Input(topic="initialpose", type=Fix, required=False, once=True),
+        "resume": RESUME,
     }
     outputs = {
         "pose": Output(topic="amcl_pose", type=Located),
         "nis": Output(topic="nis", type=Nis),
         "estimate": Output(topic="estimate", type=Estimate),
         "places": Output(topic="hypotheses", type=Places),
+        "disagreement": DISAGREEMENT,
     }
 
     def __init__(self, params: Params) -> None:
@@ -121,7 +132,9 @@ class Localizer:
         if params.publish_tf:
             self.outputs = {**self.outputs, "tied": Output(topic="/tf", type=Correction)}
         self._q: Any = make_localizer(params.localizer, self._lidar)
-        self._tuning = make_filter("matched", make_noise(params.noise))
+        noise = make_noise(params.noise)
+        self._tuning = make_filter("matched", noise)
+        self._agreement, self._verdict = Agreement(make_robot(params.robot), noise), Verdict()
         self._beams = np.zeros((3, self._lidar.beams))
         aim(self._beams, self._lidar)
         self._points = np.empty((5, self._q.beams))
@@ -144,7 +157,14 @@ class Localizer:
         self._since = self._time = self._dt = 0.0
         self._considered: tuple[Pose, ...] = ()
         self._ticks = 0
+        self._leaps: list[float] = []
+        self._agreement.begin()
         self.notice = None
+
+    @property
+    def fault(self) -> str | None:
+        """Why odometry is not believed any more, until a person lets the localizer go on."""
+        return self._verdict.fault
 
     def seek(self) -> None:
         """Look for the robot in the whole map, whatever is believed."""
@@ -152,15 +172,35 @@ class Localizer:
             self._located = nowhere(self._q)._replace(scans=self._located.scans, moves=self._located.moves)
 
     def step(
-        self, dt: float, odometry: Odometry, scan: Aged, map: GridMap | None = None, seat: Fix | None = None
+        self,
+        dt: float,
+        odometry: Odometry,
+        scan: Aged,
+        map: GridMap | None = None,
+        command: Command | None = None,
+        seat: Fix | None = None,
+        resume: Resume | None = None,
     ) -> dict[str, Any]:
-        """Return the belief after odometry that is ``dt`` later than the one before, s; nothing if the robot is lost."""
+        """Return the belief after odometry that is ``dt`` later than the one before, s.
+
+        Nothing but hypotheses if the robot is lost; nothing but the cause if its odometry is not believed. Where odometry is
+        only displaced, as by a reset, the robot counts as standing for that step, and the scans say where it is.
+        """
         if map is not None and map is not self._grid:
             self._take_map(map)
+        if seat is not None or resume is not None:
+            self._agreement.begin()
+        displaced = False
+        if why := self._agreement.judge(max(dt, 0.0), odometry, command):
+            displaced = self._located is not None and self._is_displaced()
+            if not displaced:
+                self.notice = f"odometry refused: {why}"
+                return self._verdict.news(self._agreement.cause)
         if self._located is None:
             after = self._begin(odometry, scan)
         else:
-            if dt > 0.0:
+            self._odometry = odometry if displaced else self._odometry
+            if dt > 0.0 and not displaced:
                 self._tick(dt)
             else:  # steps were skipped: how long ago the beams of a scan were measured is not known until the next one
                 dt = self._dt or REFERENCE_PERIOD
@@ -174,7 +214,14 @@ class Localizer:
             after = self._take_seat(after, seat)
         self._located, self._odometry = self._correct(after, scan), odometry
         drawn, self._unsaid = self._unsaid, None
-        return self._answer(self._located, odometry) | ({"map": drawn} if drawn else {})
+        return self._answer(self._located, odometry) | ({"map": drawn} if drawn else {}) | self._verdict.news("")
+
+    def _is_displaced(self) -> bool:
+        """Return whether odometry only begins elsewhere, a few times in a while; then it is read from there."""
+        self._leaps = [*(leap for leap in self._leaps if self._time - leap < LEAP_TIME), self._time][-LEAPS - 1 :]
+        if displaced := self._agreement.displaced and len(self._leaps) <= LEAPS:
+            self._agreement.begin()
+        return displaced
 
     def _begin(self, odometry: Odometry, scan: Aged) -> Located:
         """Return the belief at the first odometry; scans from before it are not used."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 from turtlebot_gym.validation import Range
-from turtlebot_gym.values import Covariance, Pose
+from turtlebot_gym.values import Command, Covariance, Pose
 from turtlebot_gym_ros.base.frames import Mount
 
 PERIOD = Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")
@@ -41,8 +41,10 @@ class Input:
     """Whether each value is delivered to one step only."""
     lock_step: str = "latest"
     """Value that a step takes in lock-step: "latest", the current value; "same", the value with the step's own stamp, for which
-    it waits; "newest", the last value published up to that step, for which it waits too; or "refused", if values belong to no
-    step."""
+    it waits; "newest", the last value published up to that step, for which it waits too; "absent", if values belong to no step,
+    so that the input is left out; or "refused", if the block cannot do without them either."""
+    halts: bool = False
+    """Whether a `Disagreement` with a cause on it stops a robot that the block moves, until it is enabled again."""
     aged: bool = False
     """Whether ``step`` receives the value with its age by the stamps, as an `Aged`, and with the mount of its frame."""
     reliable: bool = True
@@ -98,6 +100,19 @@ class Nis(NamedTuple):
     """Weight of the best hypothesis of where the robot is."""
 
 
+class Disagreement(NamedTuple):
+    """Why a filter does not believe its odometry any more."""
+
+    cause: str
+    """An empty text if there is no contradiction."""
+
+
+class Resume(NamedTuple):
+    """A person's word that the robot may go on."""
+
+    said: bool = True
+
+
 class Aged(NamedTuple):
     """A value measured before the step: any output may be one, and inputs with ``aged`` are."""
 
@@ -121,6 +136,23 @@ class Correction(NamedTuple):
     """Pose of that frame in the world's."""
     child: str
     """Name of that frame, without the prefix."""
+
+
+HALT = Input(
+    topic="disagreement",
+    type=Disagreement,
+    required=False,
+    max_age=None,
+    latched=True,
+    measured=False,
+    lock_step="absent",
+    halts=True,
+)
+"""The input of a block that moves a robot on a filter's estimate."""
+COMMANDED = Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="absent", reliable=False, wakes=False)
+"""The input of a filter that compares its odometry with the command in force."""
+RESUME = Input(topic="resume", type=Resume, required=False, once=True, lock_step="absent")
+"""The input of a filter that a person lets go on."""
 
 
 @dataclass(frozen=True)
@@ -160,9 +192,10 @@ class On:
 class Block(Protocol):
     """A block, which the shell turns into a node.
 
-    It may also have a ``notice``, one line for users or None, which is logged and shown in the diagnostics; ``figures``,
-    numbers by name, which the diagnostics show; and ``services``, functions without arguments by name, which the node offers
-    as ``std_srvs/Empty``.
+    It may also have a ``notice``, one line for users or None, which is logged and shown in the diagnostics; a ``fault``, a line
+    that is shown as an error; ``figures``, numbers by name, which the diagnostics show; ``services``, functions without
+    arguments by name, which the node offers as ``std_srvs/Empty``; and ``pause``, called instead of ``reset`` after a gap in
+    the messages on which it runs.
     """
 
     @property

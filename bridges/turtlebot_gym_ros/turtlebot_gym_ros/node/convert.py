@@ -30,14 +30,14 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from std_msgs.msg import Header
+from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
-from turtlebot_gym_ros.node.block import Correction, Nis
+from turtlebot_gym_ros.node.block import Correction, Disagreement, Nis, Resume
 from turtlebot_gym_ros.node.cdr import blank
 from turtlebot_gym_ros.node.geometry import Conversion, finite, read_pose, read_twist, unread, write_pose, write_twist
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
@@ -276,3 +276,10 @@ register(
 register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
 register(Located, PoseWithCovarianceStamped, unread, _located_to_message, in_world=True)
 register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
+register(
+    Disagreement,
+    String,
+    lambda message: Disagreement(message.data),
+    lambda disagreement, header: String(data=disagreement.cause),
+)
+register(Resume, Empty, lambda message: Resume(), lambda resume, header: Empty())

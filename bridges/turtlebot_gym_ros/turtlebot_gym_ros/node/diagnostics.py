@@ -69,7 +69,7 @@ def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = 
         if mine.moves and len(publishers) > 1:
             rival = ", ".join(rivals) or "another node of this name"
             problems.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
-        elif not mine.publishes and len(publishers) > 1:
+        elif not mine.publishes and len(publishers) > 1 and (plant or mine.message not in _VELOCITIES):
             names = " and ".join(sorted(map(node_name, publishers)))
             effect = "refused until there is one" if mine.sole else "which of them counts is undefined"
             problems.append(Problem(ERROR if mine.sole else WARN, f"{mine.topic}: {names} publish it: {effect}."))

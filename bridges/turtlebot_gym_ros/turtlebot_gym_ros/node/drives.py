@@ -46,6 +46,8 @@ class Hands:
     """Runs the block once at a stamp, ns, and publishes the result; returns whether it did."""
     begin: Callable[[], None]
     """Resets the block and this drive."""
+    pause: Callable[[], None]
+    """Lets the block go on after a gap in its messages, and resets this drive."""
     may_move: Callable[[], bool]
     """Returns whether an answer may be repeated."""
 
@@ -161,7 +163,7 @@ class _ByMessages(Drive):
         due, gap = self._rule.due(stamp)
         if gap:
             self._hands.node.get_logger().warning(f"{self._hands.feeds[key].topic}: {gap}; starting again from this message.")
-            self._hands.begin()
+            self._hands.pause()
         if due:
             self._hands.step(stamp)
 

@@ -67,6 +67,8 @@ class Feed:
         self._newest: tuple[int, int | None] | None = None  # a step, and the stamp of the newest value up to it, if any
         self.conversion = conversion
         self.refusal: str | None = None
+        self.cause = ""
+        """Cause of the latest `Disagreement`, if the input halts."""
         self._refused = self._received = 0
         self._latest: tuple[Any, float] | None = None  # replaced atomically, since two threads read it
 
@@ -162,6 +164,7 @@ class Feed:
             sent: The time at which it was sent by the node's clock, ns, if it has no stamp.
         """
         self._latest, self.stamp, self.refusal = (value, now - age.since(self.declared.lasts)), stamp, None
+        self.cause = value.cause if self.declared.halts else ""
         self.measured_at = stamp + round(min(self.declared.lasts, age.measured) * SECOND) if stamp else sent
         self._received += 1
 

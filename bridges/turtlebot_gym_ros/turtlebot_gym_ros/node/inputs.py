@@ -61,6 +61,8 @@ class Inputs:
             for key, source in declared.items()
         }
         """The inputs by name."""
+        self.halting = [feed for feed in self.feeds.values() if feed.declared.halts]
+        """The inputs that may stop the robot."""
 
     def connect(self, drive: Drive) -> list[Endpoint]:
         """Subscribe for a drive, which is notified of each new value; return the topics for the diagnostics."""
@@ -109,14 +111,20 @@ class Inputs:
         """Return which input a step must wait for, if any."""
         return next((why for feed in self.feeds.values() if (why := feed.missing(now))), None)
 
+    def halted(self) -> str:
+        """Return the cause that an input gives for stopping the robot, or an empty text."""
+        return next((why for feed in self.halting if (why := feed.cause)), "")
+
     def take(self, now: float, stamp: int) -> dict[str, Any]:
         """Return the values for a step at a stamp, ns."""
-        return {key: feed.take(now, stamp) for key, feed in self.feeds.items()}
+        return {key: feed.take(now, stamp) for key, feed in self.feeds.items() if not feed.declared.halts}
 
     def begin(self) -> None:
-        """Estimate the leads of the senders' clocks anew."""
+        """Estimate the leads of the senders' clocks anew, and forget what stopped the robot."""
         for feed in self.feeds.values():
             feed.ages.begin()
+        for feed in self.halting:
+            feed.cause = ""
 
     def forget(self) -> None:
         """Forget the latest values."""

@@ -110,11 +110,13 @@ class Shell:
         headers = not node.get_parameter("use_sim_time").value
         # With a simulated clock no topic is slow, /clock least of all.
         group = Swift if lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0)) else None
-        self.inputs = Inputs(node, block.inputs, self.common, headers=headers, group=group, now=self._now)
+        declared = {key: item for key, item in block.inputs.items() if not (lock_step and item.lock_step == "absent")}
+        self.inputs = Inputs(node, declared, self.common, headers=headers, group=group, now=self._now)
         self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)
         hands = Hands(
             group=group, node=node, feeds=self.inputs.feeds, outputs=self.outputs, now=self._now,
-            step=self._step, begin=self._begin_anew, may_move=lambda: self.switch is None or self.switch.safety.enabled,
+            step=self._step, begin=self._begin_anew, pause=self._pause,
+            may_move=lambda: self.switch is None or self.switch.safety.enabled,
         )  # fmt: skip
         self._drive = make_drive(hands, block, lock_step=lock_step)
         self._reporter = Reporter(node, [*self.outputs.endpoints, *self.inputs.connect(self._drive)], plant=self._is_plant)
@@ -126,6 +128,7 @@ class Shell:
         elif not lock_step:  # in lock-step the stamps show where an episode begins
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
         self.switch: Switch | None = None
+        self._resume = node.create_publisher(Empty, "resume", STREAM) if self.inputs.halting else None
         if self.outputs.moving:
             self.switch = Switch(
                 node, self.outputs, enabled=self.common.start_enabled, now=self._now, restart=self._enabled,
@@ -206,7 +209,14 @@ class Shell:
     def _enabled(self) -> None:
         self._trouble = None
         self.inputs.begin()
+        if self._resume:
+            self._resume.publish(Empty())
         self._begin_anew()
+
+    def _pause(self) -> None:
+        """Let the block go on after a gap in the messages on which it runs."""
+        getattr(self.block, "pause", self.block.reset)()
+        self._drive.reset()
 
     def _begin_anew(self) -> None:
         self.block.reset()
@@ -240,6 +250,8 @@ class Shell:
             now = self._now()
             self.inputs.look()
             if self.switch:
+                if (why := self.inputs.halted()) and self.switch.safety.enabled:
+                    self._fault(why)
                 stale = self._missing(now)
                 if stale and self.switch.safety.phase == "active":
                     self._waits = stale
@@ -256,7 +268,8 @@ class Shell:
         """Publish the diagnostics."""
         problems = [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.inputs.feeds.values() if feed.refusal]
         problems += [Problem(WARN, self._notice)] if self._notice else []
-        problems += [Problem(ERROR, why) for why in (self._drive.trouble(), self._trouble) if why]
+        faults = self._drive.trouble(), self._trouble, getattr(self.block, "fault", None)
+        problems += [Problem(ERROR, why) for why in faults if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
         values |= getattr(self.block, "figures", {})
