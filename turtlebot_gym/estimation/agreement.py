@@ -277,7 +277,7 @@ class Agreement:
                 )
                 return f"the robot is commanded to {verb} {stands}; or odometry has stopped"
             if max(answers) < -0.3 * order and answers[-1] <= 0.97 * answers[0]:
-                return f"the {'turning rate' if axis else 'speed'} has the wrong sign: the robot is commanded to {verb} the other way"
+                return f"the {'turning rate' if axis else 'speed'} has the wrong sign: the command is to {verb} the other way"
         return ""
 
 
