@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import TWO_PI
@@ -122,6 +123,8 @@ class Pooling:
 
     def __init__(self, *, yaw: float = 0.0, beams: int = 0) -> None:
         self._yaw, self._beams = yaw, beams
+        self.seen: NDArray[np.float64] | None = None
+        """Ranges of the last scan by sector, shape (`SECTORS`,), m; 0 in runs of more than `NARROW` sectors without a beam."""
 
     def __call__(self, scan: Scan, mount: Pose | None = None) -> list[float]:
         """Return the shortest range in each sector, as shares of `lidar.SIGHT`.
@@ -148,6 +151,11 @@ class Pooling:
         shortest = np.full(SECTORS, np.inf)
         np.minimum.at(shortest, at, ranges)
         sectors = (np.minimum(shortest, SIGHT) / SIGHT).astype(np.float32)
-        sectors[np.bincount(at, minlength=SECTORS) == 0] = UNKNOWN
+        unknown = np.bincount(at, minlength=SECTORS) == 0
+        sectors[unknown] = UNKNOWN
         _fill(sectors)
+        self.seen = SIGHT * sectors.astype(np.float64)
+        if unknown.any():
+            inner = unknown & np.roll(unknown, 1) & np.roll(unknown, -1)  # not at the edge of its run, which is thus not narrow
+            self.seen[inner | np.roll(inner, 1) | np.roll(inner, -1)] = 0.0
         return sectors.tolist()

@@ -29,6 +29,7 @@ from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, layout_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
+from turtlebot_gym_agents.policies.seen_space import SeenSpace
 
 _POSE, _TWIST, _VARIANCES = Numbers(FINITE, 3), Numbers(FINITE, 2), Numbers(NON_NEGATIVE, 3)
 _EVIDENCE = Numbers(PROBABILITY, 2)
@@ -46,7 +47,8 @@ class Deployment:
     odometry; otherwise they come from a localization, with their covariance. `command` is the part without checks, which the
     node uses too.
 
-    Without ``safety_margin`` only the policy avoids obstacles. The caller must stop the robot if an exception is raised.
+    The robot does not drive where its LiDAR has not looked, see `SeenSpace`: it turns, and looks. Apart from that, only the
+    policy avoids obstacles without ``safety_margin``. The caller must stop the robot if an exception is raised.
 
     Args:
         policy: What `make_policy` takes: a bundle's file, "ppo-rooms", "vfh", ...
@@ -97,6 +99,8 @@ class Deployment:
             self._policy = SafetyLayer(self._policy, self.robot, self.period, noise=noise, **margins)
         self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
         """Pools scans into the sectors of the observation."""
+        self.seen_space = SeenSpace(self.robot, self.period)
+        """Keeps the robot where beams have passed; its ``notice`` says when it does."""
         if filter is not None and self.layout == LOCATED_LAYOUT:
             raise ValueError(f"filter must be None for a policy of layout {LOCATED_LAYOUT}: it needs a localizer's evidence.")
         self.filter = None if filter is None else _inside(make_filter(filter, noise), self.period, integrator)
@@ -109,7 +113,8 @@ class Deployment:
 
     def reset(self) -> None:
         """Begin an episode: clear the filter, and the memory of a policy that has one."""
-        self._begun = False
+        self._begun, self._time = False, 0.0
+        self.seen_space.reset()
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
 
@@ -149,12 +154,13 @@ class Deployment:
         Raises:
             ValueError: With one line, if an input is invalid or does not fit; filter and policy then keep their memory.
         """
+        interval = self.period if dt is None else _INTERVAL.check("dt", dt)
+        self._time += interval  # also if the rest is refused: what was seen grows older
         reference = _pose("goal", goal)
         after = reference if following is None else _pose("following", following)
         speeds = Command(*_TWIST.check("twist", twist))
         sectors = self._read(scan)
         age = _AGE.check("scan_age", scan_age)
-        interval = self.period if dt is None else _INTERVAL.check("dt", dt)
         shares = self._shares(evidence)
         at = None if pose is None else _pose("pose", pose)
         if self.filter:
@@ -168,7 +174,7 @@ class Deployment:
                 raise ValueError(f"{missing} must be given without a filter inside, got None; zero variances for exact poses.")
             mean, P = State(*at, *speeds), _covariance(covariance)
             nis = NON_NEGATIVE.check("nis", nis)
-        return self.command(mean, P, nis, reference, after, sectors, age, shares)
+        return self.command(mean, P, nis, reference, after, sectors, age, shares, self._time)
 
     def command(
         self,
@@ -180,8 +186,11 @@ class Deployment:
         sectors: Sequence[float] = (),
         scan_age: float = 0.0,
         evidence: tuple[float, float] | None = None,
+        now: float | None = None,
     ) -> Command:
         """Return the command for a belief and a scan's `pool`, checked before; the other arguments are those of `act`.
+
+        With ``now``, the time, s, it may be called irregularly; without, once per period.
 
         Raises:
             ValueError: If the policy does not return two finite numbers.
@@ -194,7 +203,11 @@ class Deployment:
         if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
             raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
         forward, turn = self.action.tolist()
-        return limit(command_of(forward, turn, self.robot), self.robot)
+        wish = limit(command_of(forward, turn, self.robot), self.robot)
+        self._time = self._time + self.period if now is None else now
+        if not sectors or self.pool.seen is None:
+            return wish
+        return self.seen_space.limit(wish, mean, self.pool.seen, scan_age, self._time)
 
     def _read(self, scan: Scan | None) -> Sequence[float]:
         """Return the sectors of a scan; empty for a policy without scans.

@@ -1,0 +1,133 @@
+"""What no beam has seen is not free: with a LiDAR that sees a part of the circle a robot turns and looks, or stands."""
+
+import math
+
+import numpy as np
+import pytest
+
+from blind import VIEWS, Config, drive
+from turtlebot_gym import ROBOTS
+from turtlebot_gym.rooms.lidar import SECTORS
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.values import Command, State
+from turtlebot_gym_agents import Deployment
+from turtlebot_gym_agents.policies.seen_space import LASTS, LOOK, PATIENCE, SLACK, SeenSpace
+
+ROBOT, PERIOD = ROBOTS["burger"], 0.1
+AHEAD, BACK = Command(0.2, 0.0), Command(-0.2, 0.0)
+FAR = np.full(SECTORS, 3.5)
+ANGLES = 2.0 * np.pi * (np.arange(SECTORS) / SECTORS)
+
+
+def seeing(view, ranges=FAR):
+    """Return the ranges of the sectors in a view, and 0 elsewhere."""
+    first, width = np.radians(VIEWS[view])
+    return np.where((ANGLES - first) % (2.0 * np.pi) <= width, ranges, 0.0)
+
+
+def asked(seen, wishes, *, state=(0.0, 0.0, 0.0), space=None, now=0.0):
+    """Return the commands for wishes, one after the other, of a robot that keeps its place."""
+    space = space or SeenSpace(ROBOT, PERIOD)
+    mean = State(*state, 0.0, 0.0)
+    return [space.limit(wish, mean, seen, 0.0, now + PERIOD * at) for at, wish in enumerate(wishes)]
+
+
+def test_a_lidar_that_looks_all_around_changes_nothing():
+    close = np.full(SECTORS, 0.13)
+    assert asked(close, [AHEAD, BACK, Command(0.1, 1.0)]) == [AHEAD, BACK, Command(0.1, 1.0)]
+
+
+@pytest.mark.parametrize("view", [view for view in VIEWS if view != "all around"])
+def test_a_robot_drives_only_where_a_beam_has_looked_and_may_turn_anywhere(view):
+    """The first direction of travel counts from the robot's edge: at 90 degrees to it, a rim touches nothing new."""
+    for wish, middle in ((AHEAD, 0.0), (BACK, math.pi)):
+        sees = all(seeing(view)[np.cos(ANGLES - middle) > -0.01])
+        (command,) = asked(seeing(view), [wish])
+        assert command == (wish if sees else Command(0.0, 0.0))
+    assert asked(seeing(view), [Command(0.0, 1.0)]) == [Command(0.0, 1.0)]
+
+
+def test_it_does_not_reach_an_obstacle_either_where_the_lidar_sees_a_part():
+    """Without unknown directions an obstacle is the policy's business."""
+    for distance, least, most in ((0.5, 0.2, 0.2), (0.26, 0.01, 0.15), (0.15, 0.0, 0.0)):
+        (command,) = asked(seeing("blind behind", np.full(SECTORS, distance)), [AHEAD])
+        assert least <= command.v <= most
+
+
+def test_what_was_seen_before_counts_for_a_while():
+    """A robot that turns away from what it has seen may drive there for `LASTS` seconds."""
+    for later, speed in ((0.5 * LASTS, -0.2), (LASTS + 0.2, 0.0)):
+        space = SeenSpace(ROBOT, PERIOD)
+        asked(seeing("blind behind"), [Command(0.0, 1.0)], space=space)
+        (command,) = asked(seeing("blind behind"), [BACK], state=(0.0, 0.0, math.pi), space=space, now=later)
+        assert command.v == speed
+
+
+def test_a_newer_scan_counts_more_than_an_older_one():
+    """Somebody has stepped to where the way was free."""
+    space = SeenSpace(ROBOT, PERIOD)
+    assert asked(seeing("blind behind"), [AHEAD], space=space) == [AHEAD]
+    (command,) = asked(seeing("blind behind", np.full(SECTORS, 0.15)), [AHEAD], space=space, now=1.0)
+    assert command.v == 0.0
+
+
+@pytest.mark.parametrize("leap", [0.5, -3.0])
+def test_places_before_a_leap_of_the_pose_mean_nothing(leap):
+    space = SeenSpace(ROBOT, PERIOD)
+    asked(seeing("blind behind"), [AHEAD], space=space)
+    assert asked(seeing("behind 120"), [AHEAD], state=(leap, 0.0, 0.0), space=space, now=0.1)[0].v == 0.0
+
+
+def test_who_insists_makes_the_robot_look_around_once():
+    """It turns by a whole circle, and then has seen the way."""
+    space, theta, driven = SeenSpace(ROBOT, PERIOD), 0.0, []
+    for at in range(round((PATIENCE + 2.0 * math.pi / LOOK + 2.0) / PERIOD)):
+        command = space.limit(AHEAD, State(0.0, 0.0, theta, 0.0, 0.0), seeing("behind 120"), 0.0, PERIOD * at)
+        driven.append(command)
+        theta += command.omega * PERIOD
+    turns = sum(command.omega for command in driven) * PERIOD
+    assert turns == pytest.approx(2.0 * math.pi)
+    first = next(at for at, command in enumerate(driven) if command.v > 0.0)
+    assert not any(command.omega for command in driven[first:])
+    assert driven[0] == Command(0.0, 0.0)
+
+
+def test_no_more_than_an_interval_is_needed_to_forget():
+    space = SeenSpace(ROBOT, PERIOD)
+    asked(FAR, [AHEAD], space=space)
+    space.reset()
+    assert asked(seeing("behind 120"), [AHEAD], space=space)[0].v == 0.0
+    assert "look" in space.notice
+
+
+WALL = 0.8
+"""Distance of a wall ahead of a robot that stands in the open, m."""
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.08])
+@pytest.mark.parametrize("policy", ["vfh", "gap", "planner", "ppo-rooms"])
+@pytest.mark.parametrize("view", [view for view in VIEWS if view != "all around"])
+def test_no_policy_touches_a_wall_before_its_goal(view, policy, margin):
+    """The goal is behind the wall. Poses are exact, ranges too; a command acts one interval late."""
+    robot, directions = Deployment(policy, safety_margin=margin), np.radians(np.arange(0.0, 360.0, 2.0))
+    first, width = np.radians(VIEWS[view])
+    sees = (directions - first) % (2.0 * np.pi) <= width
+    x, y, theta, before = 0.0, 0.0, 0.0, Command(0.0, 0.0)
+    for _ in range(60):
+        ahead = np.cos(theta + directions)
+        with np.errstate(divide="ignore"):
+            ranges = np.where(ahead > 1e-6, (WALL - x + 0.032 * math.cos(theta)) / ahead, np.inf)
+        scan = Scan(np.where(sees, ranges, np.nan).astype(np.float32), 0.0, math.radians(2.0), 0.12, 3.5)
+        command = robot.act((x, y, theta), np.zeros(3), before, scan, (2.0, 0.0, 0.0))
+        x, y = x + before.v * PERIOD * math.cos(theta), y + before.v * PERIOD * math.sin(theta)
+        theta += before.omega * PERIOD
+        before = command
+        assert x + robot.robot.radius < WALL
+
+
+def test_half_the_circle_is_enough_to_drive_a_room():
+    """The benchmark, for a few drives: nobody touches anything, and somebody arrives."""
+    row = drive(Config(drives=4, seconds=20.0, seed=2), "vfh", 0.0, "blind behind")
+    assert row["contacts"] == 0
+    assert row["arrived"] >= 2
+    assert row["least"] > 0.5 * SLACK
