@@ -153,10 +153,12 @@ class VelocityController:
                 self.notice = "the robot stands: its policy needs a localizer, whose evidence is not on nis"
                 return {"command": STOP}
             evidence = nis.fits, nis.weight
-        self.notice = None
         surprise = estimate.nis if nis is None else nis.value
         seen = ((), 0.0) if scan is None else (self.deployment.pool(scan.value, _shifted(scan.mount)), scan.age)
-        return {"command": self.deployment.command(mean, P, surprise, reference, following or reference, *seen, evidence)}
+        after = following or reference
+        command = self.deployment.command(mean, P, surprise, reference, after, *seen, evidence, self._time)
+        self.notice = self.deployment.seen_space.notice or None
+        return {"command": command}
 
     def _refusal(self, scan: Aged, twist: Command) -> str:
         """Return why a scan must not be used, or an empty text."""
