@@ -13,6 +13,7 @@ from turtlebot_gym.drives.alignment import headings, interpolated
 from turtlebot_gym.drives.bags import is_bag, read_bag
 from turtlebot_gym.drives.carmen import is_carmen, is_carmen_arrays, read_carmen, read_carmen_arrays
 from turtlebot_gym.drives.clocks import judged
+from turtlebot_gym.drives.contradictions import contradiction
 from turtlebot_gym.drives.drive import Drive
 from turtlebot_gym.drives.mrclam import is_mrclam, read_mrclam
 from turtlebot_gym.drives.tables import is_table, read_poses, read_table
@@ -106,7 +107,10 @@ def read(
     options = {"topics": topics, "columns": columns or {}, "lidar": lidar}
     drive = form.read(path, label=label or path.name, **{name: options[name] for name in form.options})
     drive = _with_headings(drive if beside is None else _with_truth(drive, beside))
-    return judged(drive) if form.measures_twist else drive
+    if not form.measures_twist:
+        return drive
+    why = contradiction(drive)
+    return judged(replace(drive, remarks=(*drive.remarks, f"{drive.around.label}: {why}")) if why else drive)
 
 
 def _with_truth(drive: Drive, path: Path) -> Drive:

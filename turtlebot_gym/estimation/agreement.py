@@ -15,7 +15,7 @@ in a year. Recorded TurtleBot3s keep within a quarter of these tolerances.
 
 **Commands.** A robot may start `DELAY` late, and accelerate slowly. So it counts as standing in spite of its command, or as
 turning the wrong way, if the command was in force for `DELAY` plus `SEEN`, and the twist of the last `SEEN` seconds has no
-tenth of it, or the opposite sign without becoming slower.
+tenth of it and does not change, or the opposite sign without becoming slower.
 
 All times are arguments: each message comes with the time since the one before, s.
 """
@@ -37,11 +37,12 @@ FLOOR = 0.02, 0.05
 """Difference that never counts: m and rad."""
 LAG = 0.15
 """Time by which pose and twist may lie apart, s: stamps, filters of drivers, one message."""
-SHARE = 0.5
-"""Share of the motion by which pose and twist may differ: wheels slip, and tracks are not as assumed."""
+SHARE, ASIDE = 0.5, 0.25
+"""Share of the motion by which pose and twist may differ, and of the way by which the pose may go aside: wheels slip, and tracks
+are not as assumed."""
 SPREAD = 6.0
 """Standard deviations of noise that count as noise."""
-WINDOWS = 0.0, 0.25, 0.5, 1.0
+WINDOWS = 0.0, 0.25, 0.5, 0.75, 1.0
 """Ages of the earlier messages with which one is compared, s; the first is the last message."""
 MARGIN = 2.0
 """Multiple of a robot's limits beyond which its twist is wrong: wheels overshoot, and a preset may be that of a slower sister
@@ -60,6 +61,7 @@ ANSWER = 0.1
 """Share of its command with which a robot counts as standing."""
 ELSEWHERE = JUMPS, ANEW, PAUSED = "odometry jumps", "odometry begins anew", "after a pause"
 """Beginnings of the causes of a robot that seems to be elsewhere."""
+UNEXPLAINED = "pose and twist differ"
 HOME = 1e-6
 """Distance from the origin within which a robot that was elsewhere has begun anew, m."""
 
@@ -129,7 +131,7 @@ class Agreement:
         if self.cause:
             return self.cause
         if why := self._contradiction(dt, odometry, command):
-            self._level, self._first = self._level + dt, self._first or why
+            self._level, self._first = self._level + dt, why if self._first.startswith(UNEXPLAINED) else self._first or why
             if self._level > max(PATIENCE[0], PATIENCE[1] * dt):
                 self.cause = self._first  # the later ones are its consequences
         elif why := self._disobeys(command):
@@ -206,7 +208,8 @@ class Agreement:
                 FLOOR, first.twist, last.twist, ways, self._noise, (robot.max_linear, robot.max_angular), strict=True
             )
         )
-        return Compared(theta, ahead, left, wrap(last.pose.theta - theta), told, (most, wide))
+        aside = most + (ASIDE - self._share + min(self._noise[1], 1.0) + LAG * abs(last.twist.omega)) * ways[0]
+        return Compared(theta, ahead, left, wrap(last.pose.theta - theta), told, (most, aside, wide))
 
     def _differs(self, earlier: _Said) -> str:
         """Return how the motion since a message contradicts its twists."""
@@ -224,7 +227,7 @@ class Agreement:
             return f"{jump}: was it reset, was the robot moved, or are there two sources?"
         if abs(compared.told[0]) < FLOOR[0] and abs(compared.told[2]) < FLOOR[1]:
             return "the pose moves though the wheels are said to stand"
-        return f"pose and twist differ by {away:.2f} m and {turned:.2f} rad in {interval:.2f} s"
+        return f"{UNEXPLAINED} by {away:.2f} m and {turned:.2f} rad in {interval:.2f} s"
 
     def _elsewhere(self, now: _Said) -> str:
         """Return whether odometry begins anew: at the origin, or after a pause elsewhere than the robot can be."""
@@ -245,9 +248,9 @@ class Agreement:
         place = now if place.pose[:2] != now.pose[:2] else place
         heading = now if heading.pose.theta != now.pose.theta else heading
         self._moved = place, heading
-        if now.way - place.way > FLOOR[0] + LAG * abs(v) + 3.0 * grid:
+        if now.way - place.way > FLOOR[0] + LAG * max(abs(v), abs(place.twist.v)) + 3.0 * grid:
             return FROZEN
-        if now.turned - heading.turned > FLOOR[1] + LAG * abs(omega) + 3.0 * step:
+        if now.turned - heading.turned > FLOOR[1] + LAG * max(abs(omega), abs(heading.twist.omega)) + 3.0 * step:
             return NO_HEADING
         return ""
 
@@ -271,7 +274,7 @@ class Agreement:
             order, answers = min(sign * value for value in told), [sign * twist[axis] for twist in seen]
             if order < least:
                 continue
-            if max(map(abs, answers)) < ANSWER * order:
+            if max(map(abs, answers)) < ANSWER * order and abs(answers[-1] - answers[0]) < 0.5 * ANSWER * order:
                 stands = (
                     "and does not move: blocked, or its emergency stop is pressed" if verb == "drive" else "and does not turn"
                 )

@@ -26,18 +26,19 @@ class Compared(NamedTuple):
     """... and rad."""
     told: tuple[float, float, float]
     """The same by the twists; m, m, rad."""
-    allowed: tuple[float, float]
-    """Difference that is tolerated, m and rad."""
+    allowed: tuple[float, float, float]
+    """Differences that are tolerated: ahead, aside and of the turn; m, m, rad."""
 
     def excess(self, told: tuple[float, float, float]) -> float:
         """Return by how many times the motion of the pose differs from another one by more than is tolerated."""
-        away = math.hypot(self.ahead - told[0], self.left - told[1])
-        return max(away / self.allowed[0], abs(wrap(self.turn - told[2])) / self.allowed[1])
+        most, aside, wide = self.allowed
+        away = math.hypot((self.ahead - told[0]) / most, (self.left - told[1]) / aside)
+        return max(away, abs(wrap(self.turn - told[2])) / wide)
 
 
 def explanation(compared: Compared) -> str:
     """Return which mistake of a driver makes a window's pose and twist differ as they do, or an empty text."""
-    theta, ahead, left, _, (x, y, omega), (most, wide) = compared
+    theta, ahead, left, _, (x, y, omega), (most, _, wide) = compared
     factor = math.hypot(ahead, left) / max(math.hypot(x, y), 1e-9)
     units = [((x, y, DEGREES * omega), "the heading changes 57 times as fast as the turning rate says: in degrees?")]
     ratio = factor if factor > 1.0 else 1.0 / max(factor, 1e-9)
@@ -54,15 +55,15 @@ def explanation(compared: Compared) -> str:
         ((x * sine + y * cosine, x * cosine - y * sine, omega), "the pose moves as if x and y were swapped"),
         ((x * cosine - y * sine, -x * sine - y * cosine, omega), "the pose moves as if y had the wrong sign"),
         ((x, y, omega / DEGREES), "the turning rate is 57 times as large as the heading's change: in degrees/s?"),
-        scaled,
     ]
-    if abs(along) > 0.2:
+    if 0.2 < abs(along) < 0.9:
         guesses.append(((x / along, y / along, omega), "the twist is in the world's frame"))
+    guesses.append(scaled)
     if math.hypot(x, y) < 0.5 * most and abs(omega) < 0.5 * wide:  # hardly any motion, of which most mistakes make the same
         guesses = [scaled] if text.endswith("?") else []
     most = min(1.0, 0.5 * compared.excess((x, y, omega)))
-    fits = ((compared.excess(told), text) for told, text in (*units, *guesses))
-    return min(((misfit, text) for misfit, text in fits if misfit < most), default=(0.0, ""))[1]
+    fits = [(round(compared.excess(told), 6), text) for told, text in (*units, *guesses)]
+    return min((fit for fit in fits if fit[0] < most), default=(0.0, ""), key=lambda fit: fit[0])[1]  # the first of the best
 
 
 def unit_of(factor: float, within: float = 0.1) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.filters import KalmanFilter, filter_of
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import command_of, limit
@@ -24,7 +25,7 @@ from turtlebot_gym.systems.localizing import evidence_of
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.tasks import OBSERVATION_LAYOUT, observe, stated_deviations
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal
-from turtlebot_gym.values import Command, Covariance, Pose, State
+from turtlebot_gym.values import ORIGIN, STOP, Command, Covariance, Odometry, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, layout_of
@@ -49,6 +50,9 @@ class Deployment:
 
     The robot does not drive where its LiDAR has not looked, see `SeenSpace`: it turns, and looks. Apart from that, only the
     policy avoids obstacles without ``safety_margin``. The caller must stop the robot if an exception is raised.
+
+    `act` also compares pose, twist and its own last command (`Agreement`): if they contradict each other for longer than noise
+    can, it returns `STOP` until `reset`, and ``disagreement`` says why.
 
     Args:
         policy: What `make_policy` takes: a bundle's file, "ppo-rooms", "vfh", ...
@@ -107,12 +111,15 @@ class Deployment:
         """The filter inside, with its belief; None without one."""
         self.observation: NDArray[np.float32] = np.zeros(SIZES[self.layout], np.float32)
         """Last observation of the policy, shape (n,) by its layout."""
+        self._agreement, self._command = Agreement(self.robot, noise), STOP
         self.action: NDArray[np.float32] = np.zeros(2, np.float32)
         """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
         self.reset()
 
     def reset(self) -> None:
-        """Begin an episode: clear the filter, and the memory of a policy that has one."""
+        """Begin an episode: clear the filter, the memory of a policy that has one, and a disagreement."""
+        self._agreement.begin()
+        self._command = STOP
         self._begun, self._time = False, 0.0
         self.seen_space.reset()
         if isinstance(self._policy, PolicyWithMemory):
@@ -151,6 +158,9 @@ class Deployment:
             evidence: For a policy of layout 3 only, from a localizer: share of the last scan's beams that fit the map, and
                 weight of the best hypothesis.
 
+        Returns:
+            The command; `STOP` while there is a `disagreement`.
+
         Raises:
             ValueError: With one line, if an input is invalid or does not fit; filter and policy then keep their memory.
         """
@@ -163,6 +173,11 @@ class Deployment:
         age = _AGE.check("scan_age", scan_age)
         shares = self._shares(evidence)
         at = None if pose is None else _pose("pose", pose)
+        odometry = Odometry(at or ORIGIN, speeds, at is not None)
+        if self._agreement.judge(interval, odometry, self._command) and self._agreement.displaced and not self.filter:
+            self._agreement.begin()  # a localization may have found the robot elsewhere
+        if self.disagreement:
+            return STOP
         if self.filter:
             if covariance is not None or nis != 0.0:
                 raise ValueError("covariance must be None and nis 0 with a filter inside, which states its own.")
@@ -174,7 +189,13 @@ class Deployment:
                 raise ValueError(f"{missing} must be given without a filter inside, got None; zero variances for exact poses.")
             mean, P = State(*at, *speeds), _covariance(covariance)
             nis = NON_NEGATIVE.check("nis", nis)
-        return self.command(mean, P, nis, reference, after, sectors, age, shares, self._time)
+        self._command = self.command(mean, P, nis, reference, after, sectors, age, shares, self._time)
+        return self._command
+
+    @property
+    def disagreement(self) -> str:
+        """Why pose, twist and command are not believed any more, until `reset`; an empty text if they are."""
+        return self._agreement.cause
 
     def command(
         self,

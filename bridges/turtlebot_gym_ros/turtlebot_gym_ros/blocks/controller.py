@@ -9,14 +9,16 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.mounts import SAME_WAY
+from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, typed
-from turtlebot_gym.values import STOP, Command, Pose
+from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents import Deployment
 from turtlebot_gym_ros.node.block import HALT, Aged, Input, Nis, On, Output
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
@@ -103,6 +105,7 @@ class VelocityController:
             safety_margin=params.safety_margin, noise=params.noise,
         )  # fmt: skip
         """The policy; it stores its last observation and action."""
+        self._agreement = Agreement(make_robot(params.robot), make_noise(params.noise))
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
         if self.deployment.layout in SEEING:
@@ -117,6 +120,7 @@ class VelocityController:
     def reset(self) -> None:
         """Forget the last episode, including a policy's memory."""
         self._done_with: Pose | None = None
+        self._agreement.begin()
         self._time, self._measured = 0.0, -math.inf
         self._watch = ScanWatch(lag=LAG, returns=self._returns, now=self._time)
         self.notice = None
@@ -131,9 +135,19 @@ class VelocityController:
         scan: Aged | None = None,
         nis: Nis | None = None,
     ) -> dict[str, Any]:
-        """Return the command, or nothing if the robot is done."""
+        """Return the command, or nothing if the robot is done.
+
+        Raises:
+            ValueError: If the estimate contradicts itself: its pose does not move as its twist says. It may leap, as a
+                localization does.
+        """
         self._time += dt
         mean, P = estimate.belief
+        if self._agreement.judge(dt, Odometry(Pose(*mean[:3]), Command(mean.v, mean.omega), True)):
+            if self._agreement.displaced:
+                self._agreement.begin()
+            elif self._agreement.cause:
+                raise ValueError(f"the estimate is not believed: {self._agreement.cause}")
         if min(P.xx, P.yy, P.tt) <= 0.0:
             P = P._replace(**{name: getattr(P, name) or VARIANCE_FLOOR for name in ("xx", "yy", "tt")})
             if not self._warned:

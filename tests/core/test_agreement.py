@@ -1,0 +1,188 @@
+"""Odometry that is alive and wrong is refused within a second and 0.25 m, and odometry that is only slow or noisy never is."""
+
+import math
+import random
+
+import pytest
+from driver import LIES, Driver, wrapped
+
+from turtlebot_gym.estimation.agreement import Agreement
+from turtlebot_gym.estimation.contradiction import Compared, explanation
+from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.presets import NOISES
+from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.values import STOP, Command, Odometry, Pose
+
+BURGER = ROBOTS["burger"]
+
+
+def judged(driver, command, *, noise="wheel", seconds=10.0):
+    """Return the time and the way from the lie to the final cause, and the cause, for a robot under one command."""
+    agreement, way = Agreement(BURGER, NOISES[noise]), None
+    while driver.time < seconds:
+        said = driver.step(command)
+        way = driver.way if way is None and driver.time > driver.since else way
+        agreement.judge(Driver.dt, said, command)
+        if agreement.cause:
+            return driver.time - driver.since, driver.way - way, agreement.cause
+    return math.inf, math.inf, ""
+
+
+SAID = {
+    "pose frozen": "the pose does not move though the wheels are said to turn",
+    "all frozen": "the pose does not move",
+    "stands": "commanded to drive and does not move: blocked, or its emergency stop is pressed",
+    "heading frozen": "the heading stands still though the robot is said to turn: is the IMU alive?",
+    "dead IMU": "commanded to turn and does not turn",
+    "twist 0": "though the wheels are said to stand",
+    "turn sign": "the heading turns against the turning rate",
+    "speed sign": "the pose moves against the speed",
+    "mm": "1000 times the command: in mm?",
+    "cm": "100 times the command: in cm?",
+    "twist in mm/s": "1000 times the command: in mm?",
+    "twist in deg/s": "57 times the command: in degrees/s?",
+    "reset": "odometry begins anew at the origin",
+    "blocked": "commanded to drive and does not move",
+    "crossed": "the turning rate has the wrong sign",
+}
+
+
+@pytest.mark.parametrize("lie", [*LIES, "blocked", "crossed"])
+@pytest.mark.parametrize("since", [0.0, 3.0])
+def test_a_lie_is_final_within_a_second_and_a_quarter_of_a_metre(lie, since):
+    """In a bend, so that each lie shows at once; a twist that froze there shows when the robot turns another way."""
+    if lie == "twist frozen":
+        pytest.skip("A frozen twist is true as long as the robot drives as before.")
+    if (lie, since) == ("y sign", 0.0):
+        pytest.skip("A robot that drives along x has no y.")
+    if lie == "reset" and since == 0.0:
+        pytest.skip("Odometry that begins at its origin is no lie.")
+    command = Command(0.2, 0.6)
+    time, way, cause = judged(Driver(lie, since), command)
+    assert time <= 1.0
+    assert way <= 0.25
+    if since or lie in ("blocked", "crossed", "stands", "mm", "cm"):
+        assert SAID.get(lie, "") in cause
+
+
+@pytest.mark.parametrize("distance", [0.1, 0.2, 0.35, 0.5, 0.8, 1.25, 2.0, 3.0])
+def test_a_reset_is_noticed_at_any_distance(distance):
+    driver = Driver("reset", distance / 0.2 + 0.001)
+    time, way, cause = judged(driver, Command(0.2, 0.0), seconds=60.0)
+    assert (time, way) < (0.25, 0.06)
+    assert "reset" in cause
+
+
+def driven(driver, rng, hours, *, noise="wheel", creep=False):
+    """Return the causes for a robot that changes its mind often."""
+    agreement, command, causes = Agreement(BURGER, NOISES[noise]), STOP, []
+    pause = 0
+    for _ in range(int(hours * 3600.0 / Driver.dt)):
+        if pause <= 0:
+            v, omega = rng.choice((0.0, 0.02, -0.1, 0.2, 0.2)), rng.choice((0.0, 0.0, 0.05, -0.3, 1.5, -2.5))
+            command, pause = Command(0.1 * v if creep else v, omega), rng.choice((0.1, 0.6, 2.0, 5.0))
+        pause -= Driver.dt
+        agreement.judge(Driver.dt, driver.step(command), command)
+        if agreement.cause:
+            causes.append(agreement.cause)
+            agreement.begin()
+    return causes
+
+
+ROBOTS_THAT_ARE_SLOW = {
+    "prompt": {},
+    "late": {"delay": 0.5},
+    "slow": {"acceleration": (0.3, 3.0)},
+    "slower": {"acceleration": (0.1, 0.6)},
+    "late and slow": {"delay": 0.3, "acceleration": (0.5, 3.0)},
+    "coarse": {"grid": 0.01, "delay": 0.2},
+}
+
+
+@pytest.mark.parametrize("kind", ROBOTS_THAT_ARE_SLOW)
+def test_a_robot_that_is_only_slow_is_never_refused(kind):
+    assert driven(Driver(**ROBOTS_THAT_ARE_SLOW[kind]), random.Random(kind), 0.25) == []
+
+
+def test_the_law_notices_a_robot_that_is_slower_than_allowed():
+    """Partner: a robot that starts 1.2 s late is one that does not move."""
+    causes = driven(Driver(delay=1.2), random.Random(1), 0.1)
+    assert any("does not move" in cause for cause in causes)
+
+
+def test_late_and_lost_messages_are_no_contradiction_and_a_reset_behind_them_is():
+    for reset in (False, True):
+        driver, agreement, rng = Driver("reset" if reset else None, 20.0), Agreement(BURGER, NOISES["wheel"]), random.Random(3)
+        command, since = Command(0.2, 0.5), 0.0
+        for _ in range(600):
+            said, since = driver.step(command), since + Driver.dt
+            if rng.random() < 0.3 or rng.random() < 0.01:
+                continue
+            agreement.judge(since + rng.uniform(-0.02, 0.02), said, command)
+            since = 0.0
+        assert bool(agreement.cause) is reset
+
+
+def test_noise_is_no_contradiction_and_the_same_noise_is_where_the_model_has_none():
+    rng = random.Random(5)
+    for name, expected in (("documented", False), ("wheel", True)):
+        noise, driver = NOISES["documented"].odometry, Driver()
+        agreement = Agreement(BURGER, NOISES[name])
+        for _ in range(20000):
+            said = driver.step(Command(0.2, 0.7))
+            spike = rng.choice((-noise.spike, noise.spike)) * (rng.random() < noise.spike_probability)
+            x, y, theta = (value + rng.gauss(0.0, math.sqrt(R)) for value, R in zip(said.pose, noise.R, strict=True))
+            agreement.judge(Driver.dt, said._replace(pose=Pose(x, y, wrapped(theta + spike))), Command(0.2, 0.7))
+        assert bool(agreement.cause) is expected
+
+
+def test_wheels_that_slip_as_the_model_says_are_no_contradiction():
+    slippery = Noise(process=ProcessNoise(slip=0.5, slip_start=0.1, slip_end=0.1))
+    for noise, expected in ((slippery, False), (Noise(odometry=OdometryNoise(wheel=True)), True)):
+        agreement, x = Agreement(BURGER, noise), 0.0
+        for k in range(400):
+            x += 0.01 * (0.2 if k % 100 < 50 else 1.0)
+            agreement.judge(0.05, Odometry(Pose(x, 0.0, 0.0), Command(0.2, 0.0), True))
+        assert bool(agreement.cause) is expected
+
+
+def test_a_glitch_of_one_message_is_refused_and_forgotten():
+    """As a TurtleBot3 sends it where its heading leaves [-pi, pi): a turning rate of 2 pi per message."""
+    driver, agreement = Driver(), Agreement(BURGER, NOISES["wheel"])
+    for k in range(400):
+        said = driver.step(Command(0.1, 0.3))
+        glitch = k % 40 == 20
+        said = said._replace(twist=said.twist._replace(omega=-125.0)) if glitch else said
+        assert bool(agreement.judge(Driver.dt, said, Command(0.1, 0.3))) is glitch
+    assert agreement.cause == ""
+
+
+def test_after_a_pause_the_robot_must_be_where_it_was():
+    for x, refused in ((1.0, False), (1.3, False), (0.0, True), (2.0, True)):
+        agreement = Agreement(BURGER, NOISES["wheel"])
+        agreement.judge(0.0, Odometry(Pose(1.0, 0.0, 0.0), STOP, True))
+        agreement.pause()
+        assert bool(agreement.judge(0.0, Odometry(Pose(x, 0.0, 0.0), STOP, True))) is refused
+        assert agreement.displaced is refused
+
+
+def test_time_alone_ends_no_refusal_and_begin_does():
+    agreement, away = Agreement(BURGER, NOISES["wheel"]), Odometry(Pose(0.4, 0.0, 0.0), STOP, True)
+    agreement.judge(0.0, Odometry(Pose(0.0, 0.0, 0.0), STOP, True))
+    assert all(agreement.judge(0.05, away) for _ in range(2000))
+    agreement.begin()
+    assert agreement.judge(0.0, away) == ""
+
+
+def test_the_explanation_of_a_drive_in_the_frame_of_the_world_is_that_frame():
+    told = (0.3 * math.cos(1.2), 0.0, 0.0)
+    compared = Compared(1.2, 0.3, 0.0, 0.0, told, (0.05, 0.05, 0.1))
+    assert explanation(compared) == "the twist is in the world's frame"
+
+
+def test_a_twist_that_froze_shows_when_the_robot_turns_another_way():
+    driver, agreement = Driver("twist frozen", 1.0), Agreement(BURGER, NOISES["wheel"])
+    for command in [Command(0.2, 0.0)] * 40 + [Command(0.2, 1.0)] * 20:
+        assert agreement.cause == "" or driver.time > 2.2
+        agreement.judge(Driver.dt, driver.step(command), command)
+    assert "the pose" in agreement.cause or "pose and twist differ" in agreement.cause
