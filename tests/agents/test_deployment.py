@@ -11,6 +11,7 @@ from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import ROOM
+from turtlebot_gym.values import STOP
 from turtlebot_gym_agents import Deployment, make_policy
 from turtlebot_gym_agents.policies.protection import NEARER, SafetyLayer
 
@@ -135,8 +136,37 @@ INPUTS = {"pose": (0.0, 0.0, 0.0), "covariance": (0.0, 0.0, 0.0), "twist": (0.1,
 
 
 @pytest.fixture(scope="module")
-def seeing():
+def deployment():
     return Deployment("vfh")
+
+
+@pytest.fixture
+def seeing(deployment):
+    deployment.reset()
+    return deployment
+
+
+def test_a_pose_that_does_not_move_stops_the_robot_until_a_reset(seeing):
+    """Partner: a pose that moves as its twist says does not."""
+    for x, stops in ((0.0, True), (0.01, False)):
+        seeing.reset()
+        for k in range(20):
+            command = seeing.act(**{**INPUTS, "pose": (k * x, 0.0, 0.0), "goal": (8.0, 0.0, 0.0)})
+        assert (command == STOP) is stops
+        assert seeing.disagreement.startswith("the pose does not move" if stops else "")
+    seeing.reset()
+    assert not seeing.disagreement
+
+
+def test_a_localization_that_finds_the_robot_elsewhere_is_no_contradiction(seeing):
+    """Partner: with a filter inside poses are those of odometry, which does not leap."""
+    by_odometry = Deployment("bearing", filter="matched", noise="wheel")
+    for k in range(20):
+        pose = (0.01 * k + (3.0 if k > 10 else 0.0), 0.0, 0.0)
+        seeing.act(**{**INPUTS, "pose": pose, "goal": (8.0, 0.0, 0.0)})
+        by_odometry.act(pose, None, (0.1, 0.0), None, (8.0, 0.0, 0.0))
+    assert not seeing.disagreement
+    assert "odometry jumps" in by_odometry.disagreement
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def read(
     drive = _with_headings(drive if beside is None else _with_truth(drive, beside))
     if not form.measures_twist:
         return drive
-    why = contradiction(drive)
+    why = contradiction(drive) if "topics" in form.options else None  # what robots say, not what somebody has computed
     return judged(replace(drive, remarks=(*drive.remarks, f"{drive.around.label}: {why}")) if why else drive)
 
 

@@ -38,8 +38,8 @@ FLOOR = 0.02, 0.05
 LAG = 0.15
 """Time by which pose and twist may lie apart, s: stamps, filters of drivers, one message."""
 SHARE, ASIDE = 0.5, 0.25
-"""Share of the motion by which pose and twist may differ, and of the way by which the pose may go aside: wheels slip, and tracks
-are not as assumed."""
+"""Share of the motion by which pose and twist may differ, and of the way by which the pose may go aside: wheels slip, and their
+track is not as assumed."""
 SPREAD = 6.0
 """Standard deviations of noise that count as noise."""
 WINDOWS = 0.0, 0.25, 0.5, 0.75, 1.0

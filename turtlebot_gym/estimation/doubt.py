@@ -228,7 +228,7 @@ class Doubt:
                 return f"{str(each).split(' times')[0]} times: a wrong sign"
         if len(scales) == 2 and abs(scales[0].number / scales[1].number - 1.0) < 0.1:
             return f"poses change {scales[1].number:.2f} times as fast as the twist says: is the time between messages wrong?"
-        if found and left < self._wrong:
+        if found and left < max(self._wrong, 0.1 * position):
             return ", and ".join(map(str, found))
         if self._degrees and self._measures:
             ratio, noisy = median(nis for _, nis in self._nis) / MEDIAN[self._degrees], self._noisy

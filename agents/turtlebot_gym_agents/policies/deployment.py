@@ -173,11 +173,6 @@ class Deployment:
         age = _AGE.check("scan_age", scan_age)
         shares = self._shares(evidence)
         at = None if pose is None else _pose("pose", pose)
-        odometry = Odometry(at or ORIGIN, speeds, at is not None)
-        if self._agreement.judge(interval, odometry, self._command) and self._agreement.displaced and not self.filter:
-            self._agreement.begin()  # a localization may have found the robot elsewhere
-        if self.disagreement:
-            return STOP
         if self.filter:
             if covariance is not None or nis != 0.0:
                 raise ValueError("covariance must be None and nis 0 with a filter inside, which states its own.")
@@ -189,6 +184,11 @@ class Deployment:
                 raise ValueError(f"{missing} must be given without a filter inside, got None; zero variances for exact poses.")
             mean, P = State(*at, *speeds), _covariance(covariance)
             nis = NON_NEGATIVE.check("nis", nis)
+        odometry = Odometry(at or ORIGIN, speeds, at is not None)
+        if self._agreement.judge(interval, odometry, self._command) and self._agreement.displaced and not self.filter:
+            self._agreement.begin()  # a localization may have found the robot elsewhere
+        if self.disagreement:
+            return STOP
         self._command = self.command(mean, P, nis, reference, after, sectors, age, shares, self._time)
         return self._command
 

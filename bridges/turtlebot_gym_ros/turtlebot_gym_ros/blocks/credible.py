@@ -72,7 +72,7 @@ class Verdict:
     """What a filter says of its odometry on the topic ``disagreement``: the cause of its `Agreement`, when that changes."""
 
     def __init__(self) -> None:
-        self._told: str | None = None
+        self._told = ""
 
     def news(self, cause: str) -> dict[str, Disagreement]:
         """Return the output with a cause, or an empty text, if that is news."""

@@ -177,8 +177,8 @@ class Localizer:
         odometry: Odometry,
         scan: Aged,
         map: GridMap | None = None,
-        command: Command | None = None,
         seat: Fix | None = None,
+        command: Command | None = None,
         resume: Resume | None = None,
     ) -> dict[str, Any]:
         """Return the belief after odometry that is ``dt`` later than the one before, s.
@@ -191,6 +191,8 @@ class Localizer:
         if seat is not None or resume is not None:
             self._agreement.begin()
         displaced = False
+        if dt <= 0.0 and self._located is not None:
+            self._agreement.pause()
         if why := self._agreement.judge(max(dt, 0.0), odometry, command):
             displaced = self._located is not None and self._is_displaced()
             if not displaced:
