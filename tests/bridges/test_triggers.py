@@ -43,15 +43,15 @@ GRIDS = {
         Every(0.1),
         {0: [0], 25 * MS: [], 25 * MS + 1: [100 * MS], 275 * MS: [200 * MS], 375 * MS + 1: [300 * MS, 400 * MS]},
     ),
-    # The next step is due 0.1 s later: a second from there on is a leap, and the last one before is a nanosecond early.
-    "less than a second is no leap": (
+    # The next step is due 0.1 s later: a second ahead of that, or two periods back, is a leap; these are a nanosecond less.
+    "less than a second ahead is no leap, nor are two periods back": (
         Grid,
         Every(0.1),
-        {10 * SECOND: [10 * SECOND], 9100 * MS + 1: [], 11100 * MS - 1: [10 * SECOND + k * 100 * MS for k in range(1, 12)]},
+        {10 * SECOND: [10 * SECOND], 9900 * MS + 1: [], 11100 * MS - 1: [10 * SECOND + k * 100 * MS for k in range(1, 12)]},
     ),
     **{
         f"a leap by {leap} ms makes one step": (Grid, Every(0.1), {at: [at] for at in (10 * SECOND, 10 * SECOND + leap * MS)})
-        for leap in (5000, 1100, -900, -5000)
+        for leap in (5000, 1100, -100, -900, -5000)
     },
     "simulated time runs faster": (
         SimulatedGrid,

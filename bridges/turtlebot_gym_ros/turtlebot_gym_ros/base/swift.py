@@ -3,16 +3,22 @@
 rclpy's executor collects all entities of all nodes each time it wakes, about fifty for a graph in one process, and wakes for
 each message: most of a step would be spent on services that nobody calls. This executor waits separately for the few entities
 that a step depends on, and serves all others every `OTHERS` seconds in the same thread.
+
+Fast DDS waits until a time of the system clock (ros2/ros2 #1080): when that clock is set back, a wait lasts longer by as much,
+unless a message ends it. So a thread that sleeps by the steady clock ends each wait that lasts longer than asked.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from threading import Thread
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.subscription import Subscription
@@ -23,6 +29,8 @@ JOINING = 0.2
 """Longest time after which the first swift entity of an executor that runs already is found, s."""
 OTHERS = 0.05
 """Longest time that services, timers and slow topics wait for their turn, s."""
+OVERDUE = 0.02
+"""Time after its end at which a wait is ended by the steady clock at the latest, s."""
 
 
 class Swift(CallbackGroup):
@@ -64,6 +72,23 @@ def take(subscription: Any) -> None:
 class SwiftExecutor(SingleThreadedExecutor):
     """Runs all callbacks in the thread that calls `spin`, those of `Swift` groups without delay."""
 
+    def __init__(self, *, context: Context | None = None) -> None:
+        super().__init__(context=context)
+        self._ends = math.inf  # steady time at which the current wait should end
+        Thread(target=self._end_waits, name="steady", daemon=True).start()
+
+    def _end_waits(self) -> None:
+        """End waits that are overdue. Of Python's waits, only a sleep is by the steady clock in all versions."""
+        while not self._is_shutdown:
+            time.sleep(OVERDUE)
+            if time.monotonic() > self._ends:
+                with suppress(_rclpy.InvalidHandle, AttributeError):  # it is being shut down
+                    self.wake()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Run the callback that is ready next, and wait for it at most so long, s."""
+        self._run(self._next(timeout_sec))
+
     def spin(self) -> None:
         """Run until shutdown."""
         while self._context.ok() and not self._is_shutdown:
@@ -83,22 +108,27 @@ class SwiftExecutor(SingleThreadedExecutor):
     def _run_swift(self, subscriptions: list[Any], timers: list[Any]) -> None:
         """Run swift entities until the others are due."""
         until = time.monotonic() + OTHERS
-        handle = self._context.handle
+        handle, guard = self._context.handle, self._guard
         assert handle is not None
+        if guard is None:  # it is being shut down
+            return
         with ExitStack() as held:
             try:  # so that no other thread destroys an entity during the wait, which would end the process
-                for entity_handle in (handle, *(entity.handle for entity in (*subscriptions, *timers))):
+                for entity_handle in (handle, *(entity.handle for entity in (guard, *subscriptions, *timers))):
                     held.enter_context(entity_handle)
             except _rclpy.InvalidHandle:
                 return
-            waits = _rclpy.WaitSet(len(subscriptions), 0, len(timers), 0, 0, 0, handle)
+            waits = _rclpy.WaitSet(len(subscriptions), 1, len(timers), 0, 0, 0, handle)
             while (left := until - time.monotonic()) > 0.0 and not self._is_shutdown:
                 waits.clear_entities()
                 for entity in subscriptions:
                     waits.add_subscription(entity.handle)
                 for entity in timers:
                     waits.add_timer(entity.handle)
+                waits.add_guard_condition(guard.handle)
+                self._ends = until
                 waits.wait(int(left * 1e9))
+                self._ends = math.inf
                 ready = set(waits.get_ready_entities("subscription"))
                 for entity in subscriptions:
                     if entity.handle.pointer in ready:
@@ -125,10 +155,13 @@ class SwiftExecutor(SingleThreadedExecutor):
         An entity that another thread destroys during the wait is not ready. In rclpy some kinds of entities then raise, which
         would end this thread, and with it the node.
         """
+        self._ends = math.inf if timeout is None else time.monotonic() + timeout
         try:
             return self.wait_for_ready_callbacks(timeout_sec=timeout)[0]
         except (TimeoutException, ShutdownException, _rclpy.InvalidHandle):
             return None
+        finally:
+            self._ends = math.inf
 
     @staticmethod
     def _run(handler: Any) -> None:

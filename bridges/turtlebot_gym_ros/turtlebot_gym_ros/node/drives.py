@@ -118,9 +118,12 @@ class _ByClock(Drive):
         self._quiet_until = -math.inf
         self.limit = trigger.period
         self._grid = (SimulatedGrid if self.sets_clock else Grid)(trigger)
-        self._watch = Clock(clock_type=ClockType.STEADY_TIME) if self.sets_clock else hands.node.get_clock()
+        steady, ros = Clock(clock_type=ClockType.STEADY_TIME), hands.node.get_clock()
+        self._watch = steady if self.sets_clock else ros
+        simulated = hands.node.get_parameter("use_sim_time").value and not self.sets_clock
+        timer = ros if simulated else steady  # the system clock may be set back
         group = hands.group and hands.group()
-        hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=self._watch, callback_group=group)
+        hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=timer, callback_group=group)
 
     def present(self) -> int:
         """Return the current time of the grid, ns."""

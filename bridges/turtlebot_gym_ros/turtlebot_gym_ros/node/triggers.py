@@ -28,7 +28,7 @@ class Grid:
 
     def due_until(self, now: int) -> Iterator[int]:
         """Yield the stamps up to now, ns; only one if the clock has leapt or stood still."""
-        if self._next is None or not -SECOND < now - self._next < SECOND:
+        if self._next is None or not -2 * self._period_ns < now - self._next < SECOND:  # the next one is that near at most
             self._next = now
         early = 3 * self._period_ns // 4
         while self._next - now < early:
