@@ -10,7 +10,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from std_msgs.msg import Empty
 
 from turtlebot_gym_ros.base.process import Runner
-from turtlebot_gym_ros.robot.standby import CmdVelStandby, Parameters, Standby, main
+from turtlebot_gym_ros.robot.standby import ALONE, LINGER, CmdVelStandby, Parameters, Standby, main
 
 PERIOD = 0.02
 
@@ -74,6 +74,32 @@ def test_what_came_while_the_standby_was_held_up_is_dated_at_its_last_look_but_a
         assert earliest + 0.16 <= first <= earliest + 0.22
 
 
+def test_it_ends_after_the_guard_or_two_seconds_after_it_was_asked_to():
+    ends = lambda rule, now, **others: rule.may_end(now, **{"guarded": True, "asked": True, "orphan": False, **others})  # noqa: E731
+    rule = Standby()
+    assert not ends(rule, 90.0, asked=False)
+    assert rule.asked > 1e9
+    assert [ends(rule, at) for at in (100.0, 100.0 + LINGER - 0.1, 100.0 + LINGER + 0.1)] == [False, False, True]
+    assert ends(Standby(), 100.0, guarded=False)
+    rule = Standby()
+    rule.look([True], 99.9)
+    assert not ends(rule, 100.0, guarded=False)  # of a guard that was killed: zeros come first
+    while not ends(rule, now := round(rule._looked + PERIOD, 3), guarded=False):
+        rule.look([], now)
+    assert rule.takeovers == 1
+
+
+def test_an_orphan_ends_when_nobody_was_there_for_a_while_and_a_child_never():
+    rule, times = Standby(), (100.0, 109.9, 110.1)
+    orphan = {"guarded": False, "asked": False, "orphan": True}
+    assert [rule.may_end(at, **orphan) for at in times] == [False, False, True]
+    assert not rule.may_end(1e6, **{**orphan, "orphan": False})
+    assert not rule.may_end(1e6, **{**orphan, "guarded": True})
+    assert not rule.may_end(1e6 + ALONE - 0.1, **orphan)
+    rule.moves = True
+    assert not rule.may_end(2e6, **orphan)
+
+
 def test_other_types_of_its_parameter_are_refused():
     with pytest.raises(ValueError, match="enable_stamped_cmd_vel must be True or False"):
         Parameters(enable_stamped_cmd_vel="yes")
@@ -126,11 +152,49 @@ def test_zeros_are_an_error_in_the_diagnostics(runner, peer, wait_for):
     standby.destroy_node()
 
 
-def test_it_runs_before_the_guard_and_serves_the_network(monkeypatch):
+def test_it_leaves_its_terminal_runs_before_the_guard_and_serves_the_network(monkeypatch):
     ran = []
+    monkeypatch.setattr("turtlebot_gym_ros.robot.standby.leave", lambda: [7])
     monkeypatch.setattr("turtlebot_gym_ros.robot.standby.precede", ran.append)
     monkeypatch.setattr(
-        "turtlebot_gym_ros.robot.standby.run", lambda make, argv, *, local: ran.append((make, argv, local)) or 3
+        "turtlebot_gym_ros.robot.standby.run",
+        lambda make, argv, *, local, lifelines: ran.append((make, argv, local, lifelines)) or 3,
     )
     assert main(["--ros-args"]) == 3
-    assert ran == [2, (CmdVelStandby, ["--ros-args"], False)]
+    assert ran == [2, (CmdVelStandby, ["--ros-args"], False, [7])]
+
+
+@pytest.fixture
+def standby(runner, peer, wait_for):
+    """A standby that runs when the test calls it, whose steady clock the test sets, and a guard."""
+    node, guard = CmdVelStandby(runner.context), peer.speak("cmd_vel", TwistStamped)
+    wait_for(lambda: node._guard.get_publisher_count() == 2 and guard.get_subscription_count())
+    yield node, guard
+    node.destroy_node()
+
+
+def test_one_that_was_asked_to_end_says_no_longer_that_it_lives_and_ends_after_the_guard(standby, peer, wait_for):
+    (node, guard), alive = standby, peer.hear("cmd_vel_standby/alive", Empty)
+    wait_for(lambda: node._live() or alive)
+    assert not node.may_end(False)
+    assert not node.may_end(True)
+    before = len(alive)
+    node._live()
+    peer.node.destroy_publisher(guard)
+    wait_for(lambda: node.may_end(True))
+    assert len(alive) <= before + 1  # one may have been on its way
+
+
+@pytest.mark.parametrize("ends", [CmdVelStandby.close, lambda node: node.at_rest().__enter__()], ids=["ended", "suspended"])
+@pytest.mark.parametrize("moves", [True, False])
+def test_the_last_word_of_a_standby_is_zero_if_a_motion_is_in_force(standby, peer, wait_for, ends, moves):
+    (node, guard), heard = standby, peer.hear("cmd_vel", TwistStamped)
+    wait_for(lambda: guard.get_subscription_count() == 2 and node._velocity.get_subscription_count() == 2)
+    motion = TwistStamped()
+    motion.twist.linear.x = 0.1 if moves else 0.0
+    guard.publish(motion)
+    wait_for(lambda: heard)
+    ends(node)
+    guard.publish(motion)
+    wait_for(lambda: len(heard) > 1 and heard[-1].twist == motion.twist)
+    assert [message.twist for message in heard] == [motion.twist, *[Twist()] * (3 * moves), motion.twist]

@@ -12,19 +12,20 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from threading import Event, Thread
 from typing import Any, NoReturn
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.parameters import words_of
+from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline, tied
 from turtlebot_gym_ros.base.swift import SwiftExecutor
 
 LAST_WORD = 4.0
@@ -33,7 +34,8 @@ KILL = 10.0
 """Time after which a node's process that was asked to end is killed, s."""
 SETTLE = 0.3
 """Time in which the announcements of nodes that end at the same moment usually arrive, s."""
-_ENDINGS = (signal.SIGINT, signal.SIGTERM)
+SPIN = 0.03
+"""Longest time without a look for signals where callbacks run in the main thread, s."""
 _interrupted = Event()
 
 
@@ -75,7 +77,8 @@ class Runner:
     def add(self, runnable: Any) -> None:
         """Add a node, or an object with one; it runs at once if the runner has started.
 
-        If it has a ``close``, that publishes what is left to publish, and of an object it also destroys the node.
+        If it has a ``close``, that publishes what is left to publish, and of an object it also destroys the node. If it,
+        or its ``switch``, has an ``at_rest``, the robot stands and no step moves it within that context.
         """
         self._running.append(runnable)
         self._executor.add_node(getattr(runnable, "node", runnable))
@@ -85,16 +88,23 @@ class Runner:
         self._thread.start()
 
     def spin_once(self) -> None:
-        """Run the callbacks that are ready in this thread, and wait for them at most 0.1 s; instead of `start`."""
-        self._executor.spin_once(timeout_sec=0.1)
+        """Run the callback that is ready next in this thread, and wait for it at most `SPIN`; instead of `start`."""
+        self._executor.spin_once(timeout_sec=SPIN)
 
     def _spin(self) -> None:
         try:
             self._executor.spin()
-        except Exception:
+        except BaseException:  # even a SystemExit ends this thread
             if not self._closing:  # a stuck step may return after its node is gone
                 self.failed()
                 raise
+
+    def suspend(self) -> None:
+        """Suspend this process while the robot stands; nothing moves the robot until the process runs again."""
+        with ExitStack() as resting:
+            for runnable in self._running:
+                resting.enter_context(getattr(getattr(runnable, "switch", runnable), "at_rest", nullcontext)())
+            os.kill(os.getpid(), signal.SIGSTOP)
 
     def close(self) -> None:
         """Shut down the nodes, last added first, then the thread and the context, even if a block is stuck in a step."""
@@ -125,14 +135,14 @@ def precede(priority: int) -> None:
 
 
 def be_interruptible() -> None:
-    """Let SIGINT and SIGTERM raise KeyboardInterrupt, and note it: one that is raised within a destructor is lost."""
+    """Let signals that end a process raise KeyboardInterrupt, and note it: one that is raised within a destructor is lost."""
 
     def interrupt(*_: object) -> None:
         _interrupted.set()
         raise KeyboardInterrupt
 
     _interrupted.clear()
-    for ending in _ENDINGS:
+    for ending in filter(counts, ENDINGS):
         signal.signal(ending, interrupt)
 
 
@@ -143,30 +153,34 @@ def go_on() -> None:
 
 
 @contextmanager
-def _endings_wait() -> Iterator[Callable[..., bool]]:
-    """Catch SIGINT and SIGTERM, and yield a function that waits for one, at most a time in s, and returns whether it came.
+def _endings_wait(lifelines: Sequence[int]) -> Iterator[Callable[..., int | None]]:
+    """Catch signals, and yield a function that waits for one, at most a time in s, and returns the number of one that came.
 
     So no signal is lost while a node starts, and none acts by itself. Blocking signals is not enough: existing threads of a
     library do not block them, and a signal taken by such a thread ends the process. The handler writes to a pipe, whichever
-    thread it runs in.
+    thread it runs in. The end of a lifeline counts as a hang-up.
     """
     noted, note = os.pipe()
     os.set_blocking(note, False)
-    handlers = {ending: signal.signal(ending, lambda *_: None) for ending in _ENDINGS}
+    caught, watched = list(filter(counts, (*ENDINGS, *SUSPENSIONS))), [noted, *lifelines]
+    handlers = {number: signal.signal(number, lambda *_: None) for number in caught}
     before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)
 
-    def wait(timeout: float | None = None) -> bool:
-        while select.select([noted], [], [], timeout)[0]:
-            if os.read(noted, 1)[0] in _ENDINGS:
-                return True
-        return False
+    def wait(timeout: float | None = None) -> int | None:
+        while ready := select.select(watched, [], [], timeout)[0]:
+            if ready[0] is not noted:
+                watched.remove(ready[0])
+                return signal.SIGHUP
+            if (number := os.read(noted, 1)[0]) in caught:
+                return number
+        return None
 
     try:
         yield wait
     finally:
         signal.set_wakeup_fd(before)
-        for ending, handler in handlers.items():
-            signal.signal(ending, handler)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
         os.close(noted)
         os.close(note)
 
@@ -177,8 +191,12 @@ def run(
     *,
     in_thread: bool = False,
     local: bool = True,
+    lifelines: Sequence[int] = (),
 ) -> int:
-    """Run a node until SIGINT or SIGTERM. Call it in the main thread.
+    """Run a node until a signal ends it. Call it in the main thread.
+
+    A node that moves a robot sends zeros first, also before it is suspended. If the node has a ``may_end``, it is asked all the
+    time whether the process may end, and told whether it was asked to.
 
     Args:
         make: Makes the node in a context; a ValueError, TypeError, OSError, ImportError or RuntimeError refuses its arguments.
@@ -186,6 +204,7 @@ def run(
         in_thread: Whether callbacks run in a thread of their own, so that even a stuck one does not keep the process from
             ending; else in this one.
         local: Whether discovery stays on this machine unless the environment says otherwise.
+        lifelines: Files at whose end the process is asked to end, besides that of the process that started it, see `session`.
 
     Returns:
         The exit code 2, with one line on stderr, if the arguments were refused. Otherwise the process ends: with code 0, or 1
@@ -193,16 +212,16 @@ def run(
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     failures: list[int] = []
-    with _endings_wait() as wait_for_the_end:
+    with _endings_wait([*lifeline(), *lifelines]) as wait:
         try:
-            runner = Runner(arguments, executor=SwiftExecutor if in_thread else SingleThreadedExecutor, local=local)
+            runner = Runner(arguments, local=local)
         except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
             return refuse(error)
         try:
             # Arguments before --ros-args would be taken as remappings in an old syntax, or ignored.
             for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
                 raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
-            runner.add(make(runner.context))
+            runner.add(node := make(runner.context))
         except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
             runner.close()
             return refuse(error)
@@ -212,15 +231,21 @@ def run(
             failures.append(1)
             os.kill(os.getpid(), signal.SIGTERM)
 
+        def asked(timeout: float | None = None) -> bool:
+            while (number := wait(timeout)) in SUSPENSIONS:
+                runner.suspend()
+            return number is not None
+
         if in_thread:
             runner.failed = fail
             runner.start()
-            wait_for_the_end()
+            asked()
         else:
+            may_end, ends = getattr(node, "may_end", bool), False
             try:
-                while not wait_for_the_end(0.0):
+                while not may_end(ends := asked(0.0) or ends):
                     runner.spin_once()
-            except Exception:
+            except BaseException:
                 traceback.print_exc()
                 failures.append(1)
         return _leave(runner, code=len(failures))
@@ -239,8 +264,9 @@ def _leave(runner: Runner, *, code: int) -> NoReturn:
     runner.close()
     time.sleep(SETTLE)
     keeper.destroy_node()
-    sys.stdout.flush()
-    sys.stderr.flush()
+    with suppress(OSError):  # of a terminal that is closed
+        sys.stdout.flush()
+        sys.stderr.flush()
     os._exit(code)
 
 
@@ -248,7 +274,7 @@ def _leave(runner: Runner, *, code: int) -> NoReturn:
 def processes(
     nodes: Sequence[tuple[str, Mapping[str, Any]]], words: Sequence[str], environment: Mapping[str, str] | None = None
 ) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """Run nodes of this package in processes of their own, and end them.
+    """Run nodes of this package in processes of their own, and end them; they end also if this process is killed.
 
     Args:
         nodes: Their names and parameters.
@@ -256,16 +282,18 @@ def processes(
         environment: Variables of each besides those of this process.
     """
     running: list[subprocess.Popen[bytes]] = []
-    try:
-        for name, parameters in nodes:
-            command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *words_of(parameters), *words]
-            running.append(subprocess.Popen(command, env={**os.environ, **(environment or {})}))
-        yield running
-    finally:
-        for process in running:
-            process.terminate()
-        for process in running:
-            try:
-                process.wait(KILL)
-            except subprocess.TimeoutExpired:
-                process.kill()
+    with tied() as line:
+        try:
+            for name, parameters in nodes:
+                command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *words_of(parameters), *words]
+                variables = {**os.environ, **(environment or {}), LIFELINE: str(line)}
+                running.append(subprocess.Popen(command, env=variables, pass_fds=[line]))
+            yield running
+        finally:
+            for process in running:
+                process.terminate()
+            for process in running:
+                try:
+                    process.wait(KILL)
+                except subprocess.TimeoutExpired:
+                    process.kill()

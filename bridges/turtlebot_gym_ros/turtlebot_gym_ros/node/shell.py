@@ -2,17 +2,17 @@
 
 It implements, once for all nodes, everything except control: conversion of messages, freshness of inputs, parameters,
 diagnostics, a watchdog for blocked steps, stop commands and a clean shutdown; its drive (`drives`) decides when the block runs.
-The block computes in the executor's thread. A separate watchdog thread uses the steady clock, so neither a paused ``/clock``
-nor a blocked step can hold it up.
+The block computes in the executor's thread. Neither a paused ``/clock`` nor a blocked step holds up the watchdog's thread.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from threading import Event, Thread
+from threading import Thread
 from typing import Any, TypeVar
 
 from rclpy.context import Context
@@ -96,7 +96,7 @@ class Shell:
         except BaseException:
             self.node.destroy_node()
             raise
-        self._closing = Event()
+        self._closing = False
         self._watcher = Thread(target=self._watch, name=f"{self.node.get_name()}_watch", daemon=True)
         self._watcher.start()
 
@@ -153,7 +153,7 @@ class Shell:
         try:
             outputs = self.block.step(dt, **self.inputs.take(now, stamp))
             messages = {key: self.outputs.message(key, value, stamp) for key, value in outputs.items()}
-        except Exception as error:  # a block may be any code: every error stops the robot
+        except BaseException as error:  # a block may be any code: whatever it raises stops the robot, even SystemExit
             self._fault(f"{type(error).__name__}: {error}")
             return False
         finally:
@@ -246,7 +246,7 @@ class Shell:
     def _watch(self) -> None:
         """In the watchdog's thread, stop a robot whose inputs or clock have become stale, and report."""
         next_report = self._now() + REPORT_PERIOD
-        while not self._closing.wait(WATCH_PERIOD):
+        while not self._closing and not time.sleep(WATCH_PERIOD):  # an Event may wait by the system clock
             now = self._now()
             self.inputs.look()
             if self.switch:
@@ -279,9 +279,9 @@ class Shell:
 
     def close(self) -> None:
         """Stop the robot if it moves, wait until all messages are delivered, and destroy the node."""
-        if self._closing.is_set():
+        if self._closing:
             return
-        self._closing.set()
+        self._closing = True
         self._watcher.join()
         if self.switch:
             self.switch.close()
@@ -299,7 +299,7 @@ def _serve(call: Callable[[], None], request: Any, response: Any) -> Any:
 
 
 def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None = None, *, name: str | None = None) -> int:
-    """Run a block as a node until SIGINT or SIGTERM. Call it in the main thread.
+    """Run a block as a node until a signal ends it. Call it in the main thread.
 
     Args:
         make: Makes the block from its parameters: usually its class.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -122,6 +123,14 @@ class Switch:
             system, steady = read_clocks()
             self._clock.look(system=system, steady=steady)
             return steady
+
+    @contextmanager
+    def at_rest(self) -> Iterator[None]:
+        """Stop the robot, and let no step move it within the context."""
+        with self.safety.lock:
+            self.stop("suspended")
+            self._outputs.flush()
+            yield
 
     def close(self) -> None:
         """Stop the robot if it moves."""

@@ -46,7 +46,8 @@ Parameters: see `parameters`. All times are by the steady clock, so it works wit
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -222,6 +223,12 @@ class CmdVelGuard(Node):
 
     def _diagnose(self) -> None:
         self._diagnostics.publish(self._report.message(self._now(), robots=self._robots))
+
+    @contextmanager
+    def at_rest(self) -> Iterator[None]:
+        """Stop the robot for the time within the context; its callbacks run in the thread that enters it."""
+        self.close()
+        yield
 
     def close(self) -> None:
         """Send zeros and wait until the robot has received them."""

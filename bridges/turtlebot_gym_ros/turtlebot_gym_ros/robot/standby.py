@@ -8,6 +8,11 @@ at once. While the guard is alive the standby publishes nothing on ``/cmd_vel``.
 Its own sign of life is ``~/alive`` (Empty, 10 Hz), as long as it hears a publisher on ``/cmd_vel`` besides itself; with
 ``require_standby`` the guard stops the robot half a second after the last one. If both are killed at once, the robot drives on.
 
+**It outlives its terminal.** It runs in a session of its own, so that what ends or suspends the processes of a terminal does
+not reach it; a child process stays behind to notice. When that child or the process that started this one ends, or at a signal
+that ends processes, it goes on until the guard has ended, at most for `LINGER`. Once its parent has ended in any other way, it
+ends when nobody else was on ``/cmd_vel`` for `ALONE`. Its own last messages are zeros if a motion is in force.
+
 Inputs: ``/cmd_vel``. Outputs: ``/cmd_vel``, ``~/alive``, ``/diagnostics`` (1 Hz). Parameters: see `Parameters`.
 """
 
@@ -16,7 +21,8 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -24,6 +30,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Empty
@@ -33,6 +40,7 @@ from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import precede, run
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, OK, log, report
+from turtlebot_gym_ros.base.session import leave
 from turtlebot_gym_ros.base.swift import Unawaited, waiting
 
 SILENCE = 0.18
@@ -43,6 +51,10 @@ PERIOD = 0.02
 """Time between two looks, s; also the period of the zeros."""
 LATE = 0.1
 """Most by which a message may have come before it was looked at, s."""
+LINGER = 2.0
+"""Longest time for which it goes on after it was asked to end, s; launch files escalate at 5 s."""
+ALONE = 10.0
+"""Time without a guard after which it ends if the process that started it has ended, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +73,12 @@ class Standby:
 
     def __init__(self) -> None:
         self._looked = self._heard = self._until = -math.inf
-        self._moves = False
+        self.moves = False
+        """Whether a motion is in force."""
         self.takeovers = 0
+        self.asked = math.inf
+        """Time at which it was asked to end."""
+        self._guarded = -math.inf
 
     def look(self, motions: Sequence[bool], now: float) -> bool:
         """Return whether to publish a zero now.
@@ -76,15 +92,31 @@ class Standby:
         if any(motions):
             self._until = -math.inf
         if motions:
-            self._heard, self._moves = came, motions[-1]
-        if self._moves and now - self._heard > SILENCE:
-            self._moves, self._until = False, now + ZEROS
+            self._heard, self.moves = came, motions[-1]
+        if self.moves and now - self._heard > SILENCE:
+            self.moves, self._until = False, now + ZEROS
             self.takeovers += 1
         return self.acts(now)
 
     def acts(self, now: float) -> bool:
         """Return whether it publishes zeros."""
         return now < self._until
+
+    def may_end(self, now: float, *, guarded: bool, asked: bool, orphan: bool) -> bool:
+        """Return whether it may end.
+
+        Args:
+            now: Current time.
+            guarded: Whether there is a guard.
+            asked: Whether it was asked to end.
+            orphan: Whether the process that started it has ended.
+        """
+        if guarded or self.moves or self._guarded == -math.inf:
+            self._guarded = now
+        if asked:
+            self.asked = min(self.asked, now)
+            return not (guarded or self.moves or self.acts(now)) or now - self.asked > LINGER
+        return orphan and now - self._guarded > ALONE
 
 
 class CmdVelStandby(Node):
@@ -96,6 +128,7 @@ class CmdVelStandby(Node):
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._rule = Standby()
         self._frame = ""
+        self._parent = os.getppid()
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
         self._alive = self.create_publisher(Empty, "~/alive", QoSProfile(depth=1))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
@@ -113,17 +146,39 @@ class CmdVelStandby(Node):
             self._frame = message.header.frame_id if isinstance(message, TwistStamped) else ""
         before = self._rule.takeovers
         if self._rule.look(motions, time.monotonic()):
-            zero = self._type()
-            if isinstance(zero, TwistStamped):
-                zero.header.stamp, zero.header.frame_id = self.get_clock().now().to_msg(), self._frame
-            self._velocity.publish(zero)
+            self._stop()
         if self._rule.takeovers > before:
             log(self, ERROR, f"the guard fell silent for {SILENCE} s while the robot moved: zeros")
 
+    def _stop(self) -> None:
+        zero = self._type()
+        if isinstance(zero, TwistStamped):
+            zero.header.stamp, zero.header.frame_id = self.get_clock().now().to_msg(), self._frame
+        self._velocity.publish(zero)
+
     def _live(self) -> None:
         """Give a sign of life, unless only itself is on the topic: without its type it would hear nothing."""
-        if self._guard.get_publisher_count() > 1:
+        if self._guard.get_publisher_count() > 1 and self._rule.asked == math.inf:
             self._alive.publish(Empty())
+
+    def may_end(self, asked: bool) -> bool:
+        """Return whether the process may end, which was asked to end or not."""
+        guarded, orphan = self._guard.get_publisher_count() > 1, os.getppid() != self._parent
+        return self._rule.may_end(time.monotonic(), guarded=guarded, asked=asked, orphan=orphan)
+
+    @contextmanager
+    def at_rest(self) -> Iterator[None]:
+        """Stop a robot that moves, for the time within the context; its callbacks run in the thread that enters it."""
+        self.close()
+        yield
+
+    def close(self) -> None:
+        """Send zeros if a motion is in force, and wait until the robot has received them."""
+        self._look()
+        if self._rule.moves:
+            for _ in range(3):
+                self._stop()
+            self._velocity.wait_for_all_acked(Duration(seconds=0.5))
 
     def _diagnose(self) -> None:
         acts = self._rule.acts(time.monotonic())
@@ -135,8 +190,9 @@ class CmdVelStandby(Node):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_standby``, before all other processes and the guard, where the system permits a real-time priority."""
+    lifelines = leave()
     precede(2)
-    return run(CmdVelStandby, argv, local=False)  # it runs on the robot, beside the guard
+    return run(CmdVelStandby, argv, local=False, lifelines=lifelines)  # it runs on the robot, beside the guard
 
 
 if __name__ == "__main__":

@@ -1,0 +1,91 @@
+"""Processes that end with others: with the one that started them, or, outliving it for a moment, with their terminal.
+
+A lifeline is a file that ends when the processes at its other end have ended, however they ended.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NoReturn
+
+LIFELINE = "TURTLEBOT_GYM_LIFELINE"
+"""Environment variable with the number of the file that ends with the process that started this one."""
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""Signals that end a process: Ctrl-C, ``kill``, a closed terminal, and Ctrl with a backslash."""
+SUSPENSIONS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""Signals that suspend a process: Ctrl-Z, and using the terminal from its background."""
+
+
+def counts(number: int) -> bool:
+    """Return whether a signal counts; a hang-up and a suspension do not where they are ignored, as under ``nohup``."""
+    return number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT) or signal.getsignal(number) is not signal.SIG_IGN
+
+
+def lifeline() -> list[int]:
+    """Return the file that ends with the process that started this one by `tied`; none if another one did."""
+    number = os.environ.pop(LIFELINE, "")
+    return [int(number)] if number else []
+
+
+@contextmanager
+def tied() -> Iterator[int]:
+    """Yield the lifeline of processes that end with this one, even if it is killed: pass them the file and `LIFELINE`.
+
+    A signal at the parent's death, as Linux knows it, would also come when the thread ends that started them.
+    """
+    theirs, ours = os.pipe()
+    try:
+        yield theirs
+    finally:
+        os.close(theirs)
+        os.close(ours)
+
+
+def leave() -> list[int]:
+    """Move this process to a session of its own, and return files that end when its old process group is ended.
+
+    The signals of a terminal, and those to a group, then reach only a child process that stays in the group and ends at the
+    first one. The leader of a group, as a shell with job control starts one, cannot move: it starts itself again in a new
+    session, and waits there.
+    """
+    if os.getsid(0) == os.getpid():  # as a service manager starts it
+        return []
+    if os.getpgrp() == os.getpid():
+        _start_again()
+    here, there = socket.socketpair()
+    if os.fork() == 0:
+        here.close()
+        _end_at_a_signal(there)
+    there.close()
+    os.setsid()
+    return [here.detach()]
+
+
+def _end_at_a_signal(other: socket.socket) -> None:
+    """End at the first signal, or with the process at the other end."""
+    try:
+        for number in filter(counts, ENDINGS):
+            signal.signal(number, lambda *_: os._exit(0))
+        other.recv(1)
+    finally:
+        os._exit(0)
+
+
+def _start_again() -> NoReturn:
+    """Run this program in a new session, tell it of the first signal, and end with its exit code."""
+    told: list[int] = []
+    with tied() as line:
+        for number in filter(counts, ENDINGS):
+            signal.signal(number, lambda number, _: told.append(number))
+        environment = {**os.environ, LIFELINE: str(line)}
+        process = subprocess.Popen(sys.orig_argv, start_new_session=True, pass_fds=[line], env=environment)
+        while not told and process.poll() is None:
+            time.sleep(0.1)
+    os._exit(process.wait() & 0xFF)
