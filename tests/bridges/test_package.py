@@ -2,6 +2,7 @@
 
 import ast
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -187,7 +188,31 @@ def test_a_configuration_counts_in_any_namespace(runner, namespace):
     shell.close()
 
 
-def test_on_a_robot_only_the_guard_speaks_to_the_wheels_and_is_started_again():
+def test_every_node_is_started_again_and_only_once_enabled(launch_file):
+    for node in launch_file.iter("node"):
+        assert node.get("respawn") == (None if node.get("pkg") == "rviz2" else "true"), node.get("name")
+        given = {param.get("name"): param.get("value") for param in node.findall("param")}
+        by_default = config_of(launch_file).get(node.get("name"), {}).get("ros__parameters", {}).get("start_enabled", False)
+        enabled = given.get("start_enabled", str(by_default).lower())
+        assert enabled == ("$(var start_enabled)" if node.get("name") == "cmd_vel_guard" else "false"), node.get("name")
+    for once in launch_file.iter("executable"):
+        assert once.get("respawn") is None
+        *words, node, kind, request = shlex.split(once.get("cmd").replace("$(var space)", "/robot1"))
+        assert words == ["ros2", "service", "call"]
+        assert node.removeprefix("/robot1/").removesuffix("/enable") in SHELLS
+        assert (kind, yaml.safe_load(request)) == ("std_srvs/srv/SetBool", {"data": True})
+
+
+@pytest.mark.parametrize(("namespace", "space"), [("", ""), ("robot1", "/robot1"), ("/lab/robot1/", "/lab/robot1")])
+@pytest.mark.parametrize("name", ["simulation", "teleoperation"])
+def test_a_node_is_enabled_in_its_namespace(name, namespace, space):
+    launch_file = ElementTree.parse(PACKAGE / "launch" / f"{name}.launch.xml").getroot()
+    (value,) = (let.get("value") for let in launch_file.iter("let") if let.get("name") == "space")
+    expression = value.removeprefix("$(eval '").removesuffix("')").replace("\\'", "'").replace("$(var namespace)", namespace)
+    assert eval(expression) == space
+
+
+def test_on_a_robot_only_the_guard_speaks_to_the_wheels():
     launch_file = ElementTree.parse(PACKAGE / "launch" / "robot.launch.xml").getroot()
     speakers = {}
     for node in launch_file.iter("node"):
@@ -199,8 +224,6 @@ def test_on_a_robot_only_the_guard_speaks_to_the_wheels_and_is_started_again():
     asked = {node.get("name"): (node.get("if"), node.get("unless")) for node in launch_file.iter("node")}
     assert asked["velocity_controller"] == (None, "$(var calibrate)")  # one of the two
     assert asked["calibration_drive"] == ("$(var calibrate)", None)
-    respawned = [node.get("name") for node in launch_file.iter("node") if node.get("respawn") == "true"]
-    assert respawned == ["cmd_vel_guard", "cmd_vel_standby"]
     assert "turtlebot_simulator" not in {node.get("name") for node in launch_file.iter("node")}
 
 
@@ -251,7 +274,7 @@ def test_package_depends_on_the_ros_packages_that_it_imports():
     ros = {name for name in imported if name.startswith(("rcl", "ament_")) or name.endswith(("_msgs", "_srvs", "_interfaces"))}
     root = ElementTree.parse(PACKAGE / "package.xml").getroot()
     depends = {element.text for element in root.iter("exec_depend")}
-    assert ros == depends - {"python3-numpy", "python3-yaml", "ros2launch"}
+    assert ros == depends - {"python3-numpy", "python3-yaml", "ros2launch", "ros2service"}
 
 
 def files_of(folder):
