@@ -2,14 +2,20 @@
 
 import os
 import signal
+import sys
 import time
+from contextlib import nullcontext
+from pathlib import Path
 from threading import Event
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from bench import node
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 from rclpy.time import Time
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
@@ -20,10 +26,13 @@ from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.__main__ import HELP, main
 from turtlebot_gym_ros.base.process import be_interruptible, go_on
 from turtlebot_gym_ros.base.qos import LATCHED
+from turtlebot_gym_ros.base.session import ENDINGS, INTERRUPTED
 from turtlebot_gym_ros.field.session import _follow
+from turtlebot_gym_ros.graph import bringup
 from turtlebot_gym_ros.graph.watch import View, Watcher
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import NODES
+from turtlebot_gym_ros.robot.standby import CmdVelStandby
 
 POLICIES = """
 import time
@@ -31,6 +40,18 @@ import numpy as np
 
 def ahead(observation):
     return np.array([0.5, 0.0], np.float32)
+
+def raises(observation, calls=[]):
+    calls.append(1)
+    if len(calls) > 5:
+        raise ValueError("too clever")
+    return ahead(observation)
+
+def exits(observation, calls=[]):
+    calls.append(1)
+    if len(calls) > 5:
+        raise SystemExit(3)
+    return ahead(observation)
 
 def blocks(observation, calls=[]):
     calls.append(1)
@@ -107,7 +128,8 @@ WAITS = {
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("wait", WAITS.values(), ids=WAITS)
 def test_a_wait_ends_at_an_interruption_that_a_destructor_has_swallowed(monkeypatch, wait):
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
+    before = {number: signal.getsignal(number) for number in (*ENDINGS, signal.SIGALRM)}
+    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
     monkeypatch.setattr("turtlebot_gym_ros.base.process._interrupted", Event())
     be_interruptible()
     signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits on"))
@@ -154,7 +176,10 @@ def world(peer, wait_for, tmp_path):
     return World(peer, wait_for)
 
 
-@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.nightly), signal.SIGTERM])
+LATER = [number for number in ENDINGS if number != signal.SIGHUP]
+
+
+@pytest.mark.parametrize("number", [signal.SIGHUP, *(pytest.param(number, marks=pytest.mark.nightly) for number in LATER)])
 def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, world, tmp_path, number):
     process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
     world.until(lambda: len(world.commands) > 5)
@@ -164,6 +189,80 @@ def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, worl
     first = world.speeds.index(0.0)
     assert min(world.speeds[:first]) > 0.1
     assert set(world.speeds[first:]) == {0.0}
+
+
+def test_the_last_word_of_a_controller_before_it_is_suspended_is_zero_and_then_it_needs_fresh_inputs(launch, world, tmp_path):
+    process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
+    world.until(lambda: len(world.commands) > 5)
+    process.send_signal(signal.SIGTSTP)
+    world.wait_for(lambda: Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T")
+    world.wait_for(lambda: world.speeds[-1] == 0.0)
+    suspended = len(world.commands)
+    process.send_signal(signal.SIGCONT)
+    world.wait_for(lambda: world.states[-1].data.startswith("silent"))
+    assert not any(world.speeds[suspended:])
+    world.until(lambda: world.speeds[-1] > 0.1)
+
+
+def test_nodes_end_with_the_program_that_started_them_even_if_it_is_killed(launch, world):
+    program = launch("-m", "turtlebot_gym_ros", "bringup", "--processes", "--duration", "3600", "--speed", "1")
+    world.wait_for(lambda: any(world.speeds))
+    family = [int(child) for child in Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split()]
+    assert len(family) == 4
+    program.kill()
+    world.wait_for(lambda: not any(Path(f"/proc/{child}").exists() for child in family))
+    assert world.speeds[-1] == 0.0
+
+
+def test_ctrl_c_ends_a_graph_with_one_word_and_a_shells_exit_code_from_the_first_import_on(launch, peer, wait_for):
+    for until in (lambda: time.sleep(0.6) or True, lambda: peer.node.count_publishers("velocity_controller/state")):
+        program = launch("-m", "turtlebot_gym_ros", "bringup", "--duration", "3600")
+        wait_for(until)
+        program.send_signal(signal.SIGINT)
+        _, said = program.communicate(timeout=30)
+        assert program.returncode == INTERRUPTED == 130
+        assert [line for line in said.splitlines() if not line.startswith("[")] == ["interrupted"]
+
+
+@pytest.mark.parametrize("why", ["ValueError: too clever", "SystemExit: 3"])
+def test_a_policy_that_fails_ends_a_drive_with_its_error(launch, tmp_path, why):
+    (tmp_path / "policies.py").write_text(POLICIES)
+    policy = f"policies:{'exits' if 'Exit' in why else 'raises'}"
+    program = launch("-m", "turtlebot_gym_ros", "bringup", "--duration", "5", "--policy", policy, PYTHONPATH=path(tmp_path))
+    _, said = program.communicate(timeout=60)
+    assert program.returncode == 2
+    assert said.splitlines()[-1].startswith("error: velocity_controller is stop")
+    assert why in said.splitlines()[-1]
+
+
+def test_a_drive_whose_time_stands_still_ends_with_an_error():
+    is_over, graph = bringup._End(1.0), SimpleNamespace(time=0.5, state="active", reports={"kalman_filter": (0, "runs")})
+    for _ in range(bringup.LOOKS + 1):
+        assert not is_over(graph)
+    with pytest.raises(RuntimeError, match=r"stood still for 60 s.*kalman_filter.*runs"):
+        is_over(graph)
+    graph.time = 1.0
+    assert is_over(graph)
+
+
+def test_a_drive_of_nothing_is_an_error(monkeypatch, capsys):
+    unknown = np.full((3, 5), np.nan)
+    drive = SimpleNamespace(time=np.arange(3.0), true_state=unknown, estimate=unknown, odometry=unknown[:, :3])
+    graph = SimpleNamespace(wait_until=lambda *_, **__: None, trajectory=lambda: drive, latest={})
+    monkeypatch.setattr(bringup, "Graph", lambda **_: nullcontext(graph))
+    monkeypatch.setattr(bringup, "be_interruptible", lambda: None)
+    assert bringup.main([]) == 2
+    assert capsys.readouterr().err == f"error: {bringup.NOTHING}\n"
+
+
+def test_the_clock_of_a_node_that_runs_cannot_be_changed(runner, peer):
+    runner.add(CmdVelStandby(runner.context))
+    for value, changes in ((True, True), (False, False)):
+        parameter = Parameter("use_sim_time", value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        (result,) = peer.ask("cmd_vel_standby/set_parameters", SetParameters, request).results
+        assert result.successful is not changes
+        assert ("read when the node starts" in result.reason) is changes
 
 
 def test_a_blocked_policy_stops_the_robot_and_holds_up_no_end(launch, world, tmp_path):

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from turtlebot_gym import __version__
-from turtlebot_gym.extras import installing
-from turtlebot_gym_agents.outputs import ending_quietly
 from turtlebot_gym_ros.base.discovery import prepare
+from turtlebot_gym_ros.base.session import INTERRUPTED
 from turtlebot_gym_ros.nodes import NODES, load, unknown
 
 HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
@@ -27,14 +27,21 @@ EXTRAS = {"rclpy": "ros", "rosbags": "deploy", "matplotlib": "gym", "PIL": "gym"
 """The extra that brings a module."""
 
 
-@ending_quietly
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a node, and return its exit code."""
+    from turtlebot_gym_agents.outputs import ending_quietly  # slow to import, as the others below
+
+    return ending_quietly(_run)(argv)
+
+
+def _run(argv: Sequence[str] | None) -> int:
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
         print(HELP)
         return 0
     if name == "--version":
+        from turtlebot_gym import __version__
+
         print(f"turtlebot-gym {__version__}")
         return 0
     if name not in NODES:
@@ -47,6 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return entry(rest)
         from turtlebot_gym_ros.node.shell import run
     except ModuleNotFoundError as error:
+        from turtlebot_gym.extras import installing
+
         missing = (error.name or "").partition(".")[0]
         extra = EXTRAS.get("rclpy" if missing.endswith(("_msgs", "_srvs", "_interfaces")) else missing)
         if extra is None:
@@ -60,12 +69,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run(entry, entry.Params, rest)
 
 
+def end_quietly() -> None:
+    """Let Ctrl-C end this program without a traceback until a node or a command decides otherwise: imports take seconds."""
+
+    def end(*_: Any) -> None:
+        os.write(2, b"interrupted\n")
+        os._exit(INTERRUPTED)
+
+    signal.signal(signal.SIGINT, end)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 def run_as_program() -> int:
     """Run the node with the name of this program: the entry point of ``ros2 run turtlebot_gym_ros NODE``."""
+    end_quietly()
     return main([Path(sys.argv[0]).name, *sys.argv[1:]])
 
 
 if __name__ == "__main__":
+    end_quietly()
     code = main()
     sys.stdout.flush()
     sys.stderr.flush()

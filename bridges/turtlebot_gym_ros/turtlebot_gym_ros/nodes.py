@@ -9,8 +9,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from turtlebot_gym.validation import did_you_mean
-
 
 class Entry(NamedTuple):
     """A node."""
@@ -88,6 +86,8 @@ BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
 
 def unknown(name: str) -> str:
     """Return what is said of a name that no node has."""
+    from turtlebot_gym.validation import did_you_mean  # slow to import
+
     return f"there is no node {name!r}; there are {', '.join(NODES)}.{did_you_mean(name, NODES)}"
 
 

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from difflib import get_close_matches
 from itertools import pairwise
 from textwrap import dedent
 from typing import Any, get_type_hints
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from turtlebot_gym.validation import Range, Rule, rules
 
@@ -25,6 +26,8 @@ _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 def declare(node: Node, *params: type) -> tuple[Any, ...]:
     """Declare the fields of parameter classes as read-only parameters of a node, and return the filled classes.
+
+    From then on ``use_sim_time`` is read-only, too: what uses the clock was made for it.
 
     Args:
         node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
@@ -57,6 +60,14 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
             node.declare_parameter(name, values[name], descriptor, ignore_override=True)
         except ParameterException as error:  # what only the range refuses
             raise ValueError(f"{name} must be {descriptor.additional_constraints}, got {values[name]!r}.") from error
+    reason = "use_sim_time is read when the node starts: start it anew with the new value."
+    clock = node.get_parameter("use_sim_time").value
+
+    def refuse(parameters: Sequence[Parameter]) -> SetParametersResult:
+        changes = any(parameter.name == "use_sim_time" and parameter.value != clock for parameter in parameters)
+        return SetParametersResult(successful=not changes, reason=reason if changes else "")
+
+    node.add_on_set_parameters_callback(refuse)
     return made
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import faulthandler
 import gc
 import os
-import select
 import signal
 import subprocess
 import sys
@@ -25,7 +24,7 @@ from rclpy.utilities import remove_ros_args
 
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.parameters import words_of
-from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline, tied
+from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline, listening, tied
 from turtlebot_gym_ros.base.swift import SwiftExecutor
 
 LAST_WORD = 4.0
@@ -136,12 +135,14 @@ def precede(priority: int) -> None:
 
 def be_interruptible() -> None:
     """Let signals that end a process raise KeyboardInterrupt, and note it: one that is raised within a destructor is lost."""
+    shown = sys.unraisablehook
 
     def interrupt(*_: object) -> None:
         _interrupted.set()
         raise KeyboardInterrupt
 
     _interrupted.clear()
+    sys.unraisablehook = lambda lost: None if lost.exc_type is KeyboardInterrupt else shown(lost)
     for ending in filter(counts, ENDINGS):
         signal.signal(ending, interrupt)
 
@@ -150,39 +151,6 @@ def go_on() -> None:
     """Raise KeyboardInterrupt if it was noted: call it before motions, and again and again in a wait that may be long."""
     if _interrupted.is_set():
         raise KeyboardInterrupt
-
-
-@contextmanager
-def _endings_wait(lifelines: Sequence[int]) -> Iterator[Callable[..., int | None]]:
-    """Catch signals, and yield a function that waits for one, at most a time in s, and returns the number of one that came.
-
-    So no signal is lost while a node starts, and none acts by itself. Blocking signals is not enough: existing threads of a
-    library do not block them, and a signal taken by such a thread ends the process. The handler writes to a pipe, whichever
-    thread it runs in. The end of a lifeline counts as a hang-up.
-    """
-    noted, note = os.pipe()
-    os.set_blocking(note, False)
-    caught, watched = list(filter(counts, (*ENDINGS, *SUSPENSIONS))), [noted, *lifelines]
-    handlers = {number: signal.signal(number, lambda *_: None) for number in caught}
-    before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)
-
-    def wait(timeout: float | None = None) -> int | None:
-        while ready := select.select(watched, [], [], timeout)[0]:
-            if ready[0] is not noted:
-                watched.remove(ready[0])
-                return signal.SIGHUP
-            if (number := os.read(noted, 1)[0]) in caught:
-                return number
-        return None
-
-    try:
-        yield wait
-    finally:
-        signal.set_wakeup_fd(before)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        os.close(noted)
-        os.close(note)
 
 
 def run(
@@ -212,7 +180,7 @@ def run(
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     failures: list[int] = []
-    with _endings_wait([*lifeline(), *lifelines]) as wait:
+    with listening([*lifeline(), *lifelines]) as wait:
         try:
             runner = Runner(arguments, local=local)
         except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
@@ -287,7 +255,9 @@ def processes(
             for name, parameters in nodes:
                 command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *words_of(parameters), *words]
                 variables = {**os.environ, **(environment or {}), LIFELINE: str(line)}
+                before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # until it is ready to end quietly
                 running.append(subprocess.Popen(command, env=variables, pass_fds=[line]))
+                signal.pthread_sigmask(signal.SIG_SETMASK, before)
             yield running
         finally:
             for process in running:

@@ -1,4 +1,4 @@
-"""Processes that end with others: with the one that started them, or, outliving it for a moment, with their terminal.
+"""Signals, and processes that end with others: with the one that started them or, a moment later, with their terminal.
 
 A lifeline is a file that ends when the processes at its other end have ended, however they ended.
 """
@@ -6,12 +6,13 @@ A lifeline is a file that ends when the processes at its other end have ended, h
 from __future__ import annotations
 
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NoReturn
 
@@ -21,6 +22,8 @@ ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end a process: Ctrl-C, ``kill``, a closed terminal, and Ctrl with a backslash."""
 SUSPENSIONS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 """Signals that suspend a process: Ctrl-Z, and using the terminal from its background."""
+INTERRUPTED = 128 + signal.SIGINT
+"""Exit code of a program that Ctrl-C ended, as in a shell."""
 
 
 def counts(number: int) -> bool:
@@ -32,6 +35,39 @@ def lifeline() -> list[int]:
     """Return the file that ends with the process that started this one by `tied`; none if another one did."""
     number = os.environ.pop(LIFELINE, "")
     return [int(number)] if number else []
+
+
+@contextmanager
+def listening(lifelines: Sequence[int]) -> Iterator[Callable[..., int | None]]:
+    """Catch signals, and yield a function that waits for one, at most a time in s, and returns the number of one that came.
+
+    So no signal is lost while a node starts, and none acts by itself. Blocking signals is not enough: existing threads of a
+    library do not block them, and a signal taken by such a thread ends the process. The handler writes to a pipe, whichever
+    thread it runs in. The end of a lifeline counts as a hang-up.
+    """
+    noted, note = os.pipe()
+    os.set_blocking(note, False)
+    caught, watched = list(filter(counts, (*ENDINGS, *SUSPENSIONS))), [noted, *lifelines]
+    handlers = {number: signal.signal(number, lambda *_: None) for number in caught}
+    before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)
+
+    def wait(timeout: float | None = None) -> int | None:
+        while ready := select.select(watched, [], [], timeout)[0]:
+            if ready[0] is not noted:
+                watched.remove(ready[0])
+                return signal.SIGHUP
+            if (number := os.read(noted, 1)[0]) in caught:
+                return number
+        return None
+
+    try:
+        yield wait
+    finally:
+        signal.set_wakeup_fd(before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        os.close(noted)
+        os.close(note)
 
 
 @contextmanager

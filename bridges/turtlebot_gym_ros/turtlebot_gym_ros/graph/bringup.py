@@ -24,14 +24,18 @@ from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, whole
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
-from turtlebot_gym_ros.base.process import be_interruptible, refuse
+from turtlebot_gym_ros.base.process import be_interruptible, go_on, refuse
+from turtlebot_gym_ros.base.session import INTERRUPTED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.simulator import SPEECHES
-from turtlebot_gym_ros.graph.graph import Graph
+from turtlebot_gym_ros.graph.graph import PATIENCE, Graph
 from turtlebot_gym_ros.nodes import MODES
 
 REACHED = 0.3
 """Distance within which a waypoint counts as reached, m."""
+LOOKS = int(PATIENCE / 0.01)
+"""Number of looks at a graph whose time stands still after which its drive cannot go on; a suspended process takes none."""
+NOTHING = "nothing was driven: no true state came with odometry and an estimate. Do other nodes run in this ROS_DOMAIN_ID?"
 
 
 def metrics(trajectory: Drive) -> dict[str, float]:
@@ -130,7 +134,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the graph, print its metrics, and return the exit code."""
+    """Run the graph, print its metrics, and return the exit code: 130 if it was interrupted before the end of the drive."""
     options = vars(parser().parse_args(argv))
     duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
     watch, port, force = (options.pop(name) for name in ("watch", "port", "force"))
@@ -143,10 +147,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         return refuse(error)
     be_interruptible()
+    try:
+        return _drive(chosen, duration, figure=figure, report=report, port=port if watch else None)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, report: Path | None, port: int | None) -> int:
+    """Run the graph, with a view if it has a port, and return the exit code."""
+    code = 0
     with ExitStack() as viewing:
         try:
             view = None
-            if watch:
+            if port is not None:
                 from turtlebot_gym_ros.graph.watch import View  # slow to import
 
                 title = f"bringup, policy {chosen.get('policy', 'bearing')}"
@@ -155,20 +169,43 @@ def main(argv: Sequence[str] | None = None) -> int:
                 if view:
                     view.open()
                 try:
-                    graph.wait_until(lambda graph: graph.time >= duration, timeout=None)
+                    graph.wait_until(_End(duration), timeout=None)
                 except KeyboardInterrupt:
                     be_interruptible()  # anew, for what follows
                     print("interrupted", file=sys.stderr)
+                    code = INTERRUPTED
                 trajectory = graph.trajectory()
                 latest = dict(graph.latest)
-        except KeyboardInterrupt:
-            return 0
+            if not code and not _was_driven(trajectory):
+                raise RuntimeError(NOTHING)
         except (ValueError, RuntimeError, OSError, ImportError) as error:
+            go_on()  # an interrupted import may raise another error
             return refuse(error)
         _tell(trajectory, latest, chosen, figure=figure, report=report)
         if view:
             view.stay()
-    return 0
+    return code
+
+
+class _End:
+    """The condition that a drive has lasted so long, s; it raises RuntimeError if the drive cannot go on."""
+
+    def __init__(self, duration: float) -> None:
+        self._duration, self._last, self._looks = duration, -1.0, 0
+
+    def __call__(self, graph: Graph) -> bool:
+        if "fault: " in graph.state:
+            raise RuntimeError(f"velocity_controller is {graph.state}")
+        self._last, self._looks = graph.time, self._looks + 1 if graph.time == self._last else 0
+        if self._looks > LOOKS:
+            raise RuntimeError(f"the time has stood still for {PATIENCE:g} s; the nodes report {dict(graph.reports)}.")
+        return graph.time >= self._duration
+
+
+def _was_driven(drive: Drive) -> bool:
+    """Return whether a drive has at least two rows, and one in which all that is compared is known."""
+    known = [np.isfinite(column).all(1) for column in (drive.true_state, drive.estimate, drive.odometry)]
+    return len(drive.time) > 1 and bool(np.logical_and.reduce(known).any())
 
 
 def _tell(
@@ -180,7 +217,7 @@ def _tell(
     report: Path | None,
 ) -> None:
     """Print the metrics of a drive, and write the requested files."""
-    if len(trajectory.time) < 2:
+    if not _was_driven(trajectory):
         return
     figures = metrics(trajectory)
     if np.isfinite(trajectory.clearance).any():

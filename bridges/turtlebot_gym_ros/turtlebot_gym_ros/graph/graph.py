@@ -6,6 +6,7 @@ import subprocess
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from threading import Event
 from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
@@ -89,7 +90,7 @@ class Graph:
         else:
             parameters.pop("localizer", None)
         self._processes: list[subprocess.Popen[bytes]] = []
-        self._ending = ExitStack()
+        self._ending, self._failed = ExitStack(), Event()
         self._in_processes = processes
         self._domain = domain
         self._autonomous = mode == "autonomous"
@@ -135,6 +136,7 @@ class Graph:
     def start(self) -> Graph:
         """Start all nodes and return the graph when it is running; end it with `close`, as ``with`` does."""
         self._runner = Runner(domain=self._domain)
+        self._runner.failed = self._failed.set
         try:
             self._recorder = Recorder(
                 self._runner.context,
@@ -230,11 +232,13 @@ class Graph:
 
         Raises:
             TimeoutError: If it does not hold in time; the message has each node's report.
-            RuntimeError: If a node's process has ended.
+            RuntimeError: If a node's process, or the thread of the nodes, has ended.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while not condition(self):
             go_on()
+            if self._failed.is_set():
+                raise RuntimeError("the thread of the nodes has ended with an error.")
             for process in self._processes:
                 if process.poll() is not None:
                     raise RuntimeError(f"{process.args[3]} ended with exit code {process.returncode}.")  # type: ignore[index]
