@@ -64,25 +64,19 @@ def test_a_node_that_runs_by_a_timer_alone_goes_on_when_the_clock_is_set_back(wh
     assert max(later - earlier for earlier, later in pairwise(times)) < endings.LIMIT
 
 
-@pytest.mark.parametrize("leads", [True, False], ids=["a shell's job", "its child"])
-def test_the_standby_is_in_a_session_of_its_own_and_ends_with_what_it_left(leads, launch, wait_for, peer, tmp_path):
-    arguments = ["-m", "turtlebot_gym_ros", "cmd_vel_standby"]
-    leader = "import os, sys; os.setpgid(0, 0); os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
-    started = launch(*(["-c", leader] if leads else []), *arguments)
+def test_the_standby_is_in_a_session_of_its_own_and_ends_with_the_child_that_it_left_in_the_old_one(launch, wait_for, peer):
+    standby = launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
     wait_for(lambda: peer.node.count_publishers("cmd_vel_standby/alive"))
-    family = [pid for pid in [*_children(started.pid), started.pid] if b"cmd_vel_standby" in _words(pid)]
-    sessions = {pid: os.getsid(pid) for pid in family}
-    (standby,) = (pid for pid, session in sessions.items() if pid == session)
-    (stayed,) = (pid for pid, session in sessions.items() if session == os.getsid(0))
-    assert (standby == started.pid) is not leads
+    assert os.getsid(standby.pid) == standby.pid
+    (stayed,) = (int(pid) for pid in Path(f"/proc/{standby.pid}/task/{standby.pid}/children").read_text().split())
+    assert os.getsid(stayed) == os.getsid(0)
     os.kill(stayed, signal.SIGHUP)
-    assert started.wait(30) == 0
-    wait_for(lambda: not endings._runs(standby))
+    assert standby.wait(30) == 0
 
 
-def _children(pid):
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def _words(pid):
-    return Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+def test_the_child_of_a_standby_that_is_killed_ends_with_it(launch, wait_for, peer):
+    standby = launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
+    wait_for(lambda: peer.node.count_publishers("cmd_vel_standby/alive"))
+    stayed = int(Path(f"/proc/{standby.pid}/task/{standby.pid}/children").read_text())
+    standby.kill()
+    wait_for(lambda: not endings._runs(stayed))

@@ -2,6 +2,7 @@
 
 import os
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -72,32 +73,6 @@ def test_what_came_while_the_standby_was_held_up_is_dated_at_its_last_look_but_a
     for held, earliest in ((0.06, 1.0), (0.5, 1.4)):
         (first, *_), _ = zeros_of([*speech(0.5, 1.0), (1.0 + 0.5 * held, True)], 4.0, late=[(1.0 + 1e-9, 1.0 + held)])
         assert earliest + 0.16 <= first <= earliest + 0.22
-
-
-def test_it_ends_after_the_guard_or_two_seconds_after_it_was_asked_to():
-    ends = lambda rule, now, **others: rule.may_end(now, **{"guarded": True, "asked": True, "orphan": False, **others})  # noqa: E731
-    rule = Standby()
-    assert not ends(rule, 90.0, asked=False)
-    assert rule.asked > 1e9
-    assert [ends(rule, at) for at in (100.0, 100.0 + LINGER - 0.1, 100.0 + LINGER + 0.1)] == [False, False, True]
-    assert ends(Standby(), 100.0, guarded=False)
-    rule = Standby()
-    rule.look([True], 99.9)
-    assert not ends(rule, 100.0, guarded=False)  # of a guard that was killed: zeros come first
-    while not ends(rule, now := round(rule._looked + PERIOD, 3), guarded=False):
-        rule.look([], now)
-    assert rule.takeovers == 1
-
-
-def test_an_orphan_ends_when_nobody_was_there_for_a_while_and_a_child_never():
-    rule, times = Standby(), (100.0, 109.9, 110.1)
-    orphan = {"guarded": False, "asked": False, "orphan": True}
-    assert [rule.may_end(at, **orphan) for at in times] == [False, False, True]
-    assert not rule.may_end(1e6, **{**orphan, "orphan": False})
-    assert not rule.may_end(1e6, **{**orphan, "guarded": True})
-    assert not rule.may_end(1e6 + ALONE - 0.1, **orphan)
-    rule.moves = True
-    assert not rule.may_end(2e6, **orphan)
 
 
 def test_other_types_of_its_parameter_are_refused():
@@ -173,19 +148,53 @@ def standby(runner, peer, wait_for):
     node.destroy_node()
 
 
-def test_one_that_was_asked_to_end_says_no_longer_that_it_lives_and_ends_after_the_guard(standby, peer, wait_for):
+@pytest.fixture
+def now(monkeypatch):
+    """The standby's steady time, which the test sets."""
+    times = [1e6]
+    monkeypatch.setattr("turtlebot_gym_ros.robot.standby.time", SimpleNamespace(monotonic=lambda: times[0]))
+    return times
+
+
+def test_one_that_was_asked_to_end_says_no_longer_that_it_lives_and_ends_after_the_guard(standby, peer, wait_for, now):
     (node, guard), alive = standby, peer.hear("cmd_vel_standby/alive", Empty)
     wait_for(lambda: node._live() or alive)
     assert not node.may_end(False)
     assert not node.may_end(True)
     before = len(alive)
     node._live()
+    now[0] += LINGER - 0.1
+    assert not node.may_end(True)
     peer.node.destroy_publisher(guard)
-    wait_for(lambda: node.may_end(True))
+    wait_for(lambda: node._guard.get_publisher_count() == 1)
+    node._rule.moves = True  # of a guard that was killed
+    assert not node.may_end(True)
+    node._rule.moves, node._rule._until = False, now[0] + 0.05
+    assert not node.may_end(True)
+    now[0] += 0.06  # its zeros were sent
+    assert node.may_end(True)
     assert len(alive) <= before + 1  # one may have been on its way
 
 
-@pytest.mark.parametrize("ends", [CmdVelStandby.close, lambda node: node.at_rest().__enter__()], ids=["ended", "suspended"])
+def test_one_that_was_asked_to_end_does_not_wait_for_ever(standby, now):
+    node, _ = standby
+    assert [node.may_end(True) for now[0] in (2e6, 2e6 + LINGER, 2e6 + LINGER + 0.1)] == [False, False, True]
+
+
+def test_an_orphan_ends_when_nobody_was_there_for_a_while_and_a_child_never(standby, peer, wait_for, monkeypatch, now):
+    node, guard = standby
+    assert not node.may_end(False)
+    peer.node.destroy_publisher(guard)
+    wait_for(lambda: node._guard.get_publisher_count() == 1)
+    now[0] += ALONE + 0.1
+    assert not node.may_end(False)
+    monkeypatch.setattr("turtlebot_gym_ros.robot.standby.os.getppid", lambda: 1)
+    assert node.may_end(False)
+    now[0] -= 0.2
+    assert not node.may_end(False)
+
+
+@pytest.mark.parametrize("ends", [CmdVelStandby.close, CmdVelStandby.halt])
 @pytest.mark.parametrize("moves", [True, False])
 def test_the_last_word_of_a_standby_is_zero_if_a_motion_is_in_force(standby, peer, wait_for, ends, moves):
     (node, guard), heard = standby, peer.hear("cmd_vel", TwistStamped)

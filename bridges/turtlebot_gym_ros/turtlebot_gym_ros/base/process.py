@@ -11,7 +11,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from threading import Event, Thread
 from typing import Any, NoReturn
 
@@ -24,7 +24,7 @@ from rclpy.utilities import remove_ros_args
 
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.parameters import words_of
-from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline, listening, tied
+from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline, listening
 from turtlebot_gym_ros.base.swift import SwiftExecutor
 
 LAST_WORD = 4.0
@@ -76,8 +76,8 @@ class Runner:
     def add(self, runnable: Any) -> None:
         """Add a node, or an object with one; it runs at once if the runner has started.
 
-        If it has a ``close``, that publishes what is left to publish, and of an object it also destroys the node. If it,
-        or its ``switch``, has an ``at_rest``, the robot stands and no step moves it within that context.
+        If it has a ``close``, that publishes what is left to publish, and of an object it also destroys the node. Before
+        the process is suspended, its ``halt`` or its ``switch`` stops the robot.
         """
         self._running.append(runnable)
         self._executor.add_node(getattr(runnable, "node", runnable))
@@ -102,7 +102,9 @@ class Runner:
         """Suspend this process while the robot stands; nothing moves the robot until the process runs again."""
         with ExitStack() as resting:
             for runnable in self._running:
-                resting.enter_context(getattr(getattr(runnable, "switch", runnable), "at_rest", nullcontext)())
+                getattr(runnable, "halt", bool)()
+                if switch := getattr(runnable, "switch", None):
+                    resting.enter_context(switch.at_rest())
             os.kill(os.getpid(), signal.SIGSTOP)
 
     def close(self) -> None:
@@ -250,20 +252,23 @@ def processes(
         environment: Variables of each besides those of this process.
     """
     running: list[subprocess.Popen[bytes]] = []
-    with tied() as line:
-        try:
-            for name, parameters in nodes:
-                command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *words_of(parameters), *words]
-                variables = {**os.environ, **(environment or {}), LIFELINE: str(line)}
-                before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # until it is ready to end quietly
-                running.append(subprocess.Popen(command, env=variables, pass_fds=[line]))
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            yield running
-        finally:
-            for process in running:
-                process.terminate()
-            for process in running:
-                try:
-                    process.wait(KILL)
-                except subprocess.TimeoutExpired:
-                    process.kill()
+    # A signal at the parent's death, as Linux knows it, would also come when the thread ends that started them.
+    theirs, ours = os.pipe()
+    try:
+        for name, parameters in nodes:
+            command = [sys.executable, "-m", "turtlebot_gym_ros", name, "--ros-args", *words_of(parameters), *words]
+            variables = {**os.environ, **(environment or {}), LIFELINE: str(theirs)}
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # until it is ready to end quietly
+            running.append(subprocess.Popen(command, env=variables, pass_fds=[theirs]))
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        yield running
+    finally:
+        for process in running:
+            process.terminate()
+        for process in running:
+            try:
+                process.wait(KILL)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        os.close(theirs)
+        os.close(ours)

@@ -9,12 +9,8 @@ import os
 import select
 import signal
 import socket
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NoReturn
 
 LIFELINE = "TURTLEBOT_GYM_LIFELINE"
 """Environment variable with the number of the file that ends with the process that started this one."""
@@ -32,7 +28,7 @@ def counts(number: int) -> bool:
 
 
 def lifeline() -> list[int]:
-    """Return the file that ends with the process that started this one by `tied`; none if another one did."""
+    """Return the file that ends with the process that started this one, if that passed it a file and its number."""
     number = os.environ.pop(LIFELINE, "")
     return [int(number)] if number else []
 
@@ -53,7 +49,7 @@ def listening(lifelines: Sequence[int]) -> Iterator[Callable[..., int | None]]:
 
     def wait(timeout: float | None = None) -> int | None:
         while ready := select.select(watched, [], [], timeout)[0]:
-            if ready[0] is not noted:
+            if ready[0] != noted:
                 watched.remove(ready[0])
                 return signal.SIGHUP
             if (number := os.read(noted, 1)[0]) in caught:
@@ -70,31 +66,14 @@ def listening(lifelines: Sequence[int]) -> Iterator[Callable[..., int | None]]:
         os.close(note)
 
 
-@contextmanager
-def tied() -> Iterator[int]:
-    """Yield the lifeline of processes that end with this one, even if it is killed: pass them the file and `LIFELINE`.
-
-    A signal at the parent's death, as Linux knows it, would also come when the thread ends that started them.
-    """
-    theirs, ours = os.pipe()
-    try:
-        yield theirs
-    finally:
-        os.close(theirs)
-        os.close(ours)
-
-
 def leave() -> list[int]:
     """Move this process to a session of its own, and return files that end when its old process group is ended.
 
     The signals of a terminal, and those to a group, then reach only a child process that stays in the group and ends at the
-    first one. The leader of a group, as a shell with job control starts one, cannot move: it starts itself again in a new
-    session, and waits there.
+    first one. The leader of a group cannot move, and need not: a signal to its group is meant for it.
     """
-    if os.getsid(0) == os.getpid():  # as a service manager starts it
-        return []
     if os.getpgrp() == os.getpid():
-        _start_again()
+        return []
     here, there = socket.socketpair()
     if os.fork() == 0:
         here.close()
@@ -112,16 +91,3 @@ def _end_at_a_signal(other: socket.socket) -> None:
         other.recv(1)
     finally:
         os._exit(0)
-
-
-def _start_again() -> NoReturn:
-    """Run this program in a new session, tell it of the first signal, and end with its exit code."""
-    told: list[int] = []
-    with tied() as line:
-        for number in filter(counts, ENDINGS):
-            signal.signal(number, lambda number, _: told.append(number))
-        environment = {**os.environ, LIFELINE: str(line)}
-        process = subprocess.Popen(sys.orig_argv, start_new_session=True, pass_fds=[line], env=environment)
-        while not told and process.poll() is None:
-            time.sleep(0.1)
-    os._exit(process.wait() & 0xFF)

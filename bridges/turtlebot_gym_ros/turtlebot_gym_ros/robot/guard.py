@@ -46,8 +46,7 @@ Parameters: see `parameters`. All times are by the steady clock, so it works wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -224,17 +223,13 @@ class CmdVelGuard(Node):
     def _diagnose(self) -> None:
         self._diagnostics.publish(self._report.message(self._now(), robots=self._robots))
 
-    @contextmanager
-    def at_rest(self) -> Iterator[None]:
-        """Stop the robot for the time within the context; its callbacks run in the thread that enters it."""
-        self.close()
-        yield
-
-    def close(self) -> None:
+    def halt(self) -> None:
         """Send zeros and wait until the robot has received them."""
         for _ in range(3):
             self._velocity.publish(self._message_of(STOP))
         self._velocity.wait_for_all_acked(Duration(seconds=0.5))
+
+    close = halt
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -21,8 +21,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -76,9 +75,6 @@ class Standby:
         self.moves = False
         """Whether a motion is in force."""
         self.takeovers = 0
-        self.asked = math.inf
-        """Time at which it was asked to end."""
-        self._guarded = -math.inf
 
     def look(self, motions: Sequence[bool], now: float) -> bool:
         """Return whether to publish a zero now.
@@ -102,22 +98,6 @@ class Standby:
         """Return whether it publishes zeros."""
         return now < self._until
 
-    def may_end(self, now: float, *, guarded: bool, asked: bool, orphan: bool) -> bool:
-        """Return whether it may end.
-
-        Args:
-            now: Current time.
-            guarded: Whether there is a guard.
-            asked: Whether it was asked to end.
-            orphan: Whether the process that started it has ended.
-        """
-        if guarded or self.moves or self._guarded == -math.inf:
-            self._guarded = now
-        if asked:
-            self.asked = min(self.asked, now)
-            return not (guarded or self.moves or self.acts(now)) or now - self.asked > LINGER
-        return orphan and now - self._guarded > ALONE
-
 
 class CmdVelStandby(Node):
     """The standby as a node."""
@@ -128,7 +108,7 @@ class CmdVelStandby(Node):
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._rule = Standby()
         self._frame = ""
-        self._parent = os.getppid()
+        self._parent, self._guarded, self._asked = os.getppid(), time.monotonic(), math.inf
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
         self._alive = self.create_publisher(Empty, "~/alive", QoSProfile(depth=1))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
@@ -158,27 +138,28 @@ class CmdVelStandby(Node):
 
     def _live(self) -> None:
         """Give a sign of life, unless only itself is on the topic: without its type it would hear nothing."""
-        if self._guard.get_publisher_count() > 1 and self._rule.asked == math.inf:
+        if self._guard.get_publisher_count() > 1 and self._asked == math.inf:
             self._alive.publish(Empty())
 
     def may_end(self, asked: bool) -> bool:
         """Return whether the process may end, which was asked to end or not."""
-        guarded, orphan = self._guard.get_publisher_count() > 1, os.getppid() != self._parent
-        return self._rule.may_end(time.monotonic(), guarded=guarded, asked=asked, orphan=orphan)
+        now = time.monotonic()
+        if self._guard.get_publisher_count() > 1 or self._rule.moves or self._rule.acts(now):
+            self._guarded = now
+        if asked:
+            self._asked = min(self._asked, now)
+            return self._guarded < now or now - self._asked > LINGER
+        return os.getppid() != self._parent and now - self._guarded > ALONE
 
-    @contextmanager
-    def at_rest(self) -> Iterator[None]:
-        """Stop a robot that moves, for the time within the context; its callbacks run in the thread that enters it."""
-        self.close()
-        yield
-
-    def close(self) -> None:
+    def halt(self) -> None:
         """Send zeros if a motion is in force, and wait until the robot has received them."""
         self._look()
         if self._rule.moves:
             for _ in range(3):
                 self._stop()
             self._velocity.wait_for_all_acked(Duration(seconds=0.5))
+
+    close = halt
 
     def _diagnose(self) -> None:
         acts = self._rule.acts(time.monotonic())
