@@ -1,6 +1,7 @@
-"""Files of users: any JSON or YAML, read within bounds; noise models, robots and fixes, written and read without code.
+"""Files: what is read has an end and a limit, what is written is there as a whole or not at all.
 
-A file of parameters is YAML with the fields of `turtlebot_gym.Noise`, `Robot` or `FixNoise`; others keep their defaults::
+Any JSON or YAML; noise models, robots and fixes, written and read without code. A file of parameters is YAML with the fields of
+`turtlebot_gym.Noise`, `Robot` or `FixNoise`; others keep their defaults::
 
     process: {alpha1: 0.01, alpha4: 0.02}
     odometry: {R: [0.0009, 0.0009, 0.0025], dropout_probability: 0.1}
@@ -8,27 +9,47 @@ A file of parameters is YAML with the fields of `turtlebot_gym.Noise`, `Robot` o
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import platform
 import re
-from collections.abc import Mapping
+import shutil
+import stat
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import Any, TypeGuard, TypeVar
+from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
+from turtlebot_gym.bounded import bounded
 from turtlebot_gym.parameters import FixNoise, Noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import made
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 SUFFIXES = (".yaml", ".yml")
 """File name endings."""
 
 MAX_DEPTH, MAX_VALUES = 100, 100_000
 """How deep the contents of a file may be nested, and how many values a YAML file may have."""
+LARGEST, LARGEST_LOG, SMALL = 2**26, 2**29, 2**18
+"""Largest file that is read as a whole, largest log of text, and largest file that no parser can take long for, bytes."""
 
 T = TypeVar("T")
 
 _TOO_DEEP = f"it is nested deeper than {MAX_DEPTH} levels"
+_KINDS = {
+    stat.S_ISDIR: (errno.EISDIR, "It is a folder; a file is needed"),
+    stat.S_ISFIFO: (errno.ESPIPE, "It is a pipe, which may have no end; write to a file, and give that"),
+    stat.S_ISSOCK: (errno.ENXIO, "It is a socket; a file is needed"),
+    stat.S_ISCHR: (errno.ENXIO, "It is a device, which has no end; a file is needed"),
+    stat.S_ISBLK: (errno.ENXIO, "It is a device; a file is needed"),
+}
 _WITH_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
 
 
@@ -70,8 +91,7 @@ def write_parameters(value: Noise | Robot | FixNoise, path: Path, *, comment: st
 
     lines = [f"# {line}".rstrip() + "\n" for line in comment.splitlines()]
     text = yaml.safe_dump(_plain(asdict(value)), sort_keys=False, default_flow_style=None)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(lines) + text, encoding="utf-8")
+    write_text(path, "".join(lines) + text)
 
 
 def _plain(value: Any) -> Any:
@@ -79,6 +99,98 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {name: _plain(item) for name, item in value.items()}
     return list(value) if isinstance(value, tuple) else value
+
+
+def regular(path: str | Path) -> Path:
+    """Return the path of a file, also by a link, that is no folder, pipe, socket or device.
+
+    Raises:
+        OSError: If there is none.
+    """
+    path = Path(path)
+    mode = path.stat().st_mode
+    for is_kind, (number, text) in _KINDS.items():
+        if is_kind(mode):
+            raise OSError(number, text, str(path))
+    return path
+
+
+def read_bytes(path: str | Path, *, most: int = LARGEST) -> bytes:
+    """Return what a file holds.
+
+    Raises:
+        OSError: If it cannot be read, is no file, or holds more bytes.
+    """
+    size = regular(path).stat().st_size
+    if size > most:
+        raise OSError(errno.EFBIG, f"It has {size / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read", str(path))
+    with open(path, "rb") as file:
+        return file.read(size)
+
+
+def read_text(path: str | Path, *, most: int = LARGEST, errors: str = "strict") -> str:
+    """Return what a file of text holds, without a byte order mark; see `read_bytes`.
+
+    Raises:
+        OSError: As `read_bytes`.
+        ValueError: If it is not UTF-8, unless ``errors`` says what takes the place of other bytes.
+    """
+    return read_bytes(path, most=most).decode("utf-8-sig", errors)
+
+
+def read_arrays(path: str | Path, *, most: int = 4 * LARGEST) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an ``.npz`` file by their names; nothing in it is run.
+
+    Raises:
+        OSError: If it cannot be read, or is no file.
+        ValueError: If it is damaged, or its arrays have more than ``most`` bytes; the message names the file.
+    """
+    import numpy as np
+
+    try:
+        with zipfile.ZipFile(regular(path)) as archive:
+            unpacked = sum(part.file_size for part in archive.infolist())
+        if unpacked > most:
+            raise ValueError(f"its arrays have {unpacked / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read")
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:  # each part of a zip file that is damaged raises another error
+        raise ValueError(f"{path}: {' '.join(str(error).split())}.") from error
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside a file, which replaces the file when the block ends without an error.
+
+    The file's folder is created if missing. A link stays a link, and permissions stay as they are; a device or a pipe is
+    written to directly. Processes on several machines may do so at once: each has its own temporary file, and the last wins.
+    """
+    path = Path(path)
+    if path.exists() and (not path.is_file() or path.parent in (Path("/dev"), Path("/dev/fd"))):
+        yield path
+        return
+    target = Path(os.path.realpath(path))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    # Of this process alone: others may write the same file.
+    beside = target.with_name(f".{target.stem[:99]}.{platform.node()}-{os.getpid()}.new{target.suffix}")
+    try:
+        yield beside
+        with beside.open("rb+") as file:
+            os.fsync(file.fileno())
+        if target.exists():
+            shutil.copymode(target, beside)
+        beside.replace(target)
+    except BaseException:
+        beside.unlink(missing_ok=True)
+        raise
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file of text as a whole or not at all; see `replacing`."""
+    with replacing(path) as beside:
+        beside.write_text(text, encoding="utf-8")
 
 
 def load(path: str | Path) -> Any:
@@ -92,8 +204,13 @@ def load(path: str | Path) -> Any:
         ImportError: If it is YAML and PyYAML is not installed.
     """
     path = Path(path)
+    content = read_bytes(path)
+    parse = partial(_parsed, path, content)
+    return parse() if len(content) <= SMALL else bounded(parse, path, size=len(content))
+
+
+def _parsed(path: Path, content: bytes) -> Any:
     kind, read = ("JSON", _from_json) if path.suffix == ".json" else ("YAML", _from_yaml)
-    content = path.read_bytes()
     try:
         return read(content.decode("utf-8"))
     except ImportError as error:
@@ -102,6 +219,8 @@ def load(path: str | Path) -> Any:
         raise ValueError(f"{path} is not {kind}: it is no text: {error.reason} at byte {error.start}.") from error
     except RecursionError as error:
         raise ValueError(f"{path} is not {kind}: {_TOO_DEEP}.") from error
+    except MemoryError:
+        raise
     except Exception as error:  # PyYAML raises many kinds of errors for a tag on what it is not for
         raise ValueError(f"{path} is not {kind}: {' '.join(str(error).split())}.") from error
 

@@ -1,17 +1,12 @@
-"""Result files: replaced atomically, each with configuration, seed, commit and versions.
-
-Even if the process is killed, a file holds its complete old or its complete new content.
-"""
+"""Result files: written as a whole or not at all, each with configuration, seed, commit and versions."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import platform
 import subprocess
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -20,6 +15,7 @@ from typing import Any
 import numpy as np
 
 import turtlebot_gym
+from turtlebot_gym.files import write_text
 
 LIBRARIES = ("numpy", "scipy", "gymnasium", "numba", "stable-baselines3", "torch", "onnxruntime")
 """Libraries whose versions are recorded if they are installed."""
@@ -43,35 +39,17 @@ def write_json(path: Path, result: Mapping[str, Any], *, config: Mapping[str, An
     """Write a result with its configuration and its provenance.
 
     Args:
-        path: The file; its folder is created if missing.
+        path: The file, replaced atomically; its folder is created if missing.
         result: Numbers, arrays and nested containers of them; NaN and infinity are written as null, which is valid JSON.
         config: Configuration of the result, including the seed.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps(plain({"config": config, **provenance(), **result}), indent=1, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside a file, which replaces the file when the block ends without an error.
-
-    Processes on several machines may do so at once: each has its own temporary file, and the last one wins.
-    """
-    # Of this process alone: others may write the same file.
-    beside = path.with_name(f".{path.name}.{platform.node()}-{os.getpid()}.new")
-    try:
-        yield beside
-        beside.replace(path)
-    except BaseException:
-        beside.unlink(missing_ok=True)
-        raise
+    write_text(path, text + "\n")
 
 
 def replace_json(path: Path, content: Any) -> None:
-    """Write a value of JSON types."""
-    with replacing(path) as beside:
-        beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    """Write a value of JSON types; the file is replaced atomically."""
+    write_text(path, json.dumps(content, indent=1) + "\n")
 
 
 def settings_of(config: Any) -> dict[str, Any]:

@@ -71,13 +71,13 @@ def test_an_invalid_map_is_refused_in_one_line(tmp_path, write_map, given, messa
         gym.make("turtlebot_gym/TurtleBotRooms-v0", world=str(path))
 
 
-@pytest.mark.parametrize("warned_from", [None, 10_000_000])
+@pytest.mark.parametrize("warned_from", [None, 20_000_000])
 def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path, write_map, monkeypatch, warned_from):
     """In one line, also where Pillow would warn."""
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", warned_from)
     path = write_map(tmp_path, image="large.png")
-    Image.new("1", (4_001, 4_000)).save(tmp_path / "large.png")
-    with pytest.raises(ValueError, match="cannot be read: it has 4001 x 4000 pixels, more than 16,000,000"):
+    Image.new("1", (6_001, 6_000)).save(tmp_path / "large.png")
+    with pytest.raises(ValueError, match="cannot be read: it has 6001 x 6000 pixels, more than 36,000,000"):
         find_world(path)
 
 

@@ -31,10 +31,11 @@ from turtlebot_gym.calibration.fit import Z
 from turtlebot_gym.calibration.motions import Array
 from turtlebot_gym.calibration.regression import FREE, LINEAR, USUAL
 from turtlebot_gym.drives import Drive, known
+from turtlebot_gym.files import read_text
 from turtlebot_gym.models.angles import TWO_PI, wrap_all
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import WHEEL
-from turtlebot_gym.validation import POSITIVE, typed
+from turtlebot_gym.validation import POSITIVE, shown, typed
 
 NAMES = LINEAR[:3]
 """Parameters of the wheels."""
@@ -144,20 +145,19 @@ def read_legs(path: Path, log: Drive, read: Callable[[Path], Drive], **deviation
         ValueError: If the table is not as described; the message names file and line.
     """
     legs, drives = [], {"": log}
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        rows = csv.DictReader(file, skipinitialspace=True)
-        if not rows.fieldnames or not set(rows.fieldnames) <= set(COLUMNS):
-            raise ValueError(f"{path}: the columns must be some of {', '.join(COLUMNS)}, got {rows.fieldnames}.")
-        for row in rows:
-            try:
-                name = row.pop("log", "") or ""
-                numbers = {key: float(cell) for key, cell in row.items() if cell}
-                drive = drives[name] = drives[name] if name in drives else read(path.parent / name)
-                since = drive.time - drive.time[0]
-                first, last = np.searchsorted(since, [numbers.pop("start", 0.0), numbers.pop("end", math.inf)])
-                legs.append(leg_of(drive[first : last + 1], **numbers, **deviations))  # pyright: ignore[reportArgumentType]
-            except (TypeError, ValueError) as error:
-                raise ValueError(f"{path}, line {rows.line_num}: {error}") from error
+    rows = csv.DictReader(read_text(path, most=csv.field_size_limit()).splitlines(), skipinitialspace=True)
+    if not rows.fieldnames or not set(rows.fieldnames) <= set(COLUMNS):
+        raise ValueError(f"{path}: the columns must be some of {', '.join(COLUMNS)}, got {shown(rows.fieldnames)}.")
+    for row in rows:
+        try:
+            name = row.pop("log", "") or ""
+            numbers = {key: float(cell) for key, cell in row.items() if cell}
+            drive = drives[name] = drives[name] if name in drives else read(path.parent / name)
+            since = drive.time - drive.time[0]
+            first, last = np.searchsorted(since, [numbers.pop("start", 0.0), numbers.pop("end", math.inf)])
+            legs.append(leg_of(drive[first : last + 1], **numbers, **deviations))  # pyright: ignore[reportArgumentType]
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}, line {rows.line_num}: {error}") from error
     return legs
 
 

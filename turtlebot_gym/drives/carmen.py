@@ -23,6 +23,7 @@ from turtlebot_gym.drives.alignment import interpolated
 from turtlebot_gym.drives.clocks import continued, increasing
 from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
 from turtlebot_gym.drives.tables import LARGEST, first_lines
+from turtlebot_gym.files import LARGEST_LOG, read_arrays, read_text
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.rooms.scan import Scan
@@ -60,7 +61,7 @@ def read_carmen(path: Path, *, label: str) -> Drive:
     """Read a CARMEN log; see `reading.read`."""
     lines: list[_Line] = []
     broken, first = 0, 0
-    for number, text in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+    for number, text in enumerate(read_text(path, most=LARGEST_LOG, errors="replace").splitlines(), start=1):
         words = text.split()
         try:
             lines += _parsed(words)
@@ -89,16 +90,16 @@ def is_carmen_arrays(path: Path) -> bool:
 
 def read_carmen_arrays(path: Path, *, label: str) -> Drive:
     """Read the arrays of a CARMEN log; see `reading.read`."""
+    file = read_arrays(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
-            time, odometry, ranges = (np.asarray(file[name]) for name in ("time", "odometry", "ranges_cm"))
-            rows = np.asarray(file["reference_row"], np.intp) if "reference_row" in file.files else np.zeros(0, np.intp)
-            true = np.asarray(file["reference"], np.float64) if len(rows) else np.zeros((0, 3))
+        time, odometry, ranges = (file[name] for name in ("time", "odometry", "ranges_cm"))
+        rows = np.asarray(file["reference_row"], np.intp) if "reference_row" in file else np.zeros(0, np.intp)
+        true = np.asarray(file["reference"], np.float64) if len(rows) else np.zeros((0, 3))
         shapes = odometry.shape == (len(time), 3) and ranges.ndim == 2 and len(ranges) == len(time) > 1
         good = (np.abs(time) <= LARGEST) & (np.abs(odometry) <= LARGEST).all(axis=1) if shapes else np.zeros(0, np.bool_)
         if not (shapes and ranges.shape[1] and true.shape == (len(rows), 3) and ((rows >= 0) & (rows < len(time))).all()):
             raise ValueError("its arrays time, odometry, ranges_cm, reference_row and reference do not fit each other")
-    except (ValueError, zipfile.BadZipFile, EOFError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}.") from error
     references = {row: (x, y, theta) for row, (x, y, theta) in zip(rows.tolist(), true.tolist(), strict=True)}
     lines = [

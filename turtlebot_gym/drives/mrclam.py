@@ -16,6 +16,7 @@ from turtlebot_gym.drives.alignment import interpolated
 from turtlebot_gym.drives.clocks import continued, increasing
 from turtlebot_gym.drives.drive import Drive, Surroundings, known
 from turtlebot_gym.drives.tables import LARGEST, first_lines
+from turtlebot_gym.files import LARGEST_LOG, read_text
 
 
 def is_mrclam(path: Path) -> bool:
@@ -59,7 +60,7 @@ def _numbers(path: Path, columns: int) -> NDArray[np.float64]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty file, which is refused below
-            rows = np.loadtxt(path, comments="#", ndmin=2)
+            rows = np.loadtxt(read_text(path, most=LARGEST_LOG).splitlines(), comments="#", ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}.") from error
     if rows.shape[1] != columns or len(rows) < 2:

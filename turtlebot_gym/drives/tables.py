@@ -6,6 +6,7 @@ A bad row is left out and counted; a bad table is refused, in one line that name
 from __future__ import annotations
 
 import zipfile
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.drives.clocks import continued, increasing
 from turtlebot_gym.drives.drive import Drive, Surroundings, known
+from turtlebot_gym.files import LARGEST_LOG, read_arrays, read_text
 
 _STATE = ("x", "y", "theta", "v", "omega")
 NAMES: dict[str, tuple[str, ...]] = {
@@ -132,7 +134,7 @@ def _open(path: Path) -> _Table:
     if zipfile.is_zipfile(path):
         return _arrays(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, most=LARGEST_LOG)
     except UnicodeDecodeError:
         raise ValueError(f"{path}: {_BINARY}") from None
     if "\0" in text:
@@ -143,16 +145,16 @@ def _open(path: Path) -> _Table:
     header = numbered[0][1].lstrip("#").strip()
     mark = next((mark for mark in ",;\t" if mark in header), None)
     names = _cells(header, mark)
-    twice = sorted({name for name in names if name and names.count(name) > 1})
+    twice = sorted(name for name, number in Counter(names).items() if name and number > 1)
     if twice:
-        raise ValueError(f"{path}: column {', '.join(map(repr, twice))} is there more than once; rename one of them.")
+        raise ValueError(f"{path}: column {_some_of(twice)} is there more than once; rename one of them.")
     lines = [number for number, _ in numbered[1:]]
-    rows = [_cells(line, mark) for _, line in numbered[1:]]
 
     def numbers(wanted: Sequence[str]) -> NDArray[np.float64]:
         places = [names.index(name) for name in wanted]
         parsed = []
-        for line, cells in zip(lines, rows, strict=True):
+        for line, row in numbered[1:]:
+            cells = _cells(row, mark)
             try:
                 if len(cells) != len(names):
                     raise ValueError(f"{len(cells)} cells instead of {len(names)}")
@@ -174,17 +176,16 @@ def _cells(line: str, mark: str | None) -> tuple[str, ...]:
 def _arrays(path: Path) -> _Table:
     """Return the arrays of an ``.npz`` file: each is a column, or several if its rows are states, poses or twists."""
     columns: dict[str, NDArray[np.float64]] = {}
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            for name in file.files:
-                values = np.asarray(file[name], np.float64)
-                parts = _STATE[3:] if values.shape[1:] == (2,) else _STATE
-                if values.ndim == 1:
-                    columns[name] = values
-                elif values.ndim == 2:
-                    columns |= {f"{name}_{part}": column for part, column in zip(parts, values.T, strict=False)}
-    except (ValueError, zipfile.BadZipFile, EOFError) as error:
-        raise ValueError(f"{path}: {' '.join(str(error).split())}") from error
+    for name, array in read_arrays(path).items():
+        try:
+            values = np.asarray(array, np.float64)
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{path}: array {name!r}: {' '.join(str(error).split())}.") from error
+        parts = _STATE[3:] if values.shape[1:] == (2,) else _STATE
+        if values.ndim == 1:
+            columns[name] = values
+        elif values.ndim == 2:
+            columns |= {f"{name}_{part}": column for part, column in zip(parts, values.T, strict=False)}
     sizes = {len(column) for column in columns.values()}
     if len(sizes) != 1:
         raise ValueError(f"{path}: its columns must be equally long, got lengths {sorted(sizes)}.")

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
+from turtlebot_gym.bounded import bounded
+from turtlebot_gym.files import read_bytes
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import Walls
 from turtlebot_gym.values import Pose
@@ -43,9 +46,17 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
         ValueError: If the file cannot be read, or holds no static cylinder or box.
     """
     try:
-        root = ElementTree.parse(path).getroot()
+        content = read_bytes(path)
     except OSError as error:
         raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
+    circles, boxes = bounded(partial(_shapes, path, content), path, size=len(content))
+    return enclosed(circles, boxes, start=start, goal=goal)
+
+
+def _shapes(path: str | Path, content: bytes) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
+    """Return the circles and boxes of a world."""
+    try:
+        root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: an encoding that is unknown
         raise ValueError(f"{str(path)!r} is not a Gazebo world: {error}.") from error
     circles: list[tuple[float, ...]] = []
@@ -62,7 +73,7 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
         raise ValueError(f"{str(path)!r} holds a shape or a pose with missing or malformed numbers: {error}.") from error
     if not circles and not boxes:
         raise ValueError(f"{str(path)!r} holds no static cylinder and no static box.")
-    return enclosed(circles, boxes, start=start, goal=goal)
+    return circles, boxes
 
 
 def enclosed(

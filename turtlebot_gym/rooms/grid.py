@@ -20,6 +20,10 @@ FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Values of a cell, as in ROS's ``nav_msgs/OccupancyGrid``; values between free and occupied count as unknown."""
 BESIDE = 0.3
 """Distance from a surface, m, up to which a field counts unknown cells as free: a beam that is a little too long ends there."""
+MAX_CELLS = 6_000 * 6_000
+"""Most cells of a map: 300 m x 300 m at 5 cm. A small file can hold many more, which take gigabytes."""
+ROWS = 256
+"""Rows whose squares are sought at once."""
 _AT_ZERO = Pose(0.0, 0.0, 0.0)
 
 
@@ -47,6 +51,10 @@ class GridMap:
         cells = np.asarray(self.cells)
         if cells.ndim != 2 or cells.size == 0:
             raise ValueError(f"GridMap.cells must have rows and columns, got an array of shape {cells.shape}.")
+        if cells.size > MAX_CELLS:
+            raise ValueError(
+                f"GridMap.cells must be at most {MAX_CELLS:,}, got {cells.size:,}: cut the map, or make it coarser."
+            )
         resolution = POSITIVE.check("GridMap.resolution", self.resolution)
         x, y, yaw = Numbers(FINITE, 3).check("GridMap.origin", self.origin)
         if not (cells == FREE).any():
@@ -125,12 +133,17 @@ _BOTH_WAYS = slice(None), slice(None, None, -1)
 
 def _squares(is_open: NDArray[np.bool_]) -> NDArray[np.int8]:
     """Return the side of the largest open square that begins at each cell."""
-    sides, fits = np.zeros(is_open.shape, np.int8), is_open.copy()
-    for _ in range(LARGEST):
-        sides += fits
-        # A square fits if four squares that are one cell smaller fit, shifted by a row, a column or both.
-        fits[:-1, :-1] &= fits[1:, :-1] & fits[:-1, 1:] & fits[1:, 1:]
-        fits[-1, :], fits[:, -1] = False, False
-        if not fits.any():
-            break
+    sides = np.zeros(is_open.shape, np.int8)
+    for first in range(0, len(sides), ROWS):  # in parts that stay in the cache
+        fits, part = is_open[first : first + ROWS + LARGEST].copy(), sides[first : first + ROWS]
+        for _ in range(LARGEST):
+            part += fits[:ROWS]
+            # A square fits if four squares that are one cell smaller fit, shifted by a row, a column or both.
+            both = fits[:-1] & fits[1:]
+            fits = fits[:-1]
+            np.logical_and(both[:, :-1], both[:, 1:], out=fits[:, :-1])
+            fits[:, -1] = False
+            part = part[: len(fits)]
+            if not fits.any():
+                break
     return sides

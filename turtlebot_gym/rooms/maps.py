@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.files import load
-from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.bounded import bounded
+from turtlebot_gym.files import load, regular
+from turtlebot_gym.rooms.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.validation import FINITE, POSITIVE, PROBABILITY, Numbers, choose, refusal
 from turtlebot_gym.values import Pose
 
 FAR_ENOUGH = 6.0
 """Greatest distance between a drawn start and goal along each axis, m; a Burger drives 13 m in an episode."""
-MAX_PIXELS = 4_000 * 4_000
-"""Most pixels of a map: 200 m x 200 m at 5 cm. A small file can hold many more, which take gigabytes."""
+_FORMATS = ("BMP", "GIF", "JPEG", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 _MODES = {mode: mode for mode in ("trinary", "scale", "raw")}
 _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
@@ -54,8 +55,9 @@ def _read_grid(path: str | Path) -> GridMap:
     mode = choose(f"mode {of_map}", content.get("mode", "trinary"), _MODES)
     resolution = POSITIVE.check(f"resolution {of_map}", content["resolution"])
     pose = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
-    shade, opaque = _read_image(path.parent / str(content["image"]), blended=mode == "trinary")
-    cells = _occupancy(shade, opaque, mode, negate=bool(content["negate"]), occupied=occupied, free=free)
+    limits = {"negate": bool(content["negate"]), "occupied": occupied, "free": free}
+    image = path.parent / str(content["image"])
+    cells = bounded(partial(_read_image, image, mode, **limits), image)
     try:
         return GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
     except ValueError as error:
@@ -74,12 +76,15 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
-def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the brightness of each pixel, from 0 to 1, and whether it is opaque; the first row is the highest.
+def _read_image(path: Path, mode: str, **limits: Any) -> NDArray[np.int8]:
+    """Return the values of cells; the first row is the highest.
+
+    In the mode "trinary", transparency is averaged with the colours, as ``map_server`` does.
 
     Args:
         path: The image.
-        blended: Whether transparency is averaged with the colours, as ``map_server`` does in the mode "trinary".
+        mode: See `_occupancy`.
+        **limits: See `_occupancy`.
 
     Raises:
         ValueError: If the image cannot be read.
@@ -91,32 +96,37 @@ def _read_image(path: Path, *, blended: bool) -> tuple[NDArray[np.float64], NDAr
     try:
         with warnings.catch_warnings():  # of large images, which are refused here
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            image = Image.open(path)
+            image = Image.open(regular(path), formats=_FORMATS)
         with image:
-            if image.width * image.height > MAX_PIXELS:  # before it is unpacked
-                raise ValueError(f"it has {image.width} x {image.height} pixels, more than {MAX_PIXELS:,}")
+            if image.width * image.height > MAX_CELLS:  # before it is unpacked
+                raise ValueError(
+                    f"it has {image.width} x {image.height} pixels, more than {MAX_CELLS:,}: cut it, or make it coarser"
+                )
             if image.mode.startswith("I"):  # 16 bits
-                grey = np.asarray(image).astype(np.float64) / 65535.0
-                return grey, np.ones(grey.shape, np.bool_)
+                return _occupancy(np.arange(65536) / 65535, mode, **limits)[np.clip(np.asarray(image), 0, 65535)]
             alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
             pixels = np.asarray(image.convert("RGBA" if alpha else "RGB"))
     except FileNotFoundError as error:
         raise ValueError(f"There is no image {str(path)!r} for the map.") from error
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
-    channels = pixels if blended else pixels[:, :, :3]
-    opaque = pixels[:, :, 3] == 255 if alpha else np.ones(pixels.shape[:2], np.bool_)
-    return channels.sum(axis=2, dtype=np.uint16) / (255.0 * channels.shape[2]), opaque
+    except MemoryError:
+        raise
+    except Exception as error:  # a decoder raises errors of many kinds
+        why = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
+        raise ValueError(f"The map's image {str(path)!r} cannot be read: {why}.") from error
+    channels = pixels if mode == "trinary" else pixels[:, :, :3]
+    most = 255 * channels.shape[2]
+    # There are fewer sums of channels than pixels.
+    cells = _occupancy(np.arange(most + 1) / most, mode, **limits)[channels.sum(axis=2, dtype=np.uint16)]
+    if alpha and mode == "scale":
+        cells[pixels[:, :, 3] < 255] = UNKNOWN
+    return cells
 
 
-def _occupancy(
-    shade: NDArray[np.float64], opaque: NDArray[np.bool_], mode: str, *, negate: bool, occupied: float, free: float
-) -> NDArray[np.int8]:
+def _occupancy(shade: NDArray[np.float64], mode: str, *, negate: bool, occupied: float, free: float) -> NDArray[np.int8]:
     """Return the values of cells.
 
     Args:
         shade: Brightness of each pixel, from 0 to 1.
-        opaque: Whether each pixel is opaque; in the mode "scale" the others are unknown.
         mode: "trinary", "scale" or "raw".
         negate: Whether bright pixels are occupied instead of dark ones.
         occupied: Threshold above which cells are occupied.
@@ -132,5 +142,4 @@ def _occupancy(
     between = np.full(shade.shape, float(UNKNOWN))
     if mode == "scale":
         between = np.rint((occupancy - free) / max(occupied - free, 1e-9) * 100.0)
-    value = np.where(occupancy > occupied, OCCUPIED, np.where(occupancy < free, FREE, between))
-    return np.where(opaque | (mode == "trinary"), value, UNKNOWN).astype(np.int8)
+    return np.where(occupancy > occupied, OCCUPIED, np.where(occupancy < free, FREE, between)).astype(np.int8)

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
-from turtlebot_gym.files import load
+from turtlebot_gym.files import load, read_bytes
 from turtlebot_gym_agents.policies.named import bare
 
 Attachments = Mapping[str, Mapping[str, bytes]]
@@ -33,11 +33,11 @@ def attach(*names: object) -> dict[str, dict[str, bytes]]:
         path, (module, colon, _) = Path(reference), reference.partition(":")
         if path.suffix in SUFFIXES:
             if path.is_file():
-                attachments[reference] = {beside.name: beside.read_bytes() for beside in (path, *_images(path))}
+                attachments[reference] = {beside.name: read_bytes(beside) for beside in (path, *_images(path))}
         elif colon and module.isidentifier():
             source = _source(module)
             if source is not None:
-                attachments[_MODULE + module] = {source.name: source.read_bytes()}
+                attachments[_MODULE + module] = {source.name: read_bytes(source)}
     return attachments
 
 

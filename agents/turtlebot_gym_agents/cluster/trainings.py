@@ -8,10 +8,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from turtlebot_gym.files import load
+from turtlebot_gym.files import load, replacing
 from turtlebot_gym_agents.cluster.attachments import Attachments, attach, hashes, placed, unpacked
 from turtlebot_gym_agents.cluster.units import Result, Runner, complete
-from turtlebot_gym_agents.provenance import replace_json, replacing
+from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 
 if TYPE_CHECKING:
@@ -85,7 +85,6 @@ def train_all(
         require_no_run(folder)
     units = [Training.of(config) for config in configs]
     for folder, result in zip(folders, runner(units, progress), strict=True):
-        folder.mkdir(parents=True, exist_ok=True)
         for name, content in result.files.items():
             with replacing(folder / name) as beside:
                 beside.write_bytes(content)

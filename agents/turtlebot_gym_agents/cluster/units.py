@@ -12,7 +12,6 @@ import json
 import os
 import platform
 import time
-import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -23,8 +22,9 @@ from numpy.typing import NDArray
 
 import turtlebot_gym
 import turtlebot_gym_agents
+from turtlebot_gym.files import read_arrays, replacing
 from turtlebot_gym_agents.policies.named import pretrained_folder
-from turtlebot_gym_agents.provenance import libraries, replacing
+from turtlebot_gym_agents.provenance import libraries
 from turtlebot_gym_agents.training.hyperparameters import configs_folder
 
 
@@ -104,11 +104,11 @@ class Store:
             ValueError: If its file is damaged.
         """
         try:
-            with self._path(key).open("rb") as file, np.load(file, allow_pickle=False) as content:
-                values = json.loads(content["told"].tobytes())
-                arrays = {name.removeprefix("array/"): content[name] for name in content if name.startswith("array/")}
-                files = {name.removeprefix("file/"): content[name].tobytes() for name in content if name.startswith("file/")}
-        except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            content = read_arrays(self._path(key))
+            values = json.loads(content["told"].tobytes())
+            arrays = {name.removeprefix("array/"): content[name] for name in content if name.startswith("array/")}
+            files = {name.removeprefix("file/"): content[name].tobytes() for name in content if name.startswith("file/")}
+        except (ValueError, KeyError) as error:
             raise ValueError(f"{self._path(key)} is damaged: remove it to repeat its unit.") from error
         return Result(values["facts"], arrays, files, values["times"])
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from turtlebot_gym.files import write_text
 from turtlebot_gym_agents.commands.console import Writing, needs
 from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.outputs import Output
@@ -88,4 +89,4 @@ class Card(Writing):
         if self.out is None:
             print(page, end="")
         else:
-            self.out.write_text(page, encoding="utf-8")
+            write_text(self.out, page)

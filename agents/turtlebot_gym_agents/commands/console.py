@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.extras import installing
+from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.commands.flags import OPTIONS, flags
 from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON
 from turtlebot_gym_agents.provenance import write_json
@@ -209,6 +210,6 @@ def write_anywhere(*streams: Any) -> None:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure; its folder is created if missing."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    """Write a figure, which is replaced atomically; its folder is created if missing."""
+    with replacing(path) as beside:
+        figure.savefig(beside, dpi=120)

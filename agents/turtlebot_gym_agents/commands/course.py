@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import tyro
 
+from turtlebot_gym.files import write_text
 from turtlebot_gym.own import failure
 from turtlebot_gym.validation import shown
 
@@ -34,7 +35,7 @@ class Check:
             raise ValueError(f"name the FILE.py to check; {WRITTEN}")
         if self.file.name in EXERCISES and not self.file.exists():
             text = resources.files("turtlebot_gym_agents.course").joinpath(self.file.name).read_text(encoding="utf-8")
-            self.file.write_text(text, encoding="utf-8")
+            write_text(self.file, text)
             print(f"{self.file} was not there: it is written. Fill in its gaps, and check it again.")
         names = _names_of(self.file)
         right = 0

@@ -12,10 +12,10 @@ from urllib.request import urlopen
 
 import tyro
 
+from turtlebot_gym.files import read_bytes, replacing
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.outputs import FOLDER
-from turtlebot_gym_agents.provenance import replacing
 
 PATIENCE = 30.0
 """Longest wait for an answer, s."""
@@ -85,7 +85,7 @@ class Data:
         path = self.out / name
         if not path.is_file():
             return False
-        if hashlib.sha256(path.read_bytes()).hexdigest() == RECORDINGS[name].sha256:
+        if hashlib.sha256(read_bytes(path)).hexdigest() == RECORDINGS[name].sha256:
             return True
         print(f"{path} is not the recording of that name: another hash.", file=sys.stderr)
         return False
@@ -108,6 +108,5 @@ def fetch(name: str, folder: Path) -> None:
         raise OSError(f"{recording.url} cannot be reached: {getattr(error, 'reason', error)}.") from error
     if hashlib.sha256(content).hexdigest() != recording.sha256:
         raise ValueError(f"{recording.url}: it is not the recorded file: another hash. Nothing was kept.")
-    path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as beside:
         beside.write_bytes(content)

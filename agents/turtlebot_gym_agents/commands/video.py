@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from turtlebot_gym.envs.rendering import HEADER, SIDE
+from turtlebot_gym.files import replacing
 from turtlebot_gym.validation import POSITIVE, choose, whole
 from turtlebot_gym_agents.evaluation.evaluate import NAV, driver_of, require_known
 from turtlebot_gym_agents.outputs import require_file
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory
 from turtlebot_gym_agents.policies.fit import parameters_of
-from turtlebot_gym_agents.provenance import replacing
 
 MIN_WIDTH = 160
 """Least width of a frame, pixels: narrower legends are illegible."""

@@ -82,7 +82,6 @@ def tune_baseline(
     config = plain({"env": env, "episodes": episodes, "seed": seed, "ranges": ranges, **options})
     made = {"format": FORMAT, "policy": policy, "layout": layout_of_baseline(policy), "robot": describe_robot(robot), "dt": dt}
     done = _read(path, {**made, "config": config})
-    path.parent.mkdir(parents=True, exist_ok=True)
     while len(done) < tries:
         progress(len(done))
         numbers = _propose(policy, done, tries, seed)

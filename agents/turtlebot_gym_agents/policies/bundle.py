@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Options, Parameters, Robot
 from turtlebot_gym.extras import installing
+from turtlebot_gym.files import replacing
 from turtlebot_gym.systems import SIZES, system_of
 from turtlebot_gym.systems.parameters import DT, OBSERVED
 from turtlebot_gym.validation import choose, shown
@@ -81,7 +82,7 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
     """Write an ONNX model with its card.
 
     Args:
-        path: The file.
+        path: The file, replaced atomically.
         model: A map from observations (n, 13), in a room (n, 50) or (n, 54), to actions (n, 2); its metadata are replaced.
         card: The card.
     """
@@ -91,7 +92,8 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
     content = {"sha256": _NO_HASH, "card": plain(asdict(card))}
     model.metadata_props.add(key=_KEY, value=json.dumps(content, allow_nan=False))
     blank = model.SerializeToString()
-    path.write_bytes(_with_hash(blank, hashlib.sha256(blank).hexdigest()))
+    with replacing(path) as beside:
+        beside.write_bytes(_with_hash(blank, hashlib.sha256(blank).hexdigest()))
 
 
 class BundlePolicy:

@@ -13,6 +13,7 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.files import read_arrays
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
@@ -46,8 +47,7 @@ class Network:
     @classmethod
     def load(cls, path: str | Path) -> Network:
         """Return the network of a file; nothing in it is run."""
-        with np.load(path, allow_pickle=False) as archive:
-            return cls({name: archive[name].astype(np.float32) for name in archive.files})
+        return cls({name: array.astype(np.float32) for name, array in read_arrays(path).items()})
 
     def __call__(self, features: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return probabilities (n,) for features (n, `FEATURES`)."""

@@ -14,7 +14,6 @@ import yaml
 from turtlebot_gym import files
 from turtlebot_gym.validation import Names, Range, Rule, choose, did_you_mean, flag, refusal, shown
 from turtlebot_gym_agents.policies.named import shipped_folder
-from turtlebot_gym_agents.provenance import replacing
 
 ACTIVATIONS = Names(("ReLU", "Tanh", "ELU", "LeakyReLU", "SiLU", "GELU", "Sigmoid", "Softplus", "Mish"))
 """Modules of torch.nn between the layers of a network."""
@@ -248,8 +247,7 @@ def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
         network = hyper["policy_kwargs"].items()
         words = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in network)
         content["policy_kwargs"] = f"dict({', '.join(words)})"
-    with replacing(path) as beside:
-        beside.write_text(yaml.safe_dump({env: content}, sort_keys=False, width=128), encoding="utf-8")
+    files.write_text(path, yaml.safe_dump({env: content}, sort_keys=False, width=128))
 
 
 def _checked(algo: str, rules: _Mapping, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,9 +26,9 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
 
+from turtlebot_gym.files import SMALL, read_arrays, replacing
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
-from turtlebot_gym_agents.provenance import replacing
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure
 from turtlebot_gym_agents.training.optimizer import EPS, Adam, Linear
@@ -207,7 +207,7 @@ def _write_buffer(buffer: ReplayBuffer, path: Path) -> None:
 def _load_buffer(buffer: ReplayBuffer, path: Path) -> None:
     if not path.is_file():
         raise ValueError(f"{path} is missing, without which the run cannot be resumed: train again in another folder.")
-    with np.load(path, allow_pickle=False) as content:
-        for name in _COLUMNS:
-            getattr(buffer, name)[: len(content[name])] = content[name]
-        buffer.pos, buffer.full = int(content["position"]), bool(content["full"])
+    content = read_arrays(path, most=2 * sum(getattr(buffer, name).nbytes for name in _COLUMNS) + SMALL)
+    for name in _COLUMNS:
+        getattr(buffer, name)[: len(content[name])] = content[name]
+    buffer.pos, buffer.full = int(content["position"]), bool(content["full"])

@@ -18,8 +18,8 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
-from turtlebot_gym_agents.provenance import replacing
 
 if TYPE_CHECKING:
     from onnx import ModelProto
@@ -84,13 +84,10 @@ def write_checked(
     Raises:
         RuntimeError: If it is larger than `TOLERANCE`; then nothing is written.
     """
-    target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(target) as beside:
+    with replacing(path) as beside:
         write_bundle(beside, model, card)
         difference = float(np.abs(expected - BundlePolicy(beside)(observations)).max())
         if not difference <= TOLERANCE:
-            beside.unlink()
             raise RuntimeError(f"{path} is not written: its actions would differ from the network's by {difference:.2g}.")
     return difference
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from stable_baselines3.common.logger import KVWriter
 
+from turtlebot_gym.files import read_text, write_text
 from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_agents.training.callbacks import Callback
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -77,5 +78,5 @@ class _Writer(KVWriter):
 def _run_id(path: Path) -> str:
     """Return the id of the run in a file, which is written if missing."""
     if not path.is_file():
-        path.write_text(uuid.uuid4().hex[:8] + "\n", encoding="utf-8")
-    return path.read_text(encoding="utf-8").strip()
+        write_text(path, uuid.uuid4().hex[:8] + "\n")
+    return read_text(path).strip()

@@ -10,7 +10,7 @@ from bokeh.embed import file_html
 from bokeh.resources import INLINE
 
 from turtlebot_gym.drives import Drive
-from turtlebot_gym_agents.provenance import replacing
+from turtlebot_gym.files import write_text
 from turtlebot_gym_agents.watch.view import fill
 
 
@@ -24,7 +24,5 @@ def _to_html(drives: Sequence[Drive], *, title: str) -> str:
 def write_html(drives: Sequence[Drive], path: str | Path, *, title: str) -> int:
     """Write the view of some drives, side by side, and return the file's size in bytes; see `view.fill`."""
     path, page = Path(path), _to_html(drives, title=title)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as beside:
-        beside.write_text(page, encoding="utf-8")
+    write_text(path, page)
     return path.stat().st_size

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.files import load
+from turtlebot_gym.files import SMALL, load, read_text
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.presets import make_robot
@@ -234,8 +234,8 @@ def _load_waypoints(path: str) -> list[Pose]:
 
 
 def _read_csv(file: Path) -> list[Any]:
-    with file.open(newline="") as stream:
-        rows = [row for row in csv.reader(stream) if row and not row[0].startswith("#")]
+    lines = read_text(file, most=SMALL).splitlines()
+    rows = [row for row in csv.reader(lines) if row and not row[0].startswith("#")]
     has_header = bool(rows) and [cell.strip() for cell in rows[0]] == ["x", "y", "theta"]
     return rows[1:] if has_header else rows
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym import __version__, make_robot
-from turtlebot_gym.files import load
+from turtlebot_gym.files import load, write_text
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
 from turtlebot_gym_ros.base.parameters import descriptions
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, processes, refuse
@@ -162,9 +162,9 @@ def _write(folder: Path, seen: Sequence[Finding], field: Field | None, options: 
         "Beside this page": ", ".join(sorted(path.name for path in folder.iterdir())) or "nothing",
     }
     pictures = {"paths": field.paths, "scan": field.scan} if field else {}
-    (folder / "report.html").write_text(page(seen, about=about, **pictures), encoding="utf-8")
+    write_text(folder / "report.html", page(seen, about=about, **pictures))
     content = [{**finding._asdict(), "figures": [figure._asdict() for figure in finding.figures]} for finding in seen]
-    (folder / "findings.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    write_text(folder / "findings.json", json.dumps(content, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.drives import Drive, heading_error, position_error
+from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.plotting import tutorial_figure
@@ -225,9 +226,11 @@ def _tell(
     for name, value in figures.items():
         print(f"{name:<26}{value:10.3f}")
     if report:
-        report.write_text(json.dumps({"options": chosen, "metrics": figures}, indent=2) + "\n")
+        write_text(report, json.dumps({"options": chosen, "metrics": figures}, indent=2) + "\n")
     if figure:
         lidar = LIDARS[chosen.get("lidar", TurtlebotSimulator.Params().lidar)]
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
-        tutorial_figure(trajectory, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan).savefig(figure)
+        drawn = tutorial_figure(trajectory, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan)
+        with replacing(figure) as beside:
+            drawn.savefig(beside)
         print(f"figure written to {figure}")
