@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import resource
 import signal
 import warnings
@@ -11,42 +12,35 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-SECONDS = 8
-"""Most CPU time that reading a file may take, s; a file of more megabytes has a second for each."""
-MEMORY = 640 * 2**20
-"""Most memory by which reading a file may let a process grow, bytes."""
-UNPACKED = 30
-"""Size to which a file may be unpacked on the disk, as a multiple of its own, if that is more than `MEMORY`."""
+SECONDS, RATE = 6, 2 * 10**6
+"""CPU time that reading any file may take, s; and bytes for which a larger one has a second."""
+MEMORY, UNPACKED = 2**29, 30
+"""Memory by which reading may let a process grow, bytes; files that it unpacks may be so much larger than the file."""
 WAIT = 10
 """Longest time that reading may take, as a multiple of its CPU time: a busy machine is no fault of the file."""
+_EXHAUSTED = re.compile("bad_alloc|(unable|failed) to allocate|out of memory|MemoryError|File too large", re.IGNORECASE)
 
 T = TypeVar("T")
 
 
 def bounded(call: Callable[[], T], path: str | Path, *, size: int = 0) -> T:
-    """Return what a call returns.
+    """Return what a call returns, which must be picklable.
 
     Args:
-        call: Reads a file; what it returns must be picklable.
+        call: Reads a file.
         path: The file, for the message.
-        size: Its size, bytes: a large file may take longer.
+        size: Its size, bytes.
 
     Raises:
-        ValueError: If the call takes more than `SECONDS` or `MEMORY`.
+        ValueError: If the call takes more time or memory than a file may.
     """
-    seconds = max(SECONDS, size // 10**6)
-    limits = {
-        resource.RLIMIT_CPU: seconds,
-        resource.RLIMIT_DATA: MEMORY,
-        resource.RLIMIT_FSIZE: max(MEMORY, UNPACKED * size),
-        resource.RLIMIT_CORE: 0,
-    }
+    seconds = max(SECONDS, size // RATE)
     receiver, sender = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads, whose locks the copy does not take
         pid = os.fork()
     if not pid:
-        _answer(call, sender, limits)
+        _answer(call, sender, seconds, max(MEMORY, UNPACKED * size))
     os.close(sender)
     result: Any
     try:
@@ -57,24 +51,26 @@ def bounded(call: Callable[[], T], path: str | Path, *, size: int = 0) -> T:
     finally:
         os.kill(pid, signal.SIGKILL)  # where this process is interrupted
         os.waitpid(pid, 0)
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or (error and _EXHAUSTED.search(str(error))):
         most = f"{seconds} s of computing or {MEMORY // 2**20} MB of memory"
-        raise ValueError(f"{path}: reading it takes more than {most}: it is too large, or damaged; give a part of it.")
+        raise ValueError(f"{path}: reading it takes more than {most}: it is too large, or damaged; use a smaller one.")
     if error:
         raise error
     return result
 
 
-def _answer(call: Callable[[], object], sender: int, limits: dict[int, int]) -> None:
-    """Write what a call returns, and the error that it raises, and end this process."""
+def _answer(call: Callable[[], object], sender: int, seconds: int, disk: int) -> None:
+    """Write what a call returns and the error that it raises, and end this process."""
     try:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGALRM, signal.SIGXCPU):
             signal.signal(number, signal.SIG_DFL)
-        signal.alarm(WAIT * limits[resource.RLIMIT_CPU])
-        limits[resource.RLIMIT_DATA] += int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
+        signal.alarm(WAIT * seconds)
+        memory = MEMORY + int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
+        limits = {"CPU": seconds, "DATA": memory, "FSIZE": disk, "CORE": 0}
         for kind, limit in limits.items():
-            hard = resource.getrlimit(kind)[1]
-            resource.setrlimit(kind, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+            hard = resource.getrlimit(getattr(resource, f"RLIMIT_{kind}"))[1]
+            soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+            resource.setrlimit(getattr(resource, f"RLIMIT_{kind}"), (soft, hard))
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries that abort
         result, error = None, None
         try:

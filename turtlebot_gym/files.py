@@ -138,6 +138,13 @@ def read_text(path: str | Path, *, most: int = LARGEST, errors: str = "strict") 
     return read_bytes(path, most=most).decode("utf-8-sig", errors)
 
 
+def require_small(archive: zipfile.ZipFile, most: int = 4 * LARGEST) -> None:
+    """Refuse a zip file, with a ``ValueError``, that holds more bytes."""
+    unpacked = sum(part.file_size for part in archive.infolist())
+    if unpacked > most:
+        raise ValueError(f"unpacked it has {unpacked / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read")
+
+
 def read_arrays(path: str | Path, *, most: int = 4 * LARGEST) -> dict[str, NDArray[Any]]:
     """Return the arrays of an ``.npz`` file by their names; nothing in it is run.
 
@@ -149,9 +156,7 @@ def read_arrays(path: str | Path, *, most: int = 4 * LARGEST) -> dict[str, NDArr
 
     try:
         with zipfile.ZipFile(regular(path)) as archive:
-            unpacked = sum(part.file_size for part in archive.infolist())
-        if unpacked > most:
-            raise ValueError(f"its arrays have {unpacked / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read")
+            require_small(archive, most)
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except (OSError, MemoryError):

@@ -139,22 +139,22 @@ def _open(path: Path) -> _Table:
         raise ValueError(f"{path}: {_BINARY}") from None
     if "\0" in text:
         raise ValueError(f"{path}: {_BINARY}")
-    numbered = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    if not numbered:
+    rows = text.splitlines()
+    lines = [number for number, line in enumerate(rows, start=1) if line and not line.isspace()]
+    if not lines:
         raise ValueError(f"{path}: the file is empty.")
-    header = numbered[0][1].lstrip("#").strip()
+    header = rows[lines.pop(0) - 1].lstrip("#").strip()
     mark = next((mark for mark in ",;\t" if mark in header), None)
     names = _cells(header, mark)
     twice = sorted(name for name, number in Counter(names).items() if name and number > 1)
     if twice:
         raise ValueError(f"{path}: column {_some_of(twice)} is there more than once; rename one of them.")
-    lines = [number for number, _ in numbered[1:]]
 
     def numbers(wanted: Sequence[str]) -> NDArray[np.float64]:
         places = [names.index(name) for name in wanted]
         parsed = []
-        for line, row in numbered[1:]:
-            cells = _cells(row, mark)
+        for line in lines:
+            cells = _cells(rows[line - 1], mark)
             try:
                 if len(cells) != len(names):
                     raise ValueError(f"{len(cells)} cells instead of {len(names)}")

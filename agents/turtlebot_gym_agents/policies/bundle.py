@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import OBSERVATION_LAYOUT, Options, Parameters, Robot
+from turtlebot_gym.bounded import bounded
 from turtlebot_gym.extras import installing
-from turtlebot_gym.files import replacing
+from turtlebot_gym.files import read_bytes, replacing
 from turtlebot_gym.systems import SIZES, system_of
 from turtlebot_gym.systems.parameters import DT, OBSERVED
 from turtlebot_gym.validation import choose, shown
@@ -111,12 +113,21 @@ class BundlePolicy:
 
     def __init__(self, path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> None:
         try:
-            import onnxruntime
+            import onnxruntime  # noqa: F401
         except ImportError as error:
             raise ImportError(f"A policy bundle needs onnxruntime: {installing('deploy')}.") from error
-        self._path, content = path, Path(path).read_bytes()
+        self._path, content = path, read_bytes(path)
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
+        bounded(partial(self._open, content), path)  # to run it may take any time and memory
+        self._open(content)
+        require_fit(path, self.card.robot, self.card.dt, robot, dt)
+
+    def _open(self, content: bytes) -> None:
+        """Load the model and the card, and try the model."""
+        import onnxruntime
+
+        path = self._path
         require_safe_model(path, content)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -130,7 +141,6 @@ class BundlePolicy:
         """Card of the policy."""
         self.layout: int = self.card.layout
         """Layout of its observations."""
-        require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self._input = self._session.get_inputs()[0].name
         self._require_shapes()
 
@@ -143,9 +153,10 @@ class BundlePolicy:
                 f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2), it is from "
                 f"{[(end.type, end.shape) for end in inputs]} to {[(end.type, end.shape) for end in outputs]}."
             )
-        # Alone and in a batch: a model may fix either size.
-        for rows in (1, 3):
-            observations = np.repeat(np.array([[0.0], [0.5], [1.0]], np.float32), size, axis=1)[:rows]
+        # Alone, and in batches: a model may fix either size, or grow faster than they do.
+        for rows in (1, 3, 1000):
+            observations = np.full((rows, size), 0.5, np.float32)
+            observations[-1], observations[0] = 1.0, 0.0
             try:
                 actions: Any = self._session.run(None, {self._input: observations})[0]
             except Exception as error:  # onnxruntime has no common base class for its errors

@@ -28,6 +28,7 @@ _PARTS: dict[str, dict[int, str]] = {
 """Field numbers that hold messages in each kind of message, and the kinds of these."""
 _DATA_TYPE, _FLOATS, _RAW, _EXTERNAL_DATA, _LOCATION = 2, 4, 9, 13, 14
 _FLOAT32 = 1
+_NODE, _TENSOR, _NAME, _INPUT, _OUTPUT = 1, 5, 8, 1, 2
 _BYTES = 2
 """Wire type of fields with a length: messages, texts and packed numbers."""
 _OPERATOR, _DOMAIN = 4, 7
@@ -44,6 +45,10 @@ _OPERATORS = {
 }  # fmt: skip
 """Operators of ONNX in which layers of networks are written. None of them loops, draws random numbers, or creates an
 array of a size given in the file: with a `Loop` or an `Expand`, 300 bytes could take all time or memory."""
+_SIZED = {
+    "ReduceL2", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Slice", "Split", "Squeeze", "Unsqueeze"
+}  # fmt: skip
+"""Operators whose further inputs say how large their output is."""
 
 
 def require_safe_model(path: object, content: bytes) -> None:
@@ -71,6 +76,8 @@ def require_safe_model(path: object, content: bytes) -> None:
             if operator not in _OPERATORS or domain not in ("", "ai.onnx"):
                 name = f"{domain}.{operator}" if domain else operator
                 raise ValueError(f"{path} is not a policy bundle: a network has no operator {shown(name)}.")
+        elif kind == "graph":
+            _require_fixed_sizes(path, fields)
         elif kind == "function":
             raise ValueError(f"{path} is not a policy bundle: its model has functions of its own.")
 
@@ -85,13 +92,34 @@ def _require_own_finite(path: object, fields: list[tuple[int, int, Any]]) -> Non
             raise ValueError(f"{path}: its weights are not all finite numbers.")
 
 
-def _parts(content: bytes, kind: str) -> Iterator[tuple[str, list[tuple[int, int, Any]]]]:
-    """Yield the kind and the fields (number, wire type, value) of each message in a message."""
+def _require_fixed_sizes(path: object, fields: list[tuple[int, int, Any]]) -> None:
+    """Refuse a graph in which sizes depend on what is observed: no try shows how much time and memory it takes."""
+    fixed = {b"", *(name for tensor in _values(fields, _TENSOR) for name in _values(_fields(tensor), _NAME))}
+    for node in map(_fields, _values(fields, _NODE)):
+        inputs, operator = _values(node, _INPUT), b"".join(_values(node, _OPERATOR)).decode("utf-8", "replace")
+        if operator in _SIZED and not fixed.issuperset(inputs[1:]):
+            raise ValueError(f"{path} is not a policy bundle: the sizes of its {shown(operator)} depend on what is observed.")
+        if operator == "Shape" or fixed.issuperset(inputs):
+            fixed.update(_values(node, _OUTPUT))
+
+
+def _values(fields: list[tuple[int, int, Any]], wanted: int) -> list[bytes]:
+    """Return the messages or texts of a field."""
+    return [value for number, wire, value in fields if number == wanted and wire == _BYTES]
+
+
+def _fields(content: bytes) -> list[tuple[int, int, Any]]:
+    """Return the fields of a message: number, wire type, value."""
     from google.protobuf import empty_pb2, unknown_fields
 
     message = empty_pb2.Empty()
     message.MergeFromString(content)
-    fields = [(field.field_number, field.wire_type, field.data) for field in unknown_fields.UnknownFieldSet(message)]
+    return [(field.field_number, field.wire_type, field.data) for field in unknown_fields.UnknownFieldSet(message)]
+
+
+def _parts(content: bytes, kind: str) -> Iterator[tuple[str, list[tuple[int, int, Any]]]]:
+    """Yield the kind and the fields of each message in a message."""
+    fields = _fields(content)
     yield kind, fields
     for number, wire, value in fields:
         if wire == _BYTES and number in _PARTS[kind]:

@@ -6,8 +6,6 @@ seconds; other networks are left to torch's exporter. Either graph is compared w
 
 from __future__ import annotations
 
-import json
-import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +23,7 @@ from turtlebot_gym.systems import SIZES
 from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.policies.yielding import NEAR
+from turtlebot_gym_agents.training.model import data_of
 from turtlebot_gym_agents.training.network import program_of, write_checked
 from turtlebot_gym_agents.training.normalization import CLIP, NormalizedObservation
 
@@ -51,10 +50,9 @@ def load_model(path: Path, *, allow_pickle: bool = False) -> BaseAlgorithm:
             "--allow-pickle; policies are passed on as bundles, which `turtlebot-gym export` makes."
         )
     try:
-        with zipfile.ZipFile(path) as archive:
-            keys = json.loads(archive.read("data"))
-    except (zipfile.BadZipFile, KeyError, ValueError) as error:
-        raise ValueError(f"{path} is not a model of Stable-Baselines3: {error}.") from error
+        keys = data_of(path)
+    except (RuntimeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is not a model of Stable-Baselines3: {' '.join(str(error).split())}") from error
     name = next((name for mark, name in _MARKS.items() if mark in keys), None)
     if name is None:
         raise ValueError(f"{path} must hold a model of {', '.join(_MARKS.values())}.")

@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
+from functools import partial
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -26,7 +27,8 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
 
-from turtlebot_gym.files import SMALL, read_arrays, replacing
+from turtlebot_gym.bounded import bounded
+from turtlebot_gym.files import SMALL, read_arrays, regular, replacing, require_small
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -184,13 +186,28 @@ def weights_of(model: BaseAlgorithm, path: Path) -> Iterator[None]:
 def _read(path: Path, model: BaseAlgorithm) -> tuple[dict[str, int], Any, Any]:
     """Return the counters, parameters and further tensors in a saved model."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            data = json.loads(archive.read("data"))
+        data = data_of(path)
         counters = {name: int(data[name]) for name in _COUNTERS}
         _, parameters, variables = load_from_zip_file(path, load_data=False, device=model.device)
     except (zipfile.BadZipFile, UnpicklingError, KeyError, TypeError, ValueError, RuntimeError) as error:
         raise ValueError(f"{path} is not a model of Stable-Baselines3: {' '.join(str(error).split())}") from error
     return counters, parameters, variables or {}
+
+
+def data_of(path: Path) -> dict[str, Any]:
+    """Return the settings in a saved model; nothing in it is run.
+
+    Raises:
+        OSError: If it cannot be read.
+        ValueError: If it is no such model, or too large.
+    """
+    return bounded(partial(_data_of, path), path)
+
+
+def _data_of(path: Path) -> dict[str, Any]:
+    with zipfile.ZipFile(regular(path)) as archive:
+        require_small(archive)
+        return dict(json.loads(archive.read("data")))
 
 
 def _replay_path(checkpoint: Path) -> Path:
