@@ -66,11 +66,10 @@ def _answer(call: Callable[[], object], sender: int, seconds: int, disk: int) ->
             signal.signal(number, signal.SIG_DFL)
         signal.alarm(WAIT * seconds)
         memory = MEMORY + int(Path("/proc/self/statm").read_text().split()[5]) * resource.getpagesize()
-        limits = {"CPU": seconds, "DATA": memory, "FSIZE": disk, "CORE": 0}
-        for kind, limit in limits.items():
-            hard = resource.getrlimit(getattr(resource, f"RLIMIT_{kind}"))[1]
-            soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
-            resource.setrlimit(getattr(resource, f"RLIMIT_{kind}"), (soft, hard))
+        for kind, limit in (("CPU", seconds), ("DATA", memory), ("FSIZE", disk), ("CORE", 0)):
+            hard = resource.getrlimit(number := getattr(resource, f"RLIMIT_{kind}"))[1]
+            limit = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+            resource.setrlimit(number, (limit, limit))
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries that abort
         result, error = None, None
         try:

@@ -17,10 +17,10 @@ import re
 import shutil
 import stat
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import cache, partial
+from functools import cache, partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
@@ -41,15 +41,10 @@ LARGEST, LARGEST_LOG, SMALL = 2**26, 2**29, 2**18
 """Largest file that is read as a whole, largest log of text, and largest file that no parser can take long for, bytes."""
 
 T = TypeVar("T")
+F = TypeVar("F", bound="Callable[..., Any]")
 
 _TOO_DEEP = f"it is nested deeper than {MAX_DEPTH} levels"
-_KINDS = {
-    stat.S_ISDIR: (errno.EISDIR, "It is a folder; a file is needed"),
-    stat.S_ISFIFO: (errno.ESPIPE, "It is a pipe, which may have no end; write to a file, and give that"),
-    stat.S_ISSOCK: (errno.ENXIO, "It is a socket; a file is needed"),
-    stat.S_ISCHR: (errno.ENXIO, "It is a device, which has no end; a file is needed"),
-    stat.S_ISBLK: (errno.ENXIO, "It is a device; a file is needed"),
-}
+_KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 _WITH_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
 
 
@@ -102,25 +97,30 @@ def _plain(value: Any) -> Any:
 
 
 def regular(path: str | Path) -> Path:
-    """Return the path of a file, also by a link, that is no folder, pipe, socket or device.
-
-    Raises:
-        OSError: If there is none.
-    """
+    """Return the path of a file, also by a link; an ``OSError`` refuses what may have no end, such as a pipe or a device."""
     path = Path(path)
     mode = path.stat().st_mode
-    for is_kind, (number, text) in _KINDS.items():
-        if is_kind(mode):
-            raise OSError(number, text, str(path))
+    if not stat.S_ISREG(mode):
+        kind = _KINDS.get(stat.S_IFMT(mode), "a device")
+        raise OSError(errno.EINVAL, f"It is {kind}; save what it holds as a file, and give that", str(path))
     return path
 
 
-def read_bytes(path: str | Path, *, most: int = LARGEST) -> bytes:
-    """Return what a file holds.
+def in_bounds(read: F) -> F:
+    """Return a reader, whose first argument is the path of a file or of a folder of files, that is `bounded`."""
 
-    Raises:
-        OSError: If it cannot be read, is no file, or holds more bytes.
-    """
+    @wraps(read)
+    def within(path: str | Path, *args: Any, **options: Any) -> Any:
+        path = Path(path)
+        parts = path.iterdir() if path.is_dir() else (path,)
+        size = sum(regular(part).stat().st_size for part in parts if part.exists() and not part.is_dir())
+        return bounded(partial(read, path, *args, **options), path, size=size)
+
+    return within  # pyright: ignore[reportReturnType]
+
+
+def read_bytes(path: str | Path, *, most: int = LARGEST) -> bytes:
+    """Return what a file holds; an ``OSError`` refuses what is no file, or holds more bytes."""
     size = regular(path).stat().st_size
     if size > most:
         raise OSError(errno.EFBIG, f"It has {size / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read", str(path))
@@ -129,18 +129,14 @@ def read_bytes(path: str | Path, *, most: int = LARGEST) -> bytes:
 
 
 def read_text(path: str | Path, *, most: int = LARGEST, errors: str = "strict") -> str:
-    """Return what a file of text holds, without a byte order mark; see `read_bytes`.
-
-    Raises:
-        OSError: As `read_bytes`.
-        ValueError: If it is not UTF-8, unless ``errors`` says what takes the place of other bytes.
-    """
+    """Return what a file of text holds, without a byte order mark; see `read_bytes` and ``bytes.decode``."""
     return read_bytes(path, most=most).decode("utf-8-sig", errors)
 
 
-def require_small(archive: zipfile.ZipFile, most: int = 4 * LARGEST) -> None:
-    """Refuse a zip file, with a ``ValueError``, that holds more bytes."""
-    unpacked = sum(part.file_size for part in archive.infolist())
+def require_small(path: str | Path, most: int = 4 * LARGEST) -> None:
+    """Refuse a zip file, with a ``ValueError``, that unpacks to more bytes."""
+    with zipfile.ZipFile(regular(path)) as archive:
+        unpacked = sum(part.file_size for part in archive.infolist())
     if unpacked > most:
         raise ValueError(f"unpacked it has {unpacked / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read")
 
@@ -155,8 +151,7 @@ def read_arrays(path: str | Path, *, most: int = 4 * LARGEST) -> dict[str, NDArr
     import numpy as np
 
     try:
-        with zipfile.ZipFile(regular(path)) as archive:
-            require_small(archive, most)
+        require_small(path, most)
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except (OSError, MemoryError):
@@ -209,13 +204,12 @@ def load(path: str | Path) -> Any:
         ImportError: If it is YAML and PyYAML is not installed.
     """
     path = Path(path)
-    content = read_bytes(path)
-    parse = partial(_parsed, path, content)
-    return parse() if len(content) <= SMALL else bounded(parse, path, size=len(content))
+    return (_load if regular(path).stat().st_size <= SMALL else in_bounds(_load))(path)
 
 
-def _parsed(path: Path, content: bytes) -> Any:
+def _load(path: Path) -> Any:
     kind, read = ("JSON", _from_json) if path.suffix == ".json" else ("YAML", _from_yaml)
+    content = read_bytes(path)
     try:
         return read(content.decode("utf-8"))
     except ImportError as error:

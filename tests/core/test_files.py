@@ -137,7 +137,7 @@ def test_the_readers_of_the_core_refuse_a_pipe(tmp_path, write_map):
         os.mkfifo(tmp_path / f"pipe{suffix}")
     since = time.monotonic()
     for read in (make_robot, make_noise):
-        with pytest.raises(ValueError, match="It is a pipe, which may have no end; write to a file, and give that"):
+        with pytest.raises(ValueError, match="It is a pipe; save what it holds as a file, and give that"):
             read(str(tmp_path / "pipe.yaml"))
     for suffix in (".yaml", ".world", ".sdf"):
         with pytest.raises(ValueError, match="It is a pipe"):

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.bounded import bounded
 from turtlebot_gym.drives.alignment import headings, interpolated
 from turtlebot_gym.drives.bags import is_bag, read_bag
 from turtlebot_gym.drives.carmen import is_carmen, is_carmen_arrays, read_carmen, read_carmen_arrays
@@ -19,7 +17,7 @@ from turtlebot_gym.drives.contradictions import contradiction
 from turtlebot_gym.drives.drive import Drive
 from turtlebot_gym.drives.mrclam import is_mrclam, read_mrclam
 from turtlebot_gym.drives.tables import is_table, read_poses, read_table
-from turtlebot_gym.files import regular
+from turtlebot_gym.files import in_bounds
 from turtlebot_gym.topics import Topics
 
 OVERLAP = 1.0
@@ -70,6 +68,7 @@ READABLE = "; ".join(f"{form.name}: {form.files.replace('`', '')}" for form in F
 """All of them in a line."""
 
 
+@in_bounds
 def read(
     path: str | Path,
     *,
@@ -100,28 +99,7 @@ def read(
             than `bounded` allows; the message names file and place.
         ImportError: If the file is a bag, and rosbags is not installed.
     """
-    path = Path(path)
-    size = sum(regular(part).stat().st_size for part in (path.iterdir() if path.is_dir() else (path,)) if _is_read(part))
-    options = {"topics": topics, "columns": columns, "truth": truth, "label": label, "lidar": lidar}
-    return bounded(partial(_read, path, **options), path, size=size)
-
-
-def _is_read(path: Path) -> bool:
-    """Return whether a path is there and no folder; a folder inside that of a bag is not read."""
-    return path.exists() and not path.is_dir()
-
-
-def _read(
-    path: Path,
-    *,
-    topics: Topics | None,
-    columns: Mapping[str, str] | None,
-    truth: str | Path | None,
-    label: str | None,
-    lidar: str,
-) -> Drive:
-    """Read a drive without bounds; see `read`."""
-    beside = Path(truth) if truth and Path(truth).is_file() else None
+    path, beside = Path(path), Path(truth) if truth and Path(truth).is_file() else None
     form = next((form for form in FORMATS if form.recognizes(path)), None)
     if form is None:
         raise ValueError(f"{path}: the file is binary, and not one of these: {READABLE}.")

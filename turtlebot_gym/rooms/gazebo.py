@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
 
-from turtlebot_gym.bounded import bounded
-from turtlebot_gym.files import read_bytes
+from turtlebot_gym.files import in_bounds
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import Walls
 from turtlebot_gym.values import Pose
@@ -46,17 +44,17 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
         ValueError: If the file cannot be read, or holds no static cylinder or box.
     """
     try:
-        content = read_bytes(path)
+        circles, boxes = _shapes(path)
     except OSError as error:
         raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
-    circles, boxes = bounded(partial(_shapes, path, content), path, size=len(content))
     return enclosed(circles, boxes, start=start, goal=goal)
 
 
-def _shapes(path: str | Path, content: bytes) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
-    """Return the circles and boxes of a world."""
+@in_bounds
+def _shapes(path: str | Path) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
+    """Return the circles and the boxes of a world."""
     try:
-        root = ElementTree.fromstring(content)
+        root = ElementTree.parse(path).getroot()
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: an encoding that is unknown
         raise ValueError(f"{str(path)!r} is not a Gazebo world: {error}.") from error
     circles: list[tuple[float, ...]] = []

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.bounded import bounded
-from turtlebot_gym.files import load, regular
+from turtlebot_gym.files import in_bounds, load
 from turtlebot_gym.rooms.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.validation import FINITE, POSITIVE, PROBABILITY, Numbers, choose, refusal
@@ -55,9 +53,13 @@ def _read_grid(path: str | Path) -> GridMap:
     mode = choose(f"mode {of_map}", content.get("mode", "trinary"), _MODES)
     resolution = POSITIVE.check(f"resolution {of_map}", content["resolution"])
     pose = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
-    limits = {"negate": bool(content["negate"]), "occupied": occupied, "free": free}
-    image = path.parent / str(content["image"])
-    cells = bounded(partial(_read_image, image, mode, **limits), image)
+    image, limits = path.parent / str(content["image"]), {"occupied": occupied, "free": free}
+    try:
+        cells = _read_image(image, mode, negate=bool(content["negate"]), **limits)
+    except FileNotFoundError as error:
+        raise ValueError(f"There is no image {str(image)!r} for the map.") from error
+    except OSError as error:
+        raise ValueError(f"The map's image {str(image)!r} cannot be read: {error.strerror}.") from error
     try:
         return GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
     except ValueError as error:
@@ -76,6 +78,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
+@in_bounds
 def _read_image(path: Path, mode: str, **limits: Any) -> NDArray[np.int8]:
     """Return the values of cells; the first row is the highest.
 
@@ -96,7 +99,7 @@ def _read_image(path: Path, mode: str, **limits: Any) -> NDArray[np.int8]:
     try:
         with warnings.catch_warnings():  # of large images, which are refused here
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            image = Image.open(regular(path), formats=_FORMATS)
+            image = Image.open(path, formats=_FORMATS)
         with image:
             if image.width * image.height > MAX_CELLS:  # before it is unpacked
                 raise ValueError(
@@ -106,13 +109,10 @@ def _read_image(path: Path, mode: str, **limits: Any) -> NDArray[np.int8]:
                 return _occupancy(np.arange(65536) / 65535, mode, **limits)[np.clip(np.asarray(image), 0, 65535)]
             alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
             pixels = np.asarray(image.convert("RGBA" if alpha else "RGB"))
-    except FileNotFoundError as error:
-        raise ValueError(f"There is no image {str(path)!r} for the map.") from error
-    except MemoryError:
+    except (FileNotFoundError, MemoryError):
         raise
     except Exception as error:  # a decoder raises errors of many kinds
-        why = getattr(error, "strerror", None) or " ".join(str(error).split()).rstrip(".")
-        raise ValueError(f"The map's image {str(path)!r} cannot be read: {why}.") from error
+        raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
     channels = pixels if mode == "trinary" else pixels[:, :, :3]
     most = 255 * channels.shape[2]
     # There are fewer sums of channels than pixels.

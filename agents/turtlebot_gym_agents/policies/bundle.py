@@ -112,10 +112,6 @@ class BundlePolicy:
     """
 
     def __init__(self, path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> None:
-        try:
-            import onnxruntime  # noqa: F401
-        except ImportError as error:
-            raise ImportError(f"A policy bundle needs onnxruntime: {installing('deploy')}.") from error
         self._path, content = path, read_bytes(path)
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
@@ -125,8 +121,10 @@ class BundlePolicy:
 
     def _open(self, content: bytes) -> None:
         """Load the model and the card, and try the model."""
-        import onnxruntime
-
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise ImportError(f"A policy bundle needs onnxruntime: {installing('deploy')}.") from error
         path = self._path
         require_safe_model(path, content)
         options = onnxruntime.SessionOptions()

@@ -11,7 +11,6 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
-from functools import partial
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -27,8 +26,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
 
-from turtlebot_gym.bounded import bounded
-from turtlebot_gym.files import SMALL, read_arrays, regular, replacing, require_small
+from turtlebot_gym.files import SMALL, in_bounds, read_arrays, replacing, require_small
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -194,19 +192,11 @@ def _read(path: Path, model: BaseAlgorithm) -> tuple[dict[str, int], Any, Any]:
     return counters, parameters, variables or {}
 
 
+@in_bounds
 def data_of(path: Path) -> dict[str, Any]:
-    """Return the settings in a saved model; nothing in it is run.
-
-    Raises:
-        OSError: If it cannot be read.
-        ValueError: If it is no such model, or too large.
-    """
-    return bounded(partial(_data_of, path), path)
-
-
-def _data_of(path: Path) -> dict[str, Any]:
-    with zipfile.ZipFile(regular(path)) as archive:
-        require_small(archive)
+    """Return the settings in a saved model; nothing in it is run."""
+    require_small(path)
+    with zipfile.ZipFile(path) as archive:
         return dict(json.loads(archive.read("data")))
 
 
