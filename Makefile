@@ -183,6 +183,9 @@ bench-buildings: $(READY)  ## the localizer on recordings of two real buildings,
 bench-estimation: $(READY)  ## filters beside the bound that no filter can pass, 20,000 drives in each setting (3 minutes)
 	$(RUN)python benchmarks/estimation.py
 
+bench-blind: $(READY)  ## true contacts with LiDARs that see a part of the circle, or measure in another unit (2 hours)
+	$(RUN)python benchmarks/blind.py
+
 bench-arrival: $(READY)  ## when a robot should believe that it has arrived: rules side by side (2 minutes)
 	$(RUN)python benchmarks/arrival.py
 
