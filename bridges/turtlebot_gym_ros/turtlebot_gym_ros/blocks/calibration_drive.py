@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
+from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import limit
+from turtlebot_gym.parameters import Noise
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import POSITIVE, Range, typed
@@ -108,15 +110,24 @@ class CalibrationDrive:
         reach = min(REACH * params.radius, LONGEST)
         self._legs = tuple(_script(self._robot, speed=params.speed, turning=params.turning, reach=reach))
         self._center: Pose | None = None
+        self._agreement = Agreement(self._robot, Noise())
         self.reset()
 
     def reset(self) -> None:
         """Restart the script."""
         self._elapsed, self._at, self._left = 0.0, 0, self._legs[0].duration
         self._returns, self._is_first = False, True
+        self._agreement.begin()
 
     def step(self, dt: float, odometry: Odometry) -> dict[str, Command]:
-        """Return the command for the current time; nothing after the end."""
+        """Return the command for the current time; nothing after the end.
+
+        Raises:
+            ValueError: If pose and twist of the odometry contradict each other (`agreement`).
+        """
+        self._agreement.judge(dt, odometry)
+        if self._agreement.cause:
+            raise ValueError(f"odometry is not believed: {self._agreement.cause}")
         pose = odometry.pose
         if self._center is None or (self._is_first and self._distance(pose, self._center) > self._p.radius):
             self._center = pose
