@@ -10,7 +10,7 @@ from turtlebot_gym import write_parameters
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.values import STOP, Odometry, Pose
+from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks import CalibrationDrive, TurtlebotSimulator
 from turtlebot_gym_ros.blocks.calibration_drive import LEVELS, _script
 
@@ -135,11 +135,12 @@ def test_commands_are_within_the_robots_limits(robot):
 
 def test_it_comes_home_from_any_side():
     for bearing in np.linspace(-math.pi, math.pi, 9, endpoint=False):
-        drive = make(radius=1.0)
-        drive.step(0.0, Odometry(Pose(0.0, 0.0, 0.0), STOP, True))
-        x, y, theta = 0.9 * math.cos(bearing), 0.9 * math.sin(bearing), bearing + 0.3
+        drive, out = make(radius=1.0), Command(0.2, 0.0)
+        for way in np.arange(0.0, 0.9, 0.2 * DT):
+            drive.step(DT, Odometry(Pose(way * math.cos(bearing), way * math.sin(bearing), bearing), out, True))
+        x, y, theta, v, omega = 0.9 * math.cos(bearing), 0.9 * math.sin(bearing), bearing, 0.2, 0.0
         for _ in range(400):
-            v, omega = drive.step(DT, Odometry(Pose(x, y, theta), STOP, True))["command"]
+            v, omega = drive.step(DT, Odometry(Pose(x, y, theta), Command(v, omega), True))["command"]
             x, y, theta = x + DT * v * math.cos(theta), y + DT * v * math.sin(theta), theta + DT * omega
             if math.hypot(x, y) < 0.25:
                 break
