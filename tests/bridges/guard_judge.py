@@ -1,6 +1,7 @@
 """The judge of the commands to the wheels: it reads the log of what was truly sent, pressed and allowed, and holds the law."""
 
 import math
+from itertools import pairwise
 
 EPSILON = 1e-6
 
@@ -29,6 +30,8 @@ def moving(log, t):
         yield "motion after a press"
     for which in silent(log, t):
         yield f"motion although button {which} is silent"
+    for which in back(log, t):
+        yield f"motion although button {which} was silent until just now"
 
 
 def there(log, t):
@@ -46,6 +49,14 @@ def silent(log, t):
     for which, known in there(log, t).items():
         if sum(at - made < 0.3 for at, made, _ in known) >= 6 and known[-1][1] < t - 0.5 - EPSILON:
             yield which
+
+
+def back(log, t):
+    """Return which buttons were silent for much longer than 0.5 s until less than 0.5 s ago."""
+    for which, known in there(log, t).items():
+        for before, after in pairwise(known[-9:]):
+            if after[1] - before[1] > 0.8 and t - after[0] < 0.5 - EPSILON:
+                yield which
 
 
 def limits(told):

@@ -51,6 +51,8 @@ class Message:
     button: int = -1
     pressed: float = -math.inf
     """When a press by a button that is known counts: as soon as the guard runs."""
+    prompt: bool = False
+    """Whether it is not awaited: a button's messages are heard twice."""
 
 
 @dataclass
@@ -120,7 +122,10 @@ class World:
         self.seen = {}
         """Buttons: [number of the last message, pressed, time of the next message, alive, which of all lives]."""
         self.lives, self.swallowing, self.swallowed = 0, 0, {}
-        """Of the buttons: all that ever lived, how many of the next messages are lost, the number of each lost press."""
+        """Of the buttons: all that ever lived, how many of the next messages are lost, and of each lost press its number, with
+        when the message before it was sent."""
+        self.radio_until, self.in_the_air = -math.inf, 0
+        """Until when a lost message holds up the buttons' next ones, and how many of the prompt ones are lost."""
         parameters = arbiter.Parameters(**parameters)
         self.clock = sent.SystemClock()
         self.look()
@@ -194,10 +199,17 @@ class World:
                 self.speak(which, False)
 
     def swallow(self, a, b):
-        """Lose what a button says when it is pressed."""
-        self.swallowing = 1 + a % 4
+        """Lose for good what a button says when it is pressed."""
+        self.swallowing = 1 + a
         self.press(a, b)
         self.drive(1, 3)
+
+    def radio(self, a, b):
+        """Let a lost message be sent again after a while, and hold up the next ones, one of which may be a press."""
+        self.in_the_air, self.radio_until = (2, 2, 3, 4, 7, 11, 16, 60)[a], self.t + (0.1, 0.3, 0.6, 1.2, 3.0)[b % 5]
+        if b > 4:
+            self.press(a, a % 4)
+        self.drive(1, b)
 
     def release(self, a, b):
         for which, button in self.seen.items():
@@ -356,13 +368,16 @@ class World:
         if self.swallowing:
             self.swallowing -= 1
             if pressed and button[4] in self.log.spoken:
-                self.swallowed[button[4]] = button[0]
+                self.swallowed.setdefault(button[4], (button[0], self.log.spoken[button[4]][-1][1]))
             return
-        message = Message(self.t + 0.0002, "button", pressed, "none", self.t, self.t, self.t + self.offset, 0.0, 0.0)
-        message.number, message.button = button[0], button[4]
-        if button[4] in self.log.spoken:
-            message.pressed = max(message.at, self.suspended_until)
-        self.flying.append(message)
+        self.in_the_air = max(0, self.in_the_air - 1)
+        for prompt in (True, False)[bool(self.in_the_air) :]:
+            at = self.t if prompt else max(self.t, self.radio_until)
+            message = Message(at + 0.0002, "button", pressed, "none", self.t, self.t, self.t + self.offset, 0.0, 0.0)
+            message.number, message.button, message.prompt = button[0], button[4], prompt
+            if button[4] in self.log.spoken:
+                message.pressed = max(message.at, self.suspended_until)
+            self.flying.append(message)
 
     def wait(self, duration):
         """Advance true time, with all events in order."""
@@ -433,13 +448,18 @@ class World:
             self.least = {clock: known for clock, known in self.least.items() if clock[0] != message.topic}
         age = ages.age(steady=now, source=message.source, arrival=arrival, header=message.header)
         if message.topic == "button":
-            log.spoken.setdefault(message.button, []).append((seen, message.made, message.value))
-            if message.number > self.swallowed.get(message.button, math.inf):  # the gap in its numbers says so
+            spoken = log.spoken.setdefault(message.button, [])
+            if not spoken or message.made > spoken[-1][1]:
+                spoken.append((seen, message.made, message.value))
+            number, before = self.swallowed.get(message.button, (math.inf, 0.0))
+            if message.number > number and not message.prompt:  # the gap in its numbers says so
                 del self.swallowed[message.button]
-                log.presses.append(seen)
+                if message.made > before + 0.5 + EPSILON:
+                    log.presses.append(seen)
             if message.value:
                 log.presses.append(message.pressed if message.pressed > -math.inf else seen)
-            self.guard.hear_emergency(message.value, now, sent=now - age.sent, dated=age.dated, number=message.number)
+            times = {"sent": now - age.sent, "dated": age.dated}
+            self.guard.hear_emergency(message.value, now, **times, number=message.number, prompt=message.prompt)
         else:
             # A message without its own time may be older than it seems: by its delay, and by a gap too short to be detected.
             hidden = self.hidden(message)

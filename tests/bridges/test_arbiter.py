@@ -123,13 +123,23 @@ def after_a_gap_every_button_is_heard_first(arbiter):
     assert not arbiter.emergency
 
 
-def silence_is_not_judged_by_one_who_did_not_listen(arbiter):
+def after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second(arbiter):
+    buttons(arbiter, 0.0, 1.0)  # the last message came at 0.9 s
+    assert STOP not in drive(arbiter, 1.0, 0.38, AHEAD)
+    assert set(drive(arbiter, 1.42, 0.5, AHEAD)) == {STOP}
+    assert set(buttons(arbiter, 1.94, 0.48, number=11)) == {STOP}
+    assert not arbiter.emergency
+    assert buttons(arbiter, 2.44, 0.2, number=16)[-1] == AHEAD
+
+
+def after_a_gap_in_which_a_button_was_silent_too_it_goes_on(arbiter):
     buttons(arbiter, 0.0, 1.0)  # the last command and message came at 0.9 s
     assert arbiter.step(T + 1.45) == STOP  # it was suspended itself, for 0.47 s
     arbiter.hear_emergency(False, T + 1.46, number=11)
     assert not arbiter.emergency
     arbiter.step(T + 1.5)
-    assert buttons(arbiter, 1.54, 0.4, number=12)[-1] == AHEAD
+    assert set(buttons(arbiter, 1.54, 0.4, number=12)) == {STOP}
+    assert buttons(arbiter, 1.94, 0.2, number=16)[-1] == AHEAD
 
 
 def one_who_did_not_listen_for_long_may_have_missed_a_press(arbiter):
@@ -203,6 +213,11 @@ def deaf(arbiter):
     return lambda *_, **options: None
 
 
+def latches_silence(arbiter):
+    buttons = arbiter.buttons
+    buttons.lost = lambda now: "silent" if buttons._alive(now) < buttons._expected else ""
+
+
 def deaf_to_gaps(arbiter):
     arbiter.buttons.wake = lambda gap, now: None
 
@@ -254,7 +269,8 @@ LAWS = [
     (a_person_wins, {}, sabotage("hear", lambda arbiter: lambda s, c, t: Arbiter.hear(arbiter, "program", c, t))),
     (disabling_is_never_refused, {}, sabotage("enable", asks_before_disabling)),
     (after_a_gap_every_button_is_heard_first, {}, sabotage("_wake", never_blind)),
-    (silence_is_not_judged_by_one_who_did_not_listen, {}, sabotage("_wake", never_blind)),
+    (after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second, {}, latches_silence),
+    (after_a_gap_in_which_a_button_was_silent_too_it_goes_on, {}, latches_silence),
     (outside_the_fence_only_a_person_drives, {"geofence": 2.0}, parameter("geofence", 0.0)),
     (a_stale_pose_is_outside, {"geofence": 2.0}, parameter("geofence", 0.0)),
     (speed_is_scaled, {"speed_scale": 0.5}, parameter("speed_scale", 1.0)),

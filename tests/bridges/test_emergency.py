@@ -22,7 +22,10 @@ def button(start, end, first=1, pressed=()):
 
 
 PRESSED, SILENT, FLOODED = (f"the emergency stop is {state}" for state in ("pressed", "silent", "flooded with messages"))
-LOST, ENDED = "a message of the emergency stop was lost", "an emergency stop has ended"
+LOST, ENDED = "messages of the emergency stop were lost", "an emergency stop has ended"
+BACK, MISSING = (f"{words} s" for words in (
+    "the emergency stop was silent, and must be heard for 0.5", "messages of the emergency stop are missing for more than 10"
+))  # fmt: skip
 SILENT_OF_2, SILENT_OF_3 = "1 of 2 emergency stops are silent", "1 of 3 emergency stops are silent"
 TROUBLES = {
     "without a button": ((), {0.0: "", 50.0: ""}),
@@ -34,15 +37,20 @@ TROUBLES = {
         [(50.0, 1, True), (50.4, 700), (50.45, 2, True), (50.9, 701)], {50.94: PRESSED, 50.96: SILENT_OF_2},
     ),
     "one that falls silent": (button(50.0, 51.0), {51.29: "", 51.31: SILENT}),
-    "and is heard again": ([*button(50.0, 51.0), (52.0, 6)], {52.0: ""}),
+    "and is heard again": (
+        [*button(50.0, 51.0), (52.0, 6), (52.2, 7), (52.4, 8), (52.6, 9)], {52.0: BACK, 52.49: BACK, 52.51: ""},
+    ),
+    "and is silent again": ([(50.0, 1), (50.625, 2), (51.25, 3)], {51.25: BACK, 51.74: BACK, 51.76: SILENT}),
+    "and is silent for long": (button(50.0, 51.0), {60.79: SILENT, 60.81: MISSING}),
     "one of three": ([*button(50.0, 53.0, 9000), *button(50.07, 53.0, 5000), *button(50.13, 52.0, 7000)], {52.95: SILENT_OF_3}),
     "one of two comes back": ([*button(50.0, 55.0), *button(50.07, 52.0, 400), *button(53.0, 55.0)], {54.9: ""}),
     "many messages": ([(50.0 + 0.001 * k, k + 1) for k in range(50)], {50.1: ""}),
     "a flood, which may hide a press": ([(50.0 + 0.001 * k, k + 1) for k in range(51)], {50.1: FLOODED}),
     "a number too far ahead is another button's": ([(50.0, 1), (50.2, 201), (50.3, 2), (50.4, 202)], {50.45: ""}),
-    "a loss of as many as a button can have sent": ([(50.0, 1), (50.2, 81)], {50.2: LOST}),
-    "a loss": ([(50.0, 7), (50.2, 9)], {50.2: LOST, 50.69: LOST}),
-    "a loss lasts half a second": ([(50.0, 7), (50.2, 9), (50.6, 10)], {50.71: ""}),
+    "a loss of as many as a button can have sent": ([(50.0, 1), (50.7, 301)], {50.7: LOST}),
+    "a loss in half a second": ([(50.0, 7), (50.5, 9)], {50.5: "", 50.9: ""}),
+    "a loss in more": ([(50.0, 7), (50.51, 9)], {50.51: LOST, 51.0: LOST}),
+    "a loss in more lasts half a second": ([(50.0, 7), (50.6, 9), (51.0, 10)], {51.05: LOST, 51.11: ""}),
 }  # fmt: skip
 
 
@@ -78,12 +86,83 @@ def test_a_button_that_is_started_again_takes_its_own_place(gap):
 
 @pytest.mark.parametrize("others", [(), (1,), (3000,), (700, 90)])
 @pytest.mark.parametrize("lost", [1, 2, 10])
-def test_a_gap_in_the_numbers_of_a_button_may_hide_a_press_and_makes_no_second_button(lost, others):
-    stop = play(*button(50.0, 51.0, 50), *(message for first in others for message in button(50.03, 51.0, first)))
+def test_a_long_gap_in_the_numbers_of_a_button_may_hide_a_press_and_makes_no_second_button(lost, others):
+    stop = play(*button(50.0, 50.6, 50), *(message for first in others for message in button(50.03, 51.1, first)))
     assert stop.lost(51.0) == ""  # whatever their first numbers
-    stop.hear(False, now=51.0, number=55 + lost)
-    assert stop.trouble(51.0) == LOST
-    assert len(stop._buttons) == 1 + len(others)
+    stop.hear(False, now=51.0, number=53 + lost)
+    assert stop.lost(51.0) == LOST
+    assert len(stop._every.buttons) == 1 + len(others)
+
+
+# On a radio: each message is heard reliably, in order and perhaps late, and promptly, unless it is lost.
+
+
+def radio(*events):
+    """Let a button speak: (when it is heard, number, how, pressed), sent at 50 s plus 0.1 s a number."""
+    stop = EmergencyStop()
+    for now, number, how, *pressed in events:
+        stop.hear(bool(pressed), now=now, sent=50.0 + 0.1 * number, number=number, prompt=how == "prompt")
+    return stop
+
+
+def both(first, last):
+    return [(50.0 + 0.1 * k, k, how) for k in range(first, last + 1) for how in ("prompt", "reliable")]
+
+
+LATE = [(51.9, k, "reliable") for k in range(4, 20)]  # what waited for the fourth message
+ALONE = [(50.0 + 0.1 * k, k, "prompt") for k in range(5, 20)]
+
+
+def test_a_lost_message_that_holds_up_the_others_stops_nothing():
+    stop = radio(*both(1, 3), *ALONE)
+    for now in (51.5, 51.9, 52.3):
+        assert stop.trouble(now) == ""
+    assert not stop.spoken_since(50.5)  # nobody knows yet what it said
+    for now, number, _ in LATE:
+        stop.hear(False, now=now, sent=50.0 + 0.1 * number, number=number)
+    assert stop.trouble(52.3) == ""
+    assert stop.spoken_since(51.9)
+
+
+@pytest.mark.parametrize("how", ["prompt", "reliable"])
+def test_a_press_counts_whichever_way_it_comes_and_however_late(how):
+    stop = radio(*both(1, 3), *ALONE)
+    stop.hear(True, now=51.9, sent=50.4, number=4, prompt=how == "prompt")
+    assert stop.trouble(52.3) == PRESSED
+
+
+def test_after_an_outage_it_goes_on_when_all_that_was_sent_meanwhile_has_arrived():
+    stop = radio(*both(1, 5), *((50.0 + 0.1 * k, k, "prompt") for k in range(15, 22)))
+    assert {now: stop.trouble(now) for now in (51.5, 52.01, 52.5)} == dict.fromkeys((51.5, 52.01, 52.5), BACK)
+    for number in range(6, 22):
+        stop.hear(False, now=52.5, sent=50.0 + 0.1 * number, number=number)
+    assert stop.trouble(52.5) == ""
+    assert stop.trouble(52.65) == SILENT
+    assert stop.lost(52.65) == ""
+
+
+def test_after_an_outage_in_which_messages_are_lost_for_good_somebody_must_look():
+    stop = radio(*both(1, 5), *both(15, 15))
+    assert stop.lost(51.6) == stop.trouble(51.6) == LOST
+
+
+@pytest.mark.parametrize("how", ["prompt", "reliable"])
+def test_one_way_alone_does_not_count_for_ever(how):
+    """A radio that carries nothing back, so that nothing is sent again; or a network that drops what is not."""
+    stop = radio(*both(1, 3))
+    for k in range(4, 120):
+        stop.hear(False, now=50.0 + 0.1 * k, number=k, prompt=how == "prompt")
+        assert stop.lost(50.05 + 0.1 * k) == (MISSING if k > 102 else "")
+
+
+def test_two_buttons_are_told_apart_in_either_way():
+    stop = EmergencyStop()
+    for k in range(1, 30):
+        for which in (0, 300):
+            for prompt in (True, False):
+                if not (which and k > 20) and (k % 7 or not prompt):
+                    stop.hear(False, now=50.0 + 0.1 * k, number=k + which, prompt=prompt)
+        assert stop.trouble(50.0 + 0.1 * k) == ("" if k <= 25 else SILENT_OF_2)
 
 
 def test_the_end_of_a_button_is_noticed_by_its_count_and_a_loss_needs_a_button():
@@ -119,9 +198,10 @@ def test_age_is_that_of_what_was_sent():
     stop = EmergencyStop()
     stop.hear(False, now=60.0, sent=50.0, number=1)
     assert stop.trouble(60.0) == SILENT
-    stop.hear(False, now=60.1, sent=99.0, number=2)  # not in the future
-    assert stop.trouble(60.59) == ""
-    assert stop.trouble(60.61) == SILENT
+    for number, at in enumerate((60.1, 60.4, 60.7), 2):
+        stop.hear(False, now=at, sent=99.0, number=number)  # not in the future
+    assert stop.trouble(61.19) == ""
+    assert stop.trouble(61.21) == SILENT
 
 
 def test_a_message_of_unknown_age_proves_no_more_than_that_there_is_a_button():
@@ -129,7 +209,9 @@ def test_a_message_of_unknown_age_proves_no_more_than_that_there_is_a_button():
     stop.hear(False, now=60.0, sent=-math.inf, number=1)
     assert stop.trouble(60.0) == SILENT
     stop.hear(False, now=60.1, number=2)
-    assert stop.trouble(60.1) == ""
+    assert stop.trouble(60.1) == BACK
+    stop.hear(False, now=60.6, number=3)
+    assert stop.trouble(60.625) == ""
 
 
 def test_an_old_press_counts_from_when_it_is_heard():

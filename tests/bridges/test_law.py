@@ -23,12 +23,12 @@ from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, _Sender
 from turtlebot_gym_ros.node import feed
 from turtlebot_gym_ros.robot import arbiter
 from turtlebot_gym_ros.robot.arbiter import Arbiter
-from turtlebot_gym_ros.robot.emergency import EmergencyStop
+from turtlebot_gym_ros.robot.emergency import EmergencyStop, _Stream
 
 KINDS = [
     "send", "teleop", "drive", "drive", "flood", "silence", "button", "end", "press", "release", "enable", "disable", "suspend",
     "backlog", "surprise", "jump", "button", "swallow", "set_laptop", "lose", "odometry", "odometry", "stall", "hang", "hang",
-    "repeat", "person",
+    "repeat", "person", "radio",
 ]  # fmt: skip
 EVENTS = st.tuples(st.sampled_from(KINDS), st.integers(0, 7), st.integers(0, 9))
 SCHEDULES = st.lists(EVENTS, min_size=4, max_size=16)
@@ -102,7 +102,7 @@ class LastButton:
     def __init__(self):
         self.at, self.pressed = math.inf, False
 
-    def hear(self, pressed, *, now, sent=None, number=None):
+    def hear(self, pressed, *, now, sent=None, number=None, prompt=False):
         self.at, self.pressed = now, pressed
 
     def trouble(self, now):
@@ -122,14 +122,30 @@ class LastButton:
 
 
 def one_button(original):
-    def hear(self, pressed, *, now, sent=None, number=None):
-        original(self, pressed, now=now, sent=sent)
+    def hear(self, pressed, *, now, sent=None, number=None, prompt=False):
+        original(self, pressed, now=now, sent=sent, prompt=prompt)
 
     return hear
 
 
 def a_lost_message_is_none(original):
     return lambda self, why, now: original(self, why, now) if "lost" not in why else None
+
+
+def a_late_press_is_none(original):
+    def hear(self, pressed, now, *, sent=None, **message):
+        late = sent is not None and now - sent > 0.5
+        original(self, pressed and not late, now, sent=sent, **message)
+
+    return hear
+
+
+def a_silence_that_is_over_is_forgotten(original):
+    def hear(self, pressed, **message):
+        original(self, pressed, **message)
+        self._back_at = self._back_sent = -math.inf
+
+    return hear
 
 
 def a_press_that_does_not_latch(original):
@@ -226,9 +242,11 @@ DEFECTS = {
     "old: max_age": (Arbiter, "__init__", None),
     "press: only the last button counts": (arbiter, "EmergencyStop", lambda original: LastButton),
     "press: it does not latch": (Arbiter, "hear_emergency", a_press_that_does_not_latch),
+    "press: a late one is none": (Arbiter, "hear_emergency", a_late_press_is_none),
     "press: enabled without asking": (Arbiter, "enable", lambda original: enable_without_asking),
     "press: what has waited is not waited for": (EmergencyStop, "spoken_since", lambda original: lambda self, time: True),
-    "press: silence is none": (EmergencyStop, "_alive", lambda original: lambda self, now: list(self._buttons)),
+    "press: silence is none": (_Stream, "alive", lambda original: lambda self, now: list(self.buttons)),
+    "press: a silence that is over is forgotten": (EmergencyStop, "hear", a_silence_that_is_over_is_forgotten),
     "press: lost": (EmergencyStop, "_lose", a_lost_message_is_none),
     "press: all buttons are one": (EmergencyStop, "hear", one_button),
     "disabled: not at all": (Arbiter, "enable", disable_nothing),

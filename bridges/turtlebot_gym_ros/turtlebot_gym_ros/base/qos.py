@@ -14,6 +14,8 @@ LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 EVERY = QoSProfile(depth=1000)
 """Reliable; no message is dropped, for example the press of a button: lost ones are sent again. Of a publisher that offers
 best effort only nothing is heard, which the subscription reports."""
+PROMPT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort; every message that is not lost, without waiting for those that are."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Late joiners receive the last value."""
 STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -12,6 +12,7 @@ stop, for any number of buttons, is the guard's: `turtlebot_gym_ros.robot.emerge
 from __future__ import annotations
 
 from threading import RLock
+from typing import Any
 
 from turtlebot_gym_ros.robot.emergency import EmergencyStop
 
@@ -37,6 +38,7 @@ class Safety:
         self.ticket = object()
         self._blocked = blocked
         self._buttons = EmergencyStop()
+        self._stands = ""
         self._began: float | None = None
         self._awake: float | None = None
 
@@ -86,16 +88,16 @@ class Safety:
     def activate(self, ticket: object) -> bool:
         """Return whether the result of a step may be sent, because no stop occurred since it began."""
         with self.lock:
-            if not self.enabled or ticket is not self.ticket:
+            if not self.enabled or self._stands or ticket is not self.ticket:
                 return False
             self.phase = "active"
             return True
 
-    def hear_emergency(self, pressed: bool, *, now: float, sent: float | None = None, number: int | None = None) -> None:
+    def hear_emergency(self, pressed: bool, *, now: float, **message: Any) -> None:
         """Process a message of an emergency-stop button; the arguments are those of `EmergencyStop.hear`."""
         with self.lock:
             self._wake(now)
-            self._buttons.hear(pressed, now=now, sent=sent, number=number)
+            self._buttons.hear(pressed, now=now, **message)
             if pressed:
                 self.stop("emergency stop", now=now, disable=True)
 
@@ -115,9 +117,9 @@ class Safety:
             self._wake(now)
             if self._began is not None and now - self._began > self._blocked and self.enabled:
                 self.stop(f"fault: a step takes longer than {self._blocked} s", now=now, disable=True)
-            why = self._buttons.trouble(now)
-            if why and self.enabled:
-                self.stop(why, now=now, disable=True)
+            self._stands = self._buttons.trouble(now)
+            if self._stands and self.enabled:
+                self.stop(self._stands, now=now, disable=bool(self._buttons.lost(now)))
             if self.phase != "stopping" or now < self._next_stop:
                 return False
             if now >= self._stop_until:

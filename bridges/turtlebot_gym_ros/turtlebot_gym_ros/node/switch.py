@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -12,7 +13,7 @@ from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym_ros.base.qos import EVERY, LATCHED
+from turtlebot_gym_ros.base.qos import EVERY, LATCHED, PROMPT
 from turtlebot_gym_ros.base.sent import Ages, SystemClock, read_clocks
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.safety import Safety
@@ -25,8 +26,9 @@ class Switch:
     """The service ``~/enable`` (SetBool), and the topics ``~/state`` and ``emergency_stop``.
 
     The state (String, latched) is "silent: why", "active" or "stopping: why". Each emergency-stop button (Bool) must publish at
-    5 Hz or more, reliably, pressed or not. Any press, however short, stops the robot until it is enabled again, and so does
-    whatever could hide one: see `emergency`. Enabling is refused while any button is pressed, or one that was heard is silent.
+    5 Hz or more, reliably, pressed or not. Any press, however short, stops the robot until it is enabled again; while a button
+    is silent the robot stands: see `emergency`. Enabling is refused while any button is pressed, or one that was heard is
+    silent.
 
     Args:
         node: The node.
@@ -60,7 +62,9 @@ class Switch:
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
         hear: Any = self._hear_emergency  # also takes the message's times, which rclpy supports but its types do not show
+        promptly: Any = partial(hear, prompt=True)
         self._buttons = node.create_subscription(Bool, "emergency_stop", hear, EVERY, callback_group=group and group())
+        self._promptly = node.create_subscription(Bool, "emergency_stop", promptly, PROMPT, callback_group=group and group())
         self._tell()
 
     def enable(self) -> str | None:
@@ -111,10 +115,10 @@ class Switch:
         response.message = refusal or (self._warning if request.data else "disabled")
         return response
 
-    def _hear_emergency(self, message: Bool, info: Mapping[str, Any]) -> None:
+    def _hear_emergency(self, message: Bool, info: Mapping[str, Any], *, prompt: bool = False) -> None:
         age = self._ages.age_of(info, None, self._look()).sent
         now, number = self._now(), info["publication_sequence_number"]
-        self.safety.hear_emergency(message.data, now=now, sent=now - age, number=number)
+        self.safety.hear_emergency(message.data, now=now, sent=now - age, number=number, prompt=prompt)
         self.watch()
 
     def _look(self) -> float:

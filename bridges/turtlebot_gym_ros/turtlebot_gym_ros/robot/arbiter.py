@@ -118,14 +118,21 @@ class Arbiter:
         return now - heard.sent <= self._p.max_age and now - heard.measured <= self._p.measured_age
 
     def hear_emergency(
-        self, pressed: bool, now: float, *, sent: float | None = None, dated: bool = True, number: int | None = None
+        self,
+        pressed: bool,
+        now: float,
+        *,
+        sent: float | None = None,
+        dated: bool = True,
+        number: int | None = None,
+        prompt: bool = False,
     ) -> None:
         """Take a button's message. A press always counts; only a message certainly sent lately shows that it is alive."""
         self._wake(now)
         if pressed:
             self.emergency, self.why = True, "the emergency stop was pressed"
         unproved = not dated and now < self._blind_until
-        self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, number=number)
+        self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, number=number, prompt=prompt)
 
     def count_buttons(self, publishers: int, now: float) -> None:
         """Take the current number of publishers of the emergency stop."""
@@ -244,7 +251,7 @@ class Arbiter:
         trouble = self.buttons.trouble(now)
         # After a gap of its own the guard stops until it has heard each button again, and with that the whole backlog.
         blind = now < self._blind_until
-        if not self.emergency and (why := self.buttons.lost(now) or ("" if blind else trouble)):
+        if not self.emergency and (why := self.buttons.lost(now)):
             self.emergency, self.why = True, why
         if (
             trouble

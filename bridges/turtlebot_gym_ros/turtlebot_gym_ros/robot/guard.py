@@ -24,9 +24,10 @@ that was suspended or starved stops first, and obeys messages of its backlog onl
 person's, and judges it again in each period. A stale, missing or unreadable scan is a stop, and is reported.
 
 **An emergency stop** counts however short the press, and from any button, see `emergency`: the guard reads all waiting messages
-before it sends any motion. Whatever may have hidden a press is a stop too: a button that is silent for 0.5 s or has ended, a
-gap in its numbers, 0.5 s in which the guard did not run, a flood. After a stop the guard sends zeros until it is enabled again,
-which it refuses while any button is pressed, or one that it has heard is silent::
+before it sends any motion. Whatever may have hidden a press is a stop too: a button that has ended, messages that are lost for
+good over more than 0.5 s, 0.5 s in which the guard did not run, a flood. After a stop the guard sends zeros until it is enabled
+again, which it refuses while any button is pressed, or one that it has heard is silent. While a button is silent for 0.5 s the
+robot stands, and goes on when the button is heard again::
 
     ros2 service call /cmd_vel_guard/enable std_srvs/srv/SetBool "{data: true}"
 
@@ -47,6 +48,7 @@ Parameters: see `parameters`. All times are by the steady clock, so it works wit
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -69,7 +71,7 @@ from turtlebot_gym_ros.base.flood import MOST
 from turtlebot_gym_ros.base.mounts import TOPIC, hear_mounts
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import precede, run
-from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST
+from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST, PROMPT
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, read_clocks
 from turtlebot_gym_ros.base.swift import waiting
 from turtlebot_gym_ros.robot.arbiter import Arbiter
@@ -101,6 +103,7 @@ class CmdVelGuard(Node):
         self._hear("cmd_vel_teleop", "teleop")
         self._hear("cmd_vel_in", "program")
         self._buttons = self._subscribe(Bool, "emergency_stop", self._hear_button, EVERY)
+        self._promptly = self._subscribe(Bool, "emergency_stop", partial(self._hear_button, prompt=True), PROMPT)
         if p.require_standby:
             self._subscribe(Empty, "cmd_vel_standby/alive", self._hear_standby, LATEST)
         if p.geofence > 0.0:
@@ -120,11 +123,12 @@ class CmdVelGuard(Node):
         self._clock_watch.look(system=system, steady=now)
         return now
 
-    def _age(self, topic: str, message: Any, info: Mapping[str, Any], now: float) -> Age:
-        """Return the age of a topic's message, and note and count it."""
+    def _age(self, topic: str, message: Any, info: Mapping[str, Any], now: float, *, hurried: bool = True) -> Age:
+        """Return the age of a topic's message, and count it; note it unless it may have waited for one that was sent again."""
         ages = self._ages.setdefault(topic, Ages(self._clock_watch))
         age = ages.age_of(info, getattr(message, "header", None) if self._headers_count else None, now)
-        self._report.note(self.resolve_topic_name(topic), age, now, ages.figures())
+        if hurried:
+            self._report.note(self.resolve_topic_name(topic), age, now, ages.figures())
         if topic != "emergency_stop":  # a flood there may hide a press
             self._arbiter.count(topic, info["publication_sequence_number"], now)
         return age
@@ -144,15 +148,16 @@ class CmdVelGuard(Node):
 
         self._subscribe(self._type, topic, hear, LATEST)
 
-    def _hear_button(self, message: Bool, info: Mapping[str, Any]) -> None:
-        self._press(message, info)
+    def _hear_button(self, message: Bool, info: Mapping[str, Any], *, prompt: bool = False) -> None:
+        self._press(message, info, prompt=prompt)
         self._step()
 
-    def _press(self, message: Bool, info: Mapping[str, Any]) -> None:
+    def _press(self, message: Bool, info: Mapping[str, Any], *, prompt: bool) -> None:
         now = self._now()
-        age = self._age("emergency_stop", message, info, now)
+        age = self._age("emergency_stop", message, info, now, hurried=prompt)
         number = info["publication_sequence_number"]
-        self._arbiter.hear_emergency(message.data, now, sent=now - age.sent, dated=age.dated, number=number)
+        sent = now - age.sent
+        self._arbiter.hear_emergency(message.data, now, sent=sent, dated=age.dated, number=number, prompt=prompt)
 
     def _locate(self, message: Odometry, info: Mapping[str, Any]) -> None:
         position, now = message.pose.pose.position, self._now()
@@ -183,8 +188,9 @@ class CmdVelGuard(Node):
 
     def _take_buttons(self) -> None:
         """Take the messages of the buttons that no callback has processed yet; more than so many are a flood, and a stop."""
-        for message, info in waiting(self._buttons, 2 * MOST):
-            self._press(message, info)
+        for prompt, buttons in ((False, self._buttons), (True, self._promptly)):
+            for message, info in waiting(buttons, 2 * MOST):
+                self._press(message, info, prompt=prompt)
         self._arbiter.count_buttons(self._buttons.get_publisher_count(), self._now())
 
     def _hear_standby(self, message: Empty, info: Mapping[str, Any]) -> None:

@@ -77,6 +77,8 @@ class Report:
             service = node.resolve_service_name("~/enable")
             why = self._arbiter.buttons.trouble(now) or self._arbiter.why
             return ERROR, (f'emergency stop: {why}; then: ros2 service call {service} std_srvs/srv/SetBool "{{data: true}}"')
+        if why := self._arbiter.buttons.trouble(now):
+            return ERROR, f"{why}, so the robot stands"
         if self._arbiter.lacks_standby(now):
             return ERROR, f"{STANDBY} is not alive, so the robot stands: start it, or set require_standby to false"
         if floods := self._arbiter.flooded(now):
