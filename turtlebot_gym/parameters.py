@@ -105,7 +105,8 @@ def is_covariance(R: Sequence[float], cross: Sequence[float]) -> bool:
     (xx, yy, tt), (xy, xt, yt) = R, cross
     if math.inf in (xx, yy) or (tt == math.inf and (xt, yt) != (0.0, 0.0)):
         return False
-    a, b, c = xy / math.sqrt(xx * yy), xt / math.sqrt(xx * tt), yt / math.sqrt(yy * tt)
+    x, y, t = math.sqrt(xx), math.sqrt(yy), math.sqrt(tt)
+    a, b, c = xy / x / y, xt / x / t, yt / y / t  # no product, which may be 0 though no factor is
     return max(abs(a), abs(b), abs(c)) <= 1.0 + 1e-9 and 1.0 + 2.0 * a * b * c - a * a - b * b - c * c >= -1e-9
 
 

@@ -22,6 +22,7 @@ from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_ros.blocks.ways import Ways
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output
 from turtlebot_gym_ros.node.errand import Errand, Failure
+from turtlebot_gym_ros.node.geometry import FARTHEST, place
 
 MAP_FRAME = "map"
 """Frame in which a map says where there is a way."""
@@ -255,8 +256,9 @@ def _pose(path: str, number: int, row: Any) -> Pose:
     """Return a file's entry as a pose."""
     try:
         if isinstance(row, dict):
-            return Pose(**{name: float(value) for name, value in row.items()})
+            return place(**{name: float(value) for name, value in row.items()})
         x, y, theta = map(float, row)
-        return Pose(x, y, theta)
+        return place(x, y, theta)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"waypoints: entry {number} of {path!r} must be x, y and theta, got {shown(row)}.") from error
+        rule = f"x, y and theta of finite poses within {FARTHEST:g} m"
+        raise ValueError(f"waypoints: entry {number} of {path!r} must be {rule}, got {shown(row)}.") from error

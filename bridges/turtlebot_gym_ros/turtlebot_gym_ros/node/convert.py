@@ -36,10 +36,11 @@ from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.parameters import is_covariance
+from turtlebot_gym.validation import LARGEST, LEAST, shown
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.block import Correction, Disagreement, Nis, Resume
 from turtlebot_gym_ros.node.cdr import blank
-from turtlebot_gym_ros.node.geometry import Conversion, finite, read_pose, read_twist, unread, write_pose, write_twist
+from turtlebot_gym_ros.node.geometry import Conversion, finite, place, read_pose, read_twist, unread, write_pose, write_twist
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
@@ -131,7 +132,7 @@ def _odometry_to_message(odometry: values.Odometry, header: Header) -> Odometry:
 
 def _estimate_of(message: Odometry) -> Estimate:
     pose, twist = (tuple(map(float, part.covariance)) for part in (message.pose, message.twist))  # faster than NumPy's
-    finite("the covariance", (*pose, *twist))
+    finite("the covariance", (*pose, *twist), most=LARGEST)
     P = Covariance(
         pose[0], pose[1], pose[5], 0.0, 0.0, pose[7], pose[11], 0.0, 0.0, pose[35], 0.0, 0.0, twist[0], twist[5], twist[35]
     )
@@ -180,17 +181,17 @@ def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
 def _fix_of(message: PoseWithCovarianceStamped) -> Fix:
     covariance = message.pose.covariance
     x, y, heading = (float(covariance[at]) for at in (0, 7, 35))
-    if not (0.0 < x < math.inf and 0.0 < y < math.inf):
-        raise ValueError(f"a fix must state positive variances of x and y, got {x:g} and {y:g}")
-    if heading == 0.0 or math.isnan(heading):
+    if not (LEAST <= x <= LARGEST and LEAST <= y <= LARGEST):
+        got = f"got {x:g} and {y:g}, not {LEAST:g} to {LARGEST:g}"
+        raise ValueError(f"a fix must state positive variances of x and y, {got}")
+    if not (heading < 0.0 or LEAST <= heading <= LARGEST or heading == math.inf):
         raise ValueError(f"a fix must state the heading's variance, or -1 where it was not measured, got {heading:g}")
     measured, position = heading > 0.0, message.pose.pose.position
     xy, xt, yt = (float(covariance[at]) for at, _ in _BESIDE)
     R, cross = (x, y, heading if measured else math.inf), (xy, xt, yt) if measured else (xy, 0.0, 0.0)
     if not is_covariance(R, cross):
         raise ValueError(f"a fix must state a covariance, but no errors have {xy:g}, {xt:g} and {yt:g} off its diagonal")
-    pose = read_pose(message.pose.pose) if measured else Pose(position.x, position.y, 0.0)
-    finite("the pose", pose)
+    pose = read_pose(message.pose.pose) if measured else place(position.x, position.y, 0.0)
     return Fix(pose, R, 0.0, True, cross)
 
 
@@ -236,7 +237,7 @@ def _nis_of(message: DiagnosticArray) -> Nis:
         except ValueError:
             numbers[pair.key] = math.nan
         if not math.isfinite(numbers[pair.key]):
-            raise ValueError(f"the {pair.key} must be a finite number, got {pair.value!r}")
+            raise ValueError(f"the {pair.key} must be a finite number, got {shown(pair.value)}")
     if _NIS[0] not in numbers:
         raise ValueError(f"it must have one value named {_NIS[0]!r}, but has none")
     return Nis(*map(numbers.get, _NIS))  # type: ignore[arg-type]

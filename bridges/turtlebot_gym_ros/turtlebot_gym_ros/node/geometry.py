@@ -32,6 +32,10 @@ def unread(message: Any) -> Any:
     raise ValueError("no node takes it as an input")
 
 
+FARTHEST = 1e5
+"""Distance from the origin along an axis beyond which no robot, goal or obstacle is, m."""
+FASTEST = 1e3
+"""Speed, m/s, and turning rate, rad/s, beyond which nothing is."""
 _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
 _PAIRS = sorted(product(range(len(_NUDGES)), repeat=2), key=sum)
 _NORMS = tuple(1.0 + k * 2.0**-24 for k in range(33))
@@ -76,24 +80,31 @@ def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
     return ((near_z[i], near_w[j]) for i, j in _PAIRS)
 
 
-def finite(what: str, numbers: Iterable[float]) -> None:
-    """Raise a ``ValueError`` that shows the values if numbers are not finite."""
+def finite(what: str, numbers: Iterable[float], *, most: float = math.inf) -> None:
+    """Raise a ``ValueError`` that shows the values if numbers are not finite, or larger than a limit."""
     values = tuple(numbers)
     if not all(map(math.isfinite, values)):
-        raise ValueError(f"{what} must be finite, got {', '.join(f'{value:g}' for value in values)}")
+        shown = values if len(values) < 10 else [value for value in values if not math.isfinite(value)][:3]
+        raise ValueError(f"{what} must be finite, got {', '.join(f'{value:g}' for value in shown)}")
+    if (largest := max(values, key=abs)) and abs(largest) > most:
+        raise ValueError(f"{what} holds {largest:g}, and nothing is beyond {most:g}: is it in SI units?")
+
+
+def place(x: float, y: float, theta: float) -> Pose:
+    """Return a planar pose, or raise ``ValueError``: every place that arrives or leaves is checked here."""
+    pose = Pose(x, y, theta)
+    finite("the pose", pose, most=FARTHEST)
+    return pose
 
 
 def read_pose(message: Any) -> Pose:
     """Return a planar pose, or raise ``ValueError``."""
-    pose = Pose(message.position.x, message.position.y, _yaw_of(message.orientation))
-    finite("the pose", pose)
-    return pose
+    return place(message.position.x, message.position.y, _yaw_of(message.orientation))
 
 
 def write_pose(message: Any, pose: Iterable[float]) -> None:
     """Write a planar pose, or raise ``ValueError``."""
-    x, y, theta = pose
-    finite("the pose", (x, y, theta))
+    x, y, theta = place(*pose)
     message.position.x, message.position.y = float(x), float(y)
     message.orientation.z, message.orientation.w = half_turn(theta)
 
@@ -110,7 +121,7 @@ def transform_to(child: str, pose: Pose, header: Header) -> TransformStamped:
 def read_twist(message: Twist) -> Command:
     """Return a planar twist, or raise ``ValueError``."""
     command = Command(message.linear.x, message.angular.z)
-    finite("the twist", command)
+    finite("the twist", command, most=FASTEST)
     return command
 
 

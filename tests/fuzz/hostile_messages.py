@@ -1,0 +1,127 @@
+"""Messages as no sender should send them: any field of a type holds any value that its type can hold."""
+
+import math
+import random
+import re
+from functools import cache
+from importlib import import_module
+
+REALS = (
+    0.0, -0.0, 5e-324, 1e-320, 1e-170, 2.2e-308, 1e-30, 1.0, -1.0, 0.5, 3.0, math.pi, -math.pi, 1e5, 1e9, 3e9, 1e100, 1e154,
+    1e200, 1e308, 1.7976931348623157e308, -1e308, -1e200, math.inf, -math.inf, math.nan,
+)  # fmt: skip
+SINGLES = (1e-45, 3.4e38, -3.4e38, *(number for number in REALS if not 1e38 < abs(number) < math.inf))
+TEXTS = ("", "odom", "map", "base_link", "base_scan", "/", "nis", "nan", "-1e999", "\n\r\x07", "äöü€😀", "x" * 1000)
+BITS = re.compile(r"u?int(\d+)")
+
+
+def _value(kind, chance):
+    if kind in ("double", "float"):
+        extremes = REALS if kind == "double" else SINGLES
+        return chance.choice(extremes) if chance.random() < 0.8 else chance.uniform(-10.0, 10.0)
+    if kind == "boolean":
+        return chance.random() < 0.5
+    if kind in ("octet", "byte"):
+        return bytes([chance.randrange(256)])
+    if kind == "string":
+        return chance.choice(TEXTS) if chance.random() < 0.98 else "y" * 100_000
+    bits = int(BITS.fullmatch(kind)[1])
+    low, high = (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    return chance.choice((low, high, 0, 1, 2, 10, min(100, high), chance.randint(low, high)))
+
+
+@cache
+def _type(name):
+    package, _, name = name.partition("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+def _parts(kind):
+    """Return the type of a sequence's or an array's items, and their number, None if any; or None for a single value."""
+    if found := re.fullmatch(r"sequence<(.+?)(?:, \d+)?>", kind):
+        return found[1], None
+    if found := re.fullmatch(r"(.+)\[(\d+)\]", kind):
+        return found[1], int(found[2])
+    return None
+
+
+def _any(kind, chance, most):
+    if parts := _parts(kind):
+        inner, number = parts
+        number = chance.choice((0, 1, 2, 3, most if "/" not in inner else 4)) if number is None else number
+        if "/" not in inner and number > 10:  # a few values, many times
+            few = [_value(inner, chance) for _ in range(5)]
+            return [chance.choice(few) for _ in range(number)]
+        return [_any(inner, chance, most if number < 5 else 0) for _ in range(number)]
+    return anything(_type(kind), chance, most) if "/" in kind else _value(kind, chance)
+
+
+def anything(message_type, chance=random, most=400):
+    """Return a message of which every field is drawn."""
+    fields = message_type.get_fields_and_field_types()
+    return message_type(**{name: _any(kind, chance, most) for name, kind in fields.items()})
+
+
+def spoil(message, chance=random, most=400):
+    """Change one field of a message, at any depth, and return the message."""
+    fields = message.get_fields_and_field_types()
+    name = chance.choice(sorted(fields)) if fields else None
+    if name is None:
+        return message
+    kind, value = fields[name], getattr(message, name)
+    parts = _parts(kind)
+    if "/" in kind and not parts:
+        spoil(value, chance, most)
+    elif parts and len(value) and chance.random() < 0.7:
+        at = chance.randrange(len(value))
+        if "/" in parts[0]:
+            spoil(value[at], chance, most)
+        else:
+            value[at] = _value(parts[0], chance)
+    else:
+        setattr(message, name, _any(kind, chance, most))
+    return message
+
+
+def hostile(examples, number, chance):
+    """Yield messages: of each three one that is drawn whole, and two healthy ones with one to three fields changed.
+
+    Args:
+        examples: Functions that return a healthy message.
+        number: How many.
+        chance: A `random.Random`.
+    """
+    for k in range(number):
+        healthy = chance.choice(examples)()
+        if k % 3 == 0:
+            yield anything(type(healthy), chance)
+        else:
+            for _ in range(chance.randint(1, 3)):
+                spoil(healthy, chance)
+            yield healthy
+
+
+def healthy(message_type):
+    """Return a message as a robot sends it."""
+    message = message_type()
+    parts = [message]
+    for part in parts:
+        for name in part.get_fields_and_field_types():
+            value = getattr(part, name)
+            if name == "frame_id":
+                part.frame_id = "odom"
+            elif name == "orientation":
+                value.w = 1.0
+            elif name == "covariance":
+                value[0] = value[7] = value[35] = 0.01
+            elif hasattr(value, "get_fields_and_field_types"):
+                parts.append(value)
+    if message_type.__name__ == "LaserScan":
+        message.angle_increment, message.range_min, message.range_max = 0.0174, 0.12, 3.5
+        message.ranges = [1.0] * 360
+    if message_type.__name__ == "OccupancyGrid":
+        message.info.resolution, message.info.width, message.info.height, message.data = 0.05, 20, 20, [0] * 400
+    if message_type.__name__ == "DiagnosticArray":
+        values = [_type("diagnostic_msgs/KeyValue")(key="nis", value="3.0")]
+        message.status = [_type("diagnostic_msgs/DiagnosticStatus")(values=values)]
+    return message

@@ -1,0 +1,101 @@
+"""Whatever a message holds, its conversion returns a value that a block can use, or refuses it with one line."""
+
+import math
+import random
+import time
+
+import pytest
+from fuzzing import peak
+
+try:
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
+        import rosidl_generator_py  # noqa: F401
+        from hostile_messages import healthy, hostile
+        from rclpy.serialization import serialize_message
+except ImportError:
+    pytest.skip("needs the extra [ros]", allow_module_level=True)
+
+from turtlebot_gym.parameters import is_covariance
+from turtlebot_gym.values import Fix, Pose
+from turtlebot_gym_ros.node import cdr
+from turtlebot_gym_ros.node.convert import CONVERSIONS, conversion
+from turtlebot_gym_ros.node.geometry import FARTHEST
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # serialize_message, of a part of rclpy
+KINDS = {kind.__name__: way for kind, way in CONVERSIONS.items()}
+
+
+def numbers(value):
+    """Yield all numbers of a value, without those of arrays, which may be infinite or NaN on purpose."""
+    if isinstance(value, tuple):
+        for part in value:
+            yield from numbers(part)
+    elif isinstance(value, float):
+        yield value
+
+
+@pytest.mark.parametrize("number", [100, pytest.param(8000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", KINDS)
+def test_a_message_is_read_or_refused_in_one_line(name, number):
+    way, taken, before = KINDS[name], 0, peak()
+    for message in hostile([lambda: healthy(way.message)], number, random.Random(number)):
+        began = time.process_time()
+        if way.message in cdr.KINDS:
+            message = cdr.read(way.message, bytes(serialize_message(message)))
+        refusal = None
+        try:
+            value = way.read(message)
+        except ValueError as error:
+            refusal = str(error)
+        if refusal is None:
+            taken += 1
+            assert name in ("Clearance", "Fix", "Scan", "GridMap") or all(map(math.isfinite, numbers(value)))
+            pose = getattr(value, {"Fix": "pose", "GridMap": "origin"}.get(name, ""), value if name == "Pose" else ())
+            assert all(abs(number) <= FARTHEST for number in pose)
+        else:
+            assert 0 < len(refusal) < 600
+            assert "\n" not in refusal
+        assert time.process_time() - began < 1.0
+    assert taken or name in ("Located", "Places", "Correction", "Obstacles")
+    assert peak() - before < 2**28
+
+
+@pytest.mark.parametrize("tiny", [5e-324, 1e-320, 1e-170, 1e-16, 1e10, 1e170, 1e308, math.inf, -math.inf, math.nan, 0.0, -0.0])
+@pytest.mark.parametrize("at", [0, 7, 35])
+def test_a_fix_whose_variance_no_sensor_has_is_refused_for_it(tiny, at):
+    message = healthy(conversion(Fix).message)
+    message.pose.covariance[at] = tiny
+    if at == 35 and (tiny == math.inf or tiny < 0.0):  # the heading was not measured
+        assert conversion(Fix).read(message).R[2] == math.inf
+        return
+    with pytest.raises(ValueError, match="must state"):
+        conversion(Fix).read(message)
+
+
+@pytest.mark.parametrize("xx", [5e-324, 1e-170, 1.0, 1e308])
+@pytest.mark.parametrize("yy", [5e-324, 1e-170, 1.0, 1e308])
+@pytest.mark.parametrize("share", [-2.0, -0.5, 0.0, 0.5, 2.0, math.inf, math.nan])
+def test_whether_numbers_are_a_covariance_is_known_for_all_that_a_float_can_hold(xx, yy, share):
+    xy = share * math.sqrt(xx) * math.sqrt(yy)
+    if xy == 0.0 or abs(xy) > 1e-300:  # below, a float has no digits left
+        assert is_covariance((xx, yy, 1.0), (xy, 0.0, 0.0)) is (abs(xy) <= math.sqrt(xx) * math.sqrt(yy))
+
+
+@pytest.mark.parametrize("far", [1.0001e5, 3e9, 1e308])
+@pytest.mark.parametrize("name", ["Pose", "State", "Odometry", "Estimate", "Belief", "Fix", "GridMap"])
+def test_what_is_farther_than_any_robot_is_refused_and_not_written(name, far):
+    message = healthy(KINDS[name].message)
+    where = message.info.origin if name == "GridMap" else message.pose
+    where = getattr(where, "pose", where)
+    where.position.y = -far
+    with pytest.raises(ValueError, match="nothing is beyond 100000"):
+        KINDS[name].read(message)
+    where.position.y = -1e5
+    value = KINDS[name].read(message)
+    if name == "Pose":
+        with pytest.raises(ValueError, match="nothing is beyond 100000"):
+            KINDS[name].write(Pose(far, 0.0, 0.0), message.header)
+        assert value.y == -1e5
