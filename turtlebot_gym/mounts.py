@@ -10,10 +10,16 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.values import Pose
 
+FAR = 1e5
+"""Distance beyond which nothing is mounted on a robot, m."""
 TILT = 0.05
 """Greatest tilt of a LiDAR's plane, rad: 0.05 m at 1 m."""
 SAME_PLACE, SAME_WAY = 0.02, 0.05
 """Difference up to which two poses of a frame are the same, m and rad."""
+
+
+MOST = 1000
+"""Most frames that are known at a time: no robot has more."""
 
 
 class StaticFrames:
@@ -27,6 +33,8 @@ class StaticFrames:
         """Take a message of ``/tf_static``: its ``transforms`` are each a TransformStamped."""
         for transform in message.transforms:
             matrix, child = _matrix(transform.transform), transform.child_frame_id.lstrip("/")
+            if len(self._above) >= MOST and child not in self._above:
+                raise ValueError(f"/tf_static states more than {MOST} frames")
             above = transform.header.frame_id.lstrip("/"), matrix
             before = self._above.setdefault(child, above)
             if before[0] != above[0] or not np.allclose(before[1], matrix, atol=1e-6):
@@ -72,7 +80,9 @@ def differ(pose: Pose, other: Pose) -> bool:
 def _matrix(transform: Any) -> NDArray[np.float64]:
     """Return a transform as a homogeneous matrix, shape (4, 4)."""
     q, at = transform.rotation, transform.translation
-    w, x, y, z = np.array([q.w, q.x, q.y, q.z]) / (math.sqrt(q.w**2 + q.x**2 + q.y**2 + q.z**2) or 1.0)
+    if not all(abs(number) < FAR for number in (q.w, q.x, q.y, q.z, at.x, at.y, at.z)):  # also refuses NaN
+        raise ValueError(f"/tf_static states a rotation or a place that is not finite, or beyond {FAR:g} m")
+    w, x, y, z = np.array([q.w, q.x, q.y, q.z]) / (math.hypot(q.w, q.x, q.y, q.z) or 1.0)
     return np.array(
         [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y), at.x],

@@ -71,7 +71,9 @@ def test_a_signal_without_the_last_zeros_is_noticed(launch, probe):
 
 
 def test_a_guard_whose_callback_fails_sends_zeros_and_ends_with_an_error(launch, probe):
-    process = launch(*sabotaged("guard.CmdVelGuard._press = lambda *_, **options: 1 / 0"))  # whichever callback takes the message
+    process = launch(
+        *sabotaged("guard.CmdVelGuard._press = lambda *_, **options: 1 / 0")
+    )  # whichever callback takes the message
     probe.until_driving()
     probe.pressed = False
     assert process.wait(timeout=10.0) == 1

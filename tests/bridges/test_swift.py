@@ -5,9 +5,15 @@ import time
 from contextlib import nullcontext
 from types import SimpleNamespace
 
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import ListParameters, SetParameters
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
 from std_msgs.msg import String
 
+from turtlebot_gym_ros.base import reports
 from turtlebot_gym_ros.base.swift import MOST, Swift, Unawaited, take
 
 
@@ -39,7 +45,7 @@ def test_a_topic_that_nobody_waits_for_is_heard_when_it_is_taken(peer, another_r
     publisher.publish(String(data="there"))
     wait_for(lambda: talker.publish(String(data="there")) or len(others) > 5)
     assert heard == []
-    wait_for(lambda: take(subscription) or heard)
+    wait_for(lambda: take(subscription, peer.node) or heard)
 
 
 def test_swift_entities_that_are_destroyed_during_the_wait_do_not_end_the_process(peer, wait_for):
@@ -63,5 +69,38 @@ class Endless(nullcontext):
 
 def test_a_flood_takes_its_turn():
     heard = []
-    take(SimpleNamespace(handle=Endless(), msg_type=String, raw=False, callback=heard.append, _callback_type=None))
+    handle = Endless()
+    take(SimpleNamespace(handle=handle, msg_type=String, raw=False, callback=heard.append, _callback_type=None), None)
     assert len(heard) == MOST
+
+
+@pytest.mark.parametrize("group", [None, Swift])
+def test_a_callback_that_fails_on_a_message_ends_nothing_and_is_counted_and_reported(peer, another_runner, wait_for, group):
+    worker, heard = Node("worker", context=another_runner.context), []
+
+    def hear(message):
+        heard.append(message.data)
+        if message.data != "good":
+            raise OverflowError(message.data)
+
+    worker.create_subscription(String, "work", hear, 10, callback_group=group and group())
+    another_runner.add(worker)
+    publisher = peer.speak("work", String)
+    wait_for(publisher.get_subscription_count)
+    for text in ("x" * 100_000, "second", "good"):
+        publisher.publish(String(data=text))
+    wait_for(lambda: "good" in heard)
+    report = lambda: reports.report(worker, reports.OK, "runs", hardware="", values={}).status[0]  # noqa: E731
+    status = report()
+    assert (status.level, len(status.message) < 300) == (reports.WARN, True)
+    assert status.message.startswith("runs /work: refused: OverflowError: ")
+    assert (status.values[0].key, status.values[0].value) == ("callbacks that failed", "2")
+    assert (report().level, report().message) == (reports.OK, "runs")
+
+
+def test_a_request_that_rclpy_itself_cannot_read_is_answered_and_ends_nothing(peer, another_runner, wait_for):
+    worker = Node("worker", context=another_runner.context)
+    another_runner.add(worker)
+    bad = ParameterMsg(name="x", value=ParameterValue(type=99))
+    assert peer.ask("worker/set_parameters", SetParameters, SetParameters.Request(parameters=[bad])).results == []
+    assert peer.ask("worker/list_parameters", ListParameters, ListParameters.Request()).result.names

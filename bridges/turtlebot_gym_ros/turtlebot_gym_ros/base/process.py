@@ -24,6 +24,7 @@ from rclpy.utilities import remove_ros_args
 
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.parameters import words_of
+from turtlebot_gym_ros.base.reports import sturdy
 from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline, listening
 from turtlebot_gym_ros.base.swift import SwiftExecutor
 
@@ -80,7 +81,10 @@ class Runner:
         the process is suspended, its ``halt`` or its ``switch`` stops the robot.
         """
         self._running.append(runnable)
-        self._executor.add_node(getattr(runnable, "node", runnable))
+        node = getattr(runnable, "node", runnable)
+        for service in node.services:  # those of rclpy for parameters raise if a request has an unknown type
+            service.callback = sturdy(node, service.srv_name, service.callback)
+        self._executor.add_node(node)
 
     def start(self) -> None:
         """Start the thread."""

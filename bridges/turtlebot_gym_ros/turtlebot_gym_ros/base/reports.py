@@ -2,12 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import Any
+from weakref import WeakKeyDictionary
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from turtlebot_gym.validation import shown
+
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+_NUMBER, _LAST = "callbacks that failed", "last one"
+_FAILED: WeakKeyDictionary[Node, dict[str, Any]] = WeakKeyDictionary()
+
+
+def note(node: Node, name: str, error: BaseException) -> None:
+    """Count what a callback raised on a message or a request from outside: it ends no node, and the next report names it.
+
+    Args:
+        node: The node.
+        name: Name of the topic or service.
+        error: The error.
+    """
+    failed = _FAILED.setdefault(node, {})
+    failed[_NUMBER] = failed.get(_NUMBER, 0) + 1
+    if _LAST not in failed:
+        failed[_LAST] = f"{name}: refused: {type(error).__name__}: {shown(str(error))}"
+        node.get_logger().error(failed[_LAST])
+
+
+def sturdy(node: Node, name: str, serve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Return a service's callback that gives an empty answer if it fails."""
+
+    def served(request: Any, response: Any) -> Any:
+        try:
+            return serve(request, response)
+        except Exception as error:
+            note(node, name, error)
+            return type(response)()
+
+    return served
 
 
 def report(node: Node, level: bytes, text: str, *, hardware: str, values: Mapping[str, object]) -> DiagnosticArray:
@@ -20,6 +54,10 @@ def report(node: Node, level: bytes, text: str, *, hardware: str, values: Mappin
         hardware: Name of the robot.
         values: Figures by name.
     """
+    failed = _FAILED.get(node, {})
+    values = {**values, **failed}
+    if last := failed.pop(_LAST, None):
+        level, text = max(level, WARN), f"{text} {last}"
     pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     name = node.get_fully_qualified_name()
     message = DiagnosticArray(

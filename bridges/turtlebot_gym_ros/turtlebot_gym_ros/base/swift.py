@@ -21,7 +21,11 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+from turtlebot_gym_ros.base.reports import note
 
 MOST = 100
 """Most messages of a topic that are delivered in one turn."""
@@ -62,11 +66,14 @@ def waiting(subscription: Any, most: int = MOST) -> Iterator[tuple[Any, Mapping[
             yield taken
 
 
-def take(subscription: Any) -> None:
-    """Deliver the messages that have arrived on a topic."""
+def take(subscription: Any, node: Node) -> None:
+    """Deliver the messages that have arrived on a topic of a node; whatever one holds, it does not end the node."""
     with_info = subscription._callback_type is Subscription.CallbackType.WithMessageInfo
     for taken in waiting(subscription):
-        subscription.callback(*taken if with_info else taken[:1])
+        try:
+            subscription.callback(*taken if with_info else taken[:1])
+        except Exception as error:
+            note(node, subscription.topic_name, error)
 
 
 class SwiftExecutor(SingleThreadedExecutor):
@@ -94,18 +101,20 @@ class SwiftExecutor(SingleThreadedExecutor):
         while self._context.ok() and not self._is_shutdown:
             subscriptions, timers = self._swift()
             if not subscriptions and not timers:
-                self._run(self._next(JOINING))
+                self._run(*self._next(JOINING))
                 continue
             self._run_swift(subscriptions, timers)
             self._run_others()
 
-    def _swift(self) -> tuple[list[Any], list[Any]]:
-        """Return the swift subscriptions and timers of all nodes."""
+    def _swift(self) -> tuple[dict[Any, Node], list[Any]]:
+        """Return the swift subscriptions of all nodes, with the nodes, and the swift timers."""
         nodes = self.get_nodes()
-        subscriptions = [entity for node in nodes for entity in node.subscriptions if isinstance(entity.callback_group, Swift)]
+        subscriptions = {
+            entity: node for node in nodes for entity in node.subscriptions if isinstance(entity.callback_group, Swift)
+        }
         return subscriptions, [entity for node in nodes for entity in node.timers if isinstance(entity.callback_group, Swift)]
 
-    def _run_swift(self, subscriptions: list[Any], timers: list[Any]) -> None:
+    def _run_swift(self, subscriptions: Mapping[Any, Node], timers: list[Any]) -> None:
         """Run swift entities until the others are due."""
         until = time.monotonic() + OTHERS
         handle, guard = self._context.handle, self._guard
@@ -132,7 +141,7 @@ class SwiftExecutor(SingleThreadedExecutor):
                 ready = set(waits.get_ready_entities("subscription"))
                 for entity in subscriptions:
                     if entity.handle.pointer in ready:
-                        take(entity)
+                        take(entity, subscriptions[entity])
                 for entity in timers:
                     if entity.handle.is_timer_ready():
                         entity.handle.call_timer()
@@ -143,30 +152,33 @@ class SwiftExecutor(SingleThreadedExecutor):
         until = time.monotonic() + OTHERS
         try:
             while not self._is_shutdown and time.monotonic() < until:
-                self._run(handler := self._next(0.0))
-                if handler is None:
+                self._run(*(found := self._next(0.0)))
+                if not found:
                     return
         except ExternalShutdownException:
             pass
 
-    def _next(self, timeout: float | None) -> Any:
-        """Return the next of the other entities that is ready; None if there is none.
+    def _next(self, timeout: float | None) -> tuple[Any, ...]:
+        """Return the handler of the next of the other entities that is ready, the entity and its node; () if there is none.
 
         An entity that another thread destroys during the wait is not ready. In rclpy some kinds of entities then raise, which
         would end this thread, and with it the node.
         """
         self._ends = math.inf if timeout is None else time.monotonic() + timeout
         try:
-            return self.wait_for_ready_callbacks(timeout_sec=timeout)[0]
+            return self.wait_for_ready_callbacks(timeout_sec=timeout)
         except (TimeoutException, ShutdownException, _rclpy.InvalidHandle):
-            return None
+            return ()
         finally:
             self._ends = math.inf
 
     @staticmethod
-    def _run(handler: Any) -> None:
-        """Run a callback, and raise what it raised."""
-        if handler is not None:
-            handler()
-            if (error := handler.exception()) is not None:
-                raise error
+    def _run(handler: Any = None, entity: Any = None, node: Any = None) -> None:
+        """Run a callback, and raise what a timer's raised; what comes from outside ends no node."""
+        if handler is None:
+            return
+        handler()
+        if isinstance(error := handler.exception(), Exception) and node is not None and not isinstance(entity, Timer):
+            note(node, getattr(entity, "topic_name", type(entity).__name__), error)
+        elif error is not None:
+            raise error

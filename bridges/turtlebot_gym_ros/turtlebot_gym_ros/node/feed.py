@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
+from turtlebot_gym.validation import shown
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
 from turtlebot_gym_ros.base.names import type_name
@@ -99,7 +100,7 @@ class Feed:
             qos_overriding_options=overridable(),
             raw=kind in cdr.KINDS,
         )
-        self.poll = partial(take, self._subscription) if self._waits_for_others else lambda: None
+        self.poll = partial(take, self._subscription, node) if self._waits_for_others else lambda: None
         self.topic: str = self._subscription.topic_name
         return Endpoint(self.topic, type_name(kind), False, sole=self.declared.sole)
 
@@ -147,8 +148,8 @@ class Feed:
                 that is mounted tilted.
         """
         if self.conversion.in_world and message.header.frame_id != frame:
-            received = message.header.frame_id
-            raise ValueError(f"its frame is {received!r} instead of {frame!r} (the parameters frame_prefix and frame)")
+            received = shown(message.header.frame_id)
+            raise ValueError(f"its frame is {received} instead of {frame!r} (the parameters frame_prefix and frame)")
         if self.declared.aged and not self.conversion.in_world:
             self._mount = self._mount_of(message.header.frame_id)
         return self.conversion.read(message)

@@ -88,15 +88,18 @@ class Inputs:
             message = feed.open(message)
             at = message.header.stamp if hasattr(message, "header") else None
             stamp = at.sec * SECOND + at.nanosec if at else drive.present()
+            if stamp < 0:
+                raise ValueError(f"its stamp is {stamp / SECOND:g} s: a time before 1970")
             steady = self.look()
             feed.count(info, steady)
             age = feed.age(message, info, steady)
             value = feed.read(message, self._common.fixed(feed.declared.frame))
             if not drive.takes(key, stamp):
                 return
-        except ValueError as error:
-            if feed.refuse(str(error)):
-                self._node.get_logger().warning(f"{feed.topic}: refused: {error}")
+        except Exception as error:  # whatever a message holds, it is refused, and ends no node
+            why = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            if feed.refuse(why):
+                self._node.get_logger().warning(f"{feed.topic}: refused: {why}")
             return
         sent = 0 if stamp else drive.present() - round(age.sent * SECOND)  # reading the clock takes long
         feed.accept(value, self._now(), stamp, age, sent)

@@ -26,8 +26,7 @@ class RosClock:
     """
 
     def __init__(self, node: Node, *, ignore: bool, jumped: Callable[[], None], now: float) -> None:
-        self._clock = node.get_clock()
-        self._simulated = bool(node.get_parameter("use_sim_time").value) and not ignore
+        self._clock, self._ignore = node.get_clock(), ignore
         self._at, self._moved = 0, now
 
         def leap(jump: Any) -> None:
@@ -43,7 +42,7 @@ class RosClock:
         Args:
             now: Current time of the steady clock, s.
         """
-        if not self._simulated:
+        if self._ignore or not self._clock.ros_time_is_active:  # use_sim_time may be set while the node runs
             return None
         at = self._clock.now().nanoseconds
         if at != self._at:
