@@ -12,7 +12,6 @@ REALS = (
 )  # fmt: skip
 SINGLES = (1e-45, 3.4e38, -3.4e38, *(number for number in REALS if not 1e38 < abs(number) < math.inf))
 TEXTS = ("", "odom", "map", "base_link", "base_scan", "/", "nis", "nan", "-1e999", "\n\r\x07", "äöü€😀", "x" * 1000)
-BITS = re.compile(r"u?int(\d+)")
 
 
 def _value(kind, chance):
@@ -25,7 +24,7 @@ def _value(kind, chance):
         return bytes([chance.randrange(256)])
     if kind == "string":
         return chance.choice(TEXTS) if chance.random() < 0.98 else "y" * 100_000
-    bits = int(BITS.fullmatch(kind)[1])
+    bits = int(kind.strip("uint"))
     low, high = (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
     return chance.choice((low, high, 0, 1, 2, 10, min(100, high), chance.randint(low, high)))
 
@@ -83,17 +82,18 @@ def spoil(message, chance=random, most=400):
     return message
 
 
-def hostile(examples, number, chance):
-    """Yield messages: of each three one that is drawn whole, and two healthy ones with one to three fields changed.
+def hostile(example, number, chance, share=0.3):
+    """Yield messages: some that are drawn whole, and healthy ones with one to three fields changed.
 
     Args:
-        examples: Functions that return a healthy message.
+        example: Returns a healthy message.
         number: How many.
         chance: A `random.Random`.
+        share: Share of those that are drawn whole.
     """
-    for k in range(number):
-        healthy = chance.choice(examples)()
-        if k % 3 == 0:
+    for _ in range(number):
+        healthy = example()
+        if chance.random() < share:
             yield anything(type(healthy), chance)
         else:
             for _ in range(chance.randint(1, 3)):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import JumpThreshold
+from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -26,7 +26,9 @@ class RosClock:
     """
 
     def __init__(self, node: Node, *, ignore: bool, jumped: Callable[[], None], now: float) -> None:
-        self._clock, self._ignore = node.get_clock(), ignore
+        clock = node.get_clock()
+        assert isinstance(clock, ROSClock)
+        self._clock, self._ignore = clock, ignore
         self._at, self._moved = 0, now
 
         def leap(jump: Any) -> None:
