@@ -1,16 +1,18 @@
-"""Inject faults into live robots' chains: real processes, real DDS, and an independent listener on ``/cmd_vel`` as the judge.
+"""Inject faults into live robots' chains: real processes, real DDS, a driver that may lie, and an independent judge.
 
 Each worker has a robot of its own in its own ROS domain: filter, controller, guard with collision monitor and standby, see
-`faults_robot`. A motion is unsafe if it is published more than 0.6 s after the newest measurement or person's command that it
-can rest on (0.5 s, plus 0.1 s for a guard that loses its processor between decision and message), or if the fault forbids it:
-after a stop that nobody ended, or towards a wall inside the stopping zone. A motion counts by DDS's source time; one that comes
-out later, since the guard was suspended while it wrote it, is unsafe if no zero follows within 0.1 s. The second half runs
-beside busy processes.
+`faults_robot`. Motion counts while it is in force, since a TurtleBot3 holds its last command for ever, see `faults_record`. A
+fault is unsafe if a motion is published more than 0.6 s after the newest measurement or person's command that it can rest on,
+or is in force 0.1 s longer than that; if the robot comes within 2 cm of a wall in half a minute; if it moves for more than
+0.25 m or 1.0 s after a lie could first be seen, or goes on by itself afterwards; if it moves after a stop that nobody ended;
+and if a node has ended that nobody ended, or the judge has not seen it all. The second half runs beside busy processes. An
+interrupted run goes on where it was.
 """
 
 from __future__ import annotations
 
 import ctypes
+import json
 import math
 import multiprocessing
 import os
@@ -18,150 +20,206 @@ import random
 import signal
 import sys
 import time
+import traceback
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
-from faults_kinds import FAULTS, WITH_BUTTONS
-from faults_robot import Robot
+from faults_kinds import BUTTONS, FAULTS, GROUPS
+from faults_record import LONGEST
+from faults_robot import Robot, Unseen
 from harness.machine import busy
+from harness.ros_domain import claimed_domain
 from harness.study import Study, run
 
-AGE = 0.6
-"""Longest time after the newest measurement at which a motion may be published, s."""
-REVIVED = 0.1
-"""Longest time until a zero follows a motion that comes out later than that, s."""
+TRIES = 3
+"""Number of times that a fault is injected until it is seen; one that never is counts as unsafe."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Config(Study):
-    """Inject faults into robots' chains, and count unsafe motions."""
+    """Inject faults into robots' chains, and count unsafe ones."""
 
-    faults: int = 40 * len(FAULTS)
+    faults: int = 11 * len(FAULTS)
     """Number of faults, equal for each kind."""
     only: tuple[str, ...] = ()
-    """Kinds to inject, by the beginnings of their names; none for all."""
+    """Kinds to inject, by the beginnings of their names, or names of groups; none for all."""
     workers: int = 5
-    """Number of robots at a time, at least 2: some have emergency stops, in proportion to the faults of buttons."""
+    """Number of robots at a time; if there are faults of buttons, some have emergency stops, in proportion."""
     busy: int = 4
     """Number of busy processes beside the second half of the faults."""
     seed: int = 0
     """Seed of the variations: durations, speeds, delays."""
-    domain: int = 120
-    """First of the ROS domains, one for each worker."""
+    kept: Path | None = None
+    """File of the finished faults, with which an interrupted run goes on; none to keep nothing."""
 
 
-def work(domain: int, config: Config, buttons: bool, tasks: Any, results: Any) -> None:
+def work(config: Config, buttons: bool, tasks: Any, results: Any) -> None:
     """Inject the faults of one worker."""
     from turtlebot_gym_ros.base.discovery import prepare
 
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"  # as on a robot
     prepare(local=False)
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: a robot that outlives the judge would disturb the next run
-    robot, before = Robot(domain, buttons=buttons), "start"
-    try:
-        while (task := tasks.get()) is not None:
-            name, number = task
-            rng = random.Random(f"{config.seed} {name} {number}")
-            if trouble := robot.drive():
-                results.put((before, trouble, {}))
-            before, since = name, time.time()
-            beyond = FAULTS[name](robot, rng)
-            lag, revived = robot.record.lag(since), robot.record.revived(since, AGE)
-            longest = {"longest_lag": lag, "longest_hold": robot.record.hold(since), "longest_revived": revived}
-            longest["longest_stop"] = robot.record.stop()
-            if unsafe := beyond + (lag > AGE) + (revived > REVIVED):
-                print(f"unsafe: {name!r}, {number}: {beyond}, {longest}", file=sys.stderr, flush=True)
-            results.put((name, unsafe, longest))
-            with robot.lock:
-                robot.record.forget()
-    except Exception as error:
-        results.put((None, f"{type(error).__name__}: {error}", {}))
-    finally:
-        robot.close()
-
-
-def inject_all(config: Config) -> tuple[dict[str, dict[str, Any]], dict[str, int]]:
-    """Inject all faults, and return the counts by kind, and after which the chain had to be started again, how often."""
-    kinds = [name for name in FAULTS if not config.only or name.startswith(config.only)]
-    count = math.ceil(config.faults / len(kinds))
-    order = [(name, number) for number in range(count) for name in kinds]
-    zero = {"injected": 0, "unsafe": 0, "longest_lag": 0.0, "longest_hold": 0.0, "longest_revived": 0.0, "longest_stop": 0.0}
-    counts: dict[str, dict[str, Any]] = {name: dict(zero) for name in kinds}
-    stuck: dict[str, int] = {}
-    half = count // 2 * len(kinds)
-    with suppress(KeyboardInterrupt), Progress(console=Console(stderr=True)) as progress:  # the rest is reported
-        bar = progress.add_task("faults", total=len(order))
+    with claimed_domain() as domain:
+        robot = Robot(domain, buttons=buttons)
         try:
-            for part, crowd in ((order[:half], 0), (order[half:], config.busy)):
-                if not part:
-                    continue
-                with busy(crowd):
-                    _inject(part, config, counts, stuck, lambda: progress.advance(bar))
+            before = "start"
+            while (task := tasks.get()) is not None:
+                name, number = task
+                if trouble := robot.drive():
+                    results.put({"started again": before, "trouble": trouble})
+                before = name
+                results.put({"kind": name, "number": number, **inject(robot, name, f"{config.seed} {name} {number}")})
+        except Exception:
+            results.put({"failed": traceback.format_exc()})
+        finally:
+            robot.close()
+
+
+def inject(robot: Robot, name: str, seed: str) -> dict[str, Any]:
+    """Inject a fault until it is seen, and return why it was unsafe, and how late everything was."""
+    result: dict[str, Any] = {}
+    for attempt in range(TRIES):
+        if attempt:
+            robot.drive()
+        since, rng, unseen = time.time(), random.Random(f"{seed} {attempt}" if attempt else seed), ""
+        try:
+            reasons = FAULTS[name](robot, rng)
+        except Unseen as error:
+            reasons = [unseen := f"not seen: {error}"]
+        reasons = [*reasons, *robot.judge(since)]
+        until = time.time()
+        figures = robot.record.figures(since, until)
+        result = {"unsafe": reasons, "seconds": until - since, **figures, "complaints": robot.ros.complaints(since)}
+        with robot.lock:
+            robot.record.forget()
+        if not unseen:
+            break
+    return result
+
+
+def kinds_of(only: tuple[str, ...]) -> list[str]:
+    """Return the kinds whose names begin so, or which are in a group of that name; all without any."""
+    named = [name for group in only if group in GROUPS for name in GROUPS[group]]
+    return [name for name in FAULTS if not only or name in named or name.startswith(only)]
+
+
+class Tally:
+    """The counts by kind, and the file of what is finished."""
+
+    def __init__(self, kinds: list[str], kept: Path | None) -> None:
+        self.counts: dict[str, dict[str, Any]] = {
+            name: {"injected": 0, "unsafe": 0, **dict.fromkeys(LONGEST, 0.0), "nearest": math.inf, "reasons": {}}
+            for name in kinds
+        }
+        self.restarts: dict[str, int] = {}
+        """After which kinds the chain had to be started again, and how often."""
+        self.done: set[tuple[str, int]] = set()
+        self._kept = kept
+        if kept and kept.is_file():
+            for line in kept.read_text(encoding="utf-8").splitlines():
+                row = json.loads(line)
+                if row["kind"] in self.counts:
+                    self._count(row)
+
+    def take(self, row: dict[str, Any]) -> None:
+        """Count a finished fault, and keep it."""
+        if self._kept:
+            self._kept.parent.mkdir(parents=True, exist_ok=True)
+            with self._kept.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+        self._count(row)
+
+    def _count(self, row: dict[str, Any]) -> None:
+        self.done.add((row["kind"], row["number"]))
+        kind = self.counts[row["kind"]]
+        kind["injected"] += 1
+        kind["unsafe"] += bool(row["unsafe"])
+        for reason in row["unsafe"]:
+            kind["reasons"][reason] = kind["reasons"].get(reason, 0) + 1
+        kind["nearest"] = min(kind["nearest"], row["nearest"])
+        for key in LONGEST:
+            kind[key] = max(kind[key], row[key])
+
+
+def inject_all(config: Config) -> Tally:
+    """Inject all faults, each kind once in each round, and return the counts."""
+    kinds = kinds_of(config.only)
+    count, tally = math.ceil(config.faults / len(kinds)), Tally(kinds, config.kept)
+    rounds = [random.Random(f"{config.seed} {number}").sample(kinds, len(kinds)) for number in range(count)]
+    columns = *Progress.get_default_columns()[:2], MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    with suppress(KeyboardInterrupt), Progress(*columns, console=Console(stderr=True)) as progress:  # the rest is reported
+        wanted = [(name, number) for number, names in enumerate(rounds) for name in names]
+        bar = progress.add_task("faults", total=len(wanted), completed=sum(task in tally.done for task in wanted))
+        try:
+            for numbers, crowd in ((range(count // 2), 0), (range(count // 2, count), config.busy)):
+                tasks = [task for task in wanted if task[1] in numbers and task not in tally.done]
+                with busy(crowd if tasks else 0):
+                    for row in results_of(tasks, config, progress):
+                        tally.take(row)
+                        progress.advance(bar)
         except RuntimeError as error:
             print(f"ended early: {error}", file=sys.stderr, flush=True)
-    return counts, stuck
+    return tally
 
 
-def _inject(
-    order: list[tuple[str, int]], config: Config, counts: dict[str, dict[str, Any]], stuck: dict[str, int], advance: Any
-) -> None:
-    """Inject faults in parallel, and add them to the counts, and to those after which the chain had to be started again."""
-    random.Random(config.seed).shuffle(order)
+def results_of(tasks: list[tuple[str, int]], config: Config, progress: Progress) -> Any:
+    """Inject faults in parallel, and yield the result of each.
+
+    Raises:
+        RuntimeError: If a worker failed, or says nothing for 15 minutes.
+    """
     spawn = multiprocessing.get_context("spawn")
-    tasks, results = {buttons: spawn.Queue() for buttons in (False, True)}, spawn.Queue()
-    for name, number in order:
-        tasks[name in WITH_BUTTONS].put((name, number))
-    workers = []
-    share = sum(name in WITH_BUTTONS for name, _ in order) / len(order)
-    having = min(max(1, round(share * config.workers)), config.workers - 1)
-    for at in range(config.workers):
-        on = at < having
-        workers.append(spawn.Process(target=work, daemon=True, args=(config.domain + at, config, on, tasks[on], results)))
-    for process in workers:
-        process.start()
-    for at in range(config.workers):
-        tasks[at < having].put(None)
+    queues, results = {buttons: spawn.Queue() for buttons in (False, True)}, spawn.Queue()
+    for task in tasks:
+        queues[task[0] in BUTTONS].put(task)
+    share = sum(name in BUTTONS for name, _ in tasks) / max(len(tasks), 1)
+    workers = min(config.workers, len(tasks)) if share in (0.0, 1.0) else max(2, min(config.workers, len(tasks)))
+    having = round(share * workers) if share in (0.0, 1.0) else min(max(1, round(share * workers)), workers - 1)
+    processes = []
+    for at in range(workers):
+        queue = queues[at < having]
+        processes.append(spawn.Process(target=work, daemon=True, args=(config, at < having, queue, results)))
+        processes[-1].start()
+        queue.put(None)
     try:
         done = 0
-        while done < len(order):
-            name, unsafe, longest = results.get(timeout=900.0)
-            if name is None:
-                raise RuntimeError(unsafe)
-            if isinstance(unsafe, str):
-                print(f"after {name!r} the chain had to be started again: {unsafe}", file=sys.stderr, flush=True)
-                stuck[name] = stuck.get(name, 0) + 1
+        while done < len(tasks):
+            row = results.get(timeout=900.0)
+            if "failed" in row:
+                raise RuntimeError(row["failed"])
+            if "trouble" in row:
+                progress.print(f"after {row['started again']!r} the chain had to be started again: {row['trouble']}")
                 continue
             done += 1
-            if done % 50 == 0:
-                print(f"{done} of {len(order)} faults", file=sys.stderr, flush=True)
-            kind = counts[name]
-            kind["injected"] += 1
-            kind["unsafe"] += unsafe > 0
-            for key, value in longest.items():
-                kind[key] = max(kind[key], value)
-            advance()
+            if row["unsafe"]:
+                progress.print(f"unsafe: {row['kind']!r}, {row['number']}: {'; '.join(row['unsafe'])}")
+            yield row
     finally:
-        for process in workers:
-            process.join(timeout=10.0)
+        for process in processes:
+            process.join(timeout=20.0 if sys.exc_info()[0] is None else 1.0)
             if process.is_alive():
                 process.terminate()
 
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     """Return the counts of all faults, and their table."""
-    counts, stuck = inject_all(config)
-    columns = "fault", "injected", "unsafe", "last motion, s", "zero, s", "zero after a motion that came out late, s", "stop, s"
+    tally = inject_all(config)
+    columns = "fault", "injected", "unsafe", "last motion, s", "zero, s", "overdue, s", "stop, s", "nearest, m"
     table = Table(*columns, caption="motion and zero: after the newest measurement; stop: after a fault that is a reason to")
-    for name, (injected, unsafe, *longest) in ((name, kind.values()) for name, kind in counts.items()):
-        table.add_row(name, f"{injected}", f"{unsafe}", *(f"{duration:.3f}" for duration in longest))
-    total = {key: sum(kind[key] for kind in counts.values()) for key in ("injected", "unsafe")}
+    for name, kind in tally.counts.items():
+        figures = (f"{kind[key]:.3f}" for key in (*LONGEST, "nearest"))
+        table.add_row(name, f"{kind['injected']}", f"{kind['unsafe']}", *figures)
+    total = {key: sum(kind[key] for kind in tally.counts.values()) for key in ("injected", "unsafe")}
     table.add_row("all", str(total["injected"]), str(total["unsafe"]))
-    return {"faults": counts, "total": total, "started again": stuck, "load": os.getloadavg()}, [table]
+    groups = {name: len(kinds) for name, kinds in GROUPS.items()}
+    return {"faults": tally.counts, "total": total, "groups": groups, "load": os.getloadavg()}, [table]
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""The faults to inject into a robot's chain, by name.
+"""The faults to inject into a robot's chain, by name and group.
 
-Each begins with a driving robot, and returns the number of unsafe motions besides those that were later than 0.6 s after the
-newest measurement: motions after a stop that a person has not ended, or towards a wall inside the stopping zone.
+Each begins with a driving robot, and returns why what happened was unsafe, besides what the judge finds after every fault:
+motion without a fresh measurement, contact, and nodes that have ended.
 """
 
 from __future__ import annotations
@@ -9,11 +9,15 @@ from __future__ import annotations
 import math
 import signal
 
+import faults_ends as ends
+import faults_liars as liars
 import faults_processes as processes
 import faults_sensors as sensors
+import faults_walls as walls
+from faults_lies import FROM_THE_START, FROM_THEN_ON
 from faults_robot import Fault
 
-WITH_BUTTONS: dict[str, Fault] = {
+BUTTONS: dict[str, Fault] = {
     "filter suspended, button pressed": processes.suspended_pressed("kalman_filter"),
     "controller suspended, button pressed": processes.suspended_pressed("velocity_controller"),
     "guard suspended, button pressed": processes.suspended_pressed("cmd_vel_guard"),
@@ -24,13 +28,21 @@ WITH_BUTTONS: dict[str, Fault] = {
     "button restarted": processes.button_restarts,
     "flood on emergency_stop": processes.flooded("emergency_stop", "Bool"),
 }
-WITHOUT_BUTTONS: dict[str, Fault] = {
+MEASUREMENTS: dict[str, Fault] = {
     "odometry late": sensors.odometry_late,
     "odometry in a burst": sensors.odometry_burst,
     "odometry dead": sensors.odometry_dies,
     "odometry repeated": sensors.odometry_repeats,
     "odometry impossible": sensors.odometry_impossible,
-    "scans late": sensors.scan_late,
+    "two odometries": sensors.two_odometries,
+    "clock offset": sensors.clocks("offset"),
+    "clock set": sensors.clocks("step"),
+    "clock drifts": sensors.clocks("drift"),
+    "stamps rolled over": sensors.rolled_over,
+    "wrong fix": sensors.wrong_fix,
+    "hostile variances": sensors.hostile_variances,
+}
+PROCESSES: dict[str, Fault] = {
     "filter suspended, sources die": processes.suspended("kalman_filter", dies=True),
     "filter suspended, sources live": processes.suspended("kalman_filter", dies=False),
     "controller suspended, sources die": processes.suspended("velocity_controller", dies=True),
@@ -41,6 +53,11 @@ WITHOUT_BUTTONS: dict[str, Fault] = {
     "guard hangs": processes.guard_ends(signal.SIGSTOP),
     "guard restarted": processes.guard_restarts,
     "standby killed or hung": processes.standby_ends,
+    "guard disabled": processes.disabled,
+    "policy raises an exit": ends.policy("SystemExit", "KeyboardInterrupt", "GeneratorExit"),
+    "policy hangs": ends.policy("hang"),
+}
+FLOODS: dict[str, Fault] = {
     "flood on cmd_vel_in": processes.flooded("cmd_vel_in", "TwistStamped"),
     "flood on cmd_vel_teleop": processes.flooded("cmd_vel_teleop", "TwistStamped"),
     "flood on scan": processes.flooded("scan", "LaserScan"),
@@ -49,19 +66,58 @@ WITHOUT_BUTTONS: dict[str, Fault] = {
     "flood on reference": processes.flooded("reference", "PoseStamped"),
     "flood on pose_fix": processes.flooded("pose_fix", "PoseWithCovarianceStamped"),
     "flood on another topic": processes.flood_elsewhere,
-    "clock offset": sensors.clocks("offset"),
-    "clock set": sensors.clocks("step"),
-    "clock drifts": sensors.clocks("drift"),
-    "LiDAR frozen": sensors.lidar_frozen,
-    "LiDAR covered": sensors.lidar(sensors.filled(math.nan)),
-    "LiDAR all zero": sensors.lidar(sensors.filled(0.0)),
-    "LiDAR all infinite": sensors.lidar(sensors.filled(math.inf)),
-    "LiDAR turned by 180 degrees": sensors.lidar(sensors.turned),
-    "LiDAR of four beams": sensors.lidar(sensors.four_beams),
-    "wrong fix": sensors.wrong_fix,
-    "two odometries": sensors.two_odometries,
     "commands with old stamps": processes.old_stamp,
     "commands that are nonsense": processes.nonsense,
-    "guard disabled": processes.disabled,
+    "guard hears itself": ends.own_output,
 }
-FAULTS = {**WITHOUT_BUTTONS, **WITH_BUTTONS}
+ENDS: dict[str, Fault] = {
+    "terminal closed": ends.terminal(lambda window: window.close()),
+    "Ctrl-C": ends.terminal(lambda window: window.press("C")),
+    "Ctrl-Z": ends.terminal(lambda window: window.press("Z")),
+    "Ctrl-\\": ends.terminal(lambda window: window.press("\\")),
+    "guard and standby hung up": ends.signalled([signal.SIGHUP]),
+    "guard and standby ended by a signal": ends.signalled(ends.ENDING),
+    "guard and standby suspended by a signal": ends.signalled(ends.SUSPENDING),
+    "computer's clock set back": ends.clock_set(-0.775, -2.0, -30.0, -3600.0),
+    "computer's clock set ahead": ends.clock_set(0.775, 2.0, 30.0, 3600.0),
+}
+LIARS: dict[str, Fault] = {
+    **{name: liars.lies(name, maker, from_the_start=False) for name, maker in FROM_THEN_ON.items()},
+    **{name: liars.lies(name, maker, from_the_start=True) for name, maker in FROM_THE_START.items()},
+    "pose and twist frozen, a person drives": liars.lies(
+        "by hand", FROM_THEN_ON["pose and twist frozen"], from_the_start=False, by_hand=True
+    ),
+    "robot turns the other way": liars.wheels(liars.other_way, turning=True),
+    "robot blocked": liars.wheels(liars.blocked, turning=False),
+    "robot blocked, a person drives": liars.wheels(liars.blocked, turning=False, by_hand=True),
+    "wheels spin": liars.spinning,
+    "fence ahead": liars.fence,
+    "pose and twist frozen at a fence": liars.frozen_at_a_fence(FROM_THEN_ON["pose and twist frozen"]),
+}
+WALLS: dict[str, Fault] = {
+    "healthy wall": walls.healthy,
+    "scans end": walls.ends,
+    "scans late": walls.late,
+    "scans late with fresh stamps": walls.late_with_fresh_stamps,
+    "second source of scans": walls.second_source,
+    "LiDAR frozen": walls.frozen(0.0),
+    "LiDAR frozen, with noise": walls.frozen(0.005),
+    "LiDAR covered": walls.lidar(walls.filled(math.nan)),
+    "LiDAR all zero": walls.lidar(walls.filled(0.0)),
+    "LiDAR all infinite": walls.lidar(walls.filled(math.inf)),
+    "LiDAR turned by 180 degrees": walls.lidar(walls.turned),
+    "LiDAR upside down": walls.mirrored_beside,
+    "LiDAR in another unit": walls.in_another_unit,
+    "LiDAR of another frame": walls.lidar(walls.another_frame),
+    "LiDAR of four beams": walls.lidar(walls.beams(4)),
+    "post between beams": walls.post_between_beams,
+    "LiDAR that sees only behind": walls.partial(math.pi, math.radians(120.0)),
+    "LiDAR that sees only the left": walls.partial(0.5 * math.pi, math.radians(120.0)),
+    "LiDAR that sees only the right": walls.partial(-0.5 * math.pi, math.radians(120.0)),
+    "LiDAR that sees only ahead": walls.ahead_only,
+}
+GROUPS = {
+    "buttons": BUTTONS, "measurements": MEASUREMENTS, "processes": PROCESSES, "floods": FLOODS, "ends": ENDS, "liars": LIARS,
+    "walls": WALLS,
+}  # fmt: skip
+FAULTS = {name: fault for kinds in GROUPS.values() for name, fault in kinds.items()}

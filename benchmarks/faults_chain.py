@@ -1,0 +1,195 @@
+"""The chain of nodes on a robot, as `robot.launch.xml` starts them: real processes, which a fault suspends, kills or hangs up.
+
+Processes are found by a mark in their environment, not by who started them, so that one which forks or leaves its session
+stays known, and is ended at last.
+"""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from itertools import pairwise
+from pathlib import Path
+
+CONFIG = Path(__file__).parents[1] / "bridges" / "turtlebot_gym_ros" / "config" / "robot.yaml"
+CHAIN = {
+    "cmd_vel_guard": {"collision_monitor": "true"},
+    "cmd_vel_standby": {},
+    "kalman_filter": {"takes_fixes": "true"},
+    "waypoint_generator": {"waypoints": "far.csv"},
+    "velocity_controller": {},
+}
+"""The nodes, each with its parameters besides those of `robot.yaml`."""
+WITHOUT_BUTTON = {"require_emergency_stop": "false", "start_enabled": "true"}
+"""Parameters of a guard without a button: one that is started again passes commands at once, unlike on a robot."""
+REMAPPED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
+MARK = "TURTLEBOT_GYM_FAULTS"
+
+
+class Chain:
+    """The processes of one robot.
+
+    Args:
+        domain: Its ROS domain.
+        buttons: Whether it has emergency stops.
+    """
+
+    def __init__(self, domain: int, *, buttons: bool) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        self.folder = Path(self._folder.name)
+        """Where they run, and write NAME.log."""
+        (self.folder / "far.csv").write_text("1000,0,0\n")
+        self._buttons, self._mark = buttons, f"{os.getpid()}-{domain}"
+        self._environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), MARK: self._mark}
+        self._children: list[subprocess.Popen[bytes]] = []
+        self._ended: set[str] = set()
+        self._changed: set[str] = set()
+
+    def start(self, name: str, *words: str, environment: dict[str, str] | None = None, **parameters: str) -> None:
+        """Start a node, with further ROS arguments, variables and parameters."""
+        self._ended.discard(name)
+        self._changed.discard(name)
+        if words or environment or parameters:
+            self._changed.add(name)
+        with (self.folder / f"{name}.log").open("ab") as log:
+            program = ["setpriv", "--pdeathsig", "KILL", *self._command(name, *words, **parameters)]
+            whole = {**self._environment, **(environment or {})}
+            self._children.append(subprocess.Popen(program, cwd=self.folder, env=whole, stdout=log, stderr=log))
+
+    def restart(self, name: str, *words: str, environment: dict[str, str] | None = None, **parameters: str) -> None:
+        """Kill a node and start it otherwise; it is started as usual before the next fault."""
+        self.kill(name)
+        self.start(name, *words, environment=environment, **parameters)
+
+    def _command(self, name: str, *words: str, **parameters: str) -> list[str]:
+        without = WITHOUT_BUTTON if name == "cmd_vel_guard" and not self._buttons else {}
+        given = {**CHAIN[name], **without, **parameters}
+        values = [word for key, value in given.items() for word in ("-p", f"{key}:={value}")]
+        common = ["--ros-args", "--params-file", str(CONFIG), "--log-level", "fatal"]
+        return [sys.executable, "-m", "turtlebot_gym_ros", name, *common, *values, *REMAPPED.get(name, []), *words]
+
+    @contextmanager
+    def terminal(self, *names: str) -> Iterator[Terminal]:
+        """Start nodes again in a terminal, as one job of its shell."""
+        for name in names:
+            self.kill(name)
+            self._ended.discard(name)
+            self._changed.add(name)
+        terminal = Terminal([self._command(name) for name in names], self.folder, self._environment)
+        self._children.append(terminal.shell)
+        try:
+            yield terminal
+        finally:
+            terminal.close()
+            for name in names:
+                self.kill(name)
+
+    def pids(self, name: str = "") -> list[int]:
+        """Return the processes of a node that live; without a name all of this chain."""
+        for child in self._children:
+            child.poll()  # a dead one is a process until somebody asks
+        mark, found = f"{MARK}={self._mark}".encode(), []
+        for path in Path("/proc").iterdir():
+            with suppress(OSError, ValueError, IndexError):
+                pid = int(path.name)
+                if mark not in (path / "environ").read_bytes().split(b"\0"):
+                    continue
+                words = (path / "cmdline").read_bytes().split(b"\0")
+                if not name or (b"turtlebot_gym_ros", name.encode()) in pairwise(words):
+                    found.append(pid)
+        return found
+
+    def signal(self, name: str, number: int) -> float:
+        """Send a signal to a node, and return when, s; with one that ends it, its end is no failure."""
+        if number not in (signal.SIGSTOP, signal.SIGCONT):
+            self._ended.add(name)
+        pids, at = self.pids(name), time.time()
+        for pid in pids:
+            with suppress(ProcessLookupError):
+                os.kill(pid, number)
+        return at
+
+    def kill(self, name: str) -> None:
+        """Kill a node, and wait for its end."""
+        while self.pids(name):
+            self.signal(name, signal.SIGKILL)
+            time.sleep(0.01)
+        self._ended.add(name)
+
+    @contextmanager
+    def suspended(self, name: str) -> Iterator[None]:
+        """Suspend a node."""
+        self.signal(name, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self.signal(name, signal.SIGCONT)
+
+    def dead(self) -> list[str]:
+        """Return the nodes that have ended though nobody ended them."""
+        return [name for name in CHAIN if name not in self._ended and not self.pids(name)]
+
+    def repair(self) -> None:
+        """Let all nodes run as usual."""
+        for name in CHAIN:
+            self.signal(name, signal.SIGCONT)
+            if name in self._changed:
+                self.kill(name)
+            if not self.pids(name):
+                self.start(name)
+
+    def kill_all(self) -> None:
+        """Kill every process of the chain."""
+        while pids := self.pids():
+            for pid in pids:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            time.sleep(0.01)
+
+    def close(self) -> None:
+        """End all processes."""
+        self.kill_all()
+        self._folder.cleanup()
+
+
+class Terminal:
+    """A terminal, and a shell in it whose job in the foreground is some processes.
+
+    Args:
+        commands: Their command lines.
+        folder: Where they run.
+        environment: Their variables.
+    """
+
+    def __init__(self, commands: list[list[str]], folder: Path, environment: dict[str, str]) -> None:
+        self._keyboard, screen = pty.openpty()
+        jobs = " & ".join(f"{' '.join(map(_quoted, command))} >>terminal.log 2>&1" for command in commands)
+        # With job control the job has a process group of its own, which the keyboard's signals reach; without it a session's
+        # only group is an orphan, which cannot be suspended.
+        script = f"({jobs} & wait); sleep 1000"
+        self.shell = subprocess.Popen(
+            ["setsid", "--ctty", "bash", "-m", "-c", script], cwd=folder, env=environment,
+            stdin=screen, stdout=screen, stderr=screen,
+        )  # fmt: skip
+        os.close(screen)
+
+    def press(self, key: str) -> None:
+        """Press Ctrl and a key."""
+        os.write(self._keyboard, bytes([ord(key) & 31]))
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._keyboard >= 0:
+            os.close(self._keyboard)
+            self._keyboard = -1
+
+
+def _quoted(word: str) -> str:
+    return "'" + word.replace("'", "'\\''") + "'"
