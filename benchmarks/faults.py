@@ -55,6 +55,8 @@ class Config(Study):
     """Number of busy processes beside the second half of the faults."""
     seed: int = 0
     """Seed of the variations: durations, speeds, delays."""
+    until_unsafe: bool = False
+    """Whether a kind is injected no more once it was unsafe, as with a planted defect."""
     kept: Path | None = None
     """File of the finished faults, with which an interrupted run goes on; none to keep nothing."""
 
@@ -105,9 +107,18 @@ def inject(robot: Robot, name: str, seed: str) -> dict[str, Any]:
 
 
 def kinds_of(only: tuple[str, ...]) -> list[str]:
-    """Return the kinds whose names begin so, or which are in a group of that name; all without any."""
-    named = [name for group in only if group in GROUPS for name in GROUPS[group]]
-    return [name for name in FAULTS if not only or name in named or name.startswith(only)]
+    """Return the kinds of these names, else whose names begin so or which are in a group of that name; all without any.
+
+    Raises:
+        ValueError: If there is none of a name.
+    """
+    found = set[str]()
+    for word in only:
+        named = {word} & set(FAULTS) or {name for name in FAULTS if name.startswith(word)} | set(GROUPS.get(word, ()))
+        if not named:
+            raise ValueError(f"there is no kind of fault whose name begins with {word!r}, and no such group.")
+        found |= named
+    return [name for name in FAULTS if not only or name in found]
 
 
 class Tally:
@@ -118,8 +129,6 @@ class Tally:
             name: {"injected": 0, "unsafe": 0, **dict.fromkeys(LONGEST, 0.0), "nearest": math.inf, "reasons": {}}
             for name in kinds
         }
-        self.restarts: dict[str, int] = {}
-        """After which kinds the chain had to be started again, and how often."""
         self.done: set[tuple[str, int]] = set()
         self._kept = kept
         if kept and kept.is_file():
@@ -158,8 +167,10 @@ def inject_all(config: Config) -> Tally:
         wanted = [(name, number) for number, names in enumerate(rounds) for name in names]
         bar = progress.add_task("faults", total=len(wanted), completed=sum(task in tally.done for task in wanted))
         try:
-            for numbers, crowd in ((range(count // 2), 0), (range(count // 2, count), config.busy)):
+            for numbers, crowd in parts_of(count, config):
                 tasks = [task for task in wanted if task[1] in numbers and task not in tally.done]
+                if config.until_unsafe:
+                    tasks = [task for task in tasks if not tally.counts[task[0]]["unsafe"]]
                 with busy(crowd if tasks else 0):
                     for row in results_of(tasks, config, progress):
                         tally.take(row)
@@ -167,6 +178,13 @@ def inject_all(config: Config) -> Tally:
         except RuntimeError as error:
             print(f"ended early: {error}", file=sys.stderr, flush=True)
     return tally
+
+
+def parts_of(count: int, config: Config) -> list[tuple[range, int]]:
+    """Return the rounds to inject at a time, with the number of busy processes beside them."""
+    half = (count + 1) // 2
+    parts = [range(at, at + 1) for at in range(count)] if config.until_unsafe else [range(half), range(half, count)]
+    return [(part, config.busy if part.start >= half else 0) for part in parts]
 
 
 def results_of(tasks: list[tuple[str, int]], config: Config, progress: Progress) -> Any:

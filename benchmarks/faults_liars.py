@@ -53,13 +53,13 @@ def stand(robot: Robot) -> None:
     robot.reset_world()
 
 
-def until_seen(robot: Robot) -> float:
-    """Wait until the lie could be seen, and return when that was, s.
+def until_seen(robot: Robot, patience: float = VISIBLE) -> float:
+    """Wait for a time, s, until the lie could be seen, and return when that was, s.
 
     Raises:
         Unseen: If it could not.
     """
-    until = time.monotonic() + VISIBLE
+    until = time.monotonic() + patience
     while (at := robot.driver.seen.at) is None:
         if time.monotonic() > until:
             raise Unseen("the lie could not be seen")

@@ -7,6 +7,7 @@ import random
 import signal
 import time
 
+from faults_record import AGE, OVERDUE
 from faults_robot import Fault, Robot, nothing
 
 SETTLE = 0.1
@@ -28,13 +29,16 @@ def suspended(name: str, *, dies: bool) -> Fault:
 
     def fault(robot: Robot, rng: random.Random) -> list[str]:
         duration = rng.choice([rng.uniform(0.5, 3.0)] * 4 + [8.0])
+        since = time.time()
         with robot.chain.suspended(name):
             time.sleep(duration * rng.uniform(0.1, 0.6))
             if dies:
                 robot.odometry = nothing
             time.sleep(duration * 0.4)
+            until = time.time()
         time.sleep(1.0)
-        return []
+        stands = 0.3 if name == "cmd_vel_guard" else AGE + OVERDUE  # nobody else could stop it meanwhile
+        return robot.moves_on(since + stands, until) if until > since + stands else []
 
     return fault
 

@@ -204,10 +204,10 @@ class Robot:
             *([f"nobody looked for {gap:.1f} s"] if gap > UNSEEN else []),
         ]
 
-    def moves_on(self, since: float) -> list[str]:
-        """Return that a motion was in force since a time, after which there may be none; an empty list if none was."""
+    def moves_on(self, since: float, until: float | None = None) -> list[str]:
+        """Return that a motion was in force between two times, when there may be none; an empty list if none was."""
         self.ros.catch_up()
-        lasts = self.record.lasts(since, time.time())
+        lasts = self.record.lasts(since, time.time() if until is None else until)
         return [f"motion was in force for {lasts:.2f} s after it had to end"] if lasts > 0.0 else []
 
     def close(self) -> None:

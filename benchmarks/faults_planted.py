@@ -1,0 +1,143 @@
+"""Plant defects in copies of the project, and show that the faults, or the tests that are named, notice each.
+
+For every kind of fault, `faults_planted.toml` names a defect that makes it unsafe. A defect is found if each of its kinds was
+unsafe within some injections, or each of its tests has failed. One whose text is not in its file, or occurs there twice, counts
+as not found: it was not planted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomllib
+from rich.table import Table
+
+from faults_kinds import FAULTS
+from harness.study import Study, each, run
+
+ROOT = Path(__file__).parents[1]
+TABLE = Path(__file__).with_suffix(".toml")
+PARTS = "turtlebot_gym", "agents", "bridges", "checker", "benchmarks", "tests", "pyproject.toml", "README.md"
+"""What a copy holds."""
+PATHS = ".", "agents", "bridges/turtlebot_gym_ros", "checker"
+"""Where its packages are."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(Study):
+    """Plant defects."""
+
+    only: tuple[str, ...] = ()
+    """Defects by their names; none for all."""
+    named: bool = False
+    """Whether only the defects that people have named are planted."""
+    tries: int = 3
+    """Most injections of each kind."""
+    at_once: int = 2
+    """Number of defects at a time."""
+    workers: int = 3
+    """Number of robots for each."""
+
+
+def defects(config: Config) -> list[dict[str, Any]]:
+    """Return the defects to plant."""
+    rows = tomllib.loads(TABLE.read_text(encoding="utf-8"))["defect"]
+    return [row for row in rows if (not config.only or row["name"] in config.only) and (row.get("named") or not config.named)]
+
+
+def without_defect() -> list[str]:
+    """Return the kinds of fault for which no defect is listed."""
+    planted = {kind for row in defects(Config()) for kind in row.get("kinds", [])}
+    return [name for name in FAULTS if name not in planted]
+
+
+def plant(defect: dict[str, Any], into: Path) -> None:
+    """Copy the project, and change its texts.
+
+    Raises:
+        ValueError: If a text does not occur exactly once in its file.
+    """
+    for part in PARTS:
+        source = ROOT / part
+        if source.is_dir():
+            shutil.copytree(source, into / part, symlinks=True)
+        else:
+            shutil.copy2(source, into / part)
+    for edit in defect["edit"]:
+        path = into / edit["file"]
+        text = path.read_text(encoding="utf-8")
+        if text.count(edit["old"]) != 1:
+            raise ValueError(f"{edit['old']!r} occurs {text.count(edit['old'])} times in {edit['file']}")
+        path.write_text(text.replace(edit["old"], edit["new"]), encoding="utf-8")
+
+
+def find(defect: dict[str, Any], config: Config) -> dict[str, Any]:
+    """Plant a defect, and return who noticed it."""
+    begun = time.monotonic()
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder)
+        try:
+            plant(defect, copy)
+        except (ValueError, OSError) as error:
+            return {"name": defect["name"], "found": False, "by": {}, "why": f"not planted: {error}", "seconds": 0.0}
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(str(copy / path) for path in PATHS)}
+        by = {test: _fails(test, copy, environment) for test in defect.get("tests", [])}
+        by |= _unsafe(defect.get("kinds", []), config, copy, environment)
+    missed = [name for name, why in by.items() if not why]
+    why = f"not noticed by {', '.join(missed)}" if missed else "" if by else "nobody looks"
+    return {"name": defect["name"], "found": not why, "by": by, "why": why, "seconds": time.monotonic() - begun}
+
+
+def _fails(test: str, copy: Path, environment: dict[str, str]) -> str:
+    """Return the last words of a test that fails, or an empty text if it passes or does not run."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "--no-header", "-p", "no:cacheprovider", test]
+    done = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True)
+    return done.stdout.strip().splitlines()[-1] if done.returncode == 1 else ""
+
+
+def _unsafe(kinds: list[str], config: Config, copy: Path, environment: dict[str, str]) -> dict[str, str]:
+    """Return by kind why it was unsafe, an empty text if it was not."""
+    if not kinds:
+        return {}
+    results = copy / "results.json"
+    words = [
+        "--only", *kinds, "--faults", str(config.tries * len(kinds)), "--until-unsafe", "--workers", str(config.workers),
+        "--busy", "0", "--json", str(results),
+    ]  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "benchmarks/faults.py", *words], cwd=copy, env=environment, capture_output=True, text=True
+    )
+    if not results.is_file():
+        print(done.stderr, file=sys.stderr)
+        return dict.fromkeys(kinds, "")
+    counts = json.loads(results.read_text(encoding="utf-8"))["faults"]
+    return {kind: next(iter(counts[kind]["reasons"]), "") for kind in kinds}
+
+
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return which defects were found, and their table."""
+    begun, wanted = time.monotonic(), defects(config)
+    with ThreadPoolExecutor(config.at_once) as pool:
+        rows = list(each(pool.map(lambda defect: find(defect, config), wanted), "defects", len(wanted)))
+    minutes = (time.monotonic() - begun) / 60.0
+    found = sum(row["found"] for row in rows)
+    table = Table("planted defect", "found", "s", "by", caption=f"{found} of {len(rows)} found in {minutes:.1f} minutes")
+    for row in rows:
+        by = "; ".join(f"{name}: {why}" for name, why in row["by"].items() if why)
+        table.add_row(row["name"], "yes" if row["found"] else "NO", f"{row['seconds']:.0f}", row["why"] or by)
+    return {"defects": rows, "found": found, "planted": len(rows), "minutes": minutes}, [table]
+
+
+if __name__ == "__main__":
+    _, results = run(Config, measure)
+    raise SystemExit(results["found"] < results["planted"])
