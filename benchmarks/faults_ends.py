@@ -76,7 +76,7 @@ def signalled(numbers: list[signal.Signals]) -> Fault:
 
 
 def clock_set(*sizes: float) -> Fault:
-    """Return the fault by which the computer's clock is set by a time, s, when all sources end."""
+    """Return the fault by which the computer's clock is set by a time, s, when a person's radio and all sensors end."""
 
     def fault(robot: Robot, rng: random.Random) -> list[str]:
         offset = robot.chain.folder / "offset"
@@ -86,13 +86,16 @@ def clock_set(*sizes: float) -> Fault:
             robot.chain.restart(name, environment=preloaded)
         robot.record.trusts_source = False
         robot.drive_again()
+        robot.teleop = (0.15, 0.0)
+        robot.ros.ask("velocity_controller/enable", data=False)
+        time.sleep(1.5)  # until it has said its zeros, each of which wakes the guard
         with robot.lock:
-            robot.odometry = nothing
-            robot.record.began = time.time()
+            robot.teleop, robot.odometry, robot.scan = None, nothing, lambda message: None
+            robot.record.began = at = time.time()
             with offset.open("r+b") as file:
                 file.write(struct.pack("d", rng.choice(sizes)))
         time.sleep(3.0)
-        return []
+        return robot.moves_on(at + STANDS + SLACK)
 
     return fault
 

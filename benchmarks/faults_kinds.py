@@ -106,7 +106,7 @@ WALLS: dict[str, Fault] = {
     "LiDAR all zero": walls.lidar(walls.filled(0.0)),
     "LiDAR all infinite": walls.lidar(walls.filled(math.inf)),
     "LiDAR turned by 180 degrees": walls.lidar(walls.turned),
-    "LiDAR upside down": walls.mirrored_beside,
+    "LiDAR upside down": walls.upside_down,
     "LiDAR in another unit": walls.in_another_unit,
     "LiDAR of another frame": walls.lidar(walls.another_frame),
     "LiDAR of four beams": walls.lidar(walls.beams(4)),

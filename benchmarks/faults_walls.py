@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from faults_robot import Fault, Robot
-from faults_world import ANGLES, BEAMS, DEAD_END, FARTHEST, ROUGHNESS
+from faults_world import ANGLES, BEAMS, DEAD_END, FARTHEST, ROUGHNESS, advance
 
 WATCHED = 30.0
 """Time for which the robot is watched, s: at the speed at which it may enter unknown space it reaches the wall in it."""
@@ -115,9 +115,13 @@ def mirrored(message: Any) -> Any:
     return message
 
 
-def mirrored_beside(robot: Robot, rng: random.Random) -> list[str]:
-    """The LiDAR is mounted upside down, and a wall comes near on one side, which it sees on the other."""
-    robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 1.2))
+def upside_down(robot: Robot, rng: random.Random) -> list[str]:
+    """The LiDAR is mounted upside down; a person drives a curve around a post that is too near, and seen on the other side."""
+    side, after, inside = rng.choice([-1.0, 1.0]), rng.uniform(2.5, 5.0), rng.uniform(0.10, 0.13)
+    v, omega = 0.15, side * 0.35
+    x, y, theta = advance(robot.world.pose, v, omega, after)
+    robot.world.posts = [(x - side * inside * math.sin(theta), y + side * inside * math.cos(theta), 0.05)]
+    robot.teleop = (v, omega)
     return towards_wall(robot, mirrored)
 
 
