@@ -93,9 +93,9 @@ def inject(robot: Robot, name: str, seed: str) -> dict[str, Any]:
         since, rng, unseen = time.time(), random.Random(f"{seed} {attempt}" if attempt else seed), ""
         try:
             reasons = FAULTS[name](robot, rng)
+            reasons += robot.judge(since)
         except Unseen as error:
             reasons = [unseen := f"not seen: {error}"]
-        reasons = [*reasons, *robot.judge(since)]
         until = time.time()
         figures = robot.record.figures(since, until)
         result = {"unsafe": reasons, "seconds": until - since, **figures, "complaints": robot.ros.complaints(since)}

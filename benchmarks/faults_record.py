@@ -23,7 +23,7 @@ WAY, TIME = 0.25, 1.0
 """Motion after a lie could first be seen that is unsafe, m and s."""
 LONGEST = ("longest_lag", "longest_hold", "longest_overdue", "longest_stop")
 """Figures of each fault, s, of which the longest counts."""
-UNSEEN = 1.0
+UNSEEN = 2.0
 """Time without a look at the robot after which nothing is known of it, s."""
 
 
@@ -92,6 +92,18 @@ class Record:
             for command, end in zip(arrived, ends, strict=True)
             if command.moves and end > since
         ]
+
+    def obeyed(self, since: float, until: float) -> list[tuple[float, float, float]]:
+        """Return the commands that the robot obeys between two times, v, m/s, and omega, rad/s, each with how long, s."""
+        before = next(
+            (command for command in reversed(list(self.heard)) if command.arrived <= since), Heard(0.0, 0.0, 0.0, 0.0)
+        )
+        commands = [
+            before._replace(arrived=since),
+            *(command for command in list(self.heard) if since < command.arrived <= until),
+        ]
+        ends = [*(command.arrived for command in commands[1:]), until]
+        return [(command.v, command.omega, end - command.arrived) for command, end in zip(commands, ends, strict=True)]
 
     def lasts(self, since: float, until: float) -> float:
         """Return for how long motions were in force between two times, s."""

@@ -65,10 +65,10 @@ class Robot:
         while not self._over.wait(0.05):
             with self.lock:
                 turn, now = turn + 1, time.time()
-                v, omega = self.record.heard[-1][2:] if self.record.heard else (0.0, 0.0)
-                self.driver.move(v, omega, now - last)
-                if (v, omega) != (0.0, 0.0):
-                    self.record.clearances.append((now, self.world.clearance()))
+                for v, omega, lasts in self.record.obeyed(last, now):
+                    self.driver.move(v, omega, lasts)
+                    if (v, omega) != (0.0, 0.0):
+                        self.record.clearances.append((now, self.world.clearance()))
                 self.record.looks.append(now)
                 last = now
                 self.send_odometry(now)
@@ -191,18 +191,20 @@ class Robot:
                 raise Unseen("the robot did not drive again")
 
     def judge(self, since: float) -> list[str]:
-        """Return why what happened since a time was unsafe, besides what the fault forbids; none if it was safe."""
+        """Return why what happened since a time was unsafe, besides what the fault forbids; none if it was safe.
+
+        Raises:
+            Unseen: If it seems safe, but was not all seen.
+        """
         until = time.time()
         while time.time() < until + 1.0 and self.record.age(time.time()) > 0.2 and self.record.in_force(until, time.time()):
             time.sleep(0.02)  # its sources are dead, so the motion has to end
         until, caught_up = time.time(), self.ros.catch_up()
+        reasons = [*self.record.reasons(since, until), *(f"{name} has ended" for name in self.chain.dead())]
         gap = self.record.unseen(since, until)
-        return [
-            *self.record.reasons(since, until),
-            *(f"{name} has ended" for name in self.chain.dead()),
-            *([] if caught_up and self._thread.is_alive() else ["the judge did not hear everything"]),
-            *([f"nobody looked for {gap:.1f} s"] if gap > UNSEEN else []),
-        ]
+        if not reasons and not (caught_up and self._thread.is_alive() and gap <= UNSEEN):
+            raise Unseen(f"nobody looked for {gap:.1f} s" if gap > UNSEEN else "the judge did not hear everything")
+        return reasons
 
     def moves_on(self, since: float, until: float | None = None) -> list[str]:
         """Return that a motion was in force between two times, when there may be none; an empty list if none was."""

@@ -110,15 +110,16 @@ def lie(name: str, number: int) -> dict[str, Any]:
         robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 2.0))
     try:
         at = until_seen(robot, patience=40.0)
-    except Unseen:
-        return row
-    stray(robot, at)
-    way, lasted = robot.record.travelled(at, time.time())
-    again = tells_the_truth(robot, since, LATCHED)
+        stray(robot, at)
+        way, lasted = robot.record.travelled(at, time.time())
+        again = tells_the_truth(robot, since, LATCHED)
+        judged = robot.judge(since)
+    except Unseen as error:
+        return row | {"why": str(error)}
     complaints = robot.ros.complaints(at)
     named = [text for text in complaints if re.search(case.cause, text, re.IGNORECASE)]
     row |= {"seen": True, "way": way, "time": lasted, "cause": min(named, default=""), "complaints": complaints}
-    return row | {"again": again, "judged": robot.judge(since)}
+    return row | {"again": again, "judged": judged}
 
 
 def is_good(row: dict[str, Any]) -> bool:

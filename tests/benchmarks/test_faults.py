@@ -88,6 +88,12 @@ def test_a_judge_that_did_not_look_says_so_and_without_trust_in_a_clock_goes_by_
     assert record.lag(0.0) == pytest.approx(1.0)
 
 
+def test_a_robot_obeys_each_command_from_its_arrival_on_however_late_the_judge_looks():
+    record = judge((1.0, 1.0, 0.1), (2.0, 2.0, 0.0), (2.5, 2.5, 0.2))
+    assert record.obeyed(0.5, 0.9) == [(0.0, 0.0, pytest.approx(0.4))]
+    assert record.obeyed(1.5, 3.0) == [(v, 0.0, pytest.approx(lasts)) for v, lasts in ((0.1, 0.5), (0.0, 0.5), (0.2, 0.5))]
+
+
 # The stand-in
 
 

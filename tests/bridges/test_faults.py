@@ -18,6 +18,9 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+import faults
+import faults_robot
+from harness.ros_domain import claimed_domain
 from turtlebot_gym_ros.base.qos import LATCHED
 
 POLICY = """
@@ -275,3 +278,38 @@ def test_without_a_guard_the_death_of_the_controller_stops_nothing(robot):
     for name in ("cmd_vel_guard", "velocity_controller"):
         robot.start(name)
     robot.drive()
+
+
+@pytest.fixture(scope="module")
+def stand_in():
+    """A robot whose driver may lie, with the chain of `robot.launch.xml`."""
+    with claimed_domain() as domain:
+        robot = faults_robot.Robot(domain, buttons=False)
+        yield robot
+        robot.close()
+
+
+LIVE = [
+    "odometry dead",
+    "scans end",
+    "guard killed",
+    *(
+        pytest.param(name, marks=pytest.mark.nightly)
+        for name in ("healthy wall", "odometry late", "guard suspended, sources die")
+    ),
+]
+
+
+@pytest.mark.parametrize("name", LIVE)
+def test_an_injected_fault_is_safe_by_the_judge_of_the_benchmark(stand_in, name):
+    assert stand_in.drive() == ""
+    assert faults.inject(stand_in, name, f"daily {name}")["unsafe"] == []
+
+
+def test_the_judge_of_the_benchmark_sees_a_guard_that_lets_everything_pass(stand_in):
+    """The partner of the test above: without a guard nobody ends the motion."""
+    stand_in.drive()
+    stand_in.chain.signal("cmd_vel_standby", signal.SIGSTOP)
+    stand_in.chain.signal("cmd_vel_guard", signal.SIGSTOP)
+    assert any("without a fresh measurement" in why for why in faults.inject(stand_in, "odometry dead", "deaf")["unsafe"])
+    stand_in.chain.kill_all()
