@@ -256,9 +256,16 @@ study-rooms: $(READY)  ## who finds the way through rooms: train ppo-rooms, driv
 study-transfer: $(READY)  ## what carries over from the unicycle to MuJoCo: policies and filters, with grip and without (20 minutes; resumes)
 	$(RUN)python benchmarks/transfer.py
 
-faults: $(READY)  ## 47 kinds of fault, 40 times each, injected into live chains, with an independent listener (40 minutes)
+faults: $(READY)  ## 103 kinds of fault, 10 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)
 	@mkdir -p $(OUT)
-	$(RUN)python benchmarks/faults.py --json $(OUT)/faults.json
+	$(RUN)python benchmarks/faults.py --kept $(OUT)/faults.jsonl --json benchmarks/faults.json
+
+liars: $(READY)  ## 14 lies of a driver, ten times each: time and way until the robot stands, cause, and whether it stays (20 minutes; resumes)
+	@mkdir -p $(OUT)
+	$(RUN)python benchmarks/liars.py --kept $(OUT)/liars.jsonl --json benchmarks/liars.json
+
+planted: $(READY)  ## defects planted in copies: whether the faults, or a test, notice each (half an hour; --named: 15 minutes)
+	$(RUN)python benchmarks/faults_planted.py --json benchmarks/faults_planted.json
 
 capabilities: $(READY)  ## run what the CHANGELOG says that there is, command by command, into out/capabilities.md (15 minutes)
 	$(RUN)python benchmarks/capabilities.py --data $(DATA) --markdown $(OUT)/capabilities.md
