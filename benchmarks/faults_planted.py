@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ class Config(Study):
     """Defects by their names; none for all."""
     named: bool = False
     """Whether only the defects that people have named are planted."""
-    tries: int = 3
+    tries: int = 4
     """Most injections of each kind."""
     at_once: int = 2
     """Number of defects at a time."""
@@ -126,11 +126,13 @@ def _unsafe(kinds: list[str], config: Config, copy: Path, environment: dict[str,
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     """Return which defects were found, and their table."""
-    begun, wanted = time.monotonic(), defects(config)
+    wanted, rows, begun = defects(config), list[dict[str, Any]](), time.monotonic()
     with ThreadPoolExecutor(config.at_once) as pool:
-        rows = list(each(pool.map(lambda defect: find(defect, config), wanted), "defects", len(wanted)))
-    minutes = (time.monotonic() - begun) / 60.0
-    found = sum(row["found"] for row in rows)
+        futures = [pool.submit(find, defect, config) for defect in wanted]
+        for future in each(as_completed(futures), "defects", len(wanted)):
+            rows.append(row := future.result())
+            print(f"{row['name']}: {row['why'] or 'found'}, {row['seconds']:.0f} s", file=sys.stderr, flush=True)
+    minutes, found = (time.monotonic() - begun) / 60.0, sum(row["found"] for row in rows)
     table = Table("planted defect", "found", "s", "by", caption=f"{found} of {len(rows)} found in {minutes:.1f} minutes")
     for row in rows:
         by = "; ".join(f"{name}: {why}" for name, why in row["by"].items() if why)

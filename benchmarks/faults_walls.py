@@ -66,8 +66,8 @@ def frozen(noise: float) -> Fault:
 
 
 def late(robot: Robot, rng: random.Random) -> list[str]:
-    """Scans are late by 0.7 to 5 s and say so."""
-    return towards_wall(robot, _delayed(rng.choice([0.7, 1.0, 5.0]), fresh=False))
+    """Scans are late by 1 to 5 s and say so."""
+    return towards_wall(robot, _delayed(rng.choice([1.0, 2.0, 5.0]), fresh=False))
 
 
 def late_with_fresh_stamps(robot: Robot, rng: random.Random) -> list[str]:
@@ -128,7 +128,13 @@ def upside_down(robot: Robot, rng: random.Random) -> list[str]:
 def another_frame(message: Any) -> Any:
     """The scan is of another LiDAR, which looks elsewhere."""
     message.header.frame_id = "camera_depth_frame"
-    return filled(3.0)(message)
+    message.ranges = _free()
+    return message
+
+
+def _free() -> list[float]:
+    """Return the ranges of a free hall, m."""
+    return [FARTHEST - 0.5 + random.gauss(0.0, ROUGHNESS) for _ in range(BEAMS)]
 
 
 def sector(center: float, width: float) -> Callable[[Any], Any]:
@@ -215,8 +221,7 @@ def second_source(robot: Robot, rng: random.Random) -> list[str]:
     def both(message: Any, now: float) -> list[tuple[Any, float]]:
         if now >= due[0]:
             due[0] += period
-            free = [FARTHEST - 0.5 + rng.gauss(0.0, ROUGHNESS) for _ in range(BEAMS)]
-            robot.ros.speaker("scan", "LaserScan", 2).publish(robot.scan_of(free, now))
+            robot.ros.speaker("scan", "LaserScan", 2).publish(robot.scan_of(_free(), now))
         return [(message, now)]
 
     robot.odometry = both
