@@ -83,9 +83,15 @@ class Driver:
 
 
 class Seen:
-    """When it could first be seen that a robot does not move as it says, or as commanded."""
+    """When it could first be seen that a robot does not move as it says, or as commanded.
 
-    def __init__(self) -> None:
+    Args:
+        window: Time over which motions are compared, s.
+        least: Differences that can be seen, see `SEEN`.
+    """
+
+    def __init__(self, window: float = WINDOW, least: tuple[float, ...] = SEEN) -> None:
+        self._lasts, self._least = window, least
         self.at: float | None = None
         """Time of the first message that shows it, s."""
         self._window: deque[tuple[float, Said, Said]] = deque()
@@ -93,9 +99,9 @@ class Seen:
     def compare(self, said: Said, obedient: Said, now: float) -> None:
         """Take what is said, and what a robot that obeys would say."""
         self._window.append((now, said, obedient))
-        while self._window[0][0] < now - WINDOW:
+        while self._window[0][0] < now - self._lasts:
             self._window.popleft()
-        differs = (found > least for found, least in zip(self._differences(said, obedient), SEEN, strict=True))
+        differs = (found > least for found, least in zip(self._differences(said, obedient), self._least, strict=True))
         if self.at is None and (said.frame != obedient.frame or any(differs)):
             self.at = now
 

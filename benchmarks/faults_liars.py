@@ -10,7 +10,7 @@ import math
 import random
 import time
 
-from faults_driver import Wheels, honest
+from faults_driver import Seen, Wheels, honest
 from faults_lies import TURNING, Maker
 from faults_record import TIME
 from faults_robot import Fault, Robot, Unseen
@@ -25,6 +25,10 @@ NOT_LATCHED = frozenset({"odometry of another frame", "odometry of two robots by
 """Lies whose end is evidence enough to go on: each message says by itself whether it counts."""
 
 
+SLOWLY_SEEN = {"wrong scale": (2.0, (0.1, 0.3, math.inf, math.inf))}
+"""Window, s, and least differences in it by which a lie can be seen that could be slip, or a robot faster than its like."""
+
+
 def lies(name: str, maker: Maker, *, from_the_start: bool, by_hand: bool = False) -> Fault:
     """Return the fault of a driver that lies, from the start of a drive or from within it, of a program or a person."""
 
@@ -33,17 +37,23 @@ def lies(name: str, maker: Maker, *, from_the_start: bool, by_hand: bool = False
             stand(robot)
         with robot.lock:
             since, robot.driver.lie = time.time(), maker(rng)
+            robot.driver.seen = Seen(*SLOWLY_SEEN.get(name, ()))
             if by_hand:
                 robot.teleop = (0.15, 0.0)
         if from_the_start:
             robot.begin()
         if name in TURNING:
-            robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 2.0))
+            turn_aside(robot, rng)
         at = until_seen(robot)
         reasons = stray(robot, at)
         return reasons if name in NOT_LATCHED else reasons + tells_the_truth(robot, since)
 
     return fault
+
+
+def turn_aside(robot: Robot, rng: random.Random) -> None:
+    """Send the robot somewhere aside, not so far that it would rather drive backwards."""
+    robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.2))
 
 
 def stand(robot: Robot) -> None:
@@ -107,7 +117,7 @@ def wheels(turn: Wheels, *, turning: bool, by_hand: bool = False) -> Fault:
             if by_hand:
                 robot.teleop = (0.15, 0.0)
         if turning:
-            robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 2.0))
+            turn_aside(robot, rng)
         return stray(robot, until_seen(robot)) + tells_the_truth(robot, since)
 
     return fault

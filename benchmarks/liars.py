@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 from rich.table import Table
 
 from faults_driver import Wheels, obeying
-from faults_liars import other_way, stand, stray, tells_the_truth, until_seen
+from faults_liars import other_way, stand, stray, tells_the_truth, turn_aside, until_seen
 from faults_lies import Maker, changed, reset_at, scaled
 from faults_record import TIME, WAY
 from faults_robot import Robot, Unseen
@@ -107,7 +107,7 @@ def lie(name: str, number: int) -> dict[str, Any]:
         robot.driver.lie, robot.driver.turns = case.lie(rng), case.turns
     robot.begin()
     if case.aside:
-        robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 2.0))
+        turn_aside(robot, rng)
     try:
         at = until_seen(robot, patience=40.0)
         stray(robot, at)
