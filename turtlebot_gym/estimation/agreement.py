@@ -88,13 +88,16 @@ class Agreement:
     Args:
         robot: The robot's limits.
         noise: Noise of the robot's odometry, which is no contradiction.
+        leaps: Whether poses may leap against the twist, as those of a localization do. Then only a pose that repeats itself to
+            the bit, and a twist that the robot cannot have, contradict anything but the command.
     """
 
-    def __init__(self, robot: Robot, noise: Noise) -> None:
+    def __init__(self, robot: Robot, noise: Noise, *, leaps: bool = False) -> None:
         R, (grid, step) = noise.odometry.R, noise.odometry.quantization
         spike = noise.odometry.spike if noise.odometry.spike_probability > 0.0 else 0.0
         self._robot, self._share, self._grids = robot, max(SHARE, 0.5 + 0.5 * noise.process.slip), noise.odometry.quantization
         self._noise = SPREAD * math.sqrt(2.0 * max(R[:2])) + 2.0 * grid, SPREAD * math.sqrt(2.0 * R[2]) + 2.0 * step + spike
+        self._leaps = leaps
         self.begin()
 
     def begin(self) -> None:
@@ -147,11 +150,10 @@ class Agreement:
             return why
         now = self._at = self._advanced(dt, odometry)
         if odometry.measured:
-            if (
-                why := self._elsewhere(now)
-                or self._stuck(now)
-                or next(filter(None, map(self._differs, self._earlier(now))), "")
-            ):
+            why = self._stuck(now)
+            if not (why or self._leaps):
+                why = self._elsewhere(now) or next(filter(None, map(self._differs, self._earlier(now))), "")
+            if why:
                 return why
             self._left = None
             self._said.append(now)

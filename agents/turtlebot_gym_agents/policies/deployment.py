@@ -111,7 +111,7 @@ class Deployment:
         """The filter inside, with its belief; None without one."""
         self.observation: NDArray[np.float32] = np.zeros(SIZES[self.layout], np.float32)
         """Last observation of the policy, shape (n,) by its layout."""
-        self._agreement, self._command = Agreement(self.robot, noise), STOP
+        self._agreement, self._command = Agreement(self.robot, noise, leaps=filter is None), STOP
         self.action: NDArray[np.float32] = np.zeros(2, np.float32)
         """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
         self.reset()
@@ -184,9 +184,7 @@ class Deployment:
                 raise ValueError(f"{missing} must be given without a filter inside, got None; zero variances for exact poses.")
             mean, P = State(*at, *speeds), _covariance(covariance)
             nis = NON_NEGATIVE.check("nis", nis)
-        odometry = Odometry(at or ORIGIN, speeds, at is not None)
-        if self._agreement.judge(interval, odometry, self._command) and self._agreement.displaced and not self.filter:
-            self._agreement.begin()  # a localization may have found the robot elsewhere
+        self._agreement.judge(interval, Odometry(at or ORIGIN, speeds, at is not None), self._command)
         if self.disagreement:
             return STOP
         self._command = self.command(mean, P, nis, reference, after, sectors, age, shares, self._time)

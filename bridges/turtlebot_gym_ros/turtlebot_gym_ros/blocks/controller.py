@@ -105,7 +105,7 @@ class VelocityController:
             safety_margin=params.safety_margin, noise=params.noise,
         )  # fmt: skip
         """The policy; it stores its last observation and action."""
-        self._agreement = Agreement(make_robot(params.robot), make_noise(params.noise))
+        self._agreement = Agreement(make_robot(params.robot), make_noise(params.noise), leaps=True)
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
         if self.deployment.layout in SEEING:
@@ -138,16 +138,14 @@ class VelocityController:
         """Return the command, or nothing if the robot is done.
 
         Raises:
-            ValueError: If the estimate contradicts itself: its pose does not move as its twist says. It may leap, as a
-                localization does.
+            ValueError: If the estimate's pose repeats itself to the bit while its twist says that the robot moves. It may leap,
+                as a localization does.
         """
         self._time += dt
         mean, P = estimate.belief
-        if self._agreement.judge(dt, Odometry(Pose(*mean[:3]), Command(mean.v, mean.omega), True)):
-            if self._agreement.displaced:
-                self._agreement.begin()
-            elif self._agreement.cause:
-                raise ValueError(f"the estimate is not believed: {self._agreement.cause}")
+        self._agreement.judge(dt, Odometry(Pose(*mean[:3]), Command(mean.v, mean.omega), True))
+        if self._agreement.cause:
+            raise ValueError(f"the estimate is not believed: {self._agreement.cause}")
         if min(P.xx, P.yy, P.tt) <= 0.0:
             P = P._replace(**{name: getattr(P, name) or VARIANCE_FLOOR for name in ("xx", "yy", "tt")})
             if not self._warned:
