@@ -227,7 +227,7 @@ class Agreement:
         if any(off > floor + MARGIN * most * interval for off, floor, most in zip((away, turned), FLOOR, limits, strict=True)):
             jump = f"{JUMPS} by {away:.2f} m and {turned:.2f} rad against its twist"
             return f"{jump}: was it reset, was the robot moved, or are there two sources?"
-        if abs(compared.told[0]) < FLOOR[0] and abs(compared.told[2]) < FLOOR[1]:
+        if all(abs(value) < least for value, least in zip(self._at.twist, LEAST, strict=True)):
             return "the pose moves though the wheels are said to stand"
         return f"{UNEXPLAINED} by {away:.2f} m and {turned:.2f} rad in {interval:.2f} s"
 
