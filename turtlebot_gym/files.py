@@ -9,7 +9,6 @@ Any JSON or YAML; noise models, robots and fixes, written and read without code.
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import platform
@@ -97,12 +96,11 @@ def _plain(value: Any) -> Any:
 
 
 def regular(path: str | Path) -> Path:
-    """Return the path of a file, also by a link; an ``OSError`` refuses what may have no end, such as a pipe or a device."""
+    """Return the path of a file, also by a link; a ``ValueError`` refuses what may have no end, such as a pipe or a device."""
     path = Path(path)
-    mode = path.stat().st_mode
-    if not stat.S_ISREG(mode):
-        kind = _KINDS.get(stat.S_IFMT(mode), "a device")
-        raise OSError(errno.EINVAL, f"It is {kind}; save what it holds as a file, and give that", str(path))
+    kind = stat.S_IFMT(path.stat().st_mode)
+    if kind != stat.S_IFREG:
+        raise ValueError(f"{path}: it is {_KINDS.get(kind, 'a device')}; save what it holds as a file, and give that.")
     return path
 
 
@@ -120,10 +118,10 @@ def in_bounds(read: F) -> F:
 
 
 def read_bytes(path: str | Path, *, most: int = LARGEST) -> bytes:
-    """Return what a file holds; an ``OSError`` refuses what is no file, or holds more bytes."""
+    """Return what a file holds; a ``ValueError`` refuses what is no file, or holds more bytes."""
     size = regular(path).stat().st_size
     if size > most:
-        raise OSError(errno.EFBIG, f"It has {size / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read", str(path))
+        raise ValueError(f"{path}: it has {size / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read.")
     with open(path, "rb") as file:
         return file.read(size)
 
@@ -145,8 +143,8 @@ def read_arrays(path: str | Path, *, most: int = 4 * LARGEST) -> dict[str, NDArr
     """Return the arrays of an ``.npz`` file by their names; nothing in it is run.
 
     Raises:
-        OSError: If it cannot be read, or is no file.
-        ValueError: If it is damaged, or its arrays have more than ``most`` bytes; the message names the file.
+        OSError: If it cannot be read.
+        ValueError: If it is no file or damaged, or its arrays have more than ``most`` bytes; the message names the file.
     """
     import numpy as np
 

@@ -8,15 +8,15 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PRODUCT = ("turtlebot_gym", "agents/turtlebot_gym_agents", "bridges/turtlebot_gym_ros/turtlebot_gym_ros")
 OPENING = {
-    "open", "read_text", "read_bytes", "write_text", "write_bytes", "savefig", "loadtxt", "genfromtxt", "savez",
-    "savez_compressed", "savetxt", "ZipFile", "unpack_archive", "safe_load", "full_load", "load_all", "fromfile", "memmap", "imread",
+    "open", "read_text", "read_bytes", "write_text", "write_bytes", "savefig", "loadtxt", "genfromtxt", "savez", "savetxt",
+    "savez_compressed", "ZipFile", "unpack_archive", "safe_load", "full_load", "load_all", "fromfile", "memmap", "imread",
     "imsave", "write_frames", "NamedTemporaryFile", "mkstemp", "rename", "copyfile",
 }  # fmt: skip
 """Methods and functions that open a file, whatever has them."""
 OF_LIBRARIES = {
     "np.load", "np.save", "yaml.load", "yaml.dump", "pickle.load", "pickle.dump", "json.load", "json.dump", "torch.load",
-    "torch.save", "onnx.load", "onnx.save", "Image.open", "ElementTree.parse", "ET.parse", "tomllib.load", "sqlite3.connect",
-    "csv.reader",
+    "torch.save", "onnx.load", "onnx.save", "Image.open", "ElementTree.parse", "ET.parse", "tomllib.load",
+    "sqlite3.connect", "csv.reader",
 }  # fmt: skip
 """Functions of libraries that open a file, or parse one that is open."""
 OURS = {"read_text", "read_bytes", "write_text"}

@@ -43,10 +43,7 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
     Raises:
         ValueError: If the file cannot be read, or holds no static cylinder or box.
     """
-    try:
-        circles, boxes = _shapes(path)
-    except OSError as error:
-        raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
+    circles, boxes = _shapes(path)
     return enclosed(circles, boxes, start=start, goal=goal)
 
 
@@ -55,6 +52,8 @@ def _shapes(path: str | Path) -> tuple[list[tuple[float, ...]], list[tuple[float
     """Return the circles and the boxes of a world."""
     try:
         root = ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: an encoding that is unknown
         raise ValueError(f"{str(path)!r} is not a Gazebo world: {error}.") from error
     circles: list[tuple[float, ...]] = []

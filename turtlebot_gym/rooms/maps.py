@@ -53,13 +53,8 @@ def _read_grid(path: str | Path) -> GridMap:
     mode = choose(f"mode {of_map}", content.get("mode", "trinary"), _MODES)
     resolution = POSITIVE.check(f"resolution {of_map}", content["resolution"])
     pose = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
-    image, limits = path.parent / str(content["image"]), {"occupied": occupied, "free": free}
-    try:
-        cells = _read_image(image, mode, negate=bool(content["negate"]), **limits)
-    except FileNotFoundError as error:
-        raise ValueError(f"There is no image {str(image)!r} for the map.") from error
-    except OSError as error:
-        raise ValueError(f"The map's image {str(image)!r} cannot be read: {error.strerror}.") from error
+    image, negate = path.parent / str(content["image"]), bool(content["negate"])
+    cells = _read_image(image, mode, negate=negate, occupied=occupied, free=free)
     try:
         return GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
     except ValueError as error:
@@ -109,7 +104,9 @@ def _read_image(path: Path, mode: str, **limits: Any) -> NDArray[np.int8]:
                 return _occupancy(np.arange(65536) / 65535, mode, **limits)[np.clip(np.asarray(image), 0, 65535)]
             alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
             pixels = np.asarray(image.convert("RGBA" if alpha else "RGB"))
-    except (FileNotFoundError, MemoryError):
+    except FileNotFoundError as error:
+        raise ValueError(f"There is no image {str(path)!r} for the map.") from error
+    except MemoryError:
         raise
     except Exception as error:  # a decoder raises errors of many kinds
         raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
