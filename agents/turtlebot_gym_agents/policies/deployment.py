@@ -209,7 +209,7 @@ class Deployment:
     ) -> Command:
         """Return the command for a belief and a scan's `pool`, checked before; the other arguments are those of `act`.
 
-        With ``now``, the time, s, it may be called irregularly; without, once per period.
+        Call it once per period, unless ``now``, the current time in s, is given.
 
         Raises:
             ValueError: If the policy does not return two finite numbers.
