@@ -65,8 +65,10 @@ class Driver:
         self.grips: Wheels = obeying
         """How a robot moves whose wheels turn so."""
         self.seen = Seen()
+        self.unexplained = 0.0
+        """Sum of the ways that it said besides those that were commanded, m."""
         self._measured = self._obedient = start
-        self._speeds = (0.0, 0.0)
+        self._speeds, self._said_at = (0.0, 0.0), 0.0
 
     def move(self, v: float, omega: float, dt: float) -> None:
         """Obey a command for a time, s."""
@@ -78,6 +80,8 @@ class Driver:
     def says(self, now: float) -> Said:
         """Return what it says at a time, s."""
         said = self.lie(Said(*self._measured, *self.turns(*self._speeds)), now)
+        self.unexplained += abs(said.v - self._speeds[0]) * min(max(now - self._said_at, 0.0), 0.2)
+        self._said_at = now
         self.seen.compare(said, Said(*self._obedient, *self._speeds), now)
         return said
 

@@ -81,7 +81,7 @@ def clock_set(*sizes: float) -> Fault:
     def fault(robot: Robot, rng: random.Random) -> list[str]:
         offset = robot.chain.folder / "offset"
         offset.write_bytes(bytes(mmap.PAGESIZE))
-        preloaded = {"LD_PRELOAD": str(_clock(robot.chain.folder)), "FAULTS_CLOCK": str(offset)}
+        preloaded = {"LD_PRELOAD": str(_clock(robot.chain.folder)), "CLOCK_SHIM": str(offset)}
         for name in ON_THE_ROBOT:
             robot.chain.restart(name, environment=preloaded)
         robot.record.trusts_source = False
@@ -104,8 +104,10 @@ def _clock(folder: Path) -> Path:
     """Return the library that sets a process's clock; it is compiled once."""
     library = folder / "clock.so"
     if not library.exists():
-        source = Path(__file__).with_name("faults_clock.c")
-        subprocess.run(["gcc", "-O2", "-Wall", "-shared", "-fPIC", "-o", library, source, "-ldl", "-lm"], check=True)
+        source = Path(__file__).with_name("clock_shim.c")
+        subprocess.run(
+            ["gcc", "-O2", "-Wall", "-shared", "-fPIC", "-o", library, source, "-ldl", "-lm", "-lpthread"], check=True
+        )
     return library
 
 

@@ -171,10 +171,10 @@ class Record:
 
     def strays(self, since: float, until: float) -> list[str]:
         """Return why the motion was unsafe after a lie that could first be seen at a time; none if it was safe."""
-        way, lasted = self.travelled(since, until)
+        way, lasted = self.travelled(since, until)[0], self.lasts(since, until)
         return [
             *([f"it moved {way:.2f} m after the lie could be seen"] if way > WAY else []),
-            *([f"it moved until {lasted:.2f} s after the lie could be seen"] if lasted > TIME else []),
+            *([f"it moved for {lasted:.2f} s after the lie could be seen"] if lasted > TIME else []),
         ]
 
     def figures(self, since: float, until: float) -> dict[str, float]:
