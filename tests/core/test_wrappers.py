@@ -1,5 +1,6 @@
 """Wrappers: worked out by hand over a scripted environment, and row by row equal, scalar and vector, in every mode."""
 
+from dataclasses import replace
 from functools import partial, reduce
 
 import gymnasium as gym
@@ -11,7 +12,7 @@ from gymnasium.wrappers import FrameStackObservation
 
 from gymnasium_vector_checker import check_vector_env
 from gymnasium_vector_checker.runs import Case
-from turtlebot_gym import wrappers
+from turtlebot_gym import make_filter, make_noise, wrappers
 from turtlebot_gym.models.random import episode_key, normals, sub_key
 from turtlebot_gym.wrappers import vector
 
@@ -209,3 +210,20 @@ def stepped(reward):
 def test_arguments_of_wrappers_are_refused_in_one_line_with_the_remedy(wrap, message):
     with pytest.raises((ValueError, KeyError), match=f"{message}[^\n]*$"):
         wrap()
+
+
+def test_the_doubts_of_a_filters_model_are_in_info():
+    """Partner: they say nothing where the filter's noise is that of the environment."""
+    noise = make_noise("documented")
+    small = replace(noise, odometry=replace(noise.odometry, R=tuple(0.1 * R for R in noise.odometry.R)))
+    for assumed, expected in ((noise, ""), (small, "is R too small")):
+        env = wrappers.ModelDoubts(gym.make(NAV, noise=noise, filter=make_filter("matched", assumed)), assumed)
+        _, info = env.reset(seed=1)
+        assert info["doubt"] == ""
+        for _ in range(60):
+            *_, info = env.step(np.full(2, 0.3, np.float32))
+        assert expected in info["doubt"]
+        assert bool(info["doubt"]) is bool(expected)
+        assert (info["mean_nis"] > 6.0) is (info["position_misfit"] > 3.0) is bool(expected)
+    with pytest.raises(ValueError, match="scalar environment of turtlebot_gym"):
+        wrappers.ModelDoubts(gym.make("CartPole-v1"))

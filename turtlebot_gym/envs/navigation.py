@@ -29,7 +29,7 @@ from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import with_options
-from turtlebot_gym.systems import Options, Parameters, make_room
+from turtlebot_gym.systems import Options, Parameters, Snapshot, make_room
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import choose, whole
 
@@ -268,6 +268,10 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not self._started:
             raise ResetNeeded("Call reset() before render().")
         return self._pictures.draw(dark=self.dark)[0] if self.render_mode == "rgb_array" else None
+
+    def snapshot(self) -> Snapshot:
+        """Return the whole state, which holds more than ``info``: also what the sensors say."""
+        return self._batch.world(0)
 
     def close(self) -> None:
         self._pictures.close()
