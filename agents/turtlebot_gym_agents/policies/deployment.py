@@ -226,7 +226,7 @@ class Deployment:
         self._time = self._time + self.period if now is None else now
         if not sectors or self.pool.seen is None:
             return wish
-        return self.seen_space.limit(wish, mean, self.pool.seen, scan_age, self._time)
+        return self.seen_space.limit(wish, Command(mean.v, mean.omega), self.pool.seen, scan_age, self._time)
 
     def _read(self, scan: Scan | None) -> Sequence[float]:
         """Return the sectors of a scan; empty for a policy without scans.
