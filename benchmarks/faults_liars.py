@@ -55,7 +55,7 @@ def lies(name: str, maker: Maker, *, from_the_start: bool, by_hand: bool = False
 
 def turn_aside(robot: Robot, rng: random.Random) -> None:
     """Send the robot somewhere aside, not so far that it would rather drive backwards."""
-    robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(0.4, 1.2))
+    robot.send_goal(rng.choice([-1.0, 1.0]) * rng.uniform(0.9, 1.4))
 
 
 def stand(robot: Robot) -> None:

@@ -152,15 +152,17 @@ def sector(center: float, width: float) -> Callable[[Any], Any]:
 
 
 def partial(center: float, width: float) -> Fault:
-    """Return the fault of a LiDAR that sees only a part: the rest says nothing, or is not in the message; both in rad."""
+    """Return the fault of a LiDAR that sees only a part: the rest says nothing, or is not in the message; both in rad.
+
+    A LiDAR that says of the rest that nothing returned cannot be told from one in a hall.
+    """
 
     def fault(robot: Robot, rng: random.Random) -> list[str]:
         away = np.abs(np.remainder(ANGLES - center + math.pi, 2.0 * math.pi) - math.pi)
-        missing = rng.choice([math.nan, math.inf, 0.0])
 
         def hide(message: Any) -> Any:
             message.ranges = [
-                distance if there else missing for distance, there in zip(message.ranges, away <= 0.5 * width, strict=True)
+                distance if there else math.nan for distance, there in zip(message.ranges, away <= 0.5 * width, strict=True)
             ]
             return message
 
