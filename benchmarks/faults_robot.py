@@ -36,7 +36,7 @@ class Robot:
         self.has_buttons = buttons
         self.record = Record()
         self.ros = Ros(domain, radio=buttons)
-        self.ros.hear("cmd_vel", "TwistStamped", lambda message, info: self._hear(message, info))
+        self.ros.hear("cmd_vel", "TwistStamped", lambda message, info: self._hear(message, info), reliable=True)  # as a robot
         self.lock, self._over = threading.RLock(), threading.Event()
         self.reset_world()
         self.ros.start()

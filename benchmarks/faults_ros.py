@@ -48,7 +48,10 @@ class Ros:
         self.reports: list[Report] = []
         """What was heard on ``/diagnostics``, oldest first."""
         self._reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._every = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._every = {
+            reliable: QoSProfile(depth=5000, reliability=policy)
+            for reliable, policy in ((True, ReliabilityPolicy.RELIABLE), (False, ReliabilityPolicy.BEST_EFFORT))
+        }
         self._speakers: dict[tuple[str, int], Any] = {}
         self._clients: dict[str, Any] = {}
         self.radio = Radio(domain) if radio else None
@@ -74,9 +77,9 @@ class Ros:
             if time.monotonic() - begun >= patience:
                 self._idle = begun
 
-    def hear(self, topic: str, kind: str, take: Callable[..., None]) -> Any:
+    def hear(self, topic: str, kind: str, take: Callable[..., None], *, reliable: bool = False) -> Any:
         """Subscribe to every message of a topic; ``take`` may want a message's info too."""
-        return self.node.create_subscription(self.kinds[kind], topic, take, self._every)
+        return self.node.create_subscription(self.kinds[kind], topic, take, self._every[reliable])
 
     def catch_up(self, patience: float = 5.0) -> bool:
         """Wait until nothing waits that has arrived, and return whether it came to that in time, s."""
