@@ -10,6 +10,8 @@ import time
 from faults_record import AGE, OVERDUE
 from faults_robot import Fault, Robot, nothing
 
+PRESS = 0.5
+"""Time for which a person presses a button whose radio is bad, s; a shorter press may be lost with a message or two."""
 SETTLE = 0.1
 """Time for a message to take effect, s: several cycles of the guard on a busy machine."""
 
@@ -138,15 +140,19 @@ def two_buttons(robot: Robot, rng: random.Random) -> list[str]:
 
 
 def button_lost(robot: Robot, rng: random.Random) -> list[str]:
-    """A radio loses what a button says in 0 to 0.3 s, in which it is pressed and released."""
+    """A radio loses what a button says in 0.1 to 0.8 s, in which it is pressed, for half a second."""
     assert robot.ros.radio
     robot.record.began = time.time()
+    cut = rng.choice([0.1, 0.3, 0.45, 0.6, 0.8])
     with robot.ros.radio.cut():
-        with robot.lock:
-            robot.say(1, True)
-            robot.say(1, False)
-        time.sleep(rng.choice([0.0, 0.1, 0.3]))
-    time.sleep(0.1)  # until its next message, which shows the gap
+        robot.pressed[1] = True
+        time.sleep(min(cut, PRESS))
+        if cut > PRESS:
+            robot.pressed[1] = False
+            time.sleep(cut - PRESS)
+    time.sleep(max(PRESS - cut, 0.0))
+    robot.pressed[1] = False
+    time.sleep(0.5)  # until its next messages, which show the gap
     return _after_stop(robot)
 
 
