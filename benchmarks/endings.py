@@ -139,8 +139,9 @@ class Terminal:
         self._folder = folder
         self._keys: int | None
         self._keys, there = pty.openpty()
+        # Under nohup it would ignore hang-ups, and so would the nodes.
         self.shell = subprocess.Popen(
-            ["setsid", "--ctty", "sh", "-c", script],
+            ["setsid", "--ctty", "env", "--default-signal", "sh", "-c", script],
             stdin=there, stdout=there, stderr=there, cwd=folder, env={**os.environ, **variables},
         )  # fmt: skip
         os.close(there)

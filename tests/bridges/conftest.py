@@ -129,6 +129,14 @@ def launch(tmp_path):
             pytest.fail(f"{process.args} did not end at SIGTERM")
 
 
+@pytest.fixture
+def hangs_up():
+    """Let hang-ups count in processes that a test starts, even if this one runs under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 def benchmark(name):
     """Return a module of the benchmarks."""
     path = Path(__file__).parents[2] / "benchmarks" / f"{name}.py"

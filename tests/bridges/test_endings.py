@@ -64,6 +64,7 @@ def test_a_node_that_runs_by_a_timer_alone_goes_on_when_the_clock_is_set_back(wh
     assert max(later - earlier for earlier, later in pairwise(times)) < endings.LIMIT
 
 
+@pytest.mark.usefixtures("hangs_up")
 def test_the_standby_is_in_a_session_of_its_own_and_ends_with_the_child_that_it_left_in_the_old_one(launch, wait_for, peer):
     standby = launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
     wait_for(lambda: peer.node.count_publishers("cmd_vel_standby/alive"))

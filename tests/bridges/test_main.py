@@ -180,6 +180,7 @@ LATER = [number for number in ENDINGS if number != signal.SIGHUP]
 
 
 @pytest.mark.parametrize("number", [signal.SIGHUP, *(pytest.param(number, marks=pytest.mark.nightly) for number in LATER)])
+@pytest.mark.usefixtures("hangs_up")
 def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, world, tmp_path, number):
     process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
     world.until(lambda: len(world.commands) > 5)
@@ -202,6 +203,16 @@ def test_the_last_word_of_a_controller_before_it_is_suspended_is_zero_and_then_i
     world.wait_for(lambda: world.states[-1].data.startswith("silent"))
     assert not any(world.speeds[suspended:])
     world.until(lambda: world.speeds[-1] > 0.1)
+
+
+def test_a_node_under_nohup_outlives_its_terminal(launch, peer, wait_for):
+    become = "os.execv(sys.executable, [sys.executable, *sys.argv[1:]])"
+    ignoring = f"import os, signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); {become}"
+    process = launch("-c", ignoring, *node("waypoint_generator"))
+    wait_for(lambda: peer.node.count_publishers("reference"))
+    process.send_signal(signal.SIGHUP)
+    time.sleep(0.5)
+    assert process.poll() is None
 
 
 def test_nodes_end_with_the_program_that_started_them_even_if_it_is_killed(launch, world):

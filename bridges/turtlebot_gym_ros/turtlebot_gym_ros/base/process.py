@@ -25,7 +25,8 @@ from rclpy.utilities import remove_ros_args
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.parameters import words_of
 from turtlebot_gym_ros.base.reports import sturdy
-from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline, listening
+from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline
+from turtlebot_gym_ros.base.session import listening as _endings_wait
 from turtlebot_gym_ros.base.swift import SwiftExecutor
 
 LAST_WORD = 4.0
@@ -186,7 +187,7 @@ def run(
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     failures: list[int] = []
-    with listening([*lifeline(), *lifelines]) as wait:
+    with _endings_wait([*lifeline(), *lifelines]) as wait:
         try:
             runner = Runner(arguments, local=local)
         except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument

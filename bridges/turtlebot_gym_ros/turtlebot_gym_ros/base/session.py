@@ -34,7 +34,7 @@ def lifeline() -> list[int]:
 
 
 @contextmanager
-def listening(lifelines: Sequence[int]) -> Iterator[Callable[..., int | None]]:
+def listening(lifelines: Sequence[int] = ()) -> Iterator[Callable[..., int | None]]:
     """Catch signals, and yield a function that waits for one, at most a time in s, and returns the number of one that came.
 
     So no signal is lost while a node starts, and none acts by itself. Blocking signals is not enough: existing threads of a
