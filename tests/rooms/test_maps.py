@@ -1,6 +1,8 @@
 """Maps: their rays and distances against shapely and brute force, and drives on them."""
 
 import math
+import time
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +15,7 @@ from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.parameters import RoomReward
 from turtlebot_gym.rooms import geodesic, sensing
-from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap, grid_of
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -259,3 +261,38 @@ def test_a_map_is_shown_by_its_cells_and_not_by_what_follows_from_them():
     shown = repr(GridMap(cells=np.zeros((2, 2), np.int8), resolution=0.5))
     assert shown.startswith("GridMap(cells=")
     assert not any(name in shown for name in ("squares", "known", "frame"))
+
+
+@pytest.mark.parametrize("draw", range(6))
+def test_cells_of_the_path_grid_are_blocked_as_one_by_one(draw):
+    chance = np.random.default_rng(draw)
+    cells = np.where(chance.random((40 + 7 * draw, 60)) < (0.01, 0.05, 0.3)[draw % 3], OCCUPIED, FREE)
+    cells[chance.random(cells.shape) < 0.05] = UNKNOWN
+    origin = Pose(*chance.normal(0.0, 3.0, 2).tolist(), 0.3 * (draw % 2))
+    grid = GridMap(cells=cells, resolution=(0.05, 0.1, 0.03, 0.5)[draw % 4], origin=origin)
+    scenes = [FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(2)]
+    geodesic.block(scenes[0], 0.21)
+    geodesic._block_walls_each(scenes[1], 0.21)
+    geodesic._block_map_each(scenes[1], 0.21 / grid.resolution)
+    np.testing.assert_array_equal(scenes[0].ways, scenes[1].ways)
+    assert len(np.unique(scenes[0].ways)) == 2 or draw % 3
+
+
+def test_a_map_that_is_too_large_is_refused_before_anything_is_computed():
+    """The data are not even looked at: they need not exist."""
+    info = SimpleNamespace(width=8000, height=8000, resolution=0.05, origin=SimpleNamespace(position=None, orientation=None))
+    began = time.process_time()
+    with pytest.raises(ValueError, match="the map has 64,000,000 cells, more than 30,000,000: save it at a coarser"):
+        grid_of(SimpleNamespace(info=info, data=None))
+    assert time.process_time() - began < 0.1
+
+
+@pytest.mark.slow
+def test_a_map_of_26_million_cells_takes_less_than_10_s_to_read_and_10_s_to_find_ways_on():
+    cells = np.zeros((4795, 5474), np.int8)
+    cells[::200], cells[::9, ::9] = OCCUPIED, OCCUPIED
+    began = time.process_time()
+    grid = GridMap(cells=cells, resolution=0.05)
+    read = time.process_time()
+    geodesic.block(FloorPlan(walls=grid.walls(), map=grid).scene(), 0.21)
+    assert max(read - began, time.process_time() - read) < 10.0

@@ -20,8 +20,8 @@ FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Values of a cell, as in ROS's ``nav_msgs/OccupancyGrid``; values between free and occupied count as unknown."""
 BESIDE = 0.3
 """Distance from a surface, m, up to which a field counts unknown cells as free: a beam that is a little too long ends there."""
-MAX_CELLS = 6_000 * 6_000
-"""Most cells of a map: 300 m x 300 m at 5 cm. A small file can hold many more, which take gigabytes."""
+MAX_CELLS = 30_000_000
+"""Most cells of a map: reading it takes 6 s and 400 MB, and looking for ways on it as much again."""
 ROWS = 256
 """Rows whose squares are sought at once."""
 _AT_ZERO = Pose(0.0, 0.0, 0.0)
@@ -119,6 +119,9 @@ def grid_of(message: Any) -> GridMap:
         ValueError: If the message does not hold a map.
     """
     info, origin, q = message.info, message.info.origin.position, message.info.origin.orientation
+    if info.height * info.width > MAX_CELLS:
+        number = f"{info.height * info.width:,} cells, more than {MAX_CELLS:,}"
+        raise ValueError(f"the map has {number}: save it at a coarser resolution, or cut it")
     if len(message.data) != info.height * info.width:
         raise ValueError(f"the map has {len(message.data)} cells, but {info.height} rows of {info.width}")
     return GridMap(
