@@ -27,6 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 TURN = 2.0 * math.pi
 SLACK = 2.5
 """Beams by which a scan may exceed a full turn: drivers count both ends, and the speed of a motor varies within a turn."""
+NEAREST, FARTHEST, UNLIMITED = 1.5, 300.0, 1e6
+"""Largest range_min, and largest range_max of a LiDAR, m; a larger one than the last is none."""
 TOUCHING = 0.001
 """Range of something nearer than a ``range_min`` of 0, m; 0 itself means that nothing returned."""
 
@@ -66,8 +68,19 @@ def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: fl
         raise ValueError(f"the scan's {len(lengths)} beams, {abs(increment):g} rad apart, are more than a whole turn")
     if not 0.0 <= range_min < range_max:
         raise ValueError(f"the scan's range_min must be in [0, range_max), got {range_min:g} and {range_max:g}")
+    if range_min > NEAREST or FARTHEST < range_max < UNLIMITED:
+        unit = "inches" if 0.0 < range_min < 8.0 else "cm" if 0.0 < range_min < 40.0 or range_max < 3000.0 else "mm"
+        raise ValueError(
+            f"no LiDAR measures from {range_min:g} to {range_max:g} m: are the scan's range_min and range_max in {unit}? "
+            f"They must be in m"
+        )
     least, most = np.float32(range_min), np.float32(range_max)
     lengths[lengths == -np.inf] = max(least, np.float32(TOUCHING))
+    finite = np.unique(lengths[np.isfinite(lengths) & (lengths > 0.0)])
+    beyond, far = (finite > share * min(range_max, FARTHEST / share) for share in (1.5, 10.0))
+    if far.sum() > 2 or (beyond.sum() > 2 and not ((finite >= least) & (finite <= most)).any()):
+        # A single number may be a driver's sign for nothing.
+        raise ValueError(f"the scan's ranges reach {finite[-1]:g} m, not {range_max:g} m: are they in mm, cm or inches?")
     free = (lengths > most) | (lengths == 0.0)
     lengths[~(lengths >= least) & ~free] = np.nan  # also NaN itself
     lengths[free] = np.inf
@@ -76,8 +89,12 @@ def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: fl
     return Beams(first + increment * np.arange(len(lengths), dtype=np.float64), lengths, abs(increment))
 
 
-def gaps_of(beams: Beams) -> NDArray[np.float64]:
-    """Return the gaps of a scan: where beams are missing, or the LiDAR does not look.
+def gaps_of(beams: Beams, widest: float = math.inf) -> NDArray[np.float64]:
+    """Return the gaps of a scan: where beams are missing or too far apart, or the LiDAR does not look.
+
+    Args:
+        beams: The scan.
+        widest: Angle between two beams above which what is between them is a gap too, rad.
 
     Returns:
         Shape (n, 4): the direction of the first and of the last missing beam, counter-clockwise from one to the other, the
@@ -88,7 +105,7 @@ def gaps_of(beams: Beams) -> NDArray[np.float64]:
     order = np.argsort(around, kind="stable")
     around, ranges = around[order], beams.ranges[present][order].astype(np.float64)
     widths = np.diff(around, append=around[0] + TURN)
-    at = np.flatnonzero(widths > 1.5 * beams.spacing)
-    inside = np.minimum(beams.spacing, 0.5 * widths[at])
+    at = np.flatnonzero(widths > min(1.5 * beams.spacing, widest))
+    inside = np.minimum(min(beams.spacing, 0.5 * widest), 0.5 * widths[at])
     shorter = np.minimum(ranges, np.roll(ranges, -1))[at]
     return np.stack((around[at] + inside, around[at] + widths[at] - inside, widths[at], shorter), axis=1)

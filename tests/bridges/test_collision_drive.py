@@ -5,6 +5,7 @@ with its noise, its error and its turning beams, wheels that obey 0.08 s late, a
 beam.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -172,3 +173,23 @@ def test_narrow_gaps_and_people_who_wait_are_not_touched_either(world):
     assert (least < 0.12).mean() > 0.2  # they came near, and drove
     assert driven.path.mean() > 0.2
     assert (Drive(100, [world], seed=3, collision_monitor=False).run(4.0).batch.numbers("room.least") < 0.0).mean() > 0.25
+
+
+@pytest.mark.parametrize("beams", [1, 2, 4, 6, 8, 10])
+@pytest.mark.parametrize("post", [0.4, 0.1])
+@pytest.mark.parametrize("off", [0.25, 0.5])
+def test_what_hides_between_beams_that_are_wider_apart_than_the_robot_is_not_hit(beams, post, off):
+    """A post stands on the line of travel, between two beams, which all look far."""
+    arbiter = Arbiter(Parameters(collision_monitor=True), 100.0)
+    arbiter.monitor.watch.trouble = lambda: ""  # its few returns are the same
+    x, v, spacing = 0.0, 0.0, 2.0 * math.pi / beams
+    for k in range(round(20.0 / 0.02)):
+        now = 100.0 + 0.02 * k
+        if k % 5 == 0:
+            arbiter.hear("teleop", Command(0.2, 0.0), now)
+            arbiter.hear_scan(Scan([3.0] * beams, off * spacing, spacing, 0.12, 3.5, "base_scan"), now)
+        command = arbiter.step(now)
+        v = v if command is None else command.v
+        x += 0.02 * v
+    assert x <= 0.0501 + 0.01  # unknown ground is entered for 5 cm
+    assert x < 1.0 - 0.5 * post - 0.105

@@ -115,11 +115,16 @@ class Drives:
         self.batch.seeds[:] = 1000 * seed + np.arange(number)
         self.batch.reset(np.ones(number, np.bool_), *self.batch.empty())
 
-    def refused(self, seconds, quarters):
-        """Return when each robot's scans are refused, s, by the quarters that its mount is wrong; infinite for never."""
+    def refused(self, seconds, faults):
+        """Return when each robot's scans are refused, s, by fault; infinite for never.
+
+        Faults are the quarters by which its mount is wrong, "mirrored", "still" (those of a robot that stands) and the delay of
+        scans, s, as a float.
+        """
         n, angles = self.number, self.lidar.yaw + 2.0 * math.pi / self.lidar.beams * np.arange(self.lidar.beams)
-        watches = {quarter: [watch() for _ in range(n)] for quarter in quarters}
-        times = {quarter: np.full(n, math.inf) for quarter in quarters}
+        watches = {quarter: [watch() for _ in range(n)] for quarter in faults}
+        times = {quarter: np.full(n, math.inf) for quarter in faults}
+        history, noise = [], np.random.default_rng(9)
         commands, until = np.zeros((n, 2)), np.zeros(n, int)
         for tick in range(round(seconds / DT)):
             due, now = until <= tick, T + tick * DT
@@ -129,13 +134,23 @@ class Drives:
             )
             until[due] = tick + self.rng.integers(5, 40, due.sum())
             scans = self.batch.scenes.ranges[:, 1].copy()
+            history.append(scans)
             blocked = (scans[:, np.abs(np.angle(np.exp(1j * angles))) < 0.5].min(axis=1) < 0.35) & (commands[:, 0] > 0.0)
             commands[blocked], until[blocked] = (0.0, 1.5), np.maximum(until[blocked], tick + 3)
             touched = self.batch.numbers("room.least").reshape(n) < 0.0
             for quarter, robots in watches.items():
                 for k in np.flatnonzero(~touched & np.isinf(times[quarter])):
                     if tick % max(1, round(1.0 / (self.lidar.rate * DT))) == 0:
-                        robots[k].hear(scans[k], angles + 0.5 * math.pi * quarter, now)
+                        seen, directions = scans[k], angles
+                        if quarter == "mirrored":
+                            directions = -angles
+                        elif quarter == "still":
+                            seen = (history[0][k] + noise.normal(0.0, 0.01, len(angles))).astype(np.float32)
+                        elif isinstance(quarter, float):
+                            seen = history[max(0, tick - round(quarter / DT))][k]
+                        else:
+                            directions = angles + 0.5 * math.pi * quarter
+                        robots[k].hear(seen, directions, now)
                         times[quarter][k] = now - T if robots[k].trouble() else math.inf
                     robots[k].track.add(Command(*commands[k]), now)
             self.batch.step((commands / (BURGER.max_linear, BURGER.max_angular)).astype(np.float32))
@@ -144,8 +159,11 @@ class Drives:
 
 @pytest.mark.parametrize("lidar", LIDARS)
 def test_a_mount_that_contradicts_the_motion_is_refused_and_a_right_one_is_not(lidar):
-    times = Drives(lidar, 25, seed=3).refused(20.0, range(4))
+    times = Drives(lidar, 25, seed=3).refused(20.0, [*range(4), "mirrored", "still"])
     assert np.isinf(times[0]).all()
+    for fault in ("mirrored", "still"):
+        assert np.isfinite(times[fault]).mean() > 0.7
+        assert np.median(times[fault][np.isfinite(times[fault])]) < 5.0
     for quarter in (1, 2, 3):
         caught = np.isfinite(times[quarter])
         assert caught.mean() > 0.8  # the others touched something before, or stood

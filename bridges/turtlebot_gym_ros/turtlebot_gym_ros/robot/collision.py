@@ -14,9 +14,10 @@ towards the point is stopped, and motion away from it is limited to ``escape_spe
 
 **Gaps.** Where a scan says nothing, see `beams.gaps_of`, space is solid from a range on. In a narrow gap that is the shorter of
 the ranges beside it: whatever is as wide as the robot shows at an edge of the gap before the robot must brake, so only thinner
-things can hide there, as they can between two beams. A wider gap is unknown: it is solid from the stop zone on, but for the
-``room`` that `monitor` leaves, so the robot enters it slowly and then stops. A gap behind does not hold up a robot that drives
-ahead. If the missing beams had returned any ranges beyond where a gap is taken for solid, no command would pass more slowly.
+things can hide there, as they can between two beams. A wider gap, also between two beams, is unknown: it is solid from the stop
+zone on, but for the ``room`` that `monitor` leaves, so the robot enters it slowly and then stops. A gap behind does not hold up
+a robot that drives ahead. If the missing beams had returned any ranges beyond where a gap is taken for solid, no command would
+pass more slowly.
 
 **Why it stops in time.** At a speed ``s`` the stop zone is at least ``d >= s time`` away. A command is held for one period of
 the guard, ``h``, before it is judged again, and then the wheels brake with a deceleration ``a``. That takes ``s h + s^2 / (2
@@ -154,7 +155,7 @@ def view_of(scan: Scan, body: Body, limits: Limits, *, reach: float, narrow: flo
         )
     returned = np.isfinite(beams.ranges)
     seen = _points(beams.directions[returned], beams.ranges[returned].astype(np.float64), body, limits)
-    gaps_there = gaps_of(beams)
+    gaps_there = gaps_of(beams, narrow)
     wide = gaps_there[:, 2] > narrow
     # Where the stop zone, which grows with the range, is out of reach whatever the direction.
     far = (reach + away + body.radius + limits.margin + COVER) / (1.0 - limits.error)
@@ -185,7 +186,8 @@ def _edge(angles: NDArray[np.float64], body: Body, limits: Limits, room: float) 
     wider = COVER - 0.5 * GRAIN * (1.0 - limits.error)  # of the points just behind the border
     distance = (body.radius + limits.margin + wider + room + limits.error * away) / (1.0 - limits.error)
     across = x * np.cos(angles + body.scan.yaw) + y * np.sin(angles + body.scan.yaw)
-    return np.sqrt(across * across + distance * distance - away * away) - across
+    # Where a LiDAR outside the stop zone looks past it, the gap is solid from its nearest place on, or from the LiDAR on.
+    return np.maximum(np.sqrt(np.maximum(across * across + distance * distance - away * away, 0.0)) - across, 0.0)
 
 
 def _solid(

@@ -8,10 +8,11 @@ frozen scan showed something: it then takes 0.02 m, one scan and the delays, 0.7
 
 **Covered.** A scan with hardly a return for `DARK` s looks like a hall, and like a covered LiDAR. The robot stands.
 
-**Mount.** Points of a scan, moved as the robot has moved since, must lie where the next scan has returns. If they fit that scan
-clearly better with the motion turned by a quarter or half a turn, `VOTES` times in a row, the LiDAR is mounted so. Walls fit
-in many ways, so one comparison alone proves little. Other people move, wheels slip and rooms are symmetrical: all of these
-make both fits equally bad, or equally good, and are no vote.
+**Motion.** Points of a scan, moved as the robot has moved since, must lie where the next one has returns. If they fit that scan
+clearly better with the motion turned by a quarter or half a turn, `VOTES` times in a row, the LiDAR is mounted so. If they do
+with left and right exchanged, it is upside down or clockwise, which only turns show; if they do without any motion,
+`STILL_VOTES` times, the scans are late or another robot's. Walls fit in many ways, so one comparison alone proves little. Other
+people move, wheels slip and rooms are symmetrical: all of these make the fits equally bad, or equally good, and are no vote.
 
 A frozen or covered LiDAR counts again when its scans change; a wrong mount until `forget`, when a person enables the robot.
 """
@@ -45,8 +46,12 @@ BETTER = 0.6
 """Share of the mount's own misfit below which another mount fits clearly better."""
 COMMON = 15
 """Least number of directions with returns in both scans."""
-VOTES = 3
-"""Comparisons in a row after which a mount is refused."""
+LEAST_TURN = 0.3
+"""Turn between two scans that are compared without a way, rad."""
+VOTES, STILL_VOTES = 3, 4
+"""Comparisons in a row after which a mount is refused, or scans that do not move: a slow robot starts later than it is told."""
+MIRRORED, STILL = 4, 8
+"""Numbers of the first way of seeing the motion mirrored, and of seeing none."""
 QUARTERS = {1: "90 degrees to the left", 2: "180 degrees", 3: "90 degrees to the right"}
 
 
@@ -87,7 +92,8 @@ class ScanWatch:
         if count >= max(self._returns * len(ranges), 1.0):
             self._light = sent
         last, self._last = self._last, ranges
-        if last is None or not np.array_equal(last, ranges, equal_nan=True) or count < LEAST_RETURNS:
+        repeats = last is not None and np.array_equal(last, ranges, equal_nan=True)
+        if not repeats or count < LEAST_RETURNS:
             self._since, self._equal, self._at_first = sent, False, self.track.at(sent)
         else:
             before, after = self._at_first, self.track.at(max(sent - self._lag, self._since))
@@ -95,7 +101,7 @@ class ScanWatch:
             least = DRIVEN if near.any() else DRIVEN_BLIND
             self._equal = after.turned - before.turned >= TURNED or after.way - before.way >= least
         self._sent = sent
-        if count >= COMMON and not self._turned_by:
+        if count >= COMMON and not repeats and not self._turned_by:
             lengths, angles = ranges[returned].astype(np.float64), directions[returned]
             points = np.stack((lengths * np.cos(angles), lengths * np.sin(angles)))
             self._compare(points, self.track.at(sent - 0.5 * self._lag), min(len(ranges), BINS))
@@ -107,33 +113,45 @@ class ScanWatch:
         if self._returns > 0.0 and self._last is not None and self._sent - self._light > DARK:
             return f"fewer than {self._returns:.0%} of the beams return anything: the LiDAR is covered, or the hall too large"
         if self._turned_by:
-            by = QUARTERS[self._turned_by]
-            return f"the scans move as if the LiDAR were mounted turned by {by}: correct its mount, and enable the robot again"
+            return f"{_named(self._turned_by)}, and enable the robot again"
         return ""
 
     def _compare(self, points: NDArray[np.float64], motion: Motion, bins: int) -> None:
         """Vote on the mount by a scan's points, shape (2, n), if the robot has moved far enough since the last vote."""
         key = self._key
-        if key is not None and motion.way - key[0].way < STEP:
+        if key is not None and motion.way - key[0].way < STEP and motion.turned - key[0].turned < LEAST_TURN:
             return
         self._key = motion, points
         if key is None or motion.turned - key[0].turned > WIDE or motion.way - key[0].way > 4.0 * STEP:
             return
         now = _binned(points, bins)
         shift, turn = into(key[0].pose, motion.pose)[:2], motion.pose[2] - key[0].pose[2]
-        if math.hypot(*shift) < 0.5 * STEP:
+        if math.hypot(*shift) < 0.5 * STEP and abs(turn) < 0.5 * LEAST_TURN:
             return
-        shifts = [_turn(shift[:, None], -0.5 * math.pi * quarter) for quarter in range(4)]
-        fits = [_misfit(_binned(_turn(key[1] - shift, -turn), bins), now) for shift in shifts]
+        quarters = [-0.5 * math.pi * quarter for quarter in range(4)]
+        ways = [(_turn(shift[:, None], quarter), turn) for quarter in quarters]
+        ways += [(_turn(shift[:, None] * ((1.0,), (-1.0,)), quarter), -turn) for quarter in quarters] + [
+            (0.0 * shift[:, None], 0.0)
+        ]
+        fits = [_misfit(_binned(_turn(key[1] - way, -angle), bins), now) for way, angle in ways]
         if max(fits) == math.inf:
             return
-        best = min(range(4), key=fits.__getitem__)
+        best = min(range(len(fits)), key=fits.__getitem__)
         if best and fits[best] < BETTER * fits[0]:
             self._votes.append(best)
-        elif fits[0] < max(fits):
+        elif self._votes and fits[0] < fits[self._votes[-1]]:
             self._votes.clear()
-        if len(self._votes) >= VOTES and len(set(self._votes[-VOTES:])) == 1:
-            self._turned_by = best
+        if len(set(self._votes[-(needed := STILL_VOTES if best == STILL else VOTES) :])) == 1 and len(self._votes) >= needed:
+            self._turned_by = self._votes[-1]
+
+
+def _named(way: int) -> str:
+    """Return what a way of seeing the motion says about the LiDAR."""
+    if way == STILL:
+        return "the scans do not move as the robot does: they are late, or another robot's: end their source"
+    if way >= MIRRORED:
+        return "the scans move as if left and right were exchanged: the LiDAR is upside down, or clockwise: correct its mount"
+    return f"the scans move as if the LiDAR were mounted turned by {QUARTERS[way]}: correct its mount"
 
 
 def _turn(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
