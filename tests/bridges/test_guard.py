@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -12,7 +13,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from probe import AHEAD, Probe, laser, stamp
-from std_msgs.msg import Bool, Empty
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import SetBool
 
 from turtlebot_gym.values import STOP, Command
@@ -70,12 +72,32 @@ def test_a_signal_without_the_last_zeros_is_noticed(launch, probe):
     assert probe.heard[-1] == AHEAD
 
 
-def test_a_guard_whose_callback_fails_sends_zeros_and_ends_with_an_error(launch, probe):
-    process = launch(
-        *sabotaged("guard.CmdVelGuard._press = lambda *_, **options: 1 / 0")
-    )  # whichever callback takes the message
+@pytest.mark.parametrize(
+    ("change", "topic"),
+    [
+        ("guard.CmdVelGuard._press = lambda *_, **__: 1 / 0", "/emergency_stop"),  # whichever callback takes the message
+        ("guard.Arbiter.hear_odometry = lambda *_, **__: 1 / 0", "/odom"),
+    ],
+)
+def test_a_message_that_causes_an_error_ends_no_guard_and_stops_the_robot(launch, probe, peer, change, topic):
+    process = launch(*sabotaged(change))
     probe.until_driving()
-    probe.pressed = False
+    if topic == "/odom":
+        peer.speak("odom", Odometry).publish(Odometry())
+        probe.node.create_timer(0.1, partial(peer.speak("odom", Odometry).publish, Odometry()))
+    else:
+        probe.pressed = False
+    status = probe.until_standing(f"a message could not be handled: {topic}: ZeroDivisionError")
+    assert status.level == DiagnosticStatus.ERROR
+    assert process.poll() is None
+
+
+def test_an_error_of_its_own_ends_the_guard_with_zeros(launch, probe, tmp_path):
+    process = launch(
+        *sabotaged("from pathlib import Path\nguard.CmdVelGuard._diagnose = lambda _: Path('on').exists() and 1 / 0")
+    )
+    probe.until_driving()
+    (tmp_path / "on").touch()
     assert process.wait(timeout=10.0) == 1
     probe.until(lambda: probe.heard[-1] == STOP)
     assert "ZeroDivisionError" in process.stderr.read()
@@ -130,7 +152,7 @@ def test_a_robot_is_inside_the_geofence_by_both_coordinates_of_a_pose_that_is_no
     pose, now = Odometry(), time.time_ns()
     pose.header.frame_id, pose.pose.pose.position.x, pose.pose.pose.position.y = "odom", x, y
     stamp(pose, -age)
-    guard._locate(pose, {"source_timestamp": now, "received_timestamp": now, "publication_sequence_number": 1})
+    guard._hear_pose("odom", pose, {"source_timestamp": now, "received_timestamp": now, "publication_sequence_number": 1})
     assert guard._arbiter.outside(guard._now()) is outside
 
 
@@ -257,7 +279,7 @@ import sys, rclpy
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import Bool, Empty
+from std_msgs.msg import Bool, Empty, String
 rclpy.init()
 kind = {"emergency_stop": Bool, "odom": Odometry, "scan": LaserScan}.get(sys.argv[1], TwistStamped)
 publisher, message = rclpy.create_node("flood").create_publisher(kind, sys.argv[1], 1), kind()
@@ -313,7 +335,7 @@ def test_it_can_start_disabled_and_says_whether_it_lets_pass(start, probe, peer)
 @pytest.mark.nightly
 @pytest.mark.parametrize("topic", ["odom", "estimate"])
 def test_geofence(start, probe, peer, topic):
-    start("-p", "geofence:=1.0", "-p", f"geofence_topic:={topic}")
+    start("-p", "geofence:=1.0", "-p", f"geofence_topic:={topic}", "-p", "motion_check:=false")
     probe.command = AHEAD
     probe.until_standing("only a person drives")
     pose, speaker = Odometry(), peer.speak(topic, Odometry)
@@ -322,7 +344,7 @@ def test_geofence(start, probe, peer, topic):
     pose.header.frame_id = "odom"
     probe.until_driving()
     rival = peer.speak(topic, Odometry)
-    probe.until_standing("2 nodes publish it")
+    probe.until_standing(f"/{topic} must have one source")
     peer.node.destroy_publisher(rival)
     probe.until_driving()
     pose.pose.pose.position.y = -1.1
@@ -345,15 +367,79 @@ def test_it_lives_through_every_change_of_what_it_reports(start, probe, peer):
     assert probe.until_reported("has no listener").level == DiagnosticStatus.WARN
 
 
-@pytest.mark.nightly
-def test_a_second_source_of_any_input_is_reported(driving, probe, peer):
-    driving()
-    inputs = {"cmd_vel_in": TwistStamped, "cmd_vel_teleop": TwistStamped, "cmd_vel_standby/alive": Empty}
-    for topic, kind in inputs.items():
-        rival = peer.node.create_publisher(kind, topic, 1)
-        status = probe.until_reported(f"/{topic} has more than one source: ", "/peer")
-        assert status.level == DiagnosticStatus.WARN
-        peer.node.destroy_publisher(rival)
+SOURCES = {
+    "cmd_vel_in": TwistStamped, "cmd_vel_teleop": TwistStamped, "cmd_vel_standby/alive": Empty, "scan": LaserScan,
+    "odom": Odometry, "disagreement": String,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "topic", [*(pytest.param(each, marks=pytest.mark.nightly) for each in SOURCES if each != "scan"), "scan"]
+)
+def test_a_second_source_of_an_input_stops_the_robot_until_it_is_gone(start, launch, probe, peer, topic):
+    launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
+    start("-p", "collision_monitor:=true", "-p", "require_standby:=true", "-p", "heed_disagreement:=true")
+    qos = LATCHED if topic == "disagreement" else 1
+    first = peer.node.create_publisher(SOURCES[topic], topic, qos) if topic in ("odom", "disagreement") else None
+    probe.scan = laser()
+    probe.until_driving()
+    rival = peer.node.create_publisher(SOURCES[topic], topic, qos)  # it need not say anything
+    probe.until(lambda: rival.get_subscription_count() > 0)
+    found = time.time()
+    status = probe.until_standing(f"/{topic} must have one source, so the robot stands: end all but one of ", "/peer")
+    assert status.level == DiagnosticStatus.ERROR
+    published = zip(reversed(probe.sent), reversed(probe.heard), strict=False)
+    assert max((at for at, command in published if command != STOP), default=0.0) < found + 0.5
+    peer.node.destroy_publisher(rival)
+    probe.until_driving()
+    assert first is None or first.get_subscription_count()
+
+
+def test_any_number_of_buttons_is_no_fault(start, probe, peer):
+    start()
+    buttons = [peer.speak("emergency_stop", Bool) for _ in range(3)]
+    for button in buttons:
+        probe.node.create_timer(0.1, partial(button.publish, Bool(data=False)))
+    probe.until_reported("silent")
+    probe.until_driving()
+
+
+@pytest.mark.parametrize(
+    ("words", "first", "second"),
+    [
+        (["-r", "cmd_vel_in:=cmd_vel"], "cmd_vel", "cmd_vel_in"),
+        *(
+            pytest.param(words, first, second, marks=pytest.mark.nightly)
+            for words, first, second in (
+                (["-r", "cmd_vel_in:=/cmd_vel"], "cmd_vel", "cmd_vel_in"),
+                (["-r", "cmd_vel_teleop:=cmd_vel"], "cmd_vel", "cmd_vel_teleop"),
+                (["-r", "cmd_vel:=cmd_vel_in"], "cmd_vel", "cmd_vel_in"),
+                (["-r", "__ns:=/robot1", "-r", "cmd_vel_in:=/robot1/cmd_vel"], "cmd_vel", "cmd_vel_in"),
+                (["-r", "cmd_vel_guard:cmd_vel_in:=cmd_vel"], "cmd_vel", "cmd_vel_in"),
+                (["-r", "cmd_vel_in:=joy", "-r", "cmd_vel_teleop:=joy"], "cmd_vel_in", "cmd_vel_teleop"),
+            )
+        ),
+    ],
+)
+def test_a_guard_that_would_hear_itself_or_one_source_twice_is_refused(start, words, first, second):
+    process = start(*words)
+    _, stderr = process.communicate(timeout=30.0)
+    assert process.returncode == 2
+    assert stderr.startswith(f"error: {first} and {second} must be different topics, got /")
+    assert stderr.count("\n") == 1
+
+
+def test_a_disagreement_stops_the_robot_until_it_is_enabled(start, probe, peer):
+    start("-p", "heed_disagreement:=true")
+    filter_says = peer.node.create_publisher(String, "disagreement", LATCHED)
+    filter_says.publish(String(data=""))
+    probe.until_driving()
+    filter_says.publish(String(data="the twist is in the world's frame"))
+    probe.until_standing("the twist is in the world's frame; then: ros2 service call /cmd_vel_guard/enable")
+    filter_says.publish(String(data=""))
+    probe.until_standing("the twist is in the world's frame")
+    assert probe.enable(True).success
+    probe.until_driving()
 
 
 @pytest.mark.nightly

@@ -17,7 +17,7 @@ TOPIC = "/tf_static"
 
 
 def hear_mounts(
-    node: Node, body: str, count: Callable[[Mapping[str, Any]], None] = lambda info: None
+    node: Node, body: str, wrap: Callable[[Callable[[Any, Mapping[str, Any]], None]], Any] = lambda hear: hear
 ) -> Callable[[str], Pose | None]:
     """Subscribe a node to ``/tf_static``, and return `StaticFrames.mount` for the robot's frame.
 
@@ -26,12 +26,11 @@ def hear_mounts(
     Args:
         node: The node.
         body: The robot's frame, with its prefix.
-        count: Called with each message's info.
+        wrap: Returns the callback for a message and its info that stands around the given one.
     """
     frames = StaticFrames()
 
     def hear(message: Any, info: Mapping[str, Any]) -> None:
-        count(info)
         frames.hear(message)
 
     try:
@@ -39,6 +38,5 @@ def hear_mounts(
     except ImportError:
         pass
     else:
-        callback: Any = hear  # rclpy supports the info, but its types do not show it
-        node.create_subscription(TFMessage, TOPIC, callback, STATIC)
+        node.create_subscription(TFMessage, TOPIC, wrap(hear), STATIC)
     return partial(frames.mount, body)

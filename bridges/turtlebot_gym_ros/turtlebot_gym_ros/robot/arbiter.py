@@ -22,6 +22,7 @@ from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.base.flood import Flood
 from turtlebot_gym_ros.robot.collision import Scan
 from turtlebot_gym_ros.robot.emergency import EmergencyStop
+from turtlebot_gym_ros.robot.moved import Moved
 from turtlebot_gym_ros.robot.parameters import Parameters, monitor_of
 
 POSE_AGE = 0.5
@@ -63,6 +64,9 @@ class Arbiter:
         self._robot = make_robot(parameters.robot)
         self.buttons = EmergencyStop()
         self.monitor = monitor_of(parameters, now, mount_of)
+        self.moved = Moved(self._robot)
+        self.rivals = ""
+        """Which input has more than one source, or an empty text: then it is unknown which one counts, and the robot stands."""
         self._heard: dict[str, _Heard] = {}
         self._news: set[str] = set()
         self._distance = (now, math.inf)
@@ -134,6 +138,17 @@ class Arbiter:
         unproved = not dated and now < self._blind_until
         self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, number=number, prompt=prompt)
 
+    def halt(self, why: str) -> None:
+        """Stop a robot that may move until a person enables it, like an emergency stop."""
+        if self.enabled and not self.emergency:
+            self.emergency, self.why = True, why
+
+    def hear_odometry(self, pose: Pose, twist: Command, now: float, *, measured: float) -> None:
+        """Take odometry, and stop the robot if it does not move as it was told."""
+        self._wake(now)
+        if why := self.moved.hear(pose, twist, min(measured, now)):
+            self.halt(why)
+
     def count_buttons(self, publishers: int, now: float) -> None:
         """Take the current number of publishers of the emergency stop."""
         self._wake(now)
@@ -201,6 +216,7 @@ class Arbiter:
             return why
         if on:
             self.emergency = False
+            self.moved.forget()
             if self.monitor:
                 self.monitor.watch.forget()
         self.enabled, self._since = on, now
@@ -241,6 +257,7 @@ class Arbiter:
         self._due = max(self._due, now) + period
         self._last, self._last_at = command, now
         self._news.clear()
+        self.moved.tell(command, now)
         if self.monitor:
             self.monitor.track.add(command, now)
         return command
@@ -259,6 +276,8 @@ class Arbiter:
             or not self.enabled
             or now < self._hold_until
             or self.lacks_standby(now)
+            or self.rivals
+            or self.moved.lacks(now)
             or self.flooded(now)
             or (blind and not self.buttons.spoken_since(self._blind_until - BLIND))
         ):

@@ -63,10 +63,11 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import Bool, Empty
+from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.values import STOP, Command
+from turtlebot_gym.models.angles import yaw_of_rotation
+from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.base.flood import MOST
 from turtlebot_gym_ros.base.mounts import TOPIC, hear_mounts
 from turtlebot_gym_ros.base.parameters import declare
@@ -78,6 +79,7 @@ from turtlebot_gym_ros.robot.arbiter import Arbiter
 from turtlebot_gym_ros.robot.collision import Scan
 from turtlebot_gym_ros.robot.parameters import Parameters
 from turtlebot_gym_ros.robot.report import Report
+from turtlebot_gym_ros.robot.sources import BUTTONS, check_topics, rivals
 
 LATE = 0.02
 """Time after its decision from which a motion is not published, s: the guard was suspended or starved in between."""
@@ -91,8 +93,10 @@ class CmdVelGuard(Node):
         (p,) = declare(self, Parameters)
         self._p, self._clock_watch = p, SystemClock()
         self._ages: dict[str, Ages] = {}
-        count = lambda info: self._arbiter.count(TOPIC, info["publication_sequence_number"], self._now())  # noqa: E731
-        mount_of = hear_mounts(self, p.frame_prefix + p.body_frame, count) if p.collision_monitor else lambda frame: None
+        self._inputs: dict[str, Subscription] = {}
+        check_topics(self.resolve_topic_name)
+        body = p.frame_prefix + p.body_frame
+        mount_of = hear_mounts(self, body, self._counted) if p.collision_monitor else lambda frame: None
         self._arbiter = Arbiter(p, self._now(), mount_of)
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._headers_count = not self.get_parameter("use_sim_time").value
@@ -102,12 +106,15 @@ class CmdVelGuard(Node):
         self._report = Report(self, self._arbiter, p, self._type)
         self._hear("cmd_vel_teleop", "teleop")
         self._hear("cmd_vel_in", "program")
-        self._buttons = self._subscribe(Bool, "emergency_stop", self._hear_button, EVERY)
-        self._promptly = self._subscribe(Bool, "emergency_stop", partial(self._hear_button, prompt=True), PROMPT)
+        self._buttons = self._subscribe(Bool, BUTTONS, self._hear_button, EVERY)
+        self._promptly = self._subscribe(Bool, BUTTONS, partial(self._hear_button, prompt=True), PROMPT)
         if p.require_standby:
             self._subscribe(Empty, "cmd_vel_standby/alive", self._hear_standby, LATEST)
-        if p.geofence > 0.0:
-            self._pose = self._subscribe(Odometry, p.geofence_topic, self._locate, LATEST)
+        poses = {"odom": p.motion_check, p.geofence_topic: p.geofence > 0.0 or (p.motion_check and p.geofence_topic == "odom")}
+        for topic in (topic for topic, heard in poses.items() if heard):
+            self._subscribe(Odometry, topic, partial(self._hear_pose, topic), LATEST)
+        if p.heed_disagreement:
+            self._subscribe(String, "disagreement", self._hear_disagreement, LATCHED)
         if p.collision_monitor:
             self._subscribe(LaserScan, "scan", self._scan, LATEST)
         self.create_service(SetBool, "~/enable", self._enable)
@@ -129,13 +136,35 @@ class CmdVelGuard(Node):
         age = ages.age_of(info, getattr(message, "header", None) if self._headers_count else None, now)
         if hurried:
             self._report.note(self.resolve_topic_name(topic), age, now, ages.figures())
-        if topic != "emergency_stop":  # a flood there may hide a press
+        if topic != BUTTONS:  # a flood there may hide a press
             self._arbiter.count(topic, info["publication_sequence_number"], now)
         return age
 
     def _subscribe(self, kind: type, topic: str, hear: Any, qos: QoSProfile) -> Subscription:
-        """Subscribe with a callback that also takes the message's times, which rclpy supports but its types do not show."""
-        return self.create_subscription(kind, topic, hear, qos)
+        """Subscribe with a callback that also takes the message's times; no message ends the guard."""
+        callback: Any = self._safely(topic, hear)  # rclpy supports the info, but its types do not show it
+        self._inputs[topic] = self.create_subscription(kind, topic, callback, qos)
+        return self._inputs[topic]
+
+    def _safely(self, topic: str, hear: Any) -> Any:
+        """Return a callback after whose errors the robot stands."""
+
+        def receive(message: Any, info: Mapping[str, Any]) -> None:
+            try:
+                hear(message, info)
+            except Exception as error:  # whatever a message may cause
+                self._report.fail(f"{self.resolve_topic_name(topic)}: {type(error).__name__}: {error}", self._now())
+
+        return receive
+
+    def _counted(self, hear: Any) -> Any:
+        """Return a callback for ``/tf_static``."""
+
+        def receive(message: Any, info: Mapping[str, Any]) -> None:
+            self._arbiter.count(TOPIC, info["publication_sequence_number"], self._now())
+            hear(message, info)
+
+        return self._safely(TOPIC, receive)
 
     def _hear(self, topic: str, source: str) -> None:
         """Subscribe to commands."""
@@ -154,16 +183,26 @@ class CmdVelGuard(Node):
 
     def _press(self, message: Bool, info: Mapping[str, Any], *, prompt: bool) -> None:
         now = self._now()
-        age = self._age("emergency_stop", message, info, now, hurried=prompt)
+        age = self._age(BUTTONS, message, info, now, hurried=prompt)
         number = info["publication_sequence_number"]
         sent = now - age.sent
         self._arbiter.hear_emergency(message.data, now, sent=sent, dated=age.dated, number=number, prompt=prompt)
 
-    def _locate(self, message: Odometry, info: Mapping[str, Any]) -> None:
-        position, now = message.pose.pose.position, self._now()
-        measured = now - self._age(self._p.geofence_topic, message, info, now).measured
-        frame, publishers = message.header.frame_id, self._pose.get_publisher_count()
-        self._arbiter.locate(position.x, position.y, now, sent=measured, frame=frame, publishers=publishers)
+    def _hear_pose(self, topic: str, message: Odometry, info: Mapping[str, Any]) -> None:
+        """Take a pose for the geofence, odometry for the motion, or both."""
+        pose, q, twist, now = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist, self._now()
+        measured = now - self._age(topic, message, info, now).measured
+        if self._p.geofence > 0.0 and topic == self._p.geofence_topic:
+            publishers = self._inputs[topic].get_publisher_count()
+            self._arbiter.locate(pose.x, pose.y, now, sent=measured, frame=message.header.frame_id, publishers=publishers)
+        if self._p.motion_check and topic == "odom":
+            at, speeds = Pose(pose.x, pose.y, yaw_of_rotation(q.w, q.x, q.y, q.z)), Command(twist.linear.x, twist.angular.z)
+            self._arbiter.hear_odometry(at, speeds, now, measured=measured)
+
+    def _hear_disagreement(self, message: String, info: Mapping[str, Any]) -> None:
+        if message.data:
+            self._arbiter.halt(message.data)
+            self._step()
 
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()
@@ -190,7 +229,7 @@ class CmdVelGuard(Node):
         """Take the messages of the buttons that no callback has processed yet; more than so many are a flood, and a stop."""
         for prompt, buttons in ((False, self._buttons), (True, self._promptly)):
             for message, info in waiting(buttons, 2 * MOST):
-                self._press(message, info, prompt=prompt)
+                self._safely(BUTTONS, partial(self._press, prompt=prompt))(message, info)
         self._arbiter.count_buttons(self._buttons.get_publisher_count(), self._now())
 
     def _hear_standby(self, message: Empty, info: Mapping[str, Any]) -> None:
@@ -200,6 +239,7 @@ class CmdVelGuard(Node):
     def _step(self) -> None:
         """Publish the command for the wheels, if any; a motion that was held up since it was decided is decided again."""
         self._take_buttons()
+        self._arbiter.rivals = rivals(self._inputs)
         robots = self._velocity.get_subscription_count()
         if robots > self._robots:
             self._arbiter.greet(self._now())

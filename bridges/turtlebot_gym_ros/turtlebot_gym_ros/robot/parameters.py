@@ -51,6 +51,10 @@ class Parameters:
     """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
     geofence_frame: str = "odom"
     """Frame of the pose for the geofence, without a prefix; a pose in another one does not count."""
+    motion_check: bool = True
+    """Whether the robot stands when it does not move as it is told by ``odom``, or has lost it; see `moved`."""
+    heed_disagreement: bool = False
+    """Whether a cause on ``disagreement``, published by the filter, stops the robot until it is enabled."""
     collision_monitor: bool = False
     """Whether obstacles on ``scan`` limit every command, including a person's; without a fresh scan the robot then stands."""
     collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -13,6 +14,7 @@ from turtlebot_gym_ros.base.reports import ERROR, OK, WARN, log, report
 from turtlebot_gym_ros.base.sent import Age
 from turtlebot_gym_ros.robot.arbiter import Arbiter
 from turtlebot_gym_ros.robot.emergency import NONE_HEARD
+from turtlebot_gym_ros.robot.moved import STALE
 from turtlebot_gym_ros.robot.parameters import Parameters
 
 STANDBY = "cmd_vel_standby"
@@ -34,10 +36,7 @@ class Report:
     def __init__(self, node: Node, arbiter: Arbiter, parameters: Parameters, velocity: type) -> None:
         self._node, self._arbiter, self._p, self._type = node, arbiter, parameters, velocity
         self._said = ""
-        names = ["cmd_vel_teleop", "cmd_vel_in"]
-        names += [parameters.geofence_topic] * (parameters.geofence > 0.0) + ["scan"] * parameters.collision_monitor
-        names += [f"{STANDBY}/alive"] * parameters.require_standby
-        self._inputs = [node.resolve_topic_name(name) for name in names]
+        self._failed, self._failures = (-math.inf, ""), 0
         self._times: dict[str, tuple[float, str]] = {}
         self._ages: dict[str, str] = {}
 
@@ -46,6 +45,11 @@ class Report:
         self._ages[topic] = f"{age.measured:.2f} s old{clock}"
         if why := age.complaint(self._p.measured_age, sent=self._p.max_age):
             self._times[topic] = now, f"{topic}: {why}"
+
+    def fail(self, why: str, now: float) -> None:
+        """Record an error that a message caused; the robot stands until it is enabled."""
+        self._failed, self._failures = (now, f"a message could not be handled: {why}"), self._failures + 1
+        self._arbiter.halt(self._failed[1])
 
     def message(self, now: float, *, robots: int) -> DiagnosticArray:
         """Return the diagnostics of this second, and log new problems.
@@ -60,6 +64,7 @@ class Report:
             log(node, level, text)
         self._said = text
         values = {f"refused, {why}": count for why, count in self._arbiter.refused.items()} | self._ages
+        values |= {"messages that caused an error": self._failures, "motion check": self._motion_check(now)}
         return report(node, level, text, hardware=f"{node.get_namespace()}/{self._p.robot}".strip("/"), values=values)
 
     def _problem(self, now: float, robots: int) -> tuple[bytes, str]:
@@ -77,12 +82,20 @@ class Report:
             service = node.resolve_service_name("~/enable")
             why = self._arbiter.buttons.trouble(now) or self._arbiter.why
             return ERROR, (f'emergency stop: {why}; then: ros2 service call {service} std_srvs/srv/SetBool "{{data: true}}"')
+        if now - self._failed[0] <= RECENT:
+            return ERROR, self._failed[1]
         if why := self._arbiter.buttons.trouble(now):
             return ERROR, f"{why}, so the robot stands"
         if self._arbiter.lacks_standby(now):
             return ERROR, f"{STANDBY} is not alive, so the robot stands: start it, or set require_standby to false"
         if floods := self._arbiter.flooded(now):
             return ERROR, f"more than {MOST / WINDOW:.0f} messages a second, so the robot stands: {', '.join(floods)}"
+        if why := self._arbiter.rivals:
+            topic = node.resolve_topic_name(why.rpartition(" ")[2])
+            sources = ", ".join(sorted(node_name(info) for info in node.get_publishers_info_by_topic(topic)))
+            return ERROR, f"{topic} must have one source, so the robot stands: end all but one of {sources}"
+        if self._p.motion_check and self._arbiter.moved.lacks(now):
+            return ERROR, f"{node.resolve_topic_name('odom')}: {self._motion_check(now)}, so the robot stands"
         if self._p.require_emergency_stop and not self._arbiter.enabled and not self._arbiter.buttons.heard:
             return WARN, NONE_HEARD
         if self._arbiter.outside(now):
@@ -92,9 +105,6 @@ class Report:
         if monitor and (why := monitor.trouble(now)):
             topic = node.resolve_topic_name("scan")
             return ERROR, f"collision monitor: {topic}: {why}; the robot stands without a scan"
-        for topic in self._inputs:
-            if len(sources := node.get_publishers_info_by_topic(topic)) > 1:
-                return WARN, f"{topic} has more than one source: {', '.join(sorted(node_name(info) for info in sources))}"
         if monitor and monitor.state:
             return WARN, f"{self._arbiter.state}, collision monitor: {monitor.state}"
         for heard, why in self._times.values():
@@ -104,7 +114,18 @@ class Report:
             return WARN, f"{topics[0]} has no listener"
         if monitor and monitor.remark:
             return WARN, f"{self._arbiter.state}, collision monitor: {monitor.remark}"
+        if self._p.motion_check and not self._arbiter.moved.heard and self._arbiter.state in ("teleop", "program"):
+            return WARN, f"{self._arbiter.state}, {node.resolve_topic_name('odom')}: {self._motion_check(now)}"
         return OK, self._arbiter.state
+
+    def _motion_check(self, now: float) -> str:
+        """Return whether it is checked that the robot moves as it is told."""
+        moved = self._arbiter.moved
+        if not self._p.motion_check:
+            return "off"
+        if not moved.heard:
+            return "no odometry was heard, so it is not checked that the robot moves as it is told"
+        return f"odometry is older than {STALE:g} s" if moved.lacks(now) else "on"
 
     def _mismatch(self, topics: list[str]) -> str:
         """Return which node uses the other type of command, and what to type; or an empty text."""

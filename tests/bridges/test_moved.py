@@ -1,0 +1,242 @@
+"""Whether the robot moves as it is told: faults of odometry and robot are noticed in time, and a healthy robot is not stopped.
+
+The rule of three bounds the rate of false alarms: none in 10 hours is fewer than one in 3.3 hours at 95 % confidence.
+"""
+
+import math
+import random
+from dataclasses import replace
+
+import pytest
+from driven import BURGER, DT, KINDS, NOISES, Driver, Kind, alarms
+
+from turtlebot_gym.values import STOP, Command, Pose
+from turtlebot_gym_ros.robot import moved
+from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
+from turtlebot_gym_ros.robot.moved import BLOCKED, DEAD, EXTRA, REVERSED, Moved
+
+AHEAD, SPIN, ARC = Command(0.21, 0.0), Command(0.0, 1.0), Command(0.15, 0.7)
+
+
+def from_rest(command, *, until=math.inf):
+    """Command from 1 s on."""
+    return lambda at: command if 1.0 <= at < until else STOP
+
+
+def after(start, change):
+    """Spoil odometry from a time on; what it was then is kept."""
+    kept = []
+
+    def spoil(at, pose, twist):
+        if at < start:
+            return pose, twist
+        kept[:] = kept or [pose, twist]
+        return change(*kept, pose, twist)
+
+    return spoil
+
+
+def jitter(size, seed=1):
+    rng = random.Random(seed)
+    return lambda pose: Pose(*(value + rng.gauss(0.0, size) for value in pose))
+
+
+SHAKE = jitter(0.003)
+FROZEN = {
+    "pose and twist": lambda pose, twist, now, speed: (pose, twist),
+    "a thousandth": lambda pose, twist, now, speed: (
+        Pose(pose.x + 1e-3 * (now.x - pose.x), pose.y + 1e-3 * (now.y - pose.y), pose.theta), Command(1e-3 * speed.v, 0.0)
+    ),
+    "all zero": lambda pose, twist, now, speed: (Pose(0.0, 0.0, 0.0), STOP),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", [AHEAD, SPIN, ARC, Command(-0.1, 0.0), Command(0.03, 0.0)])
+@pytest.mark.parametrize("fault", FROZEN)
+@pytest.mark.parametrize("start", [0.0, 4.0], ids=["from the start", "in the drive"])
+def test_odometry_that_stands_still_is_noticed_within_0_8_s(fault, start, command):
+    said = alarms(Kind(), 8.0, 1, spoil=after(start, FROZEN[fault]), drive=from_rest(command))
+    assert max(start, 1.0) + 0.5 < said[0][0] < max(start, 1.0) + 0.81
+    assert said[0][1] in (DEAD, *BLOCKED)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_a_robot_that_is_blocked_is_noticed_within_1_s(noise):
+    """Its wheels stand still, and its odometry is as noisy as ever; a noisy pose alone is no motion."""
+
+    def blocked(pose, twist, now, speed):
+        return (pose, STOP) if noise in ("clean", "wheel", "rough") else (SHAKE(pose), STOP)
+
+    for command in (AHEAD, SPIN):
+        said = alarms(Kind(noise=noise), 8.0, 1, spoil=after(5.0, blocked), drive=from_rest(command))
+        assert said
+        assert said[0][0] <= 6.0
+        assert said[0][1] in (DEAD, *BLOCKED)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("start", [0.0, 5.0])
+@pytest.mark.parametrize(("command", "axis"), [(AHEAD, 0), (SPIN, 1), (Command(-0.15, 0.0), 0), (Command(0.1, -1.0), 1)])
+def test_a_wrong_sign_is_noticed_within_1_s(noise, start, command, axis):
+    def change(pose, twist, now, speed):
+        return now, (Command(-speed.v, speed.omega) if axis == 0 else Command(speed.v, -speed.omega))
+
+    said = alarms(Kind(noise=noise), 8.0, 1, spoil=after(start, change), drive=from_rest(command))
+    assert said[0][1] == REVERSED[axis]
+    assert said[0][0] <= max(start, 1.0) + 1.0
+
+
+def test_motion_that_nobody_commanded_is_noticed():
+    ticks = iter(range(10**6))
+
+    def rolls(pose, twist, now, speed):
+        return Pose(now.x + 0.2 * DT * next(ticks), now.y, now.theta), Command(0.2, 0.0)
+
+    said = alarms(Kind(), 9.0, 1, spoil=after(5.0, rolls), drive=lambda at: STOP)
+    assert said[0][1] == EXTRA
+    assert said[0][0] < 6.0
+
+
+@pytest.mark.parametrize("times", [1000.0, 100.0, 10.0])
+def test_odometry_in_another_unit_is_noticed(times):
+    def larger(pose, twist, now, speed):
+        return Pose(times * now.x, times * now.y, now.theta), Command(times * speed.v, speed.omega)
+
+    said = alarms(Kind(), 4.0, 1, spoil=after(0.0, larger), drive=from_rest(AHEAD))
+    assert said[0][1] == EXTRA
+    assert said[0][0] < 1.5
+
+
+def all_alarms(seconds, seed, noises=NOISES, kinds=KINDS):
+    return {
+        (name, noise): said
+        for name in kinds
+        for noise in noises
+        if (said := alarms(replace(KINDS[name], noise=noise), seconds, seed))
+    }
+
+
+def test_no_healthy_robot_is_stopped():
+    assert all_alarms(25.0, seed=7) == {}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("noise", NOISES)
+def test_no_healthy_robot_is_stopped_in_ten_hours(noise):
+    assert all_alarms(36000.0 / len(KINDS), seed=11, noises=[noise]) == {}
+
+
+@pytest.mark.parametrize(
+    ("constants", "kind", "noise"),
+    [
+        ({"STILL": 0.4}, "start delay", "clean"),
+        ({"NET": 0.01}, "start delay", "clean"),
+        ({"TOLD": (0.002, 0.002)}, "at once", "clean"),
+        ({"CHANGE": (0.1, 0.1, 0.5, 0.1, 1.0)}, "slow", "clean"),
+        ({"SETTLED": 0.3, "CHANGES": 1.0, "LASTING": 0.1}, "late", "clean"),
+        ({"SHARE": 0.9, "LASTING": 0.1}, "slip", "clean"),
+        ({"SWERVE": 0.0, "CHANGES": 1.0, "LASTING": 0.1, "SETTLED": 0.3}, "slip", "wheel"),
+        ({"LATEST": 0.05, "SLOWEST": 10.0}, "slower", "clean"),
+        ({"SLACK": (0.0, 0.0)}, "pushed", "wheel"),
+        ({"UNTOLD": (0.03, 1.0)}, "pushed", "clean"),
+    ],
+)
+def test_a_threshold_that_is_too_tight_gives_false_alarms(monkeypatch, constants, kind, noise):
+    for constant, value in constants.items():
+        monkeypatch.setattr(moved, constant, value)
+    assert all_alarms(400.0, seed=7, noises=[noise], kinds=[kind])
+
+
+@pytest.mark.parametrize("far", [0.1, 0.5, 3.0])
+def test_a_reset_of_the_pose_is_not_motion(far):
+    """The filter judges it."""
+
+    def reset(pose, twist, now, speed):
+        dx, dy, turn = now.x - pose.x, now.y - pose.y, -pose.theta
+        x, y = math.cos(turn) * dx - math.sin(turn) * dy, math.sin(turn) * dx + math.cos(turn) * dy
+        return Pose(x + far, y, now.theta + turn), speed
+
+    assert alarms(Kind(), 60.0, 3, spoil=after(20.0, reset)) == []
+
+
+def test_what_is_no_number_or_comes_again_is_no_sign_of_life():
+    judge = Moved(BURGER)
+    judge.hear(Pose(0.0, 0.0, 0.0), STOP, 10.0)
+    for pose, twist, at in (
+        (Pose(math.nan, 0.0, 0.0), STOP, 11.0),
+        (Pose(0.0, 0.0, 0.0), Command(math.inf, 0.0), 11.0),
+        (Pose(0.0, 0.0, 0.0), STOP, 10.0),
+        (Pose(0.0, 0.0, 0.0), STOP, -math.inf),
+    ):
+        assert judge.hear(pose, twist, at) == ""
+        assert not judge.lacks(11.0)
+        assert judge.lacks(11.01)
+
+
+def test_the_sources_of_motion_are_all_covered():
+    """Each style of the driver occurs."""
+    driver = Driver(random.Random(1))
+    assert {driver.style for _ in range(20000) if driver.step()} == {
+        "rest", "cruise", "curve", "spin", "creep", "quick", "weave"
+    }  # fmt: skip
+
+
+# In the arbiter.
+
+
+def drive(arbiter, start, duration, measure, source="program"):
+    """Command at 10 Hz, and measure at 20 Hz; return what the wheels hold, and when."""
+    told = []
+    for k in range(round(start / 0.02), round((start + duration) / 0.02)):
+        now = 100.0 + 0.02 * k
+        if k % 5 == 0:
+            arbiter.hear(source, AHEAD, now)
+        if k % 3 == 0 and measure:
+            arbiter.hear_odometry(*measure(now - 100.0), now, measured=now)
+        if (command := arbiter.step(now)) is not None:
+            told.append((now - 100.0, command))
+    return told
+
+
+def still(at):
+    return Pose(1.0, 0.0, 0.0), STOP
+
+
+def moves(at):
+    return Pose(0.21 * at, 0.0, 0.0), AHEAD
+
+
+@pytest.mark.parametrize("source", ["program", "teleop"])
+def test_a_robot_that_does_not_move_stands_until_a_person_enables_it(source):
+    arbiter = Arbiter(Parameters(), 100.0)
+    told = drive(arbiter, 0.0, 6.0, still, source)
+    last = max(at for at, command in told if command != STOP)
+    assert last < 0.85
+    assert arbiter.state == "emergency"
+    assert arbiter.why == DEAD
+    assert {command for _, command in drive(arbiter, 6.0, 2.0, moves, source)} == {STOP}  # evidence alone does not end it
+    assert arbiter.enable(True, 108.0) == ""
+    assert max(command.v for _, command in drive(arbiter, 8.0, 4.0, moves, source)) > 0.2
+
+
+def test_a_robot_stands_while_odometry_that_was_heard_is_lost_and_goes_on_with_it():
+    arbiter = Arbiter(Parameters(), 100.0)
+    drive(arbiter, 0.0, 2.0, moves)
+    told = drive(arbiter, 2.0, 3.0, None)
+    assert 2.9 < max(at for at, command in told if command != STOP) < 3.1
+    assert not arbiter.emergency
+    assert drive(arbiter, 5.0, 1.0, moves)[-1][1].v > 0.2
+
+
+def test_a_robot_whose_odometry_was_never_heard_drives():
+    arbiter = Arbiter(Parameters(), 100.0)
+    assert drive(arbiter, 0.0, 3.0, None)[-1][1].v > 0.2
+
+
+def test_a_disabled_robot_may_be_carried():
+    arbiter = Arbiter(Parameters(start_enabled=False), 100.0)
+    drive(arbiter, 0.0, 3.0, moves)
+    assert not arbiter.emergency
+    assert arbiter.enable(True, 103.0) == ""
+    drive(arbiter, 3.0, 3.0, lambda at: (Pose(0.6 + 0.21 * (at - 3.0), 0.0, 0.0), AHEAD))
+    assert not arbiter.emergency
