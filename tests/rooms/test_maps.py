@@ -272,8 +272,7 @@ def test_cells_of_the_path_grid_are_blocked_as_one_by_one(draw):
     grid = GridMap(cells=cells, resolution=(0.05, 0.1, 0.03, 0.5)[draw % 4], origin=origin)
     scenes = [FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(2)]
     geodesic.block(scenes[0], 0.21)
-    geodesic._block_walls_each(scenes[1], 0.21)
-    geodesic._block_map_each(scenes[1], 0.21 / grid.resolution)
+    geodesic._block_outside_each(scenes[1], 0.21)
     np.testing.assert_array_equal(scenes[0].ways, scenes[1].ways)
     assert len(np.unique(scenes[0].ways)) == 2 or draw % 3
 

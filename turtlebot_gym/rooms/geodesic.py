@@ -82,59 +82,47 @@ def centre_of(scene: Scene, row: int, column: int) -> tuple[float, float]:
     return x, y
 
 
-def _block_walls_each(scene, clearance):
+def _block_outside_each(scene, clearance):
     rows, columns = extent(scene)
-    walls = scene.walls
+    walls, on_map = scene.walls, scene.squares.shape[1] > 0
+    reach = clearance / scene.frame[4] if on_map else 0.0
     for row in range(rows):
         for column in range(columns):
             x, y = centre_of(scene, row, column)
-            near = distance_to_walls(walls[0] - x, walls[1] - y, walls[2], walls[3]) < clearance
-            scene.ways[row, column] = _BLOCKED if near else UNREACHED
+            blocked = distance_to_walls(walls[0] - x, walls[1] - y, walls[2], walls[3]) < clearance
+            if on_map:
+                across, along = to_cells(scene.frame, x, y)
+                known = is_on_map(scene.squares, across, along) and scene.known[int(along), int(across)] != 0
+                blocked = blocked or not known or distance_to_cells(scene.squares, across, along, reach) < reach
+            scene.ways[row, column] = _BLOCKED if blocked else UNREACHED
 
 
-@in_loops(_block_walls_each)
-def _block_walls(scene: Any, clearance: float) -> None:
-    """Mark the cells whose centres are nearer than ``clearance`` to the walls, and no others."""
-    rows, columns = extent(scene)
-    walls = scene.walls
-    x, y = centre_of(scene, np.arange(rows)[:, None], np.arange(columns))  # pyright: ignore[reportArgumentType]
-    near = np.minimum(walls[2] - np.abs(walls[0] - x), walls[3] - np.abs(walls[1] - y)) < clearance
-    scene.ways[:rows, :columns] = np.where(near, _BLOCKED, UNREACHED)
-
-
-def _block_map_each(scene, reach):
-    rows, columns = extent(scene)
-    for row in range(rows):
-        for column in range(columns):
-            x, y = centre_of(scene, row, column)
-            across, along = to_cells(scene.frame, x, y)
-            known = is_on_map(scene.squares, across, along) and scene.known[int(along), int(across)] != 0
-            if not known or distance_to_cells(scene.squares, across, along, reach) < reach:
-                scene.ways[row, column] = _BLOCKED
-
-
-@in_loops(_block_map_each)
-def _block_map(scene: Any, reach: float) -> None:
-    """Mark the cells whose centres are not known to be free, or nearer than ``reach`` to an occupied cell, cells of the map."""
+@in_loops(_block_outside_each)
+def _block_outside(scene: Any, clearance: float) -> None:
+    """Mark the cells that walls or the map block, and no others."""
     (rows, columns), (height, width) = extent(scene), scene.known.shape
+    walls, on_map = scene.walls, scene.squares.shape[1] > 0
+    reach = clearance / scene.frame[4] if on_map else 0.0
     span = range(-math.ceil(reach), math.ceil(reach) + 1)
     shifts = sorted(product(span, span), key=lambda shift: shift[0] ** 2 + shift[1] ** 2)
     for first in range(0, rows, step := max(1, 200_000 // columns)):
         row, column = np.arange(first, min(first + step, rows))[:, None], np.arange(columns)
         x, y = centre_of(scene, row, column)  # pyright: ignore[reportArgumentType]
-        across, along = (np.ravel(place) for place in to_cells(scene.frame, x, y))
-        border = np.minimum(np.minimum(across, width - across), np.minimum(along, height - along)) - 1.0
-        inside = (across >= 1.0) & (across < width - 1.0) & (along >= 1.0) & (along < height - 1.0)
-        i, j = np.where(inside, along, 0.0).astype(int), np.where(inside, across, 0.0).astype(int)
-        blocked = ~inside | (scene.known[i, j] == 0) | (border < reach)
-        near = np.flatnonzero(~blocked & (scene.squares[:, i, j].min(axis=0) - 1.0 < reach))
-        for up, right in shifts if len(near) else ():
-            above, beside = np.clip(i[near] + up, 0, height - 1), np.clip(j[near] + right, 0, width - 1)
-            dy = np.maximum(np.maximum(above - along[near], along[near] - above - 1.0), 0.0)
-            dx = np.maximum(np.maximum(beside - across[near], across[near] - beside - 1.0), 0.0)
-            hit = (scene.squares[0, above, beside] == 0) & (np.sqrt(dy * dy + dx * dx) < reach)
-            blocked[near[hit]], near = True, near[~hit]
-        scene.ways[first : first + len(row), :columns][blocked.reshape(len(row), columns)] = _BLOCKED
+        blocked = (np.minimum(walls[2] - np.abs(walls[0] - x), walls[3] - np.abs(walls[1] - y)) < clearance).ravel()
+        if on_map:
+            across, along = (np.ravel(place) for place in to_cells(scene.frame, x, y))
+            border = np.minimum(np.minimum(across, width - across), np.minimum(along, height - along)) - 1.0
+            inside = (across >= 1.0) & (across < width - 1.0) & (along >= 1.0) & (along < height - 1.0)
+            i, j = np.where(inside, along, 0.0).astype(int), np.where(inside, across, 0.0).astype(int)
+            blocked |= ~inside | (scene.known[i, j] == 0) | (border < reach)
+            near = np.flatnonzero(~blocked & (scene.squares[:, i, j].min(axis=0) - 1.0 < reach))
+            for up, right in shifts if len(near) else ():
+                above, beside = np.clip(i[near] + up, 0, height - 1), np.clip(j[near] + right, 0, width - 1)
+                dy = np.maximum(np.maximum(above - along[near], along[near] - above - 1.0), 0.0)
+                dx = np.maximum(np.maximum(beside - across[near], across[near] - beside - 1.0), 0.0)
+                hit = (scene.squares[0, above, beside] == 0) & (np.sqrt(dy * dy + dx * dx) < reach)
+                blocked[near[hit]], near = True, near[~hit]
+        scene.ways[first : first + len(row), :columns] = np.where(blocked, _BLOCKED, UNREACHED).reshape(len(row), columns)
 
 
 @kernel
@@ -144,7 +132,7 @@ def block(scene: Scene, clearance: float) -> None:
     On a map, also mark those whose centres are not known to be free.
     """
     ways = scene.ways
-    _block_walls(scene, clearance)
+    _block_outside(scene, clearance)
     for k in range(scene.counts[0]):
         circle = scene.circles[k]
         if circle[3] == 0.0 and circle[4] == 0.0:
@@ -168,8 +156,6 @@ def block(scene: Scene, clearance: float) -> None:
                 x, y = centre_of(scene, row, column)
                 if distance_to_turned_box(box[0] - x, box[1] - y, box) < clearance:
                     ways[row, column] = _BLOCKED
-    if scene.squares.shape[1] > 0:
-        _block_map(scene, clearance / scene.frame[4])
 
 
 @kernel

@@ -17,13 +17,7 @@ _FAILED: WeakKeyDictionary[Node, dict[str, Any]] = WeakKeyDictionary()
 
 
 def note(node: Node, name: str, error: BaseException) -> None:
-    """Count what a callback raised on a message or a request from outside: it ends no node, and the next report names it.
-
-    Args:
-        node: The node.
-        name: Name of the topic or service.
-        error: The error.
-    """
+    """Count what the callback of a topic or service raised: it ends no node, and the node's next report names it."""
     failed = _FAILED.setdefault(node, {})
     failed[_NUMBER] = failed.get(_NUMBER, 0) + 1
     if _LAST not in failed:

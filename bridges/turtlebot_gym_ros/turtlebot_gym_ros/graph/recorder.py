@@ -8,7 +8,7 @@ zero. In lock-step, the reference is the step's own; otherwise it is the one in 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from threading import Lock
 from typing import Any
@@ -57,6 +57,7 @@ class Recorder:
         stamped: Whether velocities travel as TwistStamped.
         lock_step: Whether the graph is in lock-step: rows are then complete, and a leap of the stamps begins another episode.
         room: Whether the simulator is in a room, and rows include the clearance.
+        topics: Topics to record, with their value types.
         name: The node's name.
         namespace: Namespace of the graph; diagnostics of nodes outside it are ignored. In the root all nodes count.
     """
@@ -68,6 +69,7 @@ class Recorder:
         stamped: bool = True,
         lock_step: bool = False,
         room: bool = False,
+        topics: Mapping[str, type] = TOPICS,
         name: str = "bringup",
         namespace: str | None = None,
     ) -> None:
@@ -90,7 +92,7 @@ class Recorder:
         self._waits_for_rest = False
         self._heard: list[Subscription] = []
         self._tell = self.node.create_publisher(Header, "recorded", LOCK_STEP)
-        for topic, kind in (TOPICS | (ROOM_TOPICS if room else {})).items():
+        for topic, kind in {**topics, **(ROOM_TOPICS if room else {})}.items():
             way = conversion(kind, stamped=stamped)
             qos, group = (LOCK_STEP, Swift()) if lock_step else (SENSOR, None)
             hear = self._hear(topic, way.read)

@@ -50,7 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError as error:
         return refuse(error)
     runner = Runner()
-    recorder = Recorder(runner.context, name="status", namespace=namespace)
+    recorder = Recorder(
+        runner.context, topics={}, name="status", namespace=namespace
+    )  # no topic whose type it might guess wrong
     runner.add(recorder)
     runner.start()
     until = time.monotonic() + options.seconds

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 
@@ -26,9 +26,7 @@ class RosClock:
     """
 
     def __init__(self, node: Node, *, ignore: bool, jumped: Callable[[], None], now: float) -> None:
-        clock = node.get_clock()
-        assert isinstance(clock, ROSClock)
-        self._clock, self._ignore = clock, ignore
+        self._clock, self._ignore = node.get_clock(), ignore
         self._at, self._moved = 0, now
 
         def leap(jump: Any) -> None:
@@ -44,7 +42,7 @@ class RosClock:
         Args:
             now: Current time of the steady clock, s.
         """
-        if self._ignore or not self._clock.ros_time_is_active:  # use_sim_time may be set while the node runs
+        if self._ignore or not self._clock.ros_time_is_active:  # pyright: ignore[reportAttributeAccessIssue]  # use_sim_time may be set while the node runs
             return None
         at = self._clock.now().nanoseconds
         if at != self._at:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
@@ -122,21 +122,15 @@ class Arbiter:
         return now - heard.sent <= self._p.max_age and now - heard.measured <= self._p.measured_age
 
     def hear_emergency(
-        self,
-        pressed: bool,
-        now: float,
-        *,
-        sent: float | None = None,
-        dated: bool = True,
-        number: int | None = None,
-        prompt: bool = False,
+        self, pressed: bool, now: float, *, sent: float | None = None, dated: bool = True, **message: Any
     ) -> None:
-        """Take a button's message. A press always counts; only a message certainly sent lately shows that it is alive."""
+        """Take a button's message, see `EmergencyStop.hear`. A press always counts; only a message certainly sent lately shows
+        that it is alive."""
         self._wake(now)
         if pressed:
             self.emergency, self.why = True, "the emergency stop was pressed"
         unproved = not dated and now < self._blind_until
-        self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, number=number, prompt=prompt)
+        self.buttons.hear(pressed, now=now, sent=-math.inf if unproved else sent, **message)
 
     def halt(self, why: str) -> None:
         """Stop a robot that may move until a person enables it, like an emergency stop."""
