@@ -217,3 +217,11 @@ def test_the_truth_may_be_in_a_file_of_its_own(tmp_path, columns):
         read(path, truth=write(tmp_path / "later.csv", later))
     with pytest.raises(ValueError, match="truth must be auto, none, or a file for a table, got '/mocap'"):
         read(path, truth="/mocap")
+
+
+def test_a_cell_of_a_megabyte_makes_no_message_of_a_megabyte(tmp_path):
+    path = tmp_path / "long.csv"
+    path.write_text("t,v,omega,x,y,yaw\n" + f"0,0,0,0,0,{'x' * 10**6}\n" * 2)
+    with pytest.raises(ValueError, match="line 2: could not convert string to float") as refused:
+        read(path)
+    assert len(str(refused.value)) < 1000

@@ -157,7 +157,7 @@ def read_legs(path: Path, log: Drive, read: Callable[[Path], Drive], **deviation
             first, last = np.searchsorted(since, [numbers.pop("start", 0.0), numbers.pop("end", math.inf)])
             legs.append(leg_of(drive[first : last + 1], **numbers, **deviations))  # pyright: ignore[reportArgumentType]
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{path}, line {rows.line_num}: {error}") from error
+            raise ValueError(f"{path}, line {rows.line_num}: {error!s:.300}") from error
     return legs
 
 

@@ -163,7 +163,7 @@ def _open(path: Path) -> _Table:
                 if line == lines[-1] and len(cells) <= len(names) and parsed:
                     parsed.append([np.nan] * len(places))  # cut short, as by a recording that broke off
                     break
-                raise ValueError(f"{path}: line {line}: {error}.") from None
+                raise ValueError(f"{path}: line {line}: {error!s:.300}.") from None
         return np.array(parsed, np.float64).reshape(-1, len(places))
 
     return _Table(names, numbers, lines)
