@@ -1,4 +1,4 @@
-"""Whether the robot moves as it is told: faults of odometry and robot are noticed in time, and a healthy robot is not stopped.
+"""Whether the robot moves as commanded: faults of odometry and robot are noticed in time, and a healthy robot is not stopped.
 
 The rule of three bounds the rate of false alarms: none in 10 hours is fewer than one in 3.3 hours at 95 % confidence.
 """

@@ -138,7 +138,7 @@ class Arbiter:
             self.emergency, self.why = True, why
 
     def hear_odometry(self, pose: Pose, twist: Command, now: float, *, measured: float) -> None:
-        """Take odometry, and stop the robot if it does not move as it was told."""
+        """Take odometry, and stop the robot if it does not move as commanded."""
         self._wake(now)
         if why := self.moved.hear(pose, twist, min(measured, now)):
             self.halt(why)

@@ -1,9 +1,9 @@
-"""Whether the robot moves as it is told, by its odometry. Does not depend on ROS and takes steady times as arguments.
+"""Whether the robot moves as commanded, by its odometry. Does not depend on ROS and takes steady times as arguments.
 
 It shares no code with the filter's rule of agreement and needs no filter, so it covers what a person commands, too. It compares
 the published commands with the pose *and* the twist of odometry: motion of either is motion.
 
-* **Dead.** For `STILL` s the robot is told to drive, and odometry does not change. A robot with a delay of 0.5 s has moved by
+* **Dead.** For `STILL` s the robot is commanded to drive, and odometry does not change. A robot with a delay of 0.5 s has moved by
   then. Quick starts and stops count by their net way, `NET`.
 * **Blocked.** Odometry changes, but shows less than `SHARE` of commands that have lasted for `SETTLED` s.
 * **Unexpected.** Odometry shows motion that no command of the last `LATEST` s explains, nor slow braking since then: without a
@@ -51,10 +51,10 @@ UNTOLD, AGAINST = (0.1, 1.0), (0.06, 0.3)
 STALE = 1.0
 """Age of odometry, once heard, from which nothing is known about the robot's motion, s."""
 
-DEAD = "the robot is told to drive and does not move: blocked, its emergency stop is pressed, or its odometry is frozen"
+DEAD = "the robot is commanded to drive and does not move: blocked, its emergency stop is pressed, or its odometry is frozen"
 BLOCKED = (
-    "the robot is told to drive and hardly moves: blocked, or its odometry is wrong",
-    "the robot is told to turn and hardly turns: blocked, or its heading is wrong",
+    "the robot is commanded to drive and hardly moves: blocked, or its odometry is wrong",
+    "the robot is commanded to turn and hardly turns: blocked, or its heading is wrong",
 )
 REVERSED = "the speed has the wrong sign", "the turning rate has the wrong sign"
 EXTRA = "odometry shows motion that the guard did not command: another node drives the robot, or odometry is wrong"
@@ -131,7 +131,7 @@ class Moved:
         return self._blocked(at, speeds) or self._unexpected(at, gap, speeds)
 
     def _dead(self, sample: _Sample) -> bool:
-        """Return whether odometry stays the same though the robot is told to drive."""
+        """Return whether odometry stays the same though the robot is commanded to drive."""
         still = self._still or sample._replace(at=-math.inf, twist=Command(math.inf, 0.0))
         changes = [now - then for now, then in zip((*sample.pose, *sample.twist), (*still.pose, *still.twist), strict=True)]
         changes[2] = _wrap(changes[2])

@@ -52,7 +52,7 @@ class Parameters:
     geofence_frame: str = "odom"
     """Frame of the pose for the geofence, without a prefix; a pose in another one does not count."""
     motion_check: bool = True
-    """Whether the robot stands when it does not move as it is told by ``odom``, or has lost it; see `moved`."""
+    """Whether the robot stands when it does not move as commanded by ``odom``, or has lost it; see `moved`."""
     heed_disagreement: bool = False
     """Whether a cause on ``disagreement``, published by the filter, stops the robot until it is enabled."""
     collision_monitor: bool = False

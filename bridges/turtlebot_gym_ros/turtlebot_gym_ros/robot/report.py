@@ -119,12 +119,12 @@ class Report:
         return OK, self._arbiter.state
 
     def _motion_check(self, now: float) -> str:
-        """Return whether it is checked that the robot moves as it is told."""
+        """Return whether it is checked that the robot moves as commanded."""
         moved = self._arbiter.moved
         if not self._p.motion_check:
             return "off"
         if not moved.heard:
-            return "no odometry was heard, so it is not checked that the robot moves as it is told"
+            return "no odometry was heard, so it is not checked that the robot moves as commanded"
         return f"odometry is older than {STALE:g} s" if moved.lacks(now) else "on"
 
     def _mismatch(self, topics: list[str]) -> str:
