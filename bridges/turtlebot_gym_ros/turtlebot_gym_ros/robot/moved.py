@@ -3,7 +3,7 @@
 It shares no code with the filter's rule of agreement and needs no filter, so it covers what a person commands, too. It compares
 the published commands with the pose *and* the twist of odometry: motion of either is motion.
 
-* **Dead.** For `STILL` s the robot is commanded to drive, and odometry does not change. A robot with a delay of 0.5 s has moved by
+* **Dead.** For `STILL` s the command is to drive, and odometry does not change. A robot with a delay of 0.5 s has moved by
   then. Quick starts and stops count by their net way, `NET`.
 * **Blocked.** Odometry changes, but shows less than `SHARE` of commands that have lasted for `SETTLED` s.
 * **Unexpected.** Odometry shows motion that no command of the last `LATEST` s explains, nor slow braking since then: without a
