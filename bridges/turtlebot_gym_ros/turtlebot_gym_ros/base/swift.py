@@ -94,7 +94,7 @@ class SwiftExecutor(SingleThreadedExecutor):
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Run the callback that is ready next, and wait for it at most so long, s."""
-        self._run(self._next(timeout_sec))
+        self._run(*self._next(timeout_sec))
 
     def spin(self) -> None:
         """Run until shutdown."""
