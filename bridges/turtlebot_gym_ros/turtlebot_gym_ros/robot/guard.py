@@ -95,8 +95,8 @@ class CmdVelGuard(Node):
         self._ages: dict[str, Ages] = {}
         self._inputs: dict[str, Subscription] = {}
         check_topics(self.resolve_topic_name)
-        body = p.frame_prefix + p.body_frame
-        mount_of = hear_mounts(self, body, self._counted) if p.collision_monitor else lambda frame: None
+        wrap = partial(self._safely, TOPIC)
+        mount_of = hear_mounts(self, p.frame_prefix + p.body_frame, wrap) if p.collision_monitor else lambda frame: None
         self._arbiter = Arbiter(p, self._now(), mount_of)
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._headers_count = not self.get_parameter("use_sim_time").value
@@ -110,8 +110,7 @@ class CmdVelGuard(Node):
         self._promptly = self._subscribe(Bool, BUTTONS, partial(self._hear_button, prompt=True), PROMPT)
         if p.require_standby:
             self._subscribe(Empty, "cmd_vel_standby/alive", self._hear_standby, LATEST)
-        poses = {"odom": p.motion_check, p.geofence_topic: p.geofence > 0.0 or (p.motion_check and p.geofence_topic == "odom")}
-        for topic in (topic for topic, heard in poses.items() if heard):
+        for topic in {topic for topic, on in ((p.geofence_topic, p.geofence > 0.0), ("odom", p.motion_check)) if on}:
             self._subscribe(Odometry, topic, partial(self._hear_pose, topic), LATEST)
         if p.heed_disagreement:
             self._subscribe(String, "disagreement", self._hear_disagreement, LATCHED)
@@ -131,13 +130,11 @@ class CmdVelGuard(Node):
         return now
 
     def _age(self, topic: str, message: Any, info: Mapping[str, Any], now: float, *, hurried: bool = True) -> Age:
-        """Return the age of a topic's message, and count it; note it unless it may have waited for one that was sent again."""
+        """Return the age of a topic's message, and note it unless it may have waited for one that was sent again."""
         ages = self._ages.setdefault(topic, Ages(self._clock_watch))
         age = ages.age_of(info, getattr(message, "header", None) if self._headers_count else None, now)
         if hurried:
             self._report.note(self.resolve_topic_name(topic), age, now, ages.figures())
-        if topic != BUTTONS:  # a flood there may hide a press
-            self._arbiter.count(topic, info["publication_sequence_number"], now)
         return age
 
     def _subscribe(self, kind: type, topic: str, hear: Any, qos: QoSProfile) -> Subscription:
@@ -151,20 +148,13 @@ class CmdVelGuard(Node):
 
         def receive(message: Any, info: Mapping[str, Any]) -> None:
             try:
+                if topic != BUTTONS:  # a flood there may hide a press
+                    self._arbiter.count(topic, info["publication_sequence_number"], self._now())
                 hear(message, info)
             except Exception as error:  # whatever a message may cause
                 self._report.fail(f"{self.resolve_topic_name(topic)}: {type(error).__name__}: {error}", self._now())
 
         return receive
-
-    def _counted(self, hear: Any) -> Any:
-        """Return a callback for ``/tf_static``."""
-
-        def receive(message: Any, info: Mapping[str, Any]) -> None:
-            self._arbiter.count(TOPIC, info["publication_sequence_number"], self._now())
-            hear(message, info)
-
-        return self._safely(TOPIC, receive)
 
     def _hear(self, topic: str, source: str) -> None:
         """Subscribe to commands."""

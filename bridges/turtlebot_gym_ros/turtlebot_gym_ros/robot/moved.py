@@ -3,23 +3,22 @@
 It shares no code with the filter's rule of agreement and needs no filter, so it covers what a person commands, too. It compares
 the published commands with the pose *and* the twist of odometry: motion of either is motion.
 
-* **Dead.** For `STILL` s the command is to drive, and odometry does not change. A robot with a delay of 0.5 s has moved by
-  then. Quick starts and stops count by their net way, `NET`.
-* **Blocked.** Odometry changes, but shows less than `SHARE` of commands that have lasted for `SETTLED` s.
-* **Unexpected.** Odometry shows motion that no command of the last `LATEST` s explains, nor slow braking since then: without a
-  command, in the other direction, or faster. What is not explained must add up to more than a push aside. Poses count only
-  where they move steadily, so that neither their noise nor a jump is motion; the filter judges jumps.
+* **Dead.** A command to drive lasts for `STILL` s, or adds up to `NET` in quick starts and stops, and odometry does not change.
+  A robot that reacts 0.5 s late has moved by then.
+* **Blocked.** Odometry changes, but shows less than `SHARE` of a command that has lasted.
+* **Unexpected.** Odometry shows motion that no command of late explains, nor slow braking: without one, against it, or faster.
+  It must add up to more than a push aside. Poses count only where they move steadily, so that neither their noise nor a jump is
+  motion; the filter judges jumps.
 
-`tests/bridges/test_moved.py` simulates hours of each noise with robots that react late, slowly, coarsely or slip: no false
-alarm in 10 hours of each, so fewer than one in 3 hours at 95 % confidence.
+Robots that react late, slowly, coarsely or slip give no false alarm in 10 hours of simulated driving with each noise, so fewer
+than one in 3 hours at 95 % confidence.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from itertools import takewhile
-from typing import NamedTuple
+from itertools import pairwise, takewhile
 
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import STOP, Command, Pose
@@ -32,18 +31,13 @@ CHANGE = 0.001, 0.001, 0.005, 0.005, 0.02
 """Largest change of x, y, heading, speed and turning rate that may be jitter; m, m, rad, m/s, rad/s."""
 WINDOW = 0.5
 """Time over which motion is averaged, s."""
-SETTLED, SHARE, LASTING = 1.5, 0.2, 0.5
-"""Time after which even a slow robot follows a command, s; share of it below which it is blocked, as one that slips is not; and
-the time for which, s ..."""
-CHANGES = 0.0075
-"""... in which its wheels do not change their speed by this, as those of a slow robot that turns around do, m/s."""
-LEAST = 0.04, 0.3
-"""Least speeds of which the share is judged, m/s and rad/s ..."""
-SWERVE = 0.26
-"""... and more in a turn, m: wheels slip sideways at random; six deviations of noise ``wheel``."""
+SETTLED, SHARE, LASTING, CHANGES = 1.5, 0.2, 0.5, 0.0075
+"""Time after which even a slow robot follows a command, s; share of it below which it is blocked, and for how long, s, if the
+wheels' speeds change by less, m/s: a slow robot turns around, and a slipping one keeps a larger share."""
+LEAST, SWERVE = (0.04, 0.3), 0.26
+"""Least speeds of which that is judged, m/s and rad/s; and more in a turn, m: noise ``wheel`` swerves."""
 LATEST, SLOWEST, MEMORY = 0.8, 0.1, 5.0
-"""Longest delay of a robot and its commands, s, and slowest change of a wheel, m/s^2, that explain motion; and how long such a
-change may last, s."""
+"""Longest delay of a robot, s, and slowest change of a wheel, m/s^2, that explain motion; and how long that change lasts, s."""
 SLACK = 0.03, 0.1
 """Speeds that need no explanation, m/s and rad/s; more in a turn, and in a drive."""
 UNTOLD, AGAINST = (0.1, 1.0), (0.06, 0.3)
@@ -51,21 +45,13 @@ UNTOLD, AGAINST = (0.1, 1.0), (0.06, 0.3)
 STALE = 1.0
 """Age of odometry, once heard, from which nothing is known about the robot's motion, s."""
 
-DEAD = "the robot is commanded to drive and does not move: blocked, its emergency stop is pressed, or its odometry is frozen"
-BLOCKED = (
-    "the robot is commanded to drive and hardly moves: blocked, or its odometry is wrong",
-    "the robot is commanded to turn and hardly turns: blocked, or its heading is wrong",
-)
+DEAD = "the robot should drive and does not move: blocked, its emergency stop is pressed, or its odometry is frozen"
+BLOCKED = tuple(f"the robot should {verb} and hardly does: blocked, or its odometry is wrong" for verb in ("drive", "turn"))
 REVERSED = "the speed has the wrong sign", "the turning rate has the wrong sign"
 EXTRA = "odometry shows motion that the guard did not command: another node drives the robot, or odometry is wrong"
 
-
-class _Sample(NamedTuple):
-    """Odometry at a time."""
-
-    at: float
-    pose: Pose
-    twist: Command
+_Sample = tuple[float, Pose, Command]
+"""Odometry, and when it was measured, s."""
 
 
 class Moved:
@@ -75,17 +61,12 @@ class Moved:
         self._half = 0.5 * robot.wheel_separation
         self._commands: deque[tuple[float, Command]] = deque([(-math.inf, STOP)])
         self.at = -math.inf
-        """When the newest odometry was measured."""
+        """When the newest odometry was measured; minus infinity if none was heard."""
         self.forget()
-
-    @property
-    def heard(self) -> bool:
-        """Whether odometry was ever heard."""
-        return self.at > -math.inf
 
     def lacks(self, now: float) -> bool:
         """Return whether odometry that was heard before is too old now."""
-        return self.heard and now - self.at > STALE
+        return -math.inf < self.at < now - STALE
 
     def forget(self) -> None:
         """Begin anew, when a person has enabled the robot."""
@@ -117,28 +98,27 @@ class Moved:
         if not math.isfinite(sum(pose) + sum(twist) + at) or at <= self.at:
             return ""  # it says nothing, and in time is stale
         gap, self.at = min(at - self.at, SETTLED), at
-        sample = _Sample(at, pose, twist)
         if gap > WINDOW:
             self._window.clear()
-        self._window.append(sample)
-        while self._window[0].at < at - WINDOW - 1e-3:
+        self._window.append((at, pose, twist))
+        while self._window[0][0] < at - WINDOW - 1e-3:
             self._window.popleft()
-        if self._dead(sample):
+        if self._dead(at, pose, twist):
             return DEAD
-        if at - self._window[0].at < 0.7 * WINDOW or len(self._window) < 3:
+        if at - self._window[0][0] < 0.7 * WINDOW or len(self._window) < 3:
             return ""
         speeds = self._speeds()
         return self._blocked(at, speeds) or self._unexpected(at, gap, speeds)
 
-    def _dead(self, sample: _Sample) -> bool:
-        """Return whether odometry stays the same though the robot is commanded to drive."""
-        still = self._still or sample._replace(at=-math.inf, twist=Command(math.inf, 0.0))
-        changes = [now - then for now, then in zip((*sample.pose, *sample.twist), (*still.pose, *still.twist), strict=True)]
+    def _dead(self, at: float, pose: Pose, twist: Command) -> bool:
+        """Return whether odometry stays the same though the robot should drive."""
+        since, *still = self._still or (at, Pose(math.inf, 0.0, 0.0), STOP)
+        changes = [now - then for now, then in zip((*pose, *twist), (*still[0], *still[1]), strict=True)]
         changes[2] = _wrap(changes[2])
         if any(abs(change) > least for change, least in zip(changes, CHANGE, strict=True)):
-            self._still = sample
+            self._still = at, pose, twist
             return False
-        spans = self._told(max(still.at, sample.at - MEMORY), sample.at)
+        spans = self._told(max(since, at - MEMORY), at)
         for axis, lever in enumerate((1.0, self._half)):
             told = [(lasted, command[axis] * (abs(command[axis]) > TOLD[axis] - 1e-9)) for lasted, command in spans]
             lasting = takewhile(lambda span, newest=told[0][1]: span[1] * newest > 0.0, told)
@@ -149,16 +129,15 @@ class Moved:
 
     def _speeds(self) -> list[tuple[float, float, bool]]:
         """Return speed and turning rate over the window: by the twist, by the pose, and whether the pose moves steadily."""
-        last, count = self._window[-1], len(self._window) - 1
-        pairs = [(a.pose, b.pose) for a, b in zip(self._window, list(self._window)[1:], strict=False)]
-        turns = [_wrap(b.theta - a.theta) for a, b in pairs]
-        x, y, turned = (last.pose[k] - self._window[0].pose[k] if k < 2 else sum(turns) for k in range(3))
-        middle, lasted = last.pose.theta - 0.5 * turned, last.at - self._window[0].at
-        ways = math.sqrt(count * sum((b.x - a.x) ** 2 + (b.y - a.y) ** 2 for a, b in pairs))
-        steady = math.hypot(x, y) > 0.5 * ways, abs(turned) > 0.5 * math.sqrt(count * sum(turn * turn for turn in turns))
-        poses = (x * math.cos(middle) + y * math.sin(middle)) / lasted, turned / lasted
-        twists = [sorted(sample.twist[axis] for sample in self._window)[(count + 1) // 2] for axis in (0, 1)]  # no spike
-        return [(twists[axis], poses[axis], steady[axis] and count >= 8) for axis in (0, 1)]
+        times, poses, twists = zip(*self._window, strict=True)
+        steps, count, lasted = list(pairwise(poses)), len(times) - 1, times[-1] - times[0]
+        turns = [_wrap(b.theta - a.theta) for a, b in steps]
+        x, y, turned = poses[-1].x - poses[0].x, poses[-1].y - poses[0].y, sum(turns)
+        middle, ways = poses[0].theta + 0.5 * turned, sum((b.x - a.x) ** 2 + (b.y - a.y) ** 2 for a, b in steps)
+        steady = math.hypot(x, y) > 0.5 * math.sqrt(count * ways), abs(turned) > 0.5 * math.hypot(*turns) * math.sqrt(count)
+        moved = (x * math.cos(middle) + y * math.sin(middle)) / lasted, turned / lasted
+        median = [sorted(twist[axis] for twist in twists)[(count + 1) // 2] for axis in (0, 1)]  # one spike is no motion
+        return [(median[axis], moved[axis], steady[axis] and count >= 8) for axis in (0, 1)]
 
     def _blocked(self, at: float, speeds: list[tuple[float, float, bool]]) -> str:
         """Return whether much less motion is measured than was commanded for long."""

@@ -94,8 +94,8 @@ class Report:
             topic = node.resolve_topic_name(why.rpartition(" ")[2])
             sources = ", ".join(sorted(node_name(info) for info in node.get_publishers_info_by_topic(topic)))
             return ERROR, f"{topic} must have one source, so the robot stands: end all but one of {sources}"
-        if self._p.motion_check and self._arbiter.moved.lacks(now):
-            return ERROR, f"{node.resolve_topic_name('odom')}: {self._motion_check(now)}, so the robot stands"
+        if self._arbiter.moved.lacks(now):
+            return ERROR, f"{self._motion_check(now)}, so the robot stands"
         if self._p.require_emergency_stop and not self._arbiter.enabled and not self._arbiter.buttons.heard:
             return WARN, NONE_HEARD
         if self._arbiter.outside(now):
@@ -114,18 +114,16 @@ class Report:
             return WARN, f"{topics[0]} has no listener"
         if monitor and monitor.remark:
             return WARN, f"{self._arbiter.state}, collision monitor: {monitor.remark}"
-        if self._p.motion_check and not self._arbiter.moved.heard and self._arbiter.state in ("teleop", "program"):
-            return WARN, f"{self._arbiter.state}, {node.resolve_topic_name('odom')}: {self._motion_check(now)}"
+        if "nothing checks" in (why := self._motion_check(now)) and self._arbiter.state in ("teleop", "program"):
+            return WARN, f"{self._arbiter.state}, {why}"
         return OK, self._arbiter.state
 
     def _motion_check(self, now: float) -> str:
         """Return whether it is checked that the robot moves as commanded."""
-        moved = self._arbiter.moved
-        if not self._p.motion_check:
-            return "off"
-        if not moved.heard:
-            return "no odometry was heard, so it is not checked that the robot moves as commanded"
-        return f"odometry is older than {STALE:g} s" if moved.lacks(now) else "on"
+        moved, topic = self._arbiter.moved, self._node.resolve_topic_name("odom")
+        if self._p.motion_check and moved.at == -math.inf:
+            return f"no odometry was heard on {topic}: nothing checks whether the robot moves as commanded"
+        return f"{topic} is older than {STALE:g} s" if moved.lacks(now) else "on" if self._p.motion_check else "off"
 
     def _mismatch(self, topics: list[str]) -> str:
         """Return which node uses the other type of command, and what to type; or an empty text."""

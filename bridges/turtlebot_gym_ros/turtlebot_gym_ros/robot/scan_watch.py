@@ -49,7 +49,7 @@ COMMON = 15
 LEAST_TURN = 0.3
 """Turn between two scans that are compared without a way, rad."""
 VOTES, STILL_VOTES = 3, 4
-"""Comparisons in a row after which a mount is refused, or scans that do not move: a slow robot starts later than commanded."""
+"""Comparisons in a row after which a mount is refused, or scans that do not move: a slow robot starts late."""
 MIRRORED, STILL = 4, 8
 """Numbers of the first way of seeing the motion mirrored, and of seeing none."""
 QUARTERS = {1: "90 degrees to the left", 2: "180 degrees", 3: "90 degrees to the right"}
