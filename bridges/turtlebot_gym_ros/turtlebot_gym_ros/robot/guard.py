@@ -183,8 +183,7 @@ class CmdVelGuard(Node):
         pose, q, twist, now = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist, self._now()
         measured = now - self._age(topic, message, info, now).measured
         if self._p.geofence > 0.0 and topic == self._p.geofence_topic:
-            publishers = self._inputs[topic].get_publisher_count()
-            self._arbiter.locate(pose.x, pose.y, now, sent=measured, frame=message.header.frame_id, publishers=publishers)
+            self._arbiter.locate(pose.x, pose.y, now, sent=measured, frame=message.header.frame_id)
         if self._p.motion_check and topic == "odom":
             at, speeds = Pose(pose.x, pose.y, yaw_of_rotation(q.w, q.x, q.y, q.z)), Command(twist.linear.x, twist.angular.z)
             self._arbiter.hear_odometry(at, speeds, now, measured=measured)

@@ -128,11 +128,13 @@ class ScanWatch:
         shift, turn = into(key[0].pose, motion.pose)[:2], motion.pose[2] - key[0].pose[2]
         if math.hypot(*shift) < 0.5 * STEP and abs(turn) < 0.5 * LEAST_TURN:
             return
-        quarters = [-0.5 * math.pi * quarter for quarter in range(4)]
-        ways = [(_turn(shift[:, None], quarter), turn) for quarter in quarters]
-        ways += [(_turn(shift[:, None] * ((1.0,), (-1.0,)), quarter), -turn) for quarter in quarters] + [
-            (0.0 * shift[:, None], 0.0)
+        mirrored = shift * (1.0, -1.0)
+        ways = [
+            (_turn(way[:, None], -0.5 * math.pi * k), angle)
+            for way, angle in ((shift, turn), (mirrored, -turn))
+            for k in range(4)
         ]
+        ways.append((0.0 * shift[:, None], 0.0))
         fits = [_misfit(_binned(_turn(key[1] - way, -angle), bins), now) for way, angle in ways]
         if max(fits) == math.inf:
             return
@@ -141,8 +143,9 @@ class ScanWatch:
             self._votes.append(best)
         elif self._votes and fits[0] < fits[self._votes[-1]]:
             self._votes.clear()
-        if len(set(self._votes[-(needed := STILL_VOTES if best == STILL else VOTES) :])) == 1 and len(self._votes) >= needed:
-            self._turned_by = self._votes[-1]
+        last = self._votes[-(STILL_VOTES if self._votes[-1:] == [STILL] else VOTES) :]
+        if len(last) >= VOTES and len(set(last)) == 1 and (last[0] != STILL or len(last) == STILL_VOTES):
+            self._turned_by = last[0]
 
 
 def _named(way: int) -> str:

@@ -24,10 +24,9 @@ def check_topics(resolve: Callable[[str], str]) -> None:
     """
     for first, second in combinations(COMMANDS, 2):
         if (topic := resolve(first)) == resolve(second):
+            why = "obey its own commands" if first == COMMANDS[0] else "take a program for a person"
             raise ValueError(
-                f"{first} and {second} must be different topics, got {topic} for both: the guard would "
-                f"{'obey its own commands' if first == 'cmd_vel' else 'take a program for a person'}; "
-                f"remap {second} to the topic of {'another node' if first == 'cmd_vel' else 'the person'}."
+                f"{first} and {second} must be different topics, got {topic} for both: the guard would {why}; remap one."
             )
 
 
