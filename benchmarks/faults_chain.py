@@ -136,6 +136,12 @@ class Chain:
         """Return the nodes that have ended though nobody ended them."""
         return [name for name in CHAIN if name not in self._ended and not self.pids(name)]
 
+    def refuses(self, name: str) -> bool:
+        """Return whether a node that was started has ended because it refuses its arguments, which is no failure."""
+        if not self.pids(name) and "error: " in (self.folder / f"{name}.log").read_text(encoding="utf-8"):
+            self._ended.add(name)
+        return name in self._ended
+
     def repair(self) -> None:
         """Let all nodes run as usual."""
         for name in CHAIN:

@@ -120,7 +120,7 @@ def own_output(robot: Robot, rng: random.Random) -> list[str]:
     robot.teleop = (0.15, 0.0)
     until = time.monotonic() + 60.0
     while time.monotonic() < until and not (robot.enable() and robot.drives(time.time(), 2.0)):
-        if not robot.chain.pids("cmd_vel_guard"):  # it refuses to run
+        if robot.chain.refuses("cmd_vel_guard"):
             break
     time.sleep(0.5)
     with robot.lock:
