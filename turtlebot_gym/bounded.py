@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 SECONDS, RATE = 6, 2 * 10**6
 """CPU time that reading any file may take, s; and bytes for which a larger one has a second."""
-MEMORY, UNPACKED = 2**29, 30
+MEMORY, UNPACKED = 400 * 2**20, 30
 """Memory by which reading may let a process grow, bytes; files that it unpacks may be so much larger than the file."""
 WAIT = 10
 """Longest time that reading may take, as a multiple of its CPU time: a busy machine is no fault of the file."""
@@ -23,18 +23,19 @@ _EXHAUSTED = re.compile("bad_alloc|(unable|failed) to allocate|out of memory|Mem
 T = TypeVar("T")
 
 
-def bounded(call: Callable[[], T], path: str | Path, *, size: int = 0) -> T:
+def bounded(call: Callable[[], T], path: str | Path, *, size: int = 0, again: bool = False) -> T:
     """Return what a call returns, which must be picklable.
 
     Args:
         call: Reads a file.
         path: The file, for the message.
         size: Its size, bytes.
+        again: Whether the call is made in this process afterwards, so that each may take half of the time.
 
     Raises:
         ValueError: If the call takes more time or memory than a file may.
     """
-    seconds = max(SECONDS, size // RATE)
+    seconds = max(SECONDS, size // RATE) // (2 if again else 1)
     receiver, sender = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads, whose locks the copy does not take

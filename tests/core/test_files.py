@@ -188,7 +188,7 @@ def aborting():
 def test_a_call_without_bounds_is_ended_with_one_line(call, monkeypatch, capfd):
     monkeypatch.setattr("turtlebot_gym.bounded.SECONDS", 1)
     since = time.monotonic()
-    with pytest.raises(ValueError, match=r"^c.txt: reading it takes more than 1 s of computing or 512 MB of memory: .*\.$"):
+    with pytest.raises(ValueError, match=r"^c.txt: reading it takes more than 1 s of computing or 400 MB of memory: .*\.$"):
         bounded(call, "c.txt")
     assert time.monotonic() - since < 30.0
     assert capfd.readouterr() == ("", "")

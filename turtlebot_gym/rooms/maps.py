@@ -103,7 +103,8 @@ def _read_image(path: Path, mode: str, **limits: Any) -> NDArray[np.int8]:
             if image.mode.startswith("I"):  # 16 bits
                 return _occupancy(np.arange(65536) / 65535, mode, **limits)[np.clip(np.asarray(image), 0, 65535)]
             alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
-            pixels = np.asarray(image.convert("RGBA" if alpha else "RGB"))
+            plain = image.mode == "L" and not alpha  # a third of the memory
+            pixels = np.asarray(image)[:, :, None] if plain else np.asarray(image.convert("RGBA" if alpha else "RGB"))
     except FileNotFoundError as error:
         raise ValueError(f"There is no image {str(path)!r} for the map.") from error
     except MemoryError:
