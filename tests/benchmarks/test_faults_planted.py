@@ -1,4 +1,4 @@
-"""The defects that are planted for the injected faults: each can be planted, each kind has one, and a missed one is reported."""
+"""The defects that are planted for the injected faults: each can be planted, each kind has one, a missed one is reported."""
 
 import pytest
 
