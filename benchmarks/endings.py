@@ -33,6 +33,8 @@ LIMIT = 0.5
 """Longest time for which a motion may stay in force, s."""
 WATCHED = 1.6
 """Time for which the wheels are watched after an end, s: longer than the standby sends zeros."""
+TRANSPORT = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+"""As on a robot: a killed process leaves shared memory behind, and others may not hear its successor."""
 SPEED = 0.1
 """Speed of the commands, m/s."""
 STEPS = (-3600.0, -600.0, -30.0, -2.0, -0.775, 0.775, 2.0, 30.0, 600.0, 3600.0)
@@ -99,7 +101,7 @@ class Wheels:
     def _hear(self, message: Any) -> None:
         self.heard.append((time.monotonic(), (message.twist.linear.x, message.twist.angular.z) != (0.0, 0.0)))
 
-    def drive(self, *, commands: bool = True, patience: float = 60.0) -> None:
+    def drive(self, *, commands: bool = True, patience: float = 120.0) -> None:
         """Command, unless others do, until the robot moves and goes on moving."""
         self.commands, until = commands, time.monotonic() + patience
         self.heard.clear()
@@ -142,7 +144,7 @@ class Terminal:
         # Under nohup it would ignore hang-ups, and so would the nodes.
         self.shell = subprocess.Popen(
             ["setsid", "--ctty", "env", "--default-signal", "sh", "-c", script],
-            stdin=there, stdout=there, stderr=there, cwd=folder, env={**os.environ, **variables},
+            stdin=there, stdout=there, stderr=there, cwd=folder, env={**os.environ, **TRANSPORT, **variables},
         )  # fmt: skip
         os.close(there)
 
@@ -305,8 +307,8 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Any]]:
     """Return the figures of each way, and print them."""
     from turtlebot_gym_ros.base.discovery import prepare
 
-    os.environ |= {"ROS_DOMAIN_ID": str(config.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    prepare(local=False)  # as on a robot
+    os.environ |= {"ROS_DOMAIN_ID": str(config.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **TRANSPORT}
+    prepare(local=False)
     rng, rows, figures = random.Random(config.seed), [], {}
     with busy(config.busy), closing(Wheels()) as wheels:
         for way in config.ways or tuple(WAYS):
