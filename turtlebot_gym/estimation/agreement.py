@@ -28,7 +28,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from turtlebot_gym.estimation.contradiction import DEGREES, FROZEN, NO_HEADING, Compared, explanation, unit_of
-from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.angles import TWO_PI, wrap
 from turtlebot_gym.parameters import Noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import ORIGIN, STOP, Command, Odometry, Pose
@@ -213,9 +213,21 @@ class Agreement:
         aside = most + (ASIDE - self._share + min(self._noise[1], 1.0) + LAG * abs(last.twist.omega)) * ways[0]
         return Compared(theta, ahead, left, wrap(last.pose.theta - theta), told, (most, aside, wide))
 
+    def _is_near(self, first: _Said, last: _Said) -> bool:
+        """Return whether the poses of a window differ from its twists so little that nothing else needs to be compared."""
+        (x, y, theta), (u, w, phi), (a, b, heading), (c, d, psi) = first.pose, first.reckoned, last.pose, last.reckoned
+        away = theta - phi
+        cosine, sine, c, d = math.cos(away), math.sin(away), c - u, d - w
+        if math.hypot(a - x - cosine * c + sine * d, b - y - sine * c - cosine * d) > FLOOR[0] + ASIDE * (last.way - first.way):
+            return False
+        turn = abs(heading - psi - away)
+        return min(turn, abs(turn - TWO_PI)) <= FLOOR[1]
+
     def _differs(self, earlier: _Said) -> str:
         """Return how the motion since a message contradicts its twists."""
         assert self._at is not None
+        if self._is_near(earlier, self._at):
+            return ""
         compared = self.compare(earlier, self._at)
         if compared.excess(compared.told) <= 1.0:
             return ""
