@@ -229,6 +229,8 @@ def test_without_its_standby_the_guard_stands_and_goes_on_with_it(driving, launc
     standby.kill()
     probe.until_standing("cmd_vel_standby is not alive")
     launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
+    probe.until_standing("but has also /cmd_vel_standby")  # DDS takes the killed one for alive, for up to 20 s
+    probe.until(lambda: probe.node.count_publishers("cmd_vel_standby/alive") == 1)
     probe.until_driving()
 
 

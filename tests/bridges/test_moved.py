@@ -8,7 +8,10 @@ import random
 from dataclasses import replace
 
 import pytest
+from drawing import recorded
 from driven import BURGER, DT, KINDS, NOISES, Driver, Kind, alarms
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.robot import moved
@@ -115,6 +118,23 @@ def all_alarms(seconds, seed, noises=NOISES, kinds=KINDS):
         for noise in noises
         if (said := alarms(replace(KINDS[name], noise=noise), seconds, seed))
     }
+
+
+def test_the_recorded_drive_of_a_real_turtlebot3_is_not_stopped():
+    judge, said, heard = Moved(BURGER), set(), 0
+    with AnyReader([recorded("turtlebot3")], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        topics = [connection for connection in reader.connections if connection.topic in ("/cmd_vel", "/odom")]
+        for connection, at, data in reader.messages(connections=topics):
+            message = reader.deserialize(data, connection.msgtype)
+            twist = message.twist if connection.topic == "/cmd_vel" else message.twist.twist
+            speeds = Command(twist.linear.x, twist.angular.z)
+            if connection.topic == "/cmd_vel":
+                judge.tell(speeds, 1e-9 * at)
+                continue
+            position, q = message.pose.pose.position, message.pose.pose.orientation
+            said.add(judge.hear(Pose(position.x, position.y, 2.0 * math.atan2(q.z, q.w)), speeds, 1e-9 * at))
+            heard += 1
+    assert (heard, said) == (1254, {""})
 
 
 def test_no_healthy_robot_is_stopped():
