@@ -357,8 +357,9 @@ class World:
             self.later.append((self.t + 0.001, self.events, self.nodes[1], stamp, measured, self.system("chain")))
         else:
             self.last_result, self.moving = (stamp, measured), 0.25 - self.moving
-            message = Message(self.t + 0.001, "program", Command(self.moving, 0.0), "set", self.t, measured, 0.0, stamp, 0.0)
-            message.source = self.system("chain")
+            source = self.system("chain")
+            ahead, value = source - self.system("robot"), Command(self.moving, 0.0)
+            message = Message(self.t + 0.001, "program", value, "set", self.t, measured, source, stamp, ahead)
             self.flying.append(message)
 
     def speak(self, which, pressed):
