@@ -131,6 +131,7 @@ def test_no_policy_touches_a_wall_before_its_goal(view, policy, margin):
         ahead = np.cos(theta + directions)
         with np.errstate(divide="ignore"):
             ranges = np.where(ahead > 1e-6, (WALL - x + 0.032 * math.cos(theta)) / ahead, np.inf)
+        ranges = np.where(ranges > 3.5, np.inf, ranges)
         scan = Scan(np.where(sees, ranges, np.nan).astype(np.float32), 0.0, math.radians(2.0), 0.12, 3.5)
         command = robot.act((x, y, theta), np.zeros(3), before, scan, (2.0, 0.0, 0.0))
         x, y = x + before.v * PERIOD * math.cos(theta), y + before.v * PERIOD * math.sin(theta)
