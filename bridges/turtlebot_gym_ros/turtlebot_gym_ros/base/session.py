@@ -16,6 +16,11 @@ LIFELINE = "TURTLEBOT_GYM_LIFELINE"
 """Environment variable with the number of the file that ends with the process that started this one."""
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end a process: Ctrl-C, ``kill``, a closed terminal, and Ctrl with a backslash."""
+OTHERS = (
+    signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGIO, signal.SIGPWR,
+    signal.SIGXCPU,
+)  # fmt: skip
+"""All others that end a process by default, but for crashes."""
 SUSPENSIONS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 """Signals that suspend a process: Ctrl-Z, and using the terminal from its background."""
 INTERRUPTED = 128 + signal.SIGINT
@@ -43,7 +48,7 @@ def listening(lifelines: Sequence[int] = ()) -> Iterator[Callable[..., int | Non
     """
     noted, note = os.pipe()
     os.set_blocking(note, False)
-    caught, watched = list(filter(counts, (*ENDINGS, *SUSPENSIONS))), [noted, *lifelines]
+    caught, watched = list(filter(counts, (*ENDINGS, *OTHERS, *SUSPENSIONS))), [noted, *lifelines]
     handlers = {number: signal.signal(number, lambda *_: None) for number in caught}
     before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)
 
