@@ -124,8 +124,9 @@ class World:
         self.lives, self.swallowing, self.swallowed = 0, 0, {}
         """Of the buttons: all that ever lived, how many of the next messages are lost, and of each lost press its number, with
         when the message before it was sent."""
-        self.radio_until, self.in_the_air = -math.inf, 0
-        """Until when a lost message holds up the buttons' next ones, and how many of the prompt ones are lost."""
+        self.radio_until, self.in_the_air, self.came = -math.inf, 0, {True: -math.inf, False: -math.inf}
+        """Until when a lost message holds up the buttons' next ones, and how many of the prompt ones are lost;
+        when the last prompt and the last other one came."""
         parameters = arbiter.Parameters(**parameters)
         self.clock = sent.SystemClock()
         self.look()
@@ -373,8 +374,9 @@ class World:
             return
         self.in_the_air = max(0, self.in_the_air - 1)
         for prompt in (True, False)[bool(self.in_the_air) :]:
-            at = self.t if prompt else max(self.t, self.radio_until)
-            message = Message(at + 0.0002, "button", pressed, "none", self.t, self.t, self.t + self.offset, 0.0, 0.0)
+            at = self.t + 0.0002 if prompt else max(self.t, self.radio_until) + 0.0003
+            self.came[prompt] = at = max(at, self.came[prompt] + 1e-6)  # one after the other, each at a moment of its own
+            message = Message(at, "button", pressed, "none", self.t, self.t, self.t + self.offset, 0.0, 0.0)
             message.number, message.button, message.prompt = button[0], button[4], prompt
             if button[4] in self.log.spoken:
                 message.pressed = max(message.at, self.suspended_until)

@@ -229,6 +229,12 @@ def test_all_that_was_sent_before_has_been_heard_once_every_button_spoke_since()
     assert stop.spoken_since(50.2)
 
 
+def test_a_button_that_was_heard_promptly_only_is_awaited_too():
+    stop = radio((50.1, 1, "prompt"), (50.2, 2, "prompt"))  # its first message is lost for now, and holds up all others
+    assert stop.spoken_since(50.2)
+    assert not stop.spoken_since(50.25)
+
+
 def test_nothing_more_is_awaited_of_a_button_that_was_started_again():
     stop = play(*button(50.0, 51.0), *button(52.0, 54.0))
     assert stop.spoken_since(53.5)

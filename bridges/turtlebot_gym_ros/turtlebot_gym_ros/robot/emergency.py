@@ -157,7 +157,7 @@ class EmergencyStop:
 
     def spoken_since(self, time: float) -> bool:
         """Return whether every button sent something after a steady time, so that all it sent before that has been heard."""
-        return all(button.sent >= time for button in self._every.buttons)
+        return all(button.sent >= time for stream in (self._every, self._prompt) for button in stream.buttons)
 
     def lost(self, now: float) -> str:
         """Return what may have hidden a press in the last 0.5 s, or an empty text; whoever asks must stop until enabled."""
