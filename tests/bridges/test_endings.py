@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 from bench import node
-from conftest import benchmark
 
-endings = benchmark("endings")
+import endings
+
 DAILY = ("SIGTSTP", "SIGKILL", "closed", "clock -3600 s", "clock -3600 s, guard killed")
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="terminals and clocks are those of Linux")
 

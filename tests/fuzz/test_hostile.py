@@ -16,7 +16,8 @@ for needed in ("stable_baselines3", "onnx", "onnxruntime", "rosbags", "PIL", "lz
 
 from hostile import KINDS
 
-SECONDS, MEMORY = 10.0, 1e9
+SECONDS, MEMORY, OWN = 10.0, 1e9, 3e8
+"""CPU seconds and memory that a reader may take, bytes; so much of it is a fresh process that has imported the package."""
 """Bounds of a file, CPU s and bytes."""
 PATIENCE = 120
 """Wall time after which a reader hangs, s; a busy machine needs more than `SECONDS`."""
@@ -33,6 +34,7 @@ def tried(name, number, folder):
     if not pid:
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(PATIENCE)
+        began = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # what the tests of this process hold
         started = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
         try:
             reader()
@@ -46,7 +48,7 @@ def tried(name, number, folder):
         spent = [sum(resource.getrusage(who)[:2]) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         most = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) * 1024
         with open(sender, "wb") as pipe:
-            pickle.dump((said, sum(spent) - started, most), pipe)
+            pickle.dump((said, sum(spent) - started, max(most - max(began - OWN, 0.0), 0.0)), pipe)
         os._exit(0)
     os.close(sender)
     with open(receiver, "rb") as pipe:

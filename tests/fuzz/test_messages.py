@@ -22,7 +22,7 @@ from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Fix, Pose
 from turtlebot_gym_ros.node import cdr
 from turtlebot_gym_ros.node.convert import CONVERSIONS, conversion
-from turtlebot_gym_ros.node.geometry import FARTHEST
+from turtlebot_gym_ros.node.places import FARTHEST
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # serialize_message, of a part of rclpy
 KINDS = {kind.__name__: way for kind, way in CONVERSIONS.items()}
@@ -59,7 +59,7 @@ def test_a_message_is_read_or_refused_in_one_line(name, number):
             assert 0 < len(refusal) < 600
             assert "\n" not in refusal
         assert time.process_time() - began < 1.0
-    assert taken or name in ("Located", "Places", "Correction", "Obstacles")
+    assert taken or name in ("Scene", "Located", "Places", "Correction", "Obstacles")
     assert peak() - before < 2**28
 
 

@@ -14,13 +14,12 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.values import Belief, Fix
 from turtlebot_gym_ros.node.block import Disagreement, Output
+from turtlebot_gym_ros.node.places import FARTHEST
 
 LEAST_VARIANCE = 1e-6
 """Least variance of a fix, (1 mm)^2 or (1 mrad)^2; smaller ones are raised to it, as nothing outside a robot knows more."""
 MOST_VARIANCE = 1e4
 """Variance of a fix from which it says nothing, (100 m)^2."""
-FARTHEST = 1e5
-"""Distance from the origin beyond which no robot is, m."""
 DISAGREEMENT = Output(topic="disagreement", type=Disagreement, latched=True)
 """The output of a filter that judges its odometry."""
 CERTAIN = {2: 27.63, 3: 30.66}

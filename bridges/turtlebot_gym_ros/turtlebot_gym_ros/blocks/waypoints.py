@@ -22,7 +22,7 @@ from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_ros.blocks.ways import Ways
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output
 from turtlebot_gym_ros.node.errand import Errand, Failure
-from turtlebot_gym_ros.node.geometry import FARTHEST, place
+from turtlebot_gym_ros.node.places import FARTHEST, place
 
 MAP_FRAME = "map"
 """Frame in which a map says where there is a way."""

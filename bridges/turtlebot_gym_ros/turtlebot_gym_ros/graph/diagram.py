@@ -29,8 +29,18 @@ if TYPE_CHECKING:
 
 BEHIND_GUARD = {name: entry.guarded for name, entry in NODES.items() if entry.guarded}
 """Topic for commands, instead of ``cmd_vel``, if there is a guard."""
-HIDDEN = ("/rosout", "/parameter_events", "/diagnostics", "/clock", "/reset", "/recorded", "/scan/newest")
-"""Topics of nearly every node that are not part of the loop."""
+HIDDEN = (
+    "/rosout",
+    "/parameter_events",
+    "/diagnostics",
+    "/clock",
+    "/reset",
+    "/recorded",
+    "/scan/newest",
+    "/disagreement",
+    "/resume",
+)
+"""Topics of nearly every node that are not part of the loop, or by which it is only watched."""
 
 
 class Connection(NamedTuple):
@@ -77,15 +87,20 @@ def _says(name: str, *, guarded: bool) -> dict[str, type]:
         return {}
     if name == "cmd_vel_guard":
         return {"cmd_vel": Command}
-    topics = {output.topic: output.type for output in _block(name).outputs.values()}
+    outputs = _block(name).outputs.values()
+    topics = {output.topic: output.type for output in outputs if f"/{output.topic}" not in HIDDEN}
     moves = BEHIND_GUARD.get(name) if guarded else None
     return {moves if moves and topic == "cmd_vel" else topic: kind for topic, kind in topics.items()}
 
 
 def _hears(name: str, spoken: Mapping[str, type]) -> Iterable[str]:
     """Return the topics that a node subscribes to, among those with a publisher."""
-    special = {"data_logger": spoken, "bringup": TOPICS, "cmd_vel_guard": BEHIND_GUARD.values()}
-    return special[name] if name in special else [item.topic for item in _block(name).inputs.values()]
+    special = {"data_logger": spoken, "bringup": TOPICS, "cmd_vel_guard": [*BEHIND_GUARD.values(), "odom"]}
+    return (
+        special[name]
+        if name in special
+        else [item.topic for item in _block(name).inputs.values() if item.lock_step != "absent"]
+    )
 
 
 def _block(name: str) -> type:

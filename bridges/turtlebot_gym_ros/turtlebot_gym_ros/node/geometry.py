@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.values import Command, Pose
+from turtlebot_gym_ros.node.places import finite, place
 
 
 class Conversion(NamedTuple):
@@ -32,8 +33,6 @@ def unread(message: Any) -> Any:
     raise ValueError("no node takes it as an input")
 
 
-FARTHEST = 1e5
-"""Distance from the origin along an axis beyond which no robot, goal or obstacle is, m."""
 FASTEST = 1e3
 """Speed, m/s, and turning rate, rad/s, beyond which nothing is."""
 _NUDGES = (0, 1, -1, 2, -2, 3, -3, 4, -4)
@@ -78,23 +77,6 @@ def _neighbours(z: float, w: float) -> Iterator[tuple[float, float]]:
     """Yield the pairs of numbers close to a pair, nearest first."""
     near_z, near_w = ([value + k * math.ulp(value) for k in _NUDGES] for value in (z, w))
     return ((near_z[i], near_w[j]) for i, j in _PAIRS)
-
-
-def finite(what: str, numbers: Iterable[float], *, most: float = math.inf) -> None:
-    """Raise a ``ValueError`` that shows the values if numbers are not finite, or larger than a limit."""
-    values = tuple(numbers)
-    if not all(map(math.isfinite, values)):
-        shown = values if len(values) < 10 else [value for value in values if not math.isfinite(value)][:3]
-        raise ValueError(f"{what} must be finite, got {', '.join(f'{value:g}' for value in shown)}")
-    if (largest := max(values, key=abs)) and abs(largest) > most:
-        raise ValueError(f"{what} holds {largest:g}, and nothing is beyond {most:g}: is it in SI units?")
-
-
-def place(x: float, y: float, theta: float) -> Pose:
-    """Return a planar pose, or raise ``ValueError``: every place that arrives or leaves is checked here."""
-    pose = Pose(x, y, theta)
-    finite("the pose", pose, most=FARTHEST)
-    return pose
 
 
 def read_pose(message: Any) -> Pose:
