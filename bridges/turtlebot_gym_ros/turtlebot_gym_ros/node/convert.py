@@ -40,7 +40,8 @@ from turtlebot_gym.validation import LARGEST, LEAST, shown
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.block import Correction, Disagreement, Nis, Resume
 from turtlebot_gym_ros.node.cdr import blank
-from turtlebot_gym_ros.node.geometry import Conversion, finite, place, read_pose, read_twist, unread, write_pose, write_twist
+from turtlebot_gym_ros.node.geometry import Conversion, read_pose, read_twist, unread, write_pose, write_twist
+from turtlebot_gym_ros.node.places import finite, place
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
