@@ -18,7 +18,7 @@ def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(
     states = peer.hear("calibration_drive/state", String, LATCHED)
     button, pressed = peer.speak("emergency_stop", Bool, 1), [False]
     peer.node.create_timer(0.05, lambda: button.publish(Bool(data=pressed[0])))
-    wait_for(lambda: states and wheels and button.get_subscription_count() == 2)
+    wait_for(lambda: states and wheels and button.get_subscription_count() >= 4)
     assert states[-1].data.startswith("silent: not enabled")
     assert not wishes
     assert {velocity.twist.linear.x for velocity in wheels} == {0.0}

@@ -81,8 +81,11 @@ class Robot:
     def _run(self):
         while not self._over.wait(0.05):
             made = time.time()
-            self.x += 0.05 * (self.commands[-1].twist.linear.x if self.commands else 0.0)
-            message = self.spoil(odometry(made, x=self.x))
+            speed = self.commands[-1].twist.linear.x if self.commands else 0.0
+            self.x += 0.05 * speed
+            said = odometry(made, x=self.x)
+            said.twist.twist.linear.x = speed
+            message = self.spoil(said)
             if message is not None:
                 self.measured = made
                 self.send(message)
