@@ -110,7 +110,7 @@ class CalibrationDrive:
         reach = min(REACH * params.radius, LONGEST)
         self._legs = tuple(_script(self._robot, speed=params.speed, turning=params.turning, reach=reach))
         self._center: Pose | None = None
-        self._agreement = Agreement(self._robot, Noise())
+        self._agreement = Agreement(self._robot, Noise(), leaps=True)  # of what noise is unknown
         self.reset()
 
     def reset(self) -> None:
@@ -123,7 +123,7 @@ class CalibrationDrive:
         """Return the command for the current time; nothing after the end.
 
         Raises:
-            ValueError: If pose and twist of the odometry contradict each other (`agreement`).
+            ValueError: If the pose repeats itself to the bit though the twist says that the robot moves (`agreement`).
         """
         self._agreement.judge(dt, odometry)
         if self._agreement.cause:
