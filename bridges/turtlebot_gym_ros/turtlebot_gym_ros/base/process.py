@@ -275,5 +275,6 @@ def processes(
                 process.wait(KILL)
             except subprocess.TimeoutExpired:
                 process.kill()
+                process.wait()
         os.close(theirs)
         os.close(ours)
