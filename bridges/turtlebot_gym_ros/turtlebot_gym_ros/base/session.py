@@ -49,8 +49,8 @@ def listening(lifelines: Sequence[int] = ()) -> Iterator[Callable[..., int | Non
     noted, note = os.pipe()
     os.set_blocking(note, False)
     caught, watched = list(filter(counts, (*ENDINGS, *OTHERS, *SUSPENSIONS))), [noted, *lifelines]
+    before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)  # first: else a signal that comes in between is lost
     handlers = {number: signal.signal(number, lambda *_: None) for number in caught}
-    before = signal.set_wakeup_fd(note, warn_on_full_buffer=False)
 
     def wait(timeout: float | None = None) -> int | None:
         while ready := select.select(watched, [], [], timeout)[0]:
