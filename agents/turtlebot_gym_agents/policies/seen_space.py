@@ -23,8 +23,10 @@ LASTS = 6.0
 """Time for which a place that was seen counts as free, s: later, somebody may have stepped there."""
 RESERVE, LAST_RESERVE = 0.5, 0.3
 """Times for which the robot must keep out of what was not seen, and of obstacles, s, besides the time to brake."""
-CLEARANCE = 0.03
+CLEARANCE = 0.04
 """Clearance that it keeps from both, m."""
+LONG = 1.05
+"""Ratio by which ranges may be too long: that of an LDS-01."""
 BLUR = 0.1
 """Time by which a beam may be older or newer than its scan's age says, s: half a revolution."""
 PATIENCE, LOOK = 2.0, 2.0
@@ -132,6 +134,6 @@ class SeenSpace:
         sectors = np.round(np.angle(points - LIDAR_X) / SECTOR).astype(np.int64) % SECTORS
         reach, was_there = np.take_along_axis(ranges, sectors, axis=1), np.abs(points) <= self._robot.radius
         newest = np.argmax(was_there | (reach > 0.0), axis=0)[None]  # that looked there, or had the robot there
-        passed = np.take_along_axis(was_there | (np.abs(points - LIDAR_X) < reach), newest, axis=0).reshape(rim.shape)
+        passed = np.take_along_axis(was_there | (LONG * np.abs(points - LIDAR_X) < reach), newest, axis=0).reshape(rim.shape)
         unseen = ~passed & (reach[0] == 0.0).reshape(rim.shape)
         return bool(unseen[: len(_FAR)].any()), not passed[len(_FAR) :].all()
