@@ -172,8 +172,9 @@ class Terminal:
         pids = [self.pid(path.name) for path in self._folder.iterdir() if path.read_text().strip().isdigit()]
         for number in (signal.SIGCONT, signal.SIGKILL):
             for pid in pids:
-                with suppress(ProcessLookupError):
-                    os.kill(pid, number)
+                with suppress(OSError):  # a pid may be another's by now
+                    if b"turtlebot_gym_ros" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                        os.kill(pid, number)
         with suppress(ProcessLookupError):
             self.signal(signal.SIGKILL)
         self.shell.wait()
