@@ -180,8 +180,9 @@ class Terminal:
         # With job control the job has a process group of its own, which the keyboard's signals reach; without it a session's
         # only group is an orphan, which cannot be suspended.
         script = f"({jobs} & wait); sleep 1000"
+        # Under nohup it would ignore hang-ups, and so would its processes.
         self.shell = subprocess.Popen(
-            ["setsid", "--ctty", "bash", "-m", "-c", script], cwd=folder, env=environment,
+            ["setsid", "--ctty", "env", "--default-signal", "bash", "-m", "-c", script], cwd=folder, env=environment,
             stdin=screen, stdout=screen, stderr=screen,
         )  # fmt: skip
         os.close(screen)
