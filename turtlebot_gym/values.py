@@ -55,6 +55,13 @@ class Odometry(NamedTuple):
     """Whether a pose arrived in this step."""
 
 
+class SidewaysOdometry(Odometry):
+    """Odometry whose twist also has a speed to the left, which a robot with two wheels does not have."""
+
+    across: float
+    """That speed, m/s."""
+
+
 class Senses(NamedTuple):
     """The values of all sensors in a step; with further sensors a type from `senses_of`, whose fields are their names."""
 

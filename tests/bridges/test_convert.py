@@ -100,6 +100,15 @@ def test_a_robots_odometry_counts_as_measured(variance):
     assert conversion(values.Odometry).read(message) == values.Odometry(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), True)
 
 
+def test_odometry_tells_of_a_speed_to_the_left():
+    message = conversion(State).write(State(1.0, 2.0, 0.5, 0.1, 0.2), HEADER)
+    message.twist.twist.linear.y = -0.2
+    assert conversion(values.Odometry).read(message).across == -0.2
+    message.twist.twist.linear.y = math.nan
+    with pytest.raises(ValueError, match="the twist"):
+        conversion(values.Odometry).read(message)
+
+
 def test_all_but_the_heading_survives_to_the_bit():
     rng = np.random.default_rng(1)
     for _ in range(100):

@@ -11,7 +11,7 @@ from turtlebot_gym.estimation.contradiction import Compared, explanation
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.values import STOP, Command, Odometry, Pose
+from turtlebot_gym.values import STOP, Command, Odometry, Pose, SidewaysOdometry
 
 BURGER = ROBOTS["burger"]
 
@@ -155,6 +155,16 @@ def test_a_glitch_of_one_message_is_refused_and_forgotten():
         said = said._replace(twist=said.twist._replace(omega=-125.0)) if glitch else said
         assert bool(agreement.judge(Driver.dt, said, Command(0.1, 0.3))) is glitch
     assert agreement.cause == ""
+
+
+@pytest.mark.parametrize(("across", "refused"), [(0.02, False), (0.05, True), (-0.05, True)])
+def test_a_twist_to_the_side_is_one_in_another_frame(across, refused):
+    driver, agreement = Driver(), Agreement(BURGER, NOISES["wheel"])
+    for _ in range(40):
+        said = SidewaysOdometry(*driver.step(Command(0.2, 0.0)))
+        said.across = across
+        agreement.judge(Driver.dt, said, Command(0.2, 0.0))
+    assert ("in the world's frame" in agreement.cause) is refused
 
 
 def test_after_a_pause_the_robot_must_be_where_it_was():

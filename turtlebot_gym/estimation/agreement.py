@@ -31,7 +31,7 @@ from turtlebot_gym.estimation.contradiction import DEGREES, FROZEN, NO_HEADING, 
 from turtlebot_gym.models.angles import TWO_PI, wrap
 from turtlebot_gym.parameters import Noise
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.values import ORIGIN, STOP, Command, Odometry, Pose
+from turtlebot_gym.values import ORIGIN, STOP, Command, Odometry, Pose, SidewaysOdometry
 
 FLOOR = 0.02, 0.05
 """Difference that never counts: m and rad."""
@@ -59,6 +59,8 @@ LEAST = 0.03, 0.15
 """Commands below which nothing is said about the robot's answer, m/s and rad/s: friction holds a robot."""
 ANSWER = 0.1
 """Share of its command with which a robot counts as standing."""
+ACROSS = 0.03, 0.1
+"""Speed to the left, m/s and as a share of the forward speed, from which a twist is not one in the robot's frame."""
 ELSEWHERE = JUMPS, ANEW, PAUSED = "odometry jumps", "odometry begins anew", "after a pause"
 """Beginnings of the causes of a robot that seems to be elsewhere."""
 UNEXPLAINED = "pose and twist differ"
@@ -145,7 +147,7 @@ class Agreement:
 
     def _contradiction(self, dt: float, odometry: Odometry, command: Command | None) -> str:
         dt, self._lost = dt + self._lost, 0.0
-        if why := self._beyond(odometry.twist, command):
+        if why := self._beyond(odometry.twist, command) or _sideways(odometry):
             self._lost = dt
             return why
         now = self._at = self._advanced(dt, odometry)
@@ -296,6 +298,14 @@ class Agreement:
             if max(answers) < -0.3 * order and answers[-1] <= 0.97 * answers[0]:
                 return f"the {'turning rate' if axis else 'speed'} has the wrong sign: the command is to {verb} the other way"
         return ""
+
+
+def _sideways(odometry: Odometry) -> str:
+    """Return whether a twist moves a robot with two wheels to the side."""
+    across = odometry.across if isinstance(odometry, SidewaysOdometry) else 0.0
+    if abs(across) <= max(ACROSS[0], ACROSS[1] * abs(odometry.twist.v)):
+        return ""
+    return f"the twist has a speed of {across:g} m/s to the left, as no robot with two wheels: is it in the world's frame?"
 
 
 def _turned(x: float, y: float, angle: float) -> tuple[float, float]:

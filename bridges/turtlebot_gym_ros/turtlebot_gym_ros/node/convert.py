@@ -40,7 +40,7 @@ from turtlebot_gym.validation import LARGEST, LEAST, shown
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.block import Correction, Disagreement, Nis, Resume
 from turtlebot_gym_ros.node.cdr import blank
-from turtlebot_gym_ros.node.geometry import Conversion, read_pose, read_twist, unread, write_pose, write_twist
+from turtlebot_gym_ros.node.geometry import FASTEST, Conversion, read_pose, read_twist, unread, write_pose, write_twist
 from turtlebot_gym_ros.node.places import finite, place
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
@@ -120,8 +120,14 @@ def _odometry_of(message: Odometry) -> values.Odometry:
     first = float(message.pose.covariance[0])
     if math.isnan(first):
         raise ValueError("pose.covariance[0] is NaN: it states a variance, 0 if none is known, or -1 if there is no pose")
-    measured = first >= 0.0
-    return values.Odometry(read_pose(message.pose.pose), read_twist(message.twist.twist), measured)
+    said = read_pose(message.pose.pose), read_twist(message.twist.twist), first >= 0.0
+    across = float(message.twist.twist.linear.y)
+    if across == 0.0:
+        return values.Odometry(*said)
+    finite("the twist", (across,), most=FASTEST)
+    odometry = values.SidewaysOdometry(*said)
+    odometry.across = across
+    return odometry
 
 
 def _odometry_to_message(odometry: values.Odometry, header: Header) -> Odometry:
