@@ -10,8 +10,8 @@ frozen scan showed something: it then takes 0.02 m, one scan and the delays, 0.7
 
 **Motion.** Points of a scan, moved as the robot has moved since, must lie where the next one has returns. If they fit that scan
 clearly better with the motion turned by a quarter or half a turn, `VOTES` times in a row, the LiDAR is mounted so. If they do
-with left and right exchanged, it is upside down or clockwise, which only turns show; if they do without any motion,
-`STILL_VOTES` times, the scans are late or another robot's. Walls fit in many ways, so one comparison alone proves little. Other
+with left and right exchanged, it is upside down or clockwise, which only turns show; if they do without any motion, the scans
+are late or another robot's: only a start or a stop shows that they are late. Walls fit in many ways, so one comparison alone proves little. Other
 people move, wheels slip and rooms are symmetrical: all of these make the fits equally bad, or equally good, and are no vote.
 
 A frozen or covered LiDAR counts again when its scans change; a wrong mount until `forget`, when a person enables the robot.
@@ -48,8 +48,8 @@ COMMON = 15
 """Least number of directions with returns in both scans."""
 LEAST_TURN = 0.3
 """Turn between two scans that are compared without a way, rad."""
-VOTES, STILL_VOTES = 3, 4
-"""Comparisons in a row after which a mount is refused, or scans that do not move: a slow robot starts late."""
+VOTES = 3
+"""Comparisons in a row after which a mount is refused, or scans that do not move."""
 MIRRORED, STILL = 4, 8
 """Numbers of the first way of seeing the motion mirrored, and of seeing none."""
 QUARTERS = {1: "90 degrees to the left", 2: "180 degrees", 3: "90 degrees to the right"}
@@ -143,8 +143,8 @@ class ScanWatch:
             self._votes.append(best)
         elif self._votes and fits[0] < fits[self._votes[-1]]:
             self._votes.clear()
-        last = self._votes[-(STILL_VOTES if self._votes[-1:] == [STILL] else VOTES) :]
-        if len(last) >= VOTES and len(set(last)) == 1 and (last[0] != STILL or len(last) == STILL_VOTES):
+        last = self._votes[-VOTES:]
+        if len(last) == VOTES and len(set(last)) == 1:
             self._turned_by = last[0]
 
 
