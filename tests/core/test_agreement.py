@@ -35,8 +35,8 @@ SAID = {
     "heading frozen": "the heading stands still though the robot is said to turn: is the IMU alive?",
     "dead IMU": "commanded to turn and does not turn",
     "twist 0": "though the wheels are said to stand",
-    "turn sign": "the heading turns against the turning rate",
-    "speed sign": "the pose moves against the speed",
+    "turn sign": "the turning rate has the wrong sign",
+    "speed sign": "the speed has the wrong sign",
     "mm": "1000 times the command: in mm?",
     "cm": "100 times the command: in cm?",
     "twist in mm/s": "1000 times the command: in mm?",
@@ -165,6 +165,21 @@ def test_a_twist_to_the_side_is_one_in_another_frame(across, refused):
         said.across = across
         agreement.judge(Driver.dt, said, Command(0.2, 0.0))
     assert ("in the world's frame" in agreement.cause) is refused
+
+
+@pytest.mark.parametrize(("delay", "acceleration"), [(0.0, math.inf), (0.1, 3.0), (0.5, math.inf), (0.5, 1.0)])
+@pytest.mark.parametrize("crossed", [True, False])
+def test_wheels_that_turn_the_other_way_show_at_once_though_the_command_alternates(crossed, delay, acceleration):
+    driver = Driver("crossed" if crossed else None, 2.0, delay=delay, acceleration=(math.inf, acceleration))
+    agreement, omega, late = Agreement(BURGER, NOISES["wheel"]), 0.0, math.inf
+    for k in range(160):
+        sign = 1.0 if k < 46 else (-1.0) ** (k // 4)  # from 2.3 s on it alternates every 0.2 s
+        omega = 0.0 if k < 40 else sign
+        if agreement.judge(Driver.dt, driver.step(Command(0.1, omega)), Command(0.1, omega)) and late == math.inf:
+            late = driver.time - 2.0 - delay
+    if crossed and delay > 0.2:
+        pytest.skip("A late answer to a command that alternates looks like an answer with the wrong sign.")
+    assert (late < 0.5) if crossed else (agreement.cause == "")
 
 
 def test_after_a_pause_the_robot_must_be_where_it_was():

@@ -15,7 +15,8 @@ in a year. Recorded TurtleBot3s keep within a quarter of these tolerances.
 
 **Commands.** A robot may start `DELAY` late, and accelerate slowly. So it counts as standing in spite of its command, or as
 turning the wrong way, if the command was in force for `DELAY` plus `SEEN`, and the twist of the last `SEEN` seconds has no
-tenth of it and does not change, or the opposite sign without becoming slower.
+tenth of it and does not change, or the opposite sign without becoming slower; also if it becomes faster in a direction in which
+no command of that time was.
 
 All times are arguments: each message comes with the time since the one before, s.
 """
@@ -288,6 +289,11 @@ class Agreement:
             told = [order[axis] for _, order, _ in orders]
             sign = 1.0 if told[0] > 0.0 else -1.0
             order, answers = min(sign * value for value in told), [sign * twist[axis] for twist in seen]
+            against = -1.0 if told[-1] > 0.0 else 1.0
+            other = [against * twist[axis] for twist in seen]
+            swings = len(other) > 2 and min(other[-2:]) > max(other[0], 0.0) + 2.0 * least
+            if abs(told[-1]) >= least and swings and max(against * value for value in told) < least:
+                return _wrong_sign(verb)
             if order < least:
                 continue
             if max(map(abs, answers)) < ANSWER * order and abs(answers[-1] - answers[0]) < 0.5 * ANSWER * order:
@@ -296,8 +302,12 @@ class Agreement:
                 )
                 return f"the robot is commanded to {verb} {stands}; or odometry has stopped"
             if max(answers) < -0.3 * order and answers[-1] <= 0.97 * answers[0]:
-                return f"the {'turning rate' if axis else 'speed'} has the wrong sign: the command is to {verb} the other way"
+                return _wrong_sign(verb)
         return ""
+
+
+def _wrong_sign(verb: str) -> str:
+    return f"the {'turning rate' if verb == 'turn' else 'speed'} has the wrong sign: the command is to {verb} the other way"
 
 
 def _sideways(odometry: Odometry) -> str:

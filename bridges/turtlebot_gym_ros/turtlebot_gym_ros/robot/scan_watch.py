@@ -11,8 +11,9 @@ frozen scan showed something: it then takes 0.02 m, one scan and the delays, 0.7
 **Motion.** Points of a scan, moved as the robot has moved since, must lie where the next one has returns. If they fit that scan
 clearly better with the motion turned by a quarter or half a turn, `VOTES` times in a row, the LiDAR is mounted so. If they do
 with left and right exchanged, it is upside down or clockwise, which only turns show; if they do without any motion, the scans
-are late or another robot's: only a start or a stop shows that they are late. Walls fit in many ways, so one comparison alone proves little. Other
-people move, wheels slip and rooms are symmetrical: all of these make the fits equally bad, or equally good, and are no vote.
+are late or another robot's: only a start or a stop shows that they are late. Walls fit in many ways, so one comparison alone
+proves little. Other people move, wheels slip and rooms are symmetrical: all of these make the fits equally bad, or equally
+good, and are no vote.
 
 A frozen or covered LiDAR counts again when its scans change; a wrong mount until `forget`, when a person enables the robot.
 """
