@@ -20,7 +20,7 @@ os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 if TYPE_CHECKING:
     from turtlebot_gym.estimation.ekf import Estimate
     from turtlebot_gym.files import read_parameters, write_parameters
-    from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
+    from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
     from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
     from turtlebot_gym.robots import ROBOTS, Robot
     from turtlebot_gym.systems import Episode, Options, Parameters, Snapshot, System, make_parameters
@@ -30,7 +30,7 @@ else:  # import names at first use: the compiler alone takes half a second
     _HOMES = {
         "estimation.ekf": ("Estimate",),
         "files": ("read_parameters", "write_parameters"),
-        "parameters": ("FilterTuning", "FixNoise", "Noise", "OdometryNoise", "ProcessNoise", "Reward"),
+        "parameters": ("FilterTuning", "FixNoise", "Noise", "OdometryNoise", "ProcessNoise"),
         "presets": ("NOISES", "make_filter", "make_fix", "make_noise", "make_robot"),
         "robots": ("ROBOTS", "Robot"),
         "systems": ("Episode", "Options", "Parameters", "System", "Snapshot", "make_parameters"),
@@ -64,7 +64,6 @@ __all__ = [
     "Parameters",
     "Pose",
     "ProcessNoise",
-    "Reward",
     "Robot",
     "Snapshot",
     "State",

@@ -236,32 +236,3 @@ class FilterTuning:
         typed(self)
         if not is_dataclass(self.kind) or isinstance(self.kind, type):
             raise refusal("FilterTuning.kind", "a filter's own tuning, such as Kalman(gate=9.0)", self.kind)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reward:
-    """Weights of the reward. Its distances are true ones, whatever the policy observes."""
-
-    progress: Annotated[float, FINITE] = 1.0
-    """Weight of progress in a step, as a share of what full speed allows."""
-    time: Annotated[float, FINITE] = 0.1
-    """Subtracted at every step."""
-    effort: Annotated[float, FINITE] = 0.01
-    """Factor of the squared speed and turning rate, as shares of their limits; subtracted."""
-    success: Annotated[float, FINITE] = 10.0
-    """Added when the episode ends in success."""
-
-    def __post_init__(self) -> None:
-        typed(self)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RoomReward(Reward):
-    """Weights of the reward in a room: those of open ground, and of what there is to collide with."""
-
-    collision: Annotated[float, FINITE] = 50.0
-    """Subtracted when the episode ends in a collision."""
-    nearness: Annotated[float, FINITE] = 0.5
-    """Subtracted at every step, times the share of `near` that the clearance lacks."""
-    near: Annotated[float, POSITIVE] = 0.15
-    """Clearance below which `nearness` counts, m."""

@@ -12,10 +12,9 @@ from typing import Annotated, NamedTuple
 from turtlebot_gym.kernel import algebra, kernel, sqrt
 from turtlebot_gym.models.angles import PI, sincos, wrap
 from turtlebot_gym.models.random import GOAL, START, uniforms
-from turtlebot_gym.parameters import Reward
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, POSITIVE_OR_INFINITE, typed
-from turtlebot_gym.values import Command, Covariance, Pose, State
+from turtlebot_gym.values import Covariance, Pose, State
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,26 +170,6 @@ def remaining(truth: State, reference: Pose, following: Pose, done_with: bool) -
     dx, dy = following.x - reference.x, following.y - reference.y
     leg = sqrt(dx * dx + dy * dy)
     return distance_to(truth, following) - leg if done_with else distance_to(truth, reference)
-
-
-@kernel
-def reward_of(before: float, after: float, command: Command, success: bool, weights: Reward, robot: Robot, dt: float) -> float:
-    """Return the reward of a step.
-
-    Args:
-        before: True remaining distance before the step, m.
-        after: True remaining distance after the step, m.
-        command: The limited command of the step.
-        success: Whether the episode ends in success.
-        weights: Weights of the terms.
-        robot: Robot whose limits scale progress and effort.
-        dt: Control interval, s.
-    """
-    progress = (before - after) / (robot.max_linear * dt)
-    v, omega = command.v / robot.max_linear, command.omega / robot.max_angular
-    effort = v * v + omega * omega
-    bonus = weights.success if success else 0.0
-    return weights.progress * progress - weights.time - weights.effort * effort + bonus
 
 
 OBSERVATION_LAYOUT = 1

@@ -6,7 +6,7 @@ import torch
 from gymnasium import spaces
 
 from turtlebot_gym import NOISES
-from turtlebot_gym.parameters import RoomReward
+from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.systems import make_parameters, make_room
@@ -101,7 +101,7 @@ def test_rooms_differ_in_their_world_and_their_lidar():
     base = make_parameters(noise="tutorial")
     assert not any(p.room for p in randomized(base, 20, seed=3))
     room = make_room(ROOMS["dense"], LIDARS["lds01"], base.dt)
-    rooms = [p.room for p in randomized(base._replace(reward=RoomReward(), room=room), 1400, seed=3)]
+    rooms = [p.room for p in randomized(base._replace(reward=default_weights(IN_ROOMS), room=room), 1400, seed=3)]
     weights = {"dense": 6, "office": 3, "cellular": 2, "clutter": 1, "corridor": 1, "crowd": 1, "people": 0}
     share = {name: np.mean([drawn.rules == ROOMS[name] for drawn in rooms]) for name in weights}
     assert share == {name: pytest.approx(weight / 14.0, abs=0.04) for name, weight in weights.items()}

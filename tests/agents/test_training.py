@@ -68,6 +68,9 @@ def test_learns_and_the_best_is_what_its_figures_and_its_log_say(short):
     logged = [event.value for event in log.Scalars("eval/success")]
     assert logged == pytest.approx([figures["success"] for figures in result.history])
     assert log.Tags()["scalars"].count("rollout/ep_rew_mean") == 1
+    shares = {name: log.Scalars(f"reward/{name}")[-1].value for name in ("progress", "time", "effort", "success")}
+    assert shares["time"] == pytest.approx(-0.1)
+    assert shares["effort"] < 0.0 < shares["progress"]
 
 
 def test_leaves_its_files(short):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.parameters import RoomReward
+from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
@@ -36,7 +36,7 @@ class Drive:
         rules = [ROOMS[worlds[k % len(worlds)]] for k in range(number)]
         self.batch = Batch(
             number,
-            [base._replace(reward=RoomReward(), room=make_room(reward, lidar, DT)) for reward in rules],
+            [base._replace(reward=default_weights(IN_ROOMS), room=make_room(reward, lidar, DT)) for reward in rules],
             (Pose(0.0, 0.0, 0.0),),
         )
         self.batch.seeds[:] = 1000 * seed + np.arange(number)

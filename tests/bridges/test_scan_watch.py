@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.parameters import RoomReward
+from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
@@ -110,7 +110,10 @@ class Drives:
             ["dense", "clutter", "corridor", "office", "crowd"],
         )
         base = make_parameters(ROOM, robot="burger", integrator="midpoint", dt=DT, delay=1, noise=noise)
-        kinds = [base._replace(reward=RoomReward(), room=make_room(ROOMS[rooms[k % 5]], self.lidar, DT)) for k in range(number)]
+        kinds = [
+            base._replace(reward=default_weights(IN_ROOMS), room=make_room(ROOMS[rooms[k % 5]], self.lidar, DT))
+            for k in range(number)
+        ]
         self.batch, self.number = Batch(number, kinds, (Pose(0.0, 0.0, 0.0),)), number
         self.batch.seeds[:] = 1000 * seed + np.arange(number)
         self.batch.reset(np.ones(number, np.bool_), *self.batch.empty())

@@ -4,6 +4,7 @@ import numpy as np
 from textbook import Textbook
 
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.rewards import RewardTerm
 from turtlebot_gym.systems import Body, system_of
 from turtlebot_gym.values import State
 
@@ -35,6 +36,20 @@ def slide(body, command, key, at, p):
     s = body.true_state
     truth = State(s.x + command.v * p.dt, s.y + command.omega * p.dt, s.theta, command.v, command.omega)
     return Body(truth, command, body.asked, body.wheels, False)
+
+
+@kernel
+def spin(before, after, judgement, p):
+    """Minus the squared change of the turning rate, rad^2/s^2."""
+    change = after.body.command.omega - before.body.command.omega
+    return -change * change
+
+
+SPIN = RewardTerm("spin", spin, 1.0)
+
+
+def system_with_spin(p):
+    return system_of(p).with_rewards(SPIN)
 
 
 def sledge(p):

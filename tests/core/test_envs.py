@@ -10,7 +10,6 @@ from gymnasium.wrappers.vector import RecordVideo as RecordVectorVideo
 
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
-from turtlebot_gym.parameters import Reward
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
 
@@ -78,7 +77,7 @@ def test_infos_of_a_vector_environment_have_a_row_for_each(info, keys):
 
 @pytest.mark.parametrize("gain", [0.3, 1.0])
 def test_the_progress_of_a_course_is_its_length_whichever_way_it_was_driven(gain):
-    env = gym.make(SQUARE, reward=Reward(progress=1.0, time=0.0, effort=0.0, success=0.0))
+    env = gym.make(SQUARE, reward={"time": 0.0, "effort": 0.0, "success": 0.0})
     observation, info = env.reset(seed=0)
     length = info["distance"] + 3 * 2.0
     progress, terminated = 0.0, False

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from own_parts import slide
 
-from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward
+from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.presets import matched
+from turtlebot_gym.rewards import ON_GROUND, default_weights
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Episode, Options, Parameters, system_of
 from turtlebot_gym.systems.imu import ImuNoise
@@ -49,7 +50,7 @@ IMU = ImuNoise(variance=1e-4, bias_deviation=0.05, bias_walk=0.01)
 RANDOM = Task(radius=0.3)
 POSE = (Pose(0.6, 0.1, 0.2), Pose(0.7, 0.8, 1.5), Pose(0.0, 0.6, 3.0))
 BASE = Parameters(
-    ROBOT, Noise(process=PROCESS, odometry=ODOMETRY), TUNING, TASK, Reward(), 0.1, 0.5, 0.0, 1.0
+    ROBOT, Noise(process=PROCESS, odometry=ODOMETRY), TUNING, TASK, default_weights(ON_GROUND), 0.1, 0.5, 0.0, 1.0
 )  # fmt: skip
 
 # For each class the values that are in force, how they get into the parameters, and for each field another value; where the
@@ -122,11 +123,6 @@ LAW = {
         lambda value: BASE._replace(fix=value),
         {"R": (0.02, 0.03, 0.5), "cross": (0.01, 0.0, 0.0), "period": 0.4, "delay": 0.3, "dropout_probability": 0.5},
     ),
-    Reward: (
-        Reward(),
-        lambda value: BASE._replace(reward=value, task=replace(RANDOM, random=False, radius=0.5)),
-        {"progress": 2.0, "time": 0.2, "effort": 0.02, "success": 5.0},
-    ),
 }  # fmt: skip
 IN_A_ROOM = "Open ground has nothing to collide with: see tests/rooms/test_rooms.py."
 MISSIONS = "Only goals in a room that are drawn in turn are given up: see tests/rooms/test_missions.py."
@@ -195,7 +191,7 @@ ARGUMENTS = {
     "filter": ({}, {"filter": "tutorial"}),
     "integrator": ({}, {"integrator": "midpoint"}),
     "observation": ({}, {"observation": "odometry"}),
-    "reward": ({}, {"reward": Reward(time=0.3)}),
+    "reward": ({}, {"reward": {"time": 0.3}}),
     "arrival": ({}, {"arrival": "belief"}),
     "switch": ({"task": "square"}, {"task": "square", "switch": "time"}),
     "laps": ({"task": "square"}, {"task": "square", "laps": 2}),

@@ -17,8 +17,6 @@ from turtlebot_gym.parameters import (
     Noise,
     OdometryNoise,
     ProcessNoise,
-    Reward,
-    RoomReward,
 )
 from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER, make_filter, matched
 from turtlebot_gym.robots import ROBOTS, Robot
@@ -96,11 +94,12 @@ def test_names_values_and_mappings_make_the_same_filter():
 
 
 def test_weights_for_rooms_are_refused_on_open_ground_and_completed_in_rooms():
-    assert make_parameters("room", reward=Reward(time=0.3)).reward == RoomReward(time=0.3)
-    assert make_parameters("room", reward={"collision": 9.0}).reward == RoomReward(collision=9.0)
-    with pytest.raises(ValueError, match="reward must be a Reward on open ground"):
-        make_parameters(reward=RoomReward())
-    with pytest.raises(ValueError, match="reward: Reward has no collision"):
+    weights = make_parameters("room", reward={"time": 0.3}).reward
+    assert weights._asdict() == {
+        "progress": 1.0, "time": 0.3, "effort": 0.01, "success": 10.0, "collision": 50.0, "nearness": 0.5
+    }  # fmt: skip
+    assert make_parameters("mission", reward={"collision": 9.0}).reward[-3:] == (9.0, 0.5, 10.0)
+    with pytest.raises(ValueError, match="reward has no term 'collision': its terms on open ground are progress, time, eff"):
         make_parameters(reward={"collision": 9.0})
 
 

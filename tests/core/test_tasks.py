@@ -9,7 +9,6 @@ from scipy import stats
 
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.parameters import Reward
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Episode, Options, make_parameters, step_of
 from turtlebot_gym.tasks import (
@@ -24,7 +23,6 @@ from turtlebot_gym.tasks import (
     draw_goal,
     observe,
     remaining,
-    reward_of,
     start_pose,
 )
 from turtlebot_gym.values import Command, Covariance, Pose, State
@@ -131,22 +129,6 @@ def test_a_belief_arrives_within_the_margin_which_is_a_third_of_the_radius_at_mo
     for distance, there in ((0.0, True), (reach - 1e-6, True), (reach + 1e-6, False)):
         assert believed_to_arrive(State(2.0 - distance, 0.0, -2.0, 0.2, 2.0), GOAL, task) is there
     assert not believed_to_arrive(State(2.0, 0.0, 1.5, 0.0, 0.0), GOAL, POSE)  # by the heading
-
-
-SPEED, OTHER = BURGER.max_linear, Reward(progress=2.0, time=0.5, effort=0.0, success=3.0)
-
-
-@pytest.mark.parametrize(
-    ("weights", "v", "omega", "arrives", "reward"),
-    [
-        (Reward(), SPEED, 0.0, False, 1.0 - 0.1 - 0.01),
-        (Reward(), 0.0, 0.0, True, 10.0 - 0.1),
-        (Reward(), -SPEED, BURGER.max_angular, False, -1.0 - 0.1 - 0.02),
-        (OTHER, SPEED, 0.0, True, 2.0 - 0.5 + 3.0),
-    ],
-)
-def test_reward_of_full_speed_is_one_minus_time_and_effort(weights, v, omega, arrives, reward):
-    assert reward_of(1.0, 1.0 - v * 0.1, Command(v, omega), arrives, weights, BURGER, 0.1) == pytest.approx(reward)
 
 
 def test_starts_and_goals_fill_the_arena():

@@ -9,8 +9,8 @@ from typing import Annotated
 import numpy as np
 import pytest
 
-from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, Robot, Task
-from turtlebot_gym.parameters import FilterTuning, Gated, Kalman, Mixture, RoomReward, Scale, Slip
+from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Robot, Task
+from turtlebot_gym.parameters import FilterTuning, Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.rules import RoomRules
@@ -203,7 +203,7 @@ def test_parameters_are_made_of_a_mapping_and_arguments_are_checked_by_the_same_
 
 
 CLASSES = (
-    Robot, ProcessNoise, OdometryNoise, FixNoise, FilterTuning, Kalman, Gated, Mixture, Slip, Scale, Reward, RoomReward, Task,
+    Robot, ProcessNoise, OdometryNoise, FixNoise, FilterTuning, Kalman, Gated, Mixture, Slip, Scale, Task,
     RoomRules, Lidar, MujocoBurger,
 )  # fmt: skip
 """Which rule each of their fields has stands in `tests/golden/declared.json`."""

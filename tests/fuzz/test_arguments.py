@@ -11,7 +11,7 @@ from fuzzing import answered, fuzzed
 from hypothesis import strategies as st
 
 import turtlebot_gym
-from turtlebot_gym import FixNoise, OdometryNoise, ProcessNoise, Reward, Robot, Task
+from turtlebot_gym import FixNoise, OdometryNoise, ProcessNoise, Robot, Task
 from turtlebot_gym.parameters import FilterTuning
 from turtlebot_gym.rooms.lidar import Lidar
 
@@ -49,7 +49,7 @@ def some_fields_of(value):
     )
 
 
-robot, process, odometry, fix, tuning, reward, task, lidar = map(
+robot, process, odometry, fix, tuning, task, lidar = map(
     some_fields_of,
     (
         Robot(max_linear=0.2, max_angular=2.0),
@@ -57,7 +57,6 @@ robot, process, odometry, fix, tuning, reward, task, lidar = map(
         OdometryNoise(),
         FixNoise(R=(0.1, 0.1, 0.1)),
         FilterTuning(Q=(0.1,) * 5, R=(0.1,) * 3),
-        Reward(),
         Task(),
         Lidar(),
     ),
@@ -67,7 +66,7 @@ COMMON = {
     "robot": st.one_of(st.sampled_from(["burger", "waffle"]), robot),
     "noise": st.fixed_dictionaries({}, optional={"process": process, "odometry": odometry}),
     "filter": st.one_of(st.sampled_from(FILTERS), tuning),
-    "reward": reward,
+    "reward": st.dictionaries(st.sampled_from(["progress", "time", "effort", "success", "collision"]), EXTREME),
     "fix": st.one_of(st.none(), fix),
     "dt": st.sampled_from([1e-4, 0.1, 10.0]),
     "delay": st.integers(0, 3),

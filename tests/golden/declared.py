@@ -8,9 +8,9 @@ import sys
 from dataclasses import MISSING, asdict, fields, is_dataclass
 from typing import Any
 
-from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Reward, Robot, Task
+from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Robot, Task
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.parameters import FilterTuning, Gated, Kalman, Mixture, RoomReward, Scale, Slip
+from turtlebot_gym.parameters import FilterTuning, Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER, make_filter
 from turtlebot_gym.robots import ROBOTS
@@ -22,8 +22,8 @@ from turtlebot_gym.validation import Numbers, rules
 from turtlebot_gym_agents.policies.baselines import POLICIES, default_numbers
 
 CLASSES = (
-    Robot, Noise, ProcessNoise, OdometryNoise, FixNoise, ImuNoise, FilterTuning, Kalman, Gated, Mixture, Slip, Scale, Reward,
-    RoomReward, Task, RoomRules, Lidar, LocalizerTuning, MujocoBurger,
+    Robot, Noise, ProcessNoise, OdometryNoise, FixNoise, ImuNoise, FilterTuning, Kalman, Gated, Mixture, Slip, Scale, Task,
+     RoomRules, Lidar, LocalizerTuning, MujocoBurger,
 )  # fmt: skip
 PRESETS = {
     "robots": ROBOTS, "noises": NOISES, "fixes": FIXES, "gyros": IMUS, "lidars": LIDARS, "rooms": ROOMS, "tasks": TASKS,

@@ -12,7 +12,7 @@ from turtlebot_gym.estimation.update import of_x, update
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.random import SCAN, sub_key
-from turtlebot_gym.parameters import RoomReward
+from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms.lidar import (
     LIDARS,
     SECTORS,
@@ -208,7 +208,7 @@ def estimate_by_the_wall_ahead(estimate, before, senses, p, room, scene):
 @pytest.fixture(scope="module")
 def parameters():
     p = make_parameters(ROOM, noise="tutorial")
-    return p._replace(reward=RoomReward(), room=make_room(HALL, LIDARS["ideal"], p.dt))
+    return p._replace(reward=default_weights(IN_ROOMS), room=make_room(HALL, LIDARS["ideal"], p.dt))
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from compiled_rooms import clearance_compiled, draw_compiled
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.parameters import RoomReward
+from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms import geodesic, sensing
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap, grid_of
 from turtlebot_gym.rooms.lidar import LIDARS
@@ -204,7 +204,7 @@ def test_ways_keep_clear_and_stay_on_known_ground(at):
 def test_a_map_is_the_same_compiled_and_in_plain_python(hall, in_step):
     plan = read_map(hall)
     p = make_parameters(ROOM, noise="rough")
-    p = p._replace(reward=RoomReward(), room=make_room(plan, LIDARS["a1"], p.dt))
+    p = p._replace(reward=default_weights(IN_ROOMS), room=make_room(plan, LIDARS["a1"], p.dt))
     batch = Batch(35, p, (Pose(0.0, 0.0, 0.0),), plan=plan)
     plain, contacts = {i: Episode(p, seed=i, plan=plan) for i in (0, 33)}, 0
     for _ in in_step(batch, plain, [0.4, -0.3], [1.2, 0.3], 25):

@@ -13,7 +13,7 @@ from gymnasium_vector_checker import check_vector_env
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
-from turtlebot_gym.parameters import RoomReward
+from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
@@ -31,7 +31,7 @@ room, rooms = partial(NavigationEnv, task="room"), partial(NavigationVectorEnv, 
 )
 def test_every_world_and_lidar_is_the_same_compiled_and_in_plain_python(world, lidar, in_step):
     p = make_parameters(ROOM, noise="rough", integrator="midpoint", delay=1)
-    p = p._replace(reward=RoomReward(), room=make_room(ROOMS[world], LIDARS[lidar], p.dt))
+    p = p._replace(reward=default_weights(IN_ROOMS), room=make_room(ROOMS[world], LIDARS[lidar], p.dt))
     batch = Batch(35, p, (Pose(0.0, 0.0, 0.0),))
     plain, contacts = {i: Episode(p, seed=i) for i in (0, 5, 33)}, 0
     for _ in in_step(batch, plain, [0.4, -0.3], [1.2, 0.3], 40):
@@ -78,12 +78,12 @@ def test_the_goal_ends_an_episode_and_pays():
 
 
 def test_nearness_costs():
-    """A robot that stands 0.195 m from a wall: 0.5 times (1 - 0.195 / 0.3) a step, and 0.1 for the time."""
-    env = room(world=replace(HALL, start=Pose(0.0, 2.7, 0.0)), noise="clean", lidar="ideal", reward=RoomReward(near=0.3))
+    """A robot that stands 0.045 m from a wall: 0.5 times (1 - 0.045 / 0.15) a step, and 0.1 for the time."""
+    env = room(world=replace(HALL, start=Pose(0.0, 2.85, 0.0)), noise="clean", lidar="ideal")
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.zeros(2, np.float32))
-    assert info["clearance"] == pytest.approx(0.195)
-    assert reward == pytest.approx(-0.1 - 0.5 * (1.0 - 0.195 / 0.3))
+    assert info["clearance"] == pytest.approx(0.045)
+    assert reward == pytest.approx(-0.1 - 0.5 * (1.0 - 0.045 / 0.15))
 
 
 def test_progress_is_that_of_the_shortest_way():
@@ -94,7 +94,7 @@ def test_progress_is_that_of_the_shortest_way():
         start=Pose(0.6, 0.0, math.pi / 2.0),
         goal=Pose(1.5, -1.0, 0.0),
     )
-    env = room(world=plan, noise="clean", lidar="ideal", reward=RoomReward(time=0.0, effort=0.0, nearness=0.0))
+    env = room(world=plan, noise="clean", lidar="ideal", reward={"time": 0.0, "effort": 0.0, "nearness": 0.0})
     env.reset(seed=0)
     rewards = [env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(30)]
     assert np.mean(rewards[5:]) == pytest.approx(1.0, abs=0.1)
@@ -142,10 +142,10 @@ def test_every_parameter_of_a_lidar_changes_a_rollout(usual, name):
     assert rollout(lidar=replace(LIDAR, **{name: CHANGES[name]})) != usual
 
 
-@pytest.mark.parametrize("changes", [{"collision": 3.0}, {"nearness": 2.0}, {"near": 0.4}])
+@pytest.mark.parametrize("changes", [{"collision": 3.0}, {"nearness": 2.0}])
 def test_every_weight_of_a_room_changes_a_reward(changes):
     values = []
-    for weights in (RoomReward(), RoomReward(**changes)):
+    for weights in ({}, changes):
         env = room(world=replace(HALL, start=Pose(2.7, 0.0, 0.0), goal=Pose(-2.0, 0.0, 0.0)), noise="clean", reward=weights)
         env.reset(seed=0)
         values.append([env.step(np.array([1.0, 0.0], np.float32))[1] for _ in range(14)])

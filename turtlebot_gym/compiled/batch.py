@@ -14,7 +14,7 @@ from turtlebot_gym.compiled.packing import TILE, Results, aligned, as_tuple, fla
 from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.systems import Parameters, Snapshot, Surroundings, System, find_system, system_of
+from turtlebot_gym.systems import Parameters, Snapshot, Surroundings, System, WithRewards, find_system
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
 
@@ -33,6 +33,7 @@ class Batch:
         waypoints: The poses to visit, the same for all; a goal that the task draws replaces the first.
         system: The kernels of a step, or what `find_system` takes; None for the system that belongs to the parameters.
         plan: The floor plan of a given room, the same for all.
+        shares: Whether outcomes have a row for the share of each term of the reward, too.
     """
 
     def __init__(
@@ -41,11 +42,12 @@ class Batch:
         parameters: Parameters | Sequence[Parameters],
         waypoints: Sequence[Pose],
         *,
-        system: System | str | Callable[[Parameters], System] | None = None,
+        system: System | str | Callable[[Parameters], System] | WithRewards | None = None,
         plan: FloorPlan | None = None,
+        shares: bool = False,
     ) -> None:
         n_tiles = -(-num_envs // TILE)
-        self._own, self._by_parameters = system, system is None
+        self._own, self._by_parameters = system, system is None or (isinstance(system, WithRewards) and system.system is None)
         self.parameters = parameters
         self._find_system()
         layout = self.layout
@@ -65,7 +67,8 @@ class Batch:
         self._parts = 1
         """Parts of the last step's tiles, each for a thread."""
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
-        self._results = Results(num_envs, len(self.system.low), layout.outcome.size)
+        rows = layout.outcome.size - (0 if shares else len(self.system.rewards))
+        self._results = Results(num_envs, len(self.system.low), rows)
         self._first = self._tiles[0]
         self._special: Special | None = None
         self._intervals: NDArray[np.float64] = np.empty(0)
@@ -100,10 +103,10 @@ class Batch:
         """
         same = isinstance(parameters, Parameters)
         rows = [parameters] if same else list(parameters)
-        if self._by_parameters and any(system_of(row) != self.system for row in rows):
+        if self._by_parameters and any(find_system(self._own, row) != self.system for row in rows):
             raise ValueError(
                 "parameters must be for one system: the kind of filter must be the same in all, and so must the plant; "
-                "rooms and fixes must be in all or none."
+                "rooms and fixes must be in all or none; rewards must have the same terms."
             )
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
@@ -176,7 +179,7 @@ class Batch:
         Args:
             mask: Shape (N,).
             observations: Shape (N, K); rows outside the mask are left as they are.
-            outcomes: Shape (6, N); columns outside the mask are left as they are.
+            outcomes: Shape (m, N), see `step`; columns outside the mask are left as they are.
         """
         self._begun = True
         self._visit(mask, True, observations, outcomes)
@@ -224,7 +227,8 @@ class Batch:
             actions: Shape (N, 2), finite; clipped to [-1, 1].
 
         Returns:
-            Observations, shape (N, K), and outcomes, shape (6, N), with a row for each field of `Outcome`. Both are new arrays.
+            Observations, shape (N, K), and outcomes, shape (m, N), with a row for each field of `Judgement` after one for the
+            reward, and for each term's share if asked for. Both are new arrays.
         """
         observations, outcomes = self._results.empty()
         if self.num_envs > 1 and not actions.flags.carray:  # the loop would be compiled anew for each kind of array

@@ -21,7 +21,6 @@ from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, pre
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import Outcome, System, step_of
-from turtlebot_gym.systems.episode import start_outcome
 from turtlebot_gym.systems.special import Special, late_fixes
 
 _SUCCESS = Outcome._fields.index("is_success")
@@ -41,11 +40,6 @@ class _Loops(NamedTuple):
     """Begins episodes of some environments in some tiles, or writes their current observations again."""
 
 
-@kernel
-def _show_later(scratch: Any, lane: int, world: Any, p: Any) -> None:
-    """Do nothing: the kernel of `_look_tile_of` writes the observation later."""
-
-
 def _show_ranges_of(system: System, special: Special) -> Any:
     """Return the kernel that writes the ranges into an environment's observation, before its last number; None without any."""
     around, before = system.surroundings, layout_of(system, special).observation.size - 1
@@ -60,35 +54,6 @@ def _show_ranges_of(system: System, special: Special) -> Any:
             observations[environment, before + k] = ranges[k]
 
     return show_ranges
-
-
-def _look_tile_of(system: System, special: Special) -> Any:
-    """Return the kernel that senses the surroundings of each environment in a tile and writes the observations."""
-    around = system.surroundings
-    if around is None:
-
-        @kernel
-        def look_at_nothing(first, count, tile, scratch, keys, parameters, origin, observations, scenes):
-            """Do nothing: there are no surroundings, and the observations are already written."""
-
-        return look_at_nothing
-    look_round, scene_at, show_ranges = step_of(system).look_round, around.at, _show_ranges_of(system, special)
-    load_parameters, load_world, store_world, load_outcome, store_outcome, show = access_of(system, special)
-    at_outcome = layout_of(system, special).at_outcome
-
-    @kernel
-    def look_tile(first, count, tile, scratch, keys, parameters, origin, observations, scenes):
-        for lane in range(count):
-            p, scene = load_parameters(parameters, origin + lane), scene_at(scenes, first + lane)
-            world, outcome = load_world(tile, lane), load_outcome(scratch, at_outcome + lane)
-            world, outcome = look_round(world, outcome, int(keys[lane]), p, scene)
-            store_world(tile, lane, world)
-            store_outcome(scratch, at_outcome + lane, outcome)
-            show_ranges(first + lane, scene, observations)
-        for lane in range(count):
-            show(scratch, lane, load_world(tile, lane), load_parameters(parameters, origin + lane))
-
-    return look_tile
 
 
 def _catch_up_tile_of(system: System, special: Special) -> Any:
@@ -121,11 +86,11 @@ def _catch_up_tile_of(system: System, special: Special) -> Any:
 
 
 def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
-    """Return the kernel of a tile's steps: in vectors up to looking, and one by one what is rare or has branches."""
-    _, _, _, advance, retarget, *_ = step_of(late_fixes(special.late).hurried if special.late else system)
-    catch_up_tile, look_tile = _catch_up_tile_of(system, special), _look_tile_of(system, special)
+    """Return the kernel of a tile's steps on open ground: in vectors, and one by one where a waypoint was reached."""
+    step = step_of(system)
+    hurried = step_of(late_fixes(special.late).hurried._replace(rewards=system.rewards)) if special.late else step
+    act, conclude, retarget, catch_up_tile = hurried.act, hurried.conclude, step.retarget, _catch_up_tile_of(system, special)
     load_parameters, load_world, store_world, load_outcome, store_outcome, show = access_of(system, special)
-    show = _show_later if system.surroundings else show
     layout = layout_of(system, special)
     at_outcome, at_action = layout.at_outcome, layout.at_action
     at_reached = at_outcome + layout.outcome.names.index("reached") * TILE
@@ -133,9 +98,9 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
     @kernel
     def advance_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
         for lane in range(count):
-            p = load_parameters(parameters, origin + lane)
+            p, world, key = load_parameters(parameters, origin + lane), load_world(tile, lane), int(keys[lane])
             command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
-            world, outcome = advance(load_world(tile, lane), command, int(keys[lane]), waypoints.shape[1], p)
+            world, outcome = conclude(world, act(world, command, key, p), key, waypoints.shape[1], p, ())
             store_world(tile, lane, world)
             store_outcome(scratch, at_outcome + lane, outcome)
             show(scratch, lane, world, p)
@@ -144,42 +109,43 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
             if scratch[at_reached + lane] != 0.0:
                 p = load_parameters(parameters, origin + lane)
                 world, outcome = load_world(tile, lane), load_outcome(scratch, at_outcome + lane)
-                world, outcome = retarget(world, outcome, waypoints[first + lane], p)
+                world, outcome = retarget(world, outcome, int(keys[lane]), waypoints[first + lane], p, ())
                 store_world(tile, lane, world)
                 store_outcome(scratch, at_outcome + lane, outcome)
                 show(scratch, lane, world, p)
-        look_tile(first, count, tile, scratch, keys, parameters, origin, observations, scenes)
 
     return advance_tile
 
 
-def _drive_tile_of(system: System, special: Special) -> Callable[..., None]:
-    """Return the kernel of a tile's steps for a filter that reads the scan: in vectors up to looking, and then one by one."""
+def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]:
+    """Return the kernel of a tile's steps in surroundings: in vectors up to looking, and then one by one."""
     step, around = step_of(system), system.surroundings
     assert around is not None
-    act, conclude, scene_at, show_ranges = step.act, step.conclude_by_scan, around.at, _show_ranges_of(system, special)
+    act, conclude, retarget, scene_at = step.act, step.conclude, step.retarget, around.at
     load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
-    layout, scratch_of = layout_of(system, special), _scratch_of(system)
+    layout, scratch_of, show_ranges = layout_of(system, special), _scratch_of(system), _show_ranges_of(system, special)
     at_outcome, at_action, size = layout.at_outcome, layout.at_action, layout.world.size * TILE
 
     @kernel
-    def drive_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
+    def look_round_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
         moved_tile = scratch_of(size)
         for lane in range(count):
             p = load_parameters(parameters, origin + lane)
             command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
             store_world(moved_tile, lane, act(load_world(tile, lane), command, int(keys[lane]), p))
         for lane in range(count):
-            p, scene = load_parameters(parameters, origin + lane), scene_at(scenes, first + lane)
+            p, scene, key = load_parameters(parameters, origin + lane), scene_at(scenes, first + lane), int(keys[lane])
             world, moved = load_world(tile, lane), load_world(moved_tile, lane)
-            world, outcome = conclude(world, moved, int(keys[lane]), waypoints[first + lane], p, scene)
+            world, outcome = conclude(world, moved, key, waypoints.shape[1], p, scene)
+            if outcome.reached:
+                world, outcome = retarget(world, outcome, key, waypoints[first + lane], p, scene)
             store_world(tile, lane, world)
             store_outcome(scratch, at_outcome + lane, outcome)
             show_ranges(first + lane, scene, observations)
         for lane in range(count):
             show(scratch, lane, load_world(tile, lane), load_parameters(parameters, origin + lane))
 
-    return drive_tile
+    return look_round_tile
 
 
 def _scratch_of(system: System) -> Callable[[int], Any]:
@@ -188,11 +154,11 @@ def _scratch_of(system: System) -> Callable[[int], Any]:
 
 def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
-    _, _, outcome, observation, at_outcome, at_action, size = layout_of(system, special)
+    _, _, _, observation, at_outcome, at_action, size = layout_of(system, special)
     first_flag, end_of_flags = FLAGS.start, FLAGS.stop
-    work_tile = (_drive_tile_of if system.reads_scan else _advance_tile_of)(system, special)
+    work_tile = (_look_round_tile_of if system.surroundings else _advance_tile_of)(system, special)
     seen = system.surroundings.seen if system.surroundings else 0
-    n_outcome, n_observation = outcome.size, observation.size
+    n_observation = observation.size
     scratch_of = _scratch_of(system)
 
     @kernel
@@ -207,7 +173,7 @@ def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
         for lane in range(count):
             for k in range(n_observation):
                 shown[lane, k if k < n_observation - 1 else k + seen] = scratch[k * TILE + lane]
-        for k in range(n_outcome):
+        for k in range(len(outcomes)):  # the shares of the reward only where somebody asks for them
             column = outcomes[k][first : first + count]
             for lane in range(count):
                 column[lane] = scratch[at_outcome + k * TILE + lane]
@@ -222,11 +188,12 @@ def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
 
 def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel that begins an episode of one environment, or writes its current observation."""
-    begin, lay_out, around = step_of(system).begin, system.lay_out, system.surroundings
+    step, lay_out, around = step_of(system), system.lay_out, system.surroundings
+    begin, start_outcome = step.begin, step.start_outcome
     scene_at, seen = (around.at, around.seen) if around else (kernel(lambda scenes, index: ()), 0)
     load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
-    _, _, outcome, observation, at_outcome, _, size = layout_of(system, special)
-    n_outcome, n_observation = outcome.size, observation.size
+    _, _, _, observation, at_outcome, _, size = layout_of(system, special)
+    n_observation = observation.size
     scratch_of, show_ranges = _scratch_of(system), _show_ranges_of(system, special)
 
     @kernel
@@ -244,7 +211,7 @@ def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
             observations[environment, k if k < n_observation - 1 else k + seen] = scratch[k * TILE]
         if seen:
             show_ranges(environment, scene, observations)
-        for k in range(n_outcome):
+        for k in range(len(outcomes)):
             outcomes[k, environment] = scratch[at_outcome + k * TILE]
 
     return reset_lane

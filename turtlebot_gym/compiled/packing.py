@@ -268,13 +268,14 @@ class Layout(NamedTuple):
 @cache
 def layout_of(system: System, special: Special) -> Layout:
     """Return the layout of a system's values in a tile, from an example of each."""
-    begin, transition, observe, *_ = step_of(system)
+    step = step_of(system)
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
-    world, outcome = transition(begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene), STOP, 1, waypoints, p, scene)
+    world = step.begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene)
+    world, outcome = step.transition(world, STOP, 1, waypoints, p, scene)
     parameters = packing(p, known=dict(special.parameters), own=special.own)
     a_world = packing(world, known=dict(special.world), same=dict(special.same))
-    an_outcome, observation = packing(outcome), packing(observe(world, p))
+    an_outcome, observation = packing(outcome), packing(step.observe(world, p))
     at_outcome = observation.size * TILE
     at_action = at_outcome + an_outcome.size * TILE
     return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
-from turtlebot_gym.systems import Options, Parameters, Setup, System
+from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, shown, whole
 
@@ -40,6 +40,15 @@ ROOM_PARTS = {
     "collision": "room.collided",
 }
 """Further ones in a room."""
+
+
+FIRST_SHARE = Outcome._fields.index("shares")
+"""The first row of the reward's shares in outcomes."""
+
+
+def share_keys(system: System) -> tuple[str, ...]:
+    """Return the keys of ``info`` for the share of each term of the reward."""
+    return tuple(f"reward_{term.name}" for term in system.rewards)
 
 
 FLAGS = ("measured", "slipping", "collision")
@@ -107,8 +116,8 @@ def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces
     return spaces.Box(-1.0, 1.0, (2,), np.float32), spaces.Box(low, high)
 
 
-def make_batch(setup: Setup, num_envs: int) -> Batch:
-    """Make the batch of an environment.
+def make_batch(setup: Setup, num_envs: int, *, shares: bool) -> Batch:
+    """Make the batch of an environment, with or without the shares of the reward.
 
     Raises:
         ValueError: If a given room has no path from start to goal.
@@ -118,7 +127,7 @@ def make_batch(setup: Setup, num_envs: int) -> Batch:
         first = Batch(1, parameters, waypoints, system=system, plan=plan)
         first.reset(np.ones(1, np.bool_), *first.empty())
         require_a_way(plan, parameters.robot.radius, float(first.numbers("room.way")[0]))
-    return Batch(num_envs, parameters, waypoints, system=system, plan=plan)
+    return Batch(num_envs, parameters, waypoints, system=system, plan=plan, shares=shares)
 
 
 def with_limit(options: Options, steps: float | None) -> Setup:

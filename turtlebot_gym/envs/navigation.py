@@ -20,6 +20,7 @@ from turtlebot_gym.envs.common import (
     no_way,
     read_actions,
     read_options,
+    share_keys,
     spaces_of,
     with_limit,
 )
@@ -76,13 +77,13 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Rewards
 
-    Progress along the path through the waypoints, as a share of what full speed allows in a step; minus 0.1 per step;
-    minus 0.01 times the squared speed and turning rate as shares of their limits; plus 10 at success. The total
-    progress over a course is its length, whichever way it is driven. Distances are true ones. The weights are
-    `turtlebot_gym.Reward`.
+    A sum of named terms with weights, which the option ``reward`` changes and adds to, see `turtlebot_gym.rewards`: progress
+    along the path through the waypoints, as a share of what full speed allows in a step; minus 0.1 per step; minus 0.01 times
+    the squared speed and turning rate as shares of their limits; plus 10 at success. The total progress over a course is its
+    length, whichever way it is driven. Distances are true ones.
 
     In rooms, progress is that along the *shortest path* through the room instead of the straight line. A collision costs 50,
-    and each step 0.5 times the share of 0.15 m that the clearance lacks.
+    and each step 0.5 times the share of 0.15 m that the clearance lacks. In missions each goal adds 10.
 
     ## Starting State
 
@@ -101,7 +102,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Info
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
-    ``command`` (2,), ``distance`` (true, m) and ``is_success``. The arrays are new at every step.
+    ``command`` (2,), ``distance`` (true, m) and ``is_success``, and what each term adds to the reward: ``reward_progress`` and
+    so on. The arrays are new at every step.
 
     In rooms also ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the start, m),
     ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.
@@ -129,7 +131,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         chosen = Options.of(options)
         # A limit of steps is TimeLimit's work alone, but for that of a task of the caller's own.
         setup = with_limit(chosen, None if isinstance(chosen.task, Task) else math.inf)
-        self._batch = make_batch(setup, 1)
+        self._batch = make_batch(setup, 1, shares=True)
         p = self.parameters
         self._own = self._world = (setup.plan or p.room.rules) if p.room else None
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
@@ -139,6 +141,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         parts = [indices_of(self._batch, key, path) for key, path in PARTS.items()]
         numbers = [indices_of(self._batch, key, ROOM_PARTS[key])[0] for key in self._numbers]
         self._batch.tell(*parts, numbers)
+        self._share_keys = share_keys(self._batch.system)
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = False
@@ -182,7 +185,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._seeded = True
         observations, outcomes = batch.empty()
         batch.reset(self._everything, observations, outcomes)
-        info = self._info(float(outcomes[1, 0]), False)
+        _, distance, _, _, _, _, *shares = outcomes.ravel().tolist()
+        info = self._info(distance, False, shares)
         self._started = info.get("way_left") != UNKNOWN
         if not self._started:
             raise ValueError(no_way(self.parameters))
@@ -232,14 +236,14 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not math.isfinite(forward + turn):
             raise InvalidAction(f"Environment 0: an action must be finite, got {action!r}.")
         observations, outcomes = self._batch.step(self._action)
-        reward, distance, success, terminated, truncated, _ = outcomes.ravel().tolist()
+        reward, distance, success, terminated, truncated, _, *shares = outcomes.ravel().tolist()
         if self.render_mode == "human":
             self._pictures.draw(dark=self.dark)
         return (
-            observations[0], reward, terminated != 0.0, truncated != 0.0, self._info(distance, success != 0.0)
+            observations[0], reward, terminated != 0.0, truncated != 0.0, self._info(distance, success != 0.0, shares)
         )  # fmt: skip
 
-    def _info(self, distance: float, success: bool) -> dict[str, Any]:
+    def _info(self, distance: float, success: bool, shares: list[float]) -> dict[str, Any]:
         """Return what ``info`` holds, in new arrays."""
         numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first_told()
         info: dict[str, Any] = {  # the keys of `PARTS`, written out: a comprehension takes half as long again
@@ -254,6 +258,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             info |= {key: kind(value) for (key, kind), value in zip(self._numbers.items(), numbers[more], strict=True)}
         info["distance"] = distance
         info["is_success"] = success
+        info.update(zip(self._share_keys, shares, strict=True))
         return info
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.loop import FLAGS
 from turtlebot_gym.envs.common import (
+    FIRST_SHARE,
     NUMBERS,
     PARTS,
     ROOM_PARTS,
@@ -26,6 +27,7 @@ from turtlebot_gym.envs.common import (
     read_actions,
     read_seeds,
     reset_mask,
+    share_keys,
     spaces_of,
     with_limit,
 )
@@ -51,10 +53,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     ``info`` holds ``distance`` and ``is_success``, shape (N,), and with ``info="full"`` also ``true_state`` (N, 5),
     ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3), ``command`` (N, 2), and ``nis``,
-    ``measured`` and ``slipping``, shape (N,). Each key has a mask, as Gymnasium requires, which is false for
-    environments that a reset left out; the keys of a step share one, which cannot be written to. In the mode SAME_STEP,
-    ``final_obs`` (an array of objects, as in `SyncVectorEnv`: an observation, or None where no episode ended) and
-    ``final_info`` hold the last observation and info of the finished episodes.
+    ``measured``, ``slipping`` and what each term adds to the reward, ``reward_progress`` and so on, shape (N,). Each key has a
+    mask, as Gymnasium requires, which is false for environments that a reset left out; the keys of a step share one, which
+    cannot be written to. In the mode SAME_STEP, ``final_obs`` (an array of objects, as in `SyncVectorEnv`: an observation, or
+    None where no episode ended) and ``final_info`` hold the last observation and info of the finished episodes.
 
     In rooms, ``info`` always holds ``clearance``, ``path_length``, ``way_left`` and ``collision`` too, shape (N,).
 
@@ -65,7 +67,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         autoreset_mode: What happens after an episode's end, `gymnasium.vector.AutoresetMode` or its name: NEXT_STEP (the
             default; the next step ignores the action and returns the new episode's first observation with reward 0),
             SAME_STEP (the same step returns it), or DISABLED (stepping a finished environment is an error).
-        info: "default" or "full".
+        info: "default"; "rewards", with what each term adds to the reward; or "full".
         render_mode: None or "rgb_array".
         render_rows: Number of environments to draw, from the first.
         **options: See `NavigationEnv`. With ``plant="mujoco"`` the rows advance one after the other, in plain Python.
@@ -92,9 +94,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         num_envs, render_rows = whole("num_envs", num_envs, 1, MOST), whole("render_rows", render_rows, 1, MOST)
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self._mode = choose("autoreset_mode", autoreset_mode, modes)
-        full = choose("info", info, {"default": False, "full": True})
+        full, shares = choose("info", info, {"default": (False, False), "rewards": (False, True), "full": (True, True)})
         setup = with_limit(Options.of(options), max_episode_steps)
-        self._batch = make_batch(setup, num_envs)
+        self._batch = make_batch(setup, num_envs, shares=shares)
+        self._share_keys = share_keys(self._batch.system) if shares else ()
         self._poses = GivenPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
         self._told = Told(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
         self.num_envs = num_envs
@@ -260,8 +263,11 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             return infos | {"_distance": self._everywhere, "_is_success": self._everywhere}
         if not self._told.is_empty:
             infos |= self._told.now()
+        if self._share_keys:
+            infos |= zip(self._share_keys, outcomes[FIRST_SHARE:], strict=True)
         if mask is not None:
-            infos["distance"] = infos["distance"].copy()
+            for key in ("distance", *self._share_keys):
+                infos[key] = infos[key].copy()
             for value in infos.values():
                 value[~mask] = 0
         has_info = self._everywhere if mask is None else mask.copy()

@@ -4,10 +4,20 @@ from turtlebot_gym.systems.episode import Episode
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.options import Options, Setup, make_parameters
 from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, RoomParameters, make_room
-from turtlebot_gym.systems.rooms import LOCATED_LAYOUT, ROOM_LAYOUT, SEEING, SIZES, Around, find_system, rooms, system_of
+from turtlebot_gym.systems.rooms import (
+    LOCATED_LAYOUT,
+    ROOM_LAYOUT,
+    SEEING,
+    SIZES,
+    Around,
+    WithRewards,
+    find_system,
+    rooms,
+    system_of,
+)
 from turtlebot_gym.systems.sensors import ODOMETRY, Sensor
 from turtlebot_gym.systems.system import Step, Surroundings, System, step_of
-from turtlebot_gym.systems.world import Body, Course, Outcome, Snapshot
+from turtlebot_gym.systems.world import Body, Course, Judgement, Outcome, Snapshot
 
 __all__ = [
     "LOCATED_LAYOUT",
@@ -21,6 +31,7 @@ __all__ = [
     "Body",
     "Course",
     "Episode",
+    "Judgement",
     "Options",
     "Outcome",
     "Parameters",
@@ -31,6 +42,7 @@ __all__ = [
     "Step",
     "Surroundings",
     "System",
+    "WithRewards",
     "find_system",
     "make_parameters",
     "make_room",

@@ -12,15 +12,13 @@ from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import Any
 
-from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems.parameters import Parameters
-from turtlebot_gym.systems.rooms import find_system
+from turtlebot_gym.systems.rooms import WithRewards, find_system
 from turtlebot_gym.systems.system import System, step_of
 from turtlebot_gym.systems.world import Outcome, Snapshot
-from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Command, Pose
 
 
@@ -41,7 +39,7 @@ class Episode:
         waypoints: Sequence[Pose] = (),
         *,
         seed: int = 0,
-        system: System | str | Callable[[Parameters], System] | None = None,
+        system: System | str | Callable[[Parameters], System] | WithRewards | None = None,
         plan: FloorPlan | None = None,
     ) -> None:
         self.parameters, self.seed, self.number = parameters, seed, -1
@@ -63,7 +61,7 @@ class Episode:
         start, goal = self.system.lay_out(self.key, p, self.scene)
         self.waypoints = (goal,) if p.task.random else self._given
         self.world: Snapshot = self._step.begin(start, self.key, self.waypoints, p, self.scene)
-        self.outcome = start_outcome(self.world)
+        self.outcome = self._step.start_outcome(self.world)
         return self.world
 
     def step(self, command: Command) -> Outcome:
@@ -84,9 +82,3 @@ class Episode:
             return seen
         *before, after = seen
         return (*chain.from_iterable(before), *around.ranges(self.scene).tolist(), after)
-
-
-@kernel
-def start_outcome(world: Snapshot) -> Outcome:
-    """Return the outcome that represents the start of an episode."""
-    return Outcome(0.0, distance_to(world.body.true_state, world.course.reference), False, False, False, False)

@@ -12,11 +12,12 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.unicycle import accelerate, advance, execute, limit, slips
+from turtlebot_gym.rewards import ON_GROUND
 from turtlebot_gym.systems.options import make_parameters
 from turtlebot_gym.systems.parameters import BELIEVED, MEASURED
 from turtlebot_gym.systems.sensors import ODOMETRY
 from turtlebot_gym.systems.system import System
-from turtlebot_gym.systems.world import Body, Outcome
+from turtlebot_gym.systems.world import Body, Judgement
 from turtlebot_gym.tasks import (
     OBSERVATION_HIGH,
     OBSERVATION_LAYOUT,
@@ -28,8 +29,6 @@ from turtlebot_gym.tasks import (
     draw_goal,
     due,
     observe,
-    remaining,
-    reward_of,
     start_pose,
     stated_deviations,
 )
@@ -101,7 +100,7 @@ def _shown(body, senses, estimate, p):
 
 @kernel
 def _judge(world, body, senses, estimate, waypoints, p):
-    """Return the number of waypoints visited, and the step's outcome."""
+    """Return the number of waypoints visited, and what the task says of the step."""
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited
     is_there = arrived(truth, reference, task)
@@ -111,11 +110,8 @@ def _judge(world, body, senses, estimate, waypoints, p):
     visited = visited + (1.0 if done_with else 0.0)
     terminated = visited >= waypoints * task.laps and not timed
     success = terminated and is_there
-    before = distance_to(world.body.true_state, reference)
-    ahead = remaining(truth, reference, world.course.following, done_with and not timed)
-    reward = reward_of(before, ahead, body.command, success, p.reward, p.robot, p.dt)
     truncated = steps >= task.max_steps and not terminated
-    return visited, Outcome(reward, distance_to(truth, reference), success, terminated, truncated, done_with)
+    return visited, Judgement(distance_to(truth, reference), success, terminated, truncated, done_with)
 
 
 @kernel
@@ -155,6 +151,7 @@ def open_ground(filter: Filter) -> System:
         first_estimate=first_estimate,
         estimate=estimate,
         judge=_judge,
+        rewards=ON_GROUND,
         observe=look,
         layout=OBSERVATION_LAYOUT,
         low=OBSERVATION_LOW,

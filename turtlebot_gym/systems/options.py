@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,9 +12,11 @@ from turtlebot_gym.estimation.fixes import depth_of
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise, Reward, RoomReward
+from turtlebot_gym.own import load_object
+from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
 from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot, resolve
+from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS, RewardTerm, default_weights
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -23,7 +25,7 @@ from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, OBSERVED, Parameters, make_room
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
-from turtlebot_gym.validation import LARGEST, choose, did_you_mean, made, refusal, shown, whole
+from turtlebot_gym.validation import FINITE, LARGEST, choose, did_you_mean, refusal, shown, whole
 from turtlebot_gym.values import Pose
 
 MAX_DEPTH = 25
@@ -39,7 +41,7 @@ class Setup(NamedTuple):
     plan: FloorPlan | None
     """Floor plan of a given room."""
     system: Any = None
-    """System of one's own, as `Options.system`."""
+    """System of one's own, as `Options.system`, or with terms of the reward of one's own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,8 +100,9 @@ class Options:
     """Square only: number of rounds through the waypoints."""
     waypoints: Sequence[Sequence[float]] | None = None
     """Square only: poses to visit instead of the square: x, y and heading; m, rad."""
-    reward: Reward | Mapping[str, float] | None = None
-    """Weights, a `turtlebot_gym.Reward`, in a room a `turtlebot_gym.parameters.RoomReward`, or a mapping of some of them."""
+    reward: Mapping[str, float] | None = None
+    """Weights of the reward's terms by name; other terms keep theirs. A term of your own is MODULE:NAME of a
+    `turtlebot_gym.rewards.RewardTerm`. None for the task's own weights."""
     delay: int = 0
     """Delay of commands in steps, 0 to 3."""
     dt: float = REFERENCE_PERIOD
@@ -187,36 +190,60 @@ class Options:
             raise ValueError("observation 'located' is a localizer's: choose one, such as localizer='match'.")
         imu = () if self.imu is None else resolve(ImuNoise, self.imu, IMUS)
         room, plan = self._room(dt)
-        return Setup(
-            Parameters(
-                robot,
-                noise,
-                make_filter(self.filter, noise, imu=imu),
-                task,
-                self._reward(),
-                dt,
-                choose("integrator", self.integrator, INTEGRATORS),
-                choose("observation", self.observation, OBSERVED),
-                float(late),
-                room=room,
-                fix=fix,
-                imu=imu,
-                localizer=self._localizer(noise, room),
-                plant=self._plant(robot, dt),
-            ),
-            waypoints,
-            plan,
-            self.system,
+        terms = (ON_MISSIONS if task.laps > 1 else IN_ROOMS) if self.in_room else ON_GROUND
+        parameters = Parameters(
+            robot,
+            noise,
+            make_filter(self.filter, noise, imu=imu),
+            task,
+            default_weights(terms),
+            dt,
+            choose("integrator", self.integrator, INTEGRATORS),
+            choose("observation", self.observation, OBSERVED),
+            float(late),
+            room=room,
+            fix=fix,
+            imu=imu,
+            localizer=self._localizer(noise, room),
+            plant=self._plant(robot, dt),
         )
+        return self._rewarded(Setup(parameters, waypoints, plan, self.system))
 
-    def _reward(self) -> Reward:
-        """Return the weights of the reward, in a room with those for rooms."""
-        kind, weights = RoomReward if self.in_room else Reward, {} if self.reward is None else self.reward
-        if self.in_room and type(weights) is Reward:
-            weights = asdict(weights)
-        if not self.in_room and isinstance(weights, RoomReward):
-            raise refusal("reward", "a Reward on open ground, where there is nothing to collide with", weights)
-        return made(kind, weights, "reward")
+    def _rewarded(self, setup: Setup) -> Setup:
+        """Return a setup with the weights and the terms of `reward`."""
+        from turtlebot_gym.systems.rooms import WithRewards, find_system  # they are made from options
+
+        own, weights = self._reward()
+        if not (weights or self.system):
+            return setup
+        system = WithRewards(self.system, own) if own else self.system
+        terms = find_system(system, setup.parameters).rewards
+        names = [term.name for term in terms]
+        for name in weights:
+            if name not in names:
+                where = "" if self.system else " in a room" if self.in_room else " on open ground"
+                known = f"its terms{where} are {', '.join(names)}; one of your own is MODULE:NAME"
+                raise ValueError(f"reward has no term {shown(name)}: {known}.{did_you_mean(name, names)}")
+        reward = default_weights(tuple(term._replace(weight=weights.get(term.name, term.weight)) for term in terms))
+        return setup._replace(parameters=setup.parameters._replace(reward=reward), system=system)
+
+    def _reward(self) -> tuple[tuple[RewardTerm, ...], dict[str, float]]:
+        """Return the reward's terms of one's own, and the weights that are given, by name."""
+        given = {} if self.reward is None else self.reward
+        if not isinstance(given, Mapping):
+            raise refusal("reward", "weights by name, such as {'effort': 0.2}", given)
+        own, weights = list[RewardTerm](), dict[str, float]()
+        for name, weight in given.items():
+            if not isinstance(name, str):
+                raise refusal("reward", "weights by name, such as {'effort': 0.2}", given)
+            checked = FINITE.check(f"reward[{name!r}]", weight)
+            if ":" in name:
+                own.append(term := load_object(name))
+                if not isinstance(term, RewardTerm):
+                    raise refusal(f"reward[{name!r}]", "a RewardTerm", term)
+                name = term.name
+            weights[name] = checked
+        return tuple(own), weights
 
     def _localizer(self, noise: Noise, room: Any) -> LocalizerTuning | tuple[()]:
         """Return the localizer, which needs a room, and wheels that it moves with."""

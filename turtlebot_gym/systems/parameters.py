@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from turtlebot_gym.parameters import FilterTuning, Noise, Reward
+from turtlebot_gym.parameters import FilterTuning, Noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -33,7 +33,8 @@ class Parameters(NamedTuple):
     noise: Noise
     tuning: FilterTuning
     task: Task
-    reward: Reward
+    reward: Any
+    """Weight of each term of the reward, `turtlebot_gym.rewards.shares_of` their names."""
     dt: float
     """Control interval, s."""
     middle: float

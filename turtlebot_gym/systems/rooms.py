@@ -7,6 +7,7 @@ the true pose; and a reward for progress along the shortest path instead of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.own import failure, load_object
-from turtlebot_gym.parameters import RoomReward
+from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by
@@ -34,8 +35,8 @@ from turtlebot_gym.systems.parameters import LOCATED, SENSORS, Parameters, RoomP
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import Surroundings, System
-from turtlebot_gym.systems.world import Around, Outcome
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation, reward_of
+from turtlebot_gym.systems.world import Around, Judgement
+from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation
 from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
 
@@ -115,16 +116,14 @@ def _look_round(world, key, p, scene):
 
 
 @kernel
-def _complete(world, room, outcome, p):
-    """Judge contact, and reward progress along the shortest path."""
-    weights, collided = p.reward, room.collided
-    success = outcome.is_success and not collided
-    reward = reward_of(world.room.way, room.way, world.body.command, success, weights, p.robot, p.dt)
-    reward -= weights.collision if collided else 0.0
-    reward -= weights.nearness * max(1.0 - room.clearance / weights.near, 0.0) if not collided else 0.0
-    terminated = outcome.terminated or collided
-    truncated = outcome.truncated and not terminated
-    return Outcome(reward, outcome.distance, success, terminated, truncated, outcome.reached)
+def _complete(world, judgement, p):
+    """Judge contact."""
+    collided = world.room.collided
+    terminated = judgement.terminated or collided
+    return Judgement(
+        judgement.distance, judgement.is_success and not collided, terminated, judgement.truncated and not terminated,
+        judgement.reached,
+    )  # fmt: skip
 
 
 @kernel
@@ -185,7 +184,10 @@ def rooms(filter: Filter) -> System:
         layout=ROOM_LAYOUT,
         low=(*OBSERVATION_LOW, *_SEEN_LOW),
         high=(*OBSERVATION_HIGH, *_SEEN_HIGH),
-        example=plain.example._replace(reward=RoomReward(), room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])),
+        rewards=IN_ROOMS,
+        example=plain.example._replace(
+            reward=default_weights(IN_ROOMS), room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])
+        ),
         surroundings=Surroundings(_make, scene_at, _first_look, _look_round, _complete, _ranges, SECTORS),
     )
 
@@ -219,12 +221,22 @@ def system_of(parameters: Parameters) -> System:
     return system
 
 
-def find_system(system: System | str | Callable[[Parameters], System] | None, parameters: Parameters) -> System:
+@dataclass(frozen=True)
+class WithRewards:
+    """A system of one's own, or that of the parameters, with further terms of the reward."""
+
+    system: System | str | Callable[[Parameters], System] | None
+    """See `find_system`."""
+    terms: tuple[RewardTerm, ...]
+    """The terms."""
+
+
+def find_system(system: System | str | Callable[[Parameters], System] | WithRewards | None, parameters: Parameters) -> System:
     """Return a system of one's own, or that of the parameters.
 
     Args:
         system: The system; a function of the parameters that returns it; "module:name" of either; None for that of the
-            parameters.
+            parameters; one of these with further terms of the reward.
         parameters: Parameters of a step.
 
     Raises:
@@ -232,6 +244,8 @@ def find_system(system: System | str | Callable[[Parameters], System] | None, pa
     """
     if system is None:
         return system_of(parameters)
+    if isinstance(system, WithRewards):
+        return find_system(system.system, parameters).with_rewards(*system.terms)
     loaded: Any = load_object(system) if isinstance(system, str) else system
     if callable(loaded):
         try:

@@ -1,13 +1,10 @@
 """A system: the kernels of one step, and the step assembled from them.
 
-    move -> sense -> estimate -> judge -> look -> complete -> observe
+    move -> sense -> estimate -> look -> judge -> complete -> reward -> renew -> observe
 
-"Look" works on the surroundings in arrays, a scene: ranges and collisions. Open ground has none. A filter that reads the scan
-estimates after the robot has looked:
-
-    move -> sense -> look -> estimate -> judge -> complete -> observe
-
-The first order is the fast one: all before "look" runs without branches for a whole tile of environments.
+"Look" works on the surroundings in arrays, a scene: ranges and collisions. Open ground has none, and its step runs without
+branches for a whole tile of environments; in rooms what follows "estimate" runs one by one. A filter that reads the scan
+estimates after the robot has looked.
 
 What changes the *types* of a step (another sensor, filter or plant) is a kernel of a `System`; numbers are in `Parameters`.
 The step runs with the same kernels as plain Python and in a compiled loop (`turtlebot_gym.compiled`), bit-identically.
@@ -20,8 +17,9 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.rewards import RewardTerm, rewarding, shares_of
 from turtlebot_gym.systems.sensors import Sensor, sensing
-from turtlebot_gym.systems.world import Course, Outcome, Snapshot
+from turtlebot_gym.systems.world import Course, Judgement, Outcome, Snapshot
 from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Pose
 
@@ -38,15 +36,15 @@ class Surroundings(NamedTuple):
     look: Callable[..., Any]
     """``look(world, key, p, scene)`` moves what moves in the scene, measures ranges, and returns the new `Snapshot.room`."""
     complete: Callable[..., Any]
-    """``complete(world, room, outcome, p)`` returns the outcome of a step, completed by what `look` has found."""
+    """``complete(world, judgement, p)`` returns the judgement of a step, completed by what `look` has found."""
     ranges: Callable[..., Any]
     """``ranges(scene)`` returns an array of `seen` numbers, which the observation holds between the two parts that `observe`
     returns: NamedTuples before them and one number after them."""
     seen: int
     """Number of ranges."""
     renew: Callable[..., Any] | None = None
-    """``renew(world, outcome, key, p, scene)`` ends a step: it returns world and outcome, with the next goal where one was
-    reached; None if an episode has one goal."""
+    """``renew(world, judgement, key, p, scene)`` ends a step in which a goal was reached: it returns world and judgement with
+    the next goal; None if an episode has one goal."""
 
 
 class System(NamedTuple):
@@ -67,8 +65,10 @@ class System(NamedTuple):
     """``estimate(estimate, before, senses, p)`` returns the filter's estimate after a step; with `reads_scan`,
     ``estimate(estimate, before, senses, p, room, scene)``."""
     judge: Callable[..., Any]
-    """``judge(world, body, senses, estimate, waypoints, p)`` returns the waypoints visited and the `Outcome` of a step that led
-    from ``world`` to the new body, senses and estimate; ``waypoints`` is their number."""
+    """``judge(world, body, senses, estimate, waypoints, p)`` returns the waypoints visited and the `Judgement` of a step that
+    led from ``world`` to the new body, senses and estimate; ``waypoints`` is their number."""
+    rewards: tuple[RewardTerm, ...]
+    """The terms of the reward; their weights are `Parameters.reward`."""
     observe: Callable[..., Any]
     """``observe(world, p)`` returns the observation, a NamedTuple of numbers."""
     layout: int
@@ -93,31 +93,40 @@ class System(NamedTuple):
         example = self.example if sensor.noise is None else self.example._replace(**{sensor.name: sensor.noise})
         return self._replace(sensors=(*others[:at], sensor, *others[at:]), example=example)
 
+    def with_rewards(self, *terms: RewardTerm) -> System:
+        """Return the system with further terms of the reward.
+
+        Raises:
+            ValueError: If it has a term of that name.
+        """
+        names = [term.name for term in (*self.rewards, *terms)]
+        for at, name in enumerate(names):
+            if name in names[:at]:
+                raise ValueError(f"the reward has a term {name!r} already: give yours another name.")
+        weights = shares_of(tuple(names))(*self.example.reward, *(term.weight for term in terms))
+        return self._replace(rewards=(*self.rewards, *terms), example=self.example._replace(reward=weights))
+
 
 class Step(NamedTuple):
     """A system's kernels, assembled."""
 
     begin: Callable[..., Snapshot]
     """``begin(pose, key, waypoints, p, scene)`` returns the world at the start of an episode, at rest in a pose."""
+    act: Callable[..., Snapshot]
+    """``act(world, command, key, p)`` moves and senses with the policy's command, and estimates unless the filter reads the
+    scan, without branches: it returns what has changed until then."""
+    conclude: Callable[..., tuple[Snapshot, Outcome]]
+    """``conclude(world, moved, key, waypoints, p, scene)`` looks and judges: it returns the world a control interval later,
+    except for the next waypoint, and the outcome. On open ground it has no branches. ``waypoints`` is their number."""
+    retarget: Callable[..., tuple[Snapshot, Outcome]]
+    """``retarget(world, outcome, key, waypoints, p, scene)`` sets the next waypoint, for the few environments that reached one;
+    ``waypoints`` are poses, or an array (M, 3)."""
     transition: Callable[..., tuple[Snapshot, Outcome]]
-    """``transition(world, command, key, waypoints, p, scene)`` returns the world a control interval later, and the outcome.
-
-    ``command`` is the policy's command; ``waypoints`` are poses, or an array (M, 3).
-    """
+    """``transition(world, command, key, waypoints, p, scene)`` is all of these."""
     observe: Callable[..., Any]
     """``observe(world, p)`` returns the observation."""
-    advance: Callable[..., tuple[Snapshot, Outcome]]
-    """The transition up to looking, without the next waypoint and without branches, which the compiled loop runs for all
-    environments; not for filters that read the scan, for which it runs the transition."""
-    retarget: Callable[..., tuple[Snapshot, Outcome]]
-    """``retarget(world, outcome, waypoints, p)`` sets the next waypoint, for the few environments that reached one."""
-    look_round: Callable[..., tuple[Snapshot, Outcome]]
-    """``look_round(world, outcome, key, p, scene)`` looks, and completes world and outcome."""
-    act: Callable[..., Snapshot]
-    """``act(world, command, key, p)`` moves and senses: the first part of a transition with a filter that reads the scan,
-    without branches. The belief is that before the step."""
-    conclude_by_scan: Callable[..., tuple[Snapshot, Outcome]]
-    """``conclude_by_scan(world, moved, key, waypoints, p, scene)`` is its rest, from ``moved`` on: look, estimate, judge."""
+    start_outcome: Callable[..., Outcome]
+    """``start_outcome(world)`` returns the outcome that represents the start of an episode."""
 
 
 @kernel
@@ -130,18 +139,28 @@ def _course(visited: float, waypoints: Any, laps: float) -> Course:
 
 
 @kernel
-def _see_nothing(world: Snapshot, key: int, p: Any, scene: tuple[()]) -> tuple[()]:
+def _no_look(world: Snapshot, key: int, p: Any, scene: tuple[()]) -> tuple[()]:
     return ()
 
 
 @kernel
-def _leave(world: Snapshot, room: tuple[()], outcome: Outcome, p: Any) -> Outcome:
-    return outcome
+def _judgement_unchanged(world: Snapshot, judgement: Judgement, p: Any) -> Judgement:
+    return judgement
 
 
 @kernel
-def _keep(world: Snapshot, outcome: Outcome, key: int, p: Any, scene: Any) -> tuple[Snapshot, Outcome]:
-    return world, outcome
+def _goal_unchanged(world: Snapshot, judgement: Judgement, key: int, p: Any, scene: Any) -> tuple[Snapshot, Judgement]:
+    return world, judgement
+
+
+@kernel
+def _estimate_unchanged(estimate: Any, before: Any, senses: Any, p: Any) -> Any:
+    return estimate
+
+
+@kernel
+def _scan_unread(estimate: Any, before: Any, moved: Snapshot, p: Any, room: Any, scene: Any) -> Any:
+    return moved.estimate
 
 
 @cache
@@ -151,16 +170,28 @@ def step_of(system: System) -> Step:
     Raises:
         ValueError: If its filter reads a scan and there is none.
     """
-    start, move, judge = system.start, system.move, system.judge
-    first_estimate, estimate_of = system.first_estimate, system.estimate
+    start, move, judge, first_estimate = system.start, system.move, system.judge, system.first_estimate
     first_sense, sense = sensing(system.sensors)
-    around = system.surroundings
+    reward_of, no_shares = rewarding(system.rewards)
+    around, scan_estimate = system.surroundings, system.estimate
     if system.reads_scan and not around:
         raise ValueError("System.reads_scan must be false without surroundings: there is no scan.")
     first_look, look, complete = (
-        (around.first_look, around.look, around.complete) if around else (_see_nothing, _see_nothing, _leave)
+        (around.first_look, around.look, around.complete) if around else (_no_look, _no_look, _judgement_unchanged)
     )
-    renew = around.renew if around and around.renew else _keep
+    renew = around.renew if around and around.renew else _goal_unchanged
+    estimate_of = _estimate_unchanged if system.reads_scan else system.estimate
+
+    @kernel
+    def read_scan(estimate, before, moved, p, room, scene):
+        return scan_estimate(estimate, before, moved.senses, p, room, scene)
+
+    estimate_by_scan = read_scan if system.reads_scan else _scan_unread
+
+    @kernel
+    def outcome_of(reward, judgement, shares):
+        distance, is_success, terminated, truncated, reached = judgement
+        return Outcome(reward, distance, is_success, terminated, truncated, reached, shares)
 
     @kernel
     def begin(pose, key, waypoints, p, scene):
@@ -174,59 +205,39 @@ def step_of(system: System) -> Step:
     def act(world, command, key, p):
         at = int(world.steps + 1.0)
         body = move(world.body, command, key, at, p)
-        return body, sense(body, world.senses, key, at, p)
+        senses = sense(body, world.senses, key, at, p)
+        estimate = estimate_of(world.estimate, world.senses, senses, p)
+        return Snapshot(body, senses, estimate, world.course, world.steps + 1.0, world.room)
 
     @kernel
-    def conclude(world, body, senses, estimate, waypoints, p):
-        visited, outcome = judge(world, body, senses, estimate, waypoints, p)
+    def conclude(world, moved, key, waypoints, p, scene):
+        room = look(moved, key, p, scene)
+        estimate = estimate_by_scan(world.estimate, world.senses, moved, p, room, scene)
+        visited, judgement = judge(world, moved.body, moved.senses, estimate, waypoints, p)
         course = Course(world.course.reference, world.course.following, visited)
-        return Snapshot(body, senses, estimate, course, world.steps + 1.0, world.room), outcome
+        after = Snapshot(moved.body, moved.senses, estimate, course, moved.steps, room)
+        judgement = complete(after, judgement, p)
+        reward, shares = reward_of(world, after, judgement, p)
+        return after, outcome_of(reward, judgement, shares)
 
     @kernel
-    def advance(world, command, key, waypoints, p):
-        body, senses = act(world, command, key, p)
-        return conclude(world, body, senses, estimate_of(world.estimate, world.senses, senses, p), waypoints, p)
-
-    @kernel
-    def retarget(world, outcome, waypoints, p):
+    def retarget(world, outcome, key, waypoints, p, scene):
         course = _course(world.course.visited, waypoints, p.task.laps)
         distance = distance_to(world.body.true_state, course.reference)
-        _, _, is_success, terminated, truncated, reached = outcome
-        renewed = Outcome(outcome.reward, distance, is_success, terminated, truncated, reached)
-        return Snapshot(world.body, world.senses, world.estimate, course, world.steps, world.room), renewed
-
-    @kernel
-    def completed(world, room, outcome, key, p, scene):
-        outcome = complete(world, room, outcome, p)
-        world = Snapshot(world.body, world.senses, world.estimate, world.course, world.steps, room)
-        return renew(world, outcome, key, p, scene)
-
-    @kernel
-    def look_round(world, outcome, key, p, scene):
-        return completed(world, look(world, key, p, scene), outcome, key, p, scene)
+        after = Snapshot(world.body, world.senses, world.estimate, course, world.steps, world.room)
+        reward, _, is_success, terminated, truncated, reached, shares = outcome
+        after, judgement = renew(after, Judgement(distance, is_success, terminated, truncated, reached), key, p, scene)
+        return after, outcome_of(reward, judgement, shares)
 
     @kernel
     def transition(world, command, key, waypoints, p, scene):
-        world, outcome = advance(world, command, key, len(waypoints), p)
-        world, outcome = retarget(world, outcome, waypoints, p) if outcome.reached else (world, outcome)
-        return look_round(world, outcome, key, p, scene)
+        moved = act(world, command, key, p)
+        after, outcome = conclude(world, moved, key, len(waypoints), p, scene)
+        return retarget(after, outcome, key, waypoints, p, scene) if outcome.reached else (after, outcome)
 
     @kernel
-    def act_alone(world, command, key, p):
-        body, senses = act(world, command, key, p)
-        return Snapshot(body, senses, world.estimate, world.course, world.steps + 1.0, world.room)
+    def start_outcome(world):
+        distance = distance_to(world.body.true_state, world.course.reference)
+        return Outcome(0.0, distance, False, False, False, False, no_shares)
 
-    @kernel
-    def conclude_by_scan(world, moved, key, waypoints, p, scene):
-        body, senses, room = moved.body, moved.senses, look(moved, key, p, scene)
-        estimate = estimate_of(world.estimate, world.senses, senses, p, room, scene)
-        world, outcome = conclude(world, body, senses, estimate, len(waypoints), p)
-        world, outcome = retarget(world, outcome, waypoints, p) if outcome.reached else (world, outcome)
-        return completed(world, room, outcome, key, p, scene)
-
-    @kernel
-    def transition_by_scan(world, command, key, waypoints, p, scene):
-        return conclude_by_scan(world, act_alone(world, command, key, p), key, waypoints, p, scene)
-
-    chosen = transition_by_scan if system.reads_scan else transition
-    return Step(begin, chosen, system.observe, advance, retarget, look_round, act_alone, conclude_by_scan)
+    return Step(begin, act, conclude, retarget, transition, system.observe, start_outcome)

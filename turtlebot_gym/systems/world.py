@@ -67,10 +67,9 @@ class Snapshot(NamedTuple):
     """State of the robot in its room, `Around`; an empty tuple on open ground."""
 
 
-class Outcome(NamedTuple):
-    """Result of a step besides the observation."""
+class Judgement(NamedTuple):
+    """What the task says of a step."""
 
-    reward: float
     distance: float
     """True distance to the waypoint to reach, m."""
     is_success: bool
@@ -78,3 +77,17 @@ class Outcome(NamedTuple):
     truncated: bool
     reached: bool
     """Whether a waypoint was completed and the next one became current."""
+
+
+class Outcome(NamedTuple):
+    """Result of a step besides the observation."""
+
+    reward: float
+    distance: float
+    """As in `Judgement`, like the next four."""
+    is_success: bool
+    terminated: bool
+    truncated: bool
+    reached: bool
+    shares: Any
+    """What each term adds to the reward, a field for each, see `turtlebot_gym.rewards`."""

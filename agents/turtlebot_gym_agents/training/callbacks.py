@@ -30,6 +30,7 @@ from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
+from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
@@ -228,6 +229,23 @@ class RecordCallback(Callback):
         about = {**self._record, "steps": self.num_timesteps, "seconds": seconds, "evaluation": self._judge.best}
         with weights_of(self.model, self._folder / "best.zip"):
             export(self.model, self._folder / "policy.onnx", self._config.card(self._judge.parameters, about))
+
+
+class RewardCallback(BaseCallback):
+    """Record what each term adds to the reward of a step, on average since the last record, as ``reward/NAME``."""
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        self._begun = self.num_timesteps
+
+    def _on_rollout_end(self) -> None:
+        envs = self.training_env
+        assert isinstance(envs, Sb3VecEnv)
+        for key, total in envs.shares.items():
+            self.logger.record(f"reward/{key.removeprefix('reward_')}", total / max(self.num_timesteps - self._begun, 1))
+        envs.shares.clear()
 
 
 class ProgressCallback(BaseCallback):

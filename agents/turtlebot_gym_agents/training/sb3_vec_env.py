@@ -40,7 +40,7 @@ class Sb3VecEnv(VecEnv):
 
     Infos hold, for the environments whose episode has just ended, ``terminal_observation``, ``TimeLimit.truncated``,
     ``episode`` (return r, length l, seconds t, as SB3's ``Monitor`` has them) and the contents of ``final_info``, such as
-    ``is_success``. All other infos are empty.
+    ``is_success``. All other infos are empty. `shares` adds up those whose keys begin with ``reward_``.
 
     Args:
         envs: A vector environment in the mode ``AutoresetMode.SAME_STEP`` whose steps return new arrays.
@@ -62,6 +62,8 @@ class Sb3VecEnv(VecEnv):
         self._lengths = np.zeros(envs.num_envs, np.int64)
         self._start = time.time()
         self._begun = False
+        self.shares: dict[str, float] = {}
+        """What each term has added to the reward of all rows since somebody has emptied this."""
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
         if "render_fps" in envs.metadata:
             self.metadata["render_fps"] = envs.metadata["render_fps"]
@@ -133,6 +135,7 @@ class Sb3VecEnv(VecEnv):
         # Returns are summed in double precision before that.
         rewards = rewards.astype(np.float32)
         dones = terminated | truncated
+        self._add_shares(infos)
         split: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if dones.any():
             rows = np.flatnonzero(dones)
@@ -149,6 +152,12 @@ class Sb3VecEnv(VecEnv):
             self._returns[rows] = 0.0
             self._lengths[rows] = 0
         return observations, rewards, dones, split
+
+    def _add_shares(self, infos: dict[str, Any]) -> None:
+        final, ended = infos.get("final_info", {}), infos.get("_final_info")
+        for key in [key for key in infos if key.startswith("reward_")]:  # 0 in the rows whose next episode has begun
+            share = float(infos[key].sum()) + (0.0 if ended is None else float(final[key][ended].sum()))
+            self.shares[key] = self.shares.get(key, 0.0) + share
 
     def _values(self, model: OnPolicyAlgorithm, observations: NDArray[Any]) -> NDArray[np.float32]:
         """Return the model's values of observations, shape (n,)."""

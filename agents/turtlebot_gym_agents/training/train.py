@@ -23,7 +23,13 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym.compiled.threads import limited
 from turtlebot_gym_agents.provenance import replace_json
-from turtlebot_gym_agents.training.callbacks import CheckpointCallback, EvaluationCallback, ProgressCallback, RecordCallback
+from turtlebot_gym_agents.training.callbacks import (
+    CheckpointCallback,
+    EvaluationCallback,
+    ProgressCallback,
+    RecordCallback,
+    RewardCallback,
+)
 from turtlebot_gym_agents.training.cloning import begin_with
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 from turtlebot_gym_agents.training.model import make_model
@@ -83,7 +89,7 @@ def train(
         watching = [*([bar] if progress else []), *callbacks]
         try:
             # A finished run has nothing left to learn, but the callbacks restore its best model.
-            observers = [judge, saver, *watching, RecordCallback(config, folder, judge)]
+            observers = [judge, saver, RewardCallback(), *watching, RecordCallback(config, folder, judge)]
             model = learn(config, envs, observers, tensorboard=folder / "tensorboard", checkpoint=begun)
         finally:
             bar.stop()

@@ -1,0 +1,89 @@
+"""Rewards: their shares add up, weights and terms of one's own count everywhere, and what would not count is refused."""
+
+import gymnasium as gym
+import numpy as np
+import own_parts
+import pytest
+
+from turtlebot_gym import Episode, Options
+from turtlebot_gym.rewards import IN_ROOMS, NEARNESS, ON_GROUND, ON_MISSIONS, RewardTerm
+from turtlebot_gym.systems import system_of
+
+TASKS = {"Nav": ON_GROUND, "Square": ON_GROUND, "Rooms": IN_ROOMS, "Missions": ON_MISSIONS}
+SPIN = {"own_parts:SPIN": 100.0}
+NUMBER, STEPS = 3, 40
+
+
+def rewards(task, **options):
+    """Return rewards and infos of a drive, of the scalar environment and of the first row of the vector one."""
+    drives = []
+    rng = np.random.default_rng(4)
+    actions = rng.uniform(-1.0, 1.0, (STEPS, 2)).astype(np.float32)
+    env = gym.make(f"turtlebot_gym/TurtleBot{task}-v0", **options)
+    envs = gym.make_vec(f"turtlebot_gym/TurtleBot{task}-v0", num_envs=NUMBER, info="full", **options)
+    for made in (env, envs):
+        made.reset(seed=3)
+        rows = []
+        for action in actions:
+            _, reward, _, _, info = made.step(action if made is env else np.tile(action, (NUMBER, 1)))
+            shares = {key: value for key, value in info.items() if key.startswith("reward_")}
+            first = (lambda value: value) if made is env else (lambda value: value[0])
+            rows.append((float(first(reward)), {key: float(first(value)) for key, value in shares.items()}))
+        drives.append(rows)
+    assert drives[0] == drives[1]
+    return drives[0]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_shares_add_up_to_the_reward_in_the_order_of_the_terms(task):
+    for reward, shares in rewards(task):
+        assert list(shares) == [f"reward_{term.name}" for term in TASKS[task]]
+        total = 0.0
+        for share in shares.values():
+            total += share
+        assert reward == total
+
+
+@pytest.mark.parametrize("task", ["Nav", "Rooms", "Missions"])
+def test_a_term_of_ones_own_adds_its_share_and_nothing_else(task):
+    spun = 0.0
+    for (plain, _), (reward, shares) in zip(rewards(task), rewards(task, reward=SPIN), strict=True):
+        assert reward == plain + shares["reward_spin"]
+        spun += shares["reward_spin"]
+    assert spun < -1.0
+
+
+@pytest.mark.parametrize("task", ["Nav", "Rooms"])
+def test_a_weight_scales_its_share(task):
+    for (_, usual), (_, shares) in zip(rewards(task), rewards(task, reward={"effort": 0.02}), strict=True):
+        assert shares == usual | {"reward_effort": 2.0 * usual["reward_effort"]}
+
+
+@pytest.mark.parametrize("fix", [None, "late"])
+def test_the_compiled_loops_of_special_cases_add_terms_of_ones_own_too(in_step, fix):
+    setup = Options(reward=SPIN, noise="documented", fix=fix).setup()
+    from turtlebot_gym.compiled.batch import Batch
+
+    batch = Batch(40, setup.parameters, setup.waypoints, system=setup.system, shares=True)
+    plain = {row: Episode(setup.parameters, setup.waypoints, seed=row, system=setup.system) for row in (0, 39)}
+    assert batch._special.name
+    for row in range(40):
+        batch.seeds[row] = row
+    for _ in in_step(batch, plain, [0.2, -0.6], [1.0, 0.6], 40):
+        pass
+
+
+def test_a_system_of_ones_own_brings_its_terms():
+    options = {"system": own_parts.system_with_spin, "reward": {"spin": 7.0}}
+    setup = Options(**options).setup()
+    assert setup.parameters.reward._asdict() == {"progress": 1.0, "time": 0.1, "effort": 0.01, "success": 10.0, "spin": 7.0}
+    assert rewards("Nav", **options) == rewards("Nav", reward={"own_parts:SPIN": 7.0})
+
+
+def test_a_term_of_a_room_is_refused_on_open_ground():
+    system = system_of(Options().setup().parameters)
+    with pytest.raises(ValueError, match="the reward has a term 'time' already: give yours another name"):
+        system.with_rewards(RewardTerm("time", own_parts.spin, 1.0))
+    with pytest.raises(ValueError, match="reward has no term 'nearness': its terms on open ground are"):
+        gym.make("turtlebot_gym/TurtleBotNav-v0", reward={"nearness": 1.0})
+    assert NEARNESS in IN_ROOMS

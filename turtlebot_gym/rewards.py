@@ -1,0 +1,153 @@
+"""Rewards: sums of named terms with weights, computed in one place for open ground, rooms and missions.
+
+A term is a kernel of the worlds before and after a step. The option ``reward`` sets weights by name, and adds terms of one's
+own. Distances are true ones, whatever the policy observes.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.tasks import arrived, by_time, distance_to, remaining
+
+NEAR = 0.15
+"""Clearance below which the term "nearness" counts, m."""
+
+
+class RewardTerm(NamedTuple):
+    """A term of the reward."""
+
+    name: str
+    """Its name among the weights, and in ``info``."""
+    of: Callable[..., Any]
+    """``of(before, after, judgement, p)``, a kernel, returns its value in a step: it takes `systems.Snapshot` before and after,
+    `systems.Judgement` and `systems.Parameters`. A waypoint that is reached is still the one to reach in ``after``."""
+    weight: float
+    """Its weight if the option ``reward`` states no other."""
+
+
+@kernel
+def _share_of_speed(way: float, p: Any) -> float:
+    """Return a way as a share of what full speed allows in a step."""
+    return way / (p.robot.max_linear * p.dt)
+
+
+@kernel
+def _progress(before, after, judgement, p):
+    course, truth = before.course, after.body.true_state
+    ahead = remaining(truth, course.reference, course.following, judgement.reached and not by_time(p.task))
+    return _share_of_speed(distance_to(before.body.true_state, course.reference) - ahead, p)
+
+
+@kernel
+def _progress_in_room(before, after, judgement, p):
+    return _share_of_speed(before.room.way - after.room.way, p)
+
+
+@kernel
+def _time(before, after, judgement, p):
+    return -1.0
+
+
+@kernel
+def _effort(before, after, judgement, p):
+    command = after.body.command
+    v, omega = command.v / p.robot.max_linear, command.omega / p.robot.max_angular
+    return -(v * v + omega * omega)
+
+
+@kernel
+def _success(before, after, judgement, p):
+    return 1.0 if judgement.is_success else 0.0
+
+
+@kernel
+def _collision(before, after, judgement, p):
+    return -1.0 if after.room.collided else 0.0
+
+
+@kernel
+def _nearness(before, after, judgement, p):
+    return -max(1.0 - after.room.clearance / NEAR, 0.0) if not after.room.collided else 0.0
+
+
+@kernel
+def _goal(before, after, judgement, p):
+    there = judgement.reached and not judgement.is_success and not after.room.collided
+    return 1.0 if there and arrived(after.body.true_state, before.course.reference, p.task) else 0.0
+
+
+PROGRESS = RewardTerm("progress", _progress, 1.0)
+"""Progress along the path through the waypoints, as a share of what full speed allows in a step."""
+PROGRESS_IN_ROOM = RewardTerm("progress", _progress_in_room, 1.0)
+"""The same along the shortest path through a room."""
+TIME = RewardTerm("time", _time, 0.1)
+"""-1 at every step."""
+EFFORT = RewardTerm("effort", _effort, 0.01)
+"""Minus the sum of the squared speed and turning rate of the command, as shares of their limits."""
+SUCCESS = RewardTerm("success", _success, 10.0)
+"""1 when the episode ends in success."""
+COLLISION = RewardTerm("collision", _collision, 50.0)
+"""-1 when the episode ends in a collision."""
+NEARNESS = RewardTerm("nearness", _nearness, 0.5)
+"""Minus the share of `NEAR` that the clearance lacks."""
+GOAL = RewardTerm("goal", _goal, 10.0)
+"""1 when the robot is at a goal that is not the last one."""
+
+ON_GROUND = PROGRESS, TIME, EFFORT, SUCCESS
+"""The reward on open ground."""
+IN_ROOMS = PROGRESS_IN_ROOM, TIME, EFFORT, SUCCESS, COLLISION, NEARNESS
+"""The reward in rooms."""
+ON_MISSIONS = *IN_ROOMS, GOAL
+"""The reward of missions."""
+
+
+@cache
+def shares_of(names: tuple[str, ...]) -> Any:
+    """Return the type of a number for each term: of their weights, and of what each adds to the reward of a step."""
+    return namedtuple("Shares", names)  # noqa: PYI024  # a type for each set of names
+
+
+def default_weights(terms: Sequence[RewardTerm]) -> Any:
+    """Return the terms' own weights."""
+    return shares_of(tuple(term.name for term in terms))(*(float(term.weight) for term in terms))
+
+
+def _each(terms: tuple[RewardTerm, ...]) -> Callable[..., Any]:
+    """Return the kernel of what each term adds to the reward, as a tuple."""
+    (name, of, _), rest = terms[0], _each(terms[1:]) if terms[1:] else None
+    if rest is None:
+        return kernel(lambda before, after, judgement, p: (getattr(p.reward, name) * of(before, after, judgement, p),))
+
+    @kernel
+    def each(before, after, judgement, p):
+        share = getattr(p.reward, name) * of(before, after, judgement, p)
+        return (share,) + rest(before, after, judgement, p)  # noqa: RUF005  # no star in compiled code
+
+    return each
+
+
+def _sum(number: int) -> Callable[[Any], float]:
+    """Return the kernel that adds up so many numbers of a tuple, from the first on."""
+    last = number - 1
+    if last == 0:
+        return kernel(lambda numbers: numbers[0])
+    before = _sum(last)
+    return kernel(lambda numbers: before(numbers) + numbers[last])
+
+
+@cache
+def rewarding(terms: tuple[RewardTerm, ...]) -> tuple[Callable[..., Any], Any]:
+    """Return the kernel of a step's reward and of each term's share in it, and the shares where nothing happens."""
+    each, add_up, Shares = _each(terms), _sum(len(terms)), shares_of(tuple(term.name for term in terms))
+
+    @kernel
+    def reward_of(before, after, judgement, p):
+        shares = each(before, after, judgement, p)
+        return add_up(shares), Shares(*shares)
+
+    return reward_of, Shares(*(0.0,) * len(terms))
