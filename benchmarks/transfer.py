@@ -21,9 +21,10 @@ from rich.table import Table
 from harness.study import Study, run
 from scenarios import NAV, POSE, SQUARE, kept, results_folder, run_all, slug, trained
 from transfer_filters import Drive, compared, drift
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.plants import make_plant
-from turtlebot_gym.systems import Episode, Options, make_parameters
+from turtlebot_gym.systems import Options, make_parameters
 from turtlebot_gym.values import STOP
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.estimation import FORWARD, HOLD, TURN

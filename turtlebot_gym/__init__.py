@@ -20,20 +20,22 @@ os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 if TYPE_CHECKING:
     from turtlebot_gym.estimation.ekf import Estimate
     from turtlebot_gym.files import read_parameters, write_parameters
+    from turtlebot_gym.heart import Episode
     from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
     from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
     from turtlebot_gym.robots import ROBOTS, Robot
-    from turtlebot_gym.systems import Episode, Options, Parameters, Snapshot, System, make_parameters
+    from turtlebot_gym.systems import Options, Parameters, Snapshot, System, make_parameters
     from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
     from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 else:  # import names at first use: the compiler alone takes half a second
     _HOMES = {
         "estimation.ekf": ("Estimate",),
         "files": ("read_parameters", "write_parameters"),
+        "heart": ("Episode",),
         "parameters": ("FilterTuning", "FixNoise", "Noise", "OdometryNoise", "ProcessNoise"),
         "presets": ("NOISES", "make_filter", "make_fix", "make_noise", "make_robot"),
         "robots": ("ROBOTS", "Robot"),
-        "systems": ("Episode", "Options", "Parameters", "System", "Snapshot", "make_parameters"),
+        "systems": ("Options", "Parameters", "System", "Snapshot", "make_parameters"),
         "tasks": ("NAV", "OBSERVATION_LAYOUT", "POSE", "SQUARE", "SQUARE_WAYPOINTS", "Observation", "Task"),
         "values": ("STOP", "Belief", "Command", "Covariance", "Pose", "State"),
     }

@@ -62,11 +62,6 @@ def split(x: float) -> tuple[float, float]:
     return significand, float(exponent)
 
 
-def scratch(size: int) -> Any:
-    """Return room for ``size`` numbers; compiled code uses `compiled_scratch`."""
-    return [0.0] * size
-
-
 def is_plain() -> bool:
     """Return whether the caller runs as plain Python; compiled code knows the answer in advance."""
     return True

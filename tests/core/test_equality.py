@@ -14,9 +14,10 @@ import pytest
 from turtlebot_gym import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Robot
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.threads import limited
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.plants import MujocoBurger
-from turtlebot_gym.systems import Episode, Options
+from turtlebot_gym.systems import Options
 
 SHAKY = Noise(
     process=ProcessNoise(alpha1=0.02, alpha2=0.001, alpha3=0.05, alpha4=0.01, slip=0.5, slip_start=0.05, slip_end=0.2),

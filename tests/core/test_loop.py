@@ -8,9 +8,10 @@ import pytest
 import turtlebot_gym
 from turtlebot_gym.compiled.batch import PARALLEL_FROM, Batch
 from turtlebot_gym.compiled.packing import TILE
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Episode, make_parameters
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.values import Pose
 
 WAYPOINTS, SQUARE = turtlebot_gym.SQUARE_WAYPOINTS, turtlebot_gym.SQUARE

@@ -15,11 +15,12 @@ from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.estimation.gyro import Gyro
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.presets import matched
 from turtlebot_gym.rewards import ON_GROUND, default_weights
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import Episode, Options, Parameters, system_of
+from turtlebot_gym.systems import Options, Parameters, system_of
 from turtlebot_gym.systems.imu import ImuNoise
 from turtlebot_gym.systems.parameters import SENSORS
 from turtlebot_gym.tasks import Task

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 import turtlebot_gym
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.plants import MujocoBurger
-from turtlebot_gym.systems import Episode, Options, make_parameters, system_of
+from turtlebot_gym.systems import Options, make_parameters, system_of
 from turtlebot_gym.tasks import SQUARE, SQUARE_WAYPOINTS
 from turtlebot_gym.values import Command, Pose
 

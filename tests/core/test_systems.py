@@ -14,11 +14,12 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.estimation.update import Projection, update
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import normals
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Episode, Options, Sensor, make_parameters, open_ground, system_of
+from turtlebot_gym.systems import Options, Sensor, make_parameters, open_ground, system_of
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS, due
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 

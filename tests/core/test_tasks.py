@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from turtlebot_gym.heart import Episode, step
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import Episode, Options, make_parameters, step_of
+from turtlebot_gym.systems import Options, make_parameters
 from turtlebot_gym.tasks import (
     NAV,
     OBSERVATION_HIGH,
@@ -203,10 +204,10 @@ def test_arrival_by_belief_may_be_wrong_and_is_then_no_success(arrival):
     task, waypoints = Options(task="square", arrival=arrival, waypoints=[Pose(1.0, 0.0, 0.0)]).course()
     p = make_parameters(task, noise="clean", filter=replace(make_parameters(noise="clean").tuning, R=(100.0,) * 3))
     episode = Episode(p, waypoints)
-    world, key, transition = episode.world, episode.key, step_of(episode.system).transition
+    world, key = episode.world, episode.key
     certain = world.estimate.belief._replace(mean=State(1.0, 0.0, 0.0, 0.0, 0.0), covariance=Covariance(*[0.0] * 15))
     deluded = world._replace(estimate=world.estimate._replace(belief=certain))
     there = placed(world, State(1.0, 0.0, 0.0, 0.0, 0.0))
     for start, ends in ((deluded, (arrival == "belief", False)), (there, (arrival == "truth", arrival == "truth"))):
-        _, come = transition(start, Command(0.0, 0.0), key, waypoints, p, ())
+        _, come = step(episode.system, start, Command(0.0, 0.0), key, waypoints, p, ())
         assert (come.terminated, come.is_success) == ends

@@ -24,7 +24,7 @@ import numpy as np
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.estimation.filters import matrix
-from turtlebot_gym.systems import Episode
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 
 HASHES = Path(__file__).parent / "golden.json"

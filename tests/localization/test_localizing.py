@@ -9,12 +9,13 @@ from localization_rooms import hall, make_room
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
-from turtlebot_gym.systems import SIZES, Episode, Options
+from turtlebot_gym.systems import SIZES, Options
 from turtlebot_gym.values import Pose
 
 HALL = FloorPlan(walls=(0.0, 0.0, 2.5, 2.0), boxes=((0.5, 0.5, 1.0, 0.3, 0.4),), start=Pose(-1.5, -1.0, 0.3))

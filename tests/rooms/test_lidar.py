@@ -9,6 +9,7 @@ import pytest
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.update import of_x, update
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.random import SCAN, sub_key
@@ -32,7 +33,7 @@ from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.rooms.scene import Walls
 from turtlebot_gym.rooms.sectors import NEAR, divide, leave_out_blind, pool
 from turtlebot_gym.rooms.sensing import measure
-from turtlebot_gym.systems import Episode, make_parameters, make_room, system_of
+from turtlebot_gym.systems import make_parameters, make_room, system_of
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose, State
 

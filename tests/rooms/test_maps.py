@@ -13,6 +13,7 @@ from compiled_rooms import clearance_compiled, draw_compiled
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms import geodesic, sensing
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap, grid_of
@@ -20,7 +21,7 @@ from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import find_world
-from turtlebot_gym.systems import Episode, make_parameters, make_room
+from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose
 

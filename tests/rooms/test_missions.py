@@ -6,9 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.rooms.geodesic import way_left
-from turtlebot_gym.systems import Episode, Options
+from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.values import Command
 

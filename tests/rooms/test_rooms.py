@@ -13,11 +13,12 @@ from gymnasium_vector_checker import check_vector_env
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
-from turtlebot_gym.systems import Episode, make_parameters, make_room
+from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose
 

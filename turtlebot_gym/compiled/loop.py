@@ -17,10 +17,12 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import LINE, TILE, Layout, access_of, layout_of
-from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, prefer_wide, scratch
+from turtlebot_gym.compiled.plain import plain_loops
+from turtlebot_gym.compiled.step import step_of
+from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.systems import Outcome, System, step_of
+from turtlebot_gym.systems import Outcome, System
 from turtlebot_gym.systems.special import Special, late_fixes
 
 _SUCCESS = Outcome._fields.index("is_success")
@@ -123,12 +125,12 @@ def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]
     assert around is not None
     act, conclude, retarget, scene_at = step.act, step.conclude, step.retarget, around.at
     load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
-    layout, scratch_of, show_ranges = layout_of(system, special), _scratch_of(system), _show_ranges_of(system, special)
+    layout, show_ranges = layout_of(system, special), _show_ranges_of(system, special)
     at_outcome, at_action, size = layout.at_outcome, layout.at_action, layout.world.size * TILE
 
     @kernel
     def look_round_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
-        moved_tile = scratch_of(size)
+        moved_tile = compiled_scratch(size)
         for lane in range(count):
             p = load_parameters(parameters, origin + lane)
             command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
@@ -148,10 +150,6 @@ def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]
     return look_round_tile
 
 
-def _scratch_of(system: System) -> Callable[[int], Any]:
-    return compiled_scratch if HAS_NUMBA and system.compiled else scratch
-
-
 def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
     _, _, _, observation, at_outcome, at_action, size = layout_of(system, special)
@@ -159,12 +157,11 @@ def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     work_tile = (_look_round_tile_of if system.surroundings else _advance_tile_of)(system, special)
     seen = system.surroundings.seen if system.surroundings else 0
     n_observation = observation.size
-    scratch_of = _scratch_of(system)
 
     @kernel
     def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
         """Advance the ``count`` environments of a tile whose first environment is ``first``; return how many flags are set."""
-        scratch = scratch_of(size)
+        scratch = compiled_scratch(size)
         asked, shown = actions[first : first + count], observations[first : first + count]
         for lane in range(count):
             scratch[at_action + lane] = asked[lane, 0]
@@ -194,11 +191,11 @@ def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
     load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
     _, _, _, observation, at_outcome, _, size = layout_of(system, special)
     n_observation = observation.size
-    scratch_of, show_ranges = _scratch_of(system), _show_ranges_of(system, special)
+    show_ranges = _show_ranges_of(system, special)
 
     @kernel
     def reset_lane(environment, lane, begins, tile, key, parameters, origin, waypoints, observations, outcomes, scenes):
-        scratch, p, scene = scratch_of(size), load_parameters(parameters, origin + lane), scene_at(scenes, environment)
+        scratch, p, scene = compiled_scratch(size), load_parameters(parameters, origin + lane), scene_at(scenes, environment)
         if begins:
             start, goal = lay_out(key, p, scene)
             if p.task.random:
@@ -220,14 +217,15 @@ def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
 @cache
 def loops_of(system: System, special: Special) -> _Loops:
     """Return the compiled loops of a system, general or for a special case; processes share them through the cache."""
+    if not (HAS_NUMBA and system.compiled):
+        return _Loops(layout_of(system, special), *plain_loops(system, special))
     step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
     layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
     ahead, width = layout.parameters.ahead, layout.parameters.size * TILE
-    many, is_compiled = _LARGE // (layout.world.size * TILE), HAS_NUMBA and system.compiled
+    many = _LARGE // (layout.world.size * TILE)
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
-        if is_compiled:
-            prefer_wide()
+        prefer_wide()
         flagged = 0
         for at in range(len(tiles)):
             number = keys[at, TILE]
@@ -257,7 +255,5 @@ def loops_of(system: System, special: Special) -> _Loops:
                         environment, lane, begins, tiles[at], key, parameters, origin, visited, observations, outcomes, scenes
                     )
 
-    if not system.compiled:
-        return _Loops(layout, step_rows, reset_rows)
     case = f" {special.name}" if special.name else ""
     return _Loops(layout, compiled(step_rows, f"steps {place}{case}"), compiled(reset_rows, f"resets {place}{case}"))

@@ -19,8 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.heart import begin, step
 from turtlebot_gym.kernel import Leaf, access, kernel
-from turtlebot_gym.systems import System, step_of
+from turtlebot_gym.systems import System
 from turtlebot_gym.systems.special import Special
 from turtlebot_gym.values import STOP, Pose
 
@@ -268,14 +269,13 @@ class Layout(NamedTuple):
 @cache
 def layout_of(system: System, special: Special) -> Layout:
     """Return the layout of a system's values in a tile, from an example of each."""
-    step = step_of(system)
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
-    world = step.begin(system.lay_out(1, p, scene)[0], 1, waypoints, p, scene)
-    world, outcome = step.transition(world, STOP, 1, waypoints, p, scene)
+    world = begin(system, system.lay_out(1, p, scene)[0], 1, waypoints, p, scene)
+    world, outcome = step(system, world, STOP, 1, waypoints, p, scene)
     parameters = packing(p, known=dict(special.parameters), own=special.own)
     a_world = packing(world, known=dict(special.world), same=dict(special.same))
-    an_outcome, observation = packing(outcome), packing(step.observe(world, p))
+    an_outcome, observation = packing(outcome), packing(system.observe(world, p))
     at_outcome = observation.size * TILE
     at_action = at_outcome + an_outcome.size * TILE
     return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)

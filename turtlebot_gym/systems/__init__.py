@@ -1,6 +1,5 @@
 """Assembly of the step: systems, their parameters, and one environment in plain Python."""
 
-from turtlebot_gym.systems.episode import Episode
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.options import Options, Setup, make_parameters
 from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, RoomParameters, make_room
@@ -16,7 +15,7 @@ from turtlebot_gym.systems.rooms import (
     system_of,
 )
 from turtlebot_gym.systems.sensors import ODOMETRY, Sensor
-from turtlebot_gym.systems.system import Step, Surroundings, System, step_of
+from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Body, Course, Judgement, Outcome, Snapshot
 
 __all__ = [
@@ -30,7 +29,6 @@ __all__ = [
     "Around",
     "Body",
     "Course",
-    "Episode",
     "Judgement",
     "Options",
     "Outcome",
@@ -39,7 +37,6 @@ __all__ = [
     "Sensor",
     "Setup",
     "Snapshot",
-    "Step",
     "Surroundings",
     "System",
     "WithRewards",
@@ -48,6 +45,5 @@ __all__ = [
     "make_room",
     "open_ground",
     "rooms",
-    "step_of",
     "system_of",
 ]

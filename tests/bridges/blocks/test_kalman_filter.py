@@ -9,11 +9,12 @@ import pytest
 from scipy.stats import chi2
 
 from turtlebot_gym import write_parameters
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES
-from turtlebot_gym.systems import Episode, make_parameters
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator

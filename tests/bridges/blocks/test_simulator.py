@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.presets import NOISES
-from turtlebot_gym.systems import Episode, make_parameters
+from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks import SimulatedTeleop, TurtlebotSimulator

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.rooms.grid import GridMap
-from turtlebot_gym.systems import Episode, Options, make_parameters
+from turtlebot_gym.systems import Options, make_parameters
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Belief, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import VelocityController, WaypointGenerator

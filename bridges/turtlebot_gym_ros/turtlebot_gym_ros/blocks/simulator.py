@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import MujocoBurger, make_plant
@@ -16,7 +17,7 @@ from turtlebot_gym.rooms.grid import GridMap, charted
 from turtlebot_gym.rooms.lidar import DRIVERS, Lidar, beams_by
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, as_sent, obstacles_of
 from turtlebot_gym.rooms.worlds import require_a_way
-from turtlebot_gym.systems import Episode, Options
+from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
 from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State

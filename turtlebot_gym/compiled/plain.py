@@ -1,0 +1,61 @@
+"""The loops of environments in plain Python: without numba, in a debugger, and for plants that are no kernels.
+
+They take the arguments of the compiled loops (`compiled.loop`), and run `turtlebot_gym.heart` for each environment in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from turtlebot_gym import heart
+from turtlebot_gym.compiled.packing import TILE, access_of, flatten, layout_of
+from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.models.unicycle import command_of
+from turtlebot_gym.systems import System
+from turtlebot_gym.systems.special import Special
+
+_FLAGS = "is_success", "terminated", "truncated"
+
+
+def plain_loops(system: System, special: Special) -> tuple[Callable[..., None], Callable[..., None]]:
+    """Return the loops that advance all environments of some tiles, and that begin episodes or write observations again."""
+    load_parameters, load_world, store_world, *_ = access_of(system, special)
+    layout, around = layout_of(system, special).parameters, system.surroundings
+    ahead, width = layout.ahead, layout.size * TILE
+
+    def parts(row, tiles, parameters, scenes):
+        """Return an environment's tile, its place there, parameters and scene."""
+        at, lane = divmod(row, TILE)
+        origin = ahead + (at * width if len(parameters) > ahead + width else 0)
+        return tiles[at], lane, load_parameters(parameters, origin + lane), around.at(scenes, row) if around else ()
+
+    def write(row, world, outcome, p, scene, observations, outcomes):
+        observations[row] = heart.observe(system, world, p, scene)
+        outcomes[:, row] = [*flatten(outcome)][: len(outcomes)]
+
+    def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
+        keys[:, TILE + 1] = 0
+        for row, (forward, turn) in enumerate(actions.astype(np.float64).tolist()):
+            tile, lane, p, scene = parts(row, tiles, parameters, scenes)
+            world, key = load_world(tile, lane), int(keys[row // TILE, lane])
+            world, outcome = heart.step(system, world, command_of(forward, turn, p.robot), key, waypoints[row], p, scene)
+            store_world(tile, lane, world)
+            write(row, world, outcome, p, scene, observations, outcomes)
+            keys[row // TILE :, TILE + 1] += sum(bool(getattr(outcome, flag)) for flag in _FLAGS)
+
+    def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
+        for row in np.flatnonzero(mask).tolist():
+            tile, lane, p, scene = parts(row, tiles, parameters, scenes)
+            if begins:
+                keys[row // TILE, lane] = key = episode_key(int(seeds[row]), int(episodes[row]))
+                start, goal = system.lay_out(key, p, scene)
+                if p.task.random:
+                    waypoints[row, 0] = goal
+                world = heart.begin(system, start, key, waypoints[row], p, scene)
+                store_world(tile, lane, world)
+            world = load_world(tile, lane)
+            write(row, world, heart.start_outcome(system, world), p, scene, observations, outcomes)
+
+    return step_rows, reset_rows

@@ -1,0 +1,156 @@
+"""The loop: one step of a robot that acts on what its filter believes. Read this file first.
+
+    act -> move -> sense -> believe -> look -> judge -> reward -> observe
+
+Each part is a function of the system, a *kernel*: open ground, rooms, filters and plants differ in their kernels only. Plain
+Python runs them here, in ROS nodes too; `turtlebot_gym.compiled` runs the same kernels for many environments, to the same bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import chain
+from typing import Any
+
+from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.models.unicycle import command_of
+from turtlebot_gym.rewards import rewarding
+from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.systems.parameters import Parameters
+from turtlebot_gym.systems.rooms import WithRewards, find_system
+from turtlebot_gym.systems.sensors import sensing
+from turtlebot_gym.systems.system import System, course_after
+from turtlebot_gym.systems.world import Outcome, Snapshot
+from turtlebot_gym.tasks import distance_to
+from turtlebot_gym.values import Command, Pose
+
+
+def begin(system: System, start: Pose, key: int, waypoints: Any, p: Parameters, scene: Any) -> Snapshot:
+    """Return the world at the start of an episode, at rest; the arguments are those of `step`."""
+    first_sense, _ = sensing(system.sensors)
+    body = system.start(start)
+    senses = first_sense(body, key, p)
+    estimate, course = system.first_estimate(senses, p), course_after(0.0, waypoints, p.task.laps)
+    world = Snapshot(body, senses, estimate, course, 0.0, ())
+    if system.surroundings:
+        world = world._replace(room=system.surroundings.first_look(world, key, p, scene))
+    return world
+
+
+def start_outcome(system: System, world: Snapshot) -> Outcome:
+    """Return the outcome that stands for the start of an episode."""
+    _, no_shares = rewarding(system.rewards)
+    return Outcome(0.0, distance_to(world.body.true_state, world.course.reference), False, False, False, False, no_shares)
+
+
+def step(
+    system: System, before: Snapshot, command: Command, key: int, waypoints: Any, p: Parameters, scene: Any
+) -> tuple[Snapshot, Outcome]:
+    """Return the world a control interval later, and the outcome.
+
+    Args:
+        system: The kernels.
+        before: The world.
+        command: The policy's command; m/s, rad/s.
+        key: Key of the episode's random numbers.
+        waypoints: The poses to visit.
+        p: Parameters.
+        scene: Arrays of the surroundings, which change in place; an empty tuple on open ground.
+    """
+    around, at = system.surroundings, int(before.steps) + 1
+    _, sense = sensing(system.sensors)
+    reward_of, _ = rewarding(system.rewards)
+
+    body = system.move(before.body, command, key, at, p)  # move: the plant obeys, with delay and slip
+    senses = sense(body, before.senses, key, at, p)  # sense: odometry, and what else there is
+    estimate, room = before.estimate, before.room
+    if not system.reads_scan:  # believe: the filter never sees the body
+        estimate = system.estimate(before.estimate, before.senses, senses, p)
+    if around:  # look: beams, contact, and the way that is left
+        moved = Snapshot(body, senses, estimate, before.course, float(at), room)
+        room = around.look(moved, key, p, scene)
+        if system.reads_scan:
+            estimate = system.estimate(before.estimate, before.senses, senses, p, room, scene)
+
+    visited, judgement = system.judge(before, body, senses, estimate, len(waypoints), p)  # judge: arrival, end
+    after = Snapshot(body, senses, estimate, before.course._replace(visited=visited), float(at), room)
+    if around:
+        judgement = around.complete(after, judgement, p)
+    reward, shares = reward_of(before, after, judgement, p)  # reward: a sum of terms
+
+    if judgement.reached:  # the next waypoint
+        course = course_after(visited, waypoints, p.task.laps)
+        after = after._replace(course=course)
+        judgement = judgement._replace(distance=distance_to(body.true_state, course.reference))
+        if around and around.renew:
+            after, judgement = around.renew(after, judgement, key, p, scene)
+    return after, Outcome(reward, *judgement, shares)
+
+
+def observe(system: System, world: Snapshot, p: Parameters, scene: Any) -> Any:
+    """Return what the policy sees, in double precision; on open ground a `turtlebot_gym.tasks.Observation`."""
+    seen, around = system.observe(world, p), system.surroundings
+    if around is None:
+        return seen
+    *before, after = seen
+    return (*chain.from_iterable(before), *around.ranges(scene).tolist(), after)
+
+
+class Episode:
+    """One environment, episode by episode; `Outcome` reports an episode's end, and it continues until it is reset.
+
+    The ROS simulator runs it, tests compare the compiled loop with it, and it accepts another plant::
+
+        system = system_of(parameters)._replace(move=my_plant)
+        episode = Episode(parameters, waypoints, system=system)
+
+    Args:
+        parameters: Parameters of a step.
+        waypoints: The poses to visit; unused if the task draws its goal.
+        seed: Seed of the noise and of the task's draws.
+        system: The kernels of a step, or what `find_system` takes; None for the system that belongs to the parameters.
+        plan: The floor plan of a given room.
+    """
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        waypoints: Sequence[Pose] = (),
+        *,
+        seed: int = 0,
+        system: System | str | Callable[[Parameters], System] | WithRewards | None = None,
+        plan: FloorPlan | None = None,
+    ) -> None:
+        self.parameters, self.seed, self.number = parameters, seed, -1
+        self.system = find_system(system, parameters)
+        self._given = tuple(waypoints)
+        around = self.system.surroundings
+        scenes: Any = around.make([parameters]) if around else ()
+        self.scene: Any = around.at(plan.share(scenes) if plan else scenes, 0) if around else ()
+        if plan:
+            self.scene = plan.put(self.scene)
+        self.reset()
+
+    def reset(self) -> Snapshot:
+        """Begin the next episode of the seed, and return the world at its start."""
+        self.number += 1
+        self.key = episode_key(self.seed, self.number)
+        start, goal = self.system.lay_out(self.key, self.parameters, self.scene)
+        self.waypoints = (goal,) if self.parameters.task.random else self._given
+        self.world = begin(self.system, start, self.key, self.waypoints, self.parameters, self.scene)
+        self.outcome = start_outcome(self.system, self.world)
+        return self.world
+
+    def step(self, command: Command) -> Outcome:
+        """Advance by one control interval with the policy's command."""
+        self.world, self.outcome = step(self.system, self.world, command, self.key, self.waypoints, self.parameters, self.scene)
+        return self.outcome
+
+    def act(self, action: Sequence[float]) -> Outcome:
+        """Advance with an action: shares of the robot's speed and turning rate limits, clipped to [-1, 1]."""
+        forward, turn = action
+        return self.step(command_of(float(forward), float(turn), self.parameters.robot))
+
+    def observe(self) -> Any:
+        """Return the policy's observation in double precision; on open ground a `turtlebot_gym.tasks.Observation`."""
+        return observe(self.system, self.world, self.parameters, self.scene)
