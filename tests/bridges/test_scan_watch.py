@@ -118,7 +118,7 @@ class Drives:
         self.batch.seeds[:] = 1000 * seed + np.arange(number)
         self.batch.reset(np.ones(number, np.bool_), *self.batch.empty())
 
-    def refused(self, seconds, faults):
+    def refused(self, seconds, faults, *, measured=False):
         """Return when each robot's scans are refused, s, by fault; infinite for never.
 
         Faults are the quarters by which its mount is wrong, "mirrored", "still" (those of a robot that stands) and the delay of
@@ -140,7 +140,7 @@ class Drives:
             history.append(scans)
             blocked = (scans[:, np.abs(np.angle(np.exp(1j * angles))) < 0.5].min(axis=1) < 0.35) & (commands[:, 0] > 0.0)
             commands[blocked], until[blocked] = (0.0, 1.5), np.maximum(until[blocked], tick + 3)
-            touched = self.batch.numbers("room.least").reshape(n) < 0.0
+            touched, twists = self.batch.numbers("room.least").reshape(n) < 0.0, self.batch.numbers("body.true_state")
             for quarter, robots in watches.items():
                 for k in np.flatnonzero(~touched & np.isinf(times[quarter])):
                     if tick % max(1, round(1.0 / (self.lidar.rate * DT))) == 0:
@@ -150,12 +150,15 @@ class Drives:
                         elif quarter == "still":
                             seen = (history[0][k] + noise.normal(0.0, 0.01, len(angles))).astype(np.float32)
                         elif isinstance(quarter, float):
-                            seen = history[max(0, tick - round(quarter / DT))][k]
+                            late = history[max(0, tick - round(quarter / DT))][k]
+                            seen = (late + noise.normal(0.0, 0.005, len(angles))).astype(np.float32)
                         else:
                             directions = angles + 0.5 * math.pi * quarter
                         robots[k].hear(seen, directions, now)
                         times[quarter][k] = now - T if robots[k].trouble() else math.inf
                     robots[k].track.add(Command(*commands[k]), now)
+                    if measured:
+                        robots[k].move(Command(*twists[k, 3:].tolist()), now)
             self.batch.step((commands / (BURGER.max_linear, BURGER.max_angular)).astype(np.float32))
         return times
 
@@ -171,6 +174,13 @@ def test_a_mount_that_contradicts_the_motion_is_refused_and_a_right_one_is_not(l
         caught = np.isfinite(times[quarter])
         assert caught.mean() > 0.8  # the others touched something before, or stood
         assert np.median(times[quarter][caught]) < 3.0
+
+
+@pytest.mark.parametrize("lidar", LIDARS)
+def test_scans_that_are_late_are_refused_where_the_robot_measures_its_motion_and_slow_ones_are_not(lidar):
+    times = Drives(lidar, 25, seed=4).refused(20.0, [0, 0.2, 0.4, 0.8, 1.2, 1.6], measured=True)
+    assert all(np.isinf(times[late]).all() for late in (0, 0.2, 0.4))
+    assert all(np.isfinite(times[late]).mean() > share for late, share in ((1.2, 0.5), (1.6, 0.8)))
 
 
 def test_a_wrong_mount_stays_refused_until_a_person_enables_the_robot():
