@@ -85,7 +85,10 @@ POSES = r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e
         ({"reward": {"math:pi": 1.0}}, r"reward\['math:pi'\] must be a RewardTerm, got 3.14"),
         ({"reward": {"nosuch:SPIN": 1.0}}, "No module named 'nosuch'"),
         ({"reward": 3.0}, "reward must be weights by name, such as {'effort': 0.2}, got 3.0"),
-        ({"reward": {"turtlebot_gym.rewards:PROGRESS": 1.0}}, "reward has a term 'progress' already: give yours another name"),
+        (
+            {"reward": {"turtlebot_gym.rewards:PROGRESS": 1.0}},
+            "the reward has a term 'progress' already: give yours another name",
+        ),
         ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints, .* are for tasks with given waypoints: this one draws"),
         ({"world": "dense"}, "world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task"),
         ({"task": "room", "plant": "mujoco"}, "plant must be 'unicycle' in a room"),
@@ -108,7 +111,7 @@ def test_invalid_options_are_refused_by_name(maker, options, rule):
     ("options", "rule"),
     [
         ({"num_envs": 0}, "num_envs must be a whole number from 1 to 16777216, got 0"),
-        ({"info": "some"}, "info must be one of 'default', 'full', got 'some'"),
+        ({"info": "some"}, "info must be one of 'default', 'rewards', 'full', got 'some'"),
         ({"autoreset_mode": "later"}, "autoreset_mode must be one of"),
         ({"render_mode": "human"}, "render_mode must be one of"),
         *(({"max_episode_steps": steps}, "Task.max_steps must be a positive number") for steps in (0, -5)),

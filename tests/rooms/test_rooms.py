@@ -79,12 +79,12 @@ def test_the_goal_ends_an_episode_and_pays():
 
 
 def test_nearness_costs():
-    """A robot that stands 0.045 m from a wall: 0.5 times (1 - 0.045 / 0.15) a step, and 0.1 for the time."""
-    env = room(world=replace(HALL, start=Pose(0.0, 2.85, 0.0)), noise="clean", lidar="ideal")
+    """A robot that stands 0.115 m from a wall: 0.5 times (1 - 0.115 / 0.15) a step, and 0.1 for the time."""
+    env = room(world=replace(HALL, start=Pose(0.0, 2.78, 0.0)), noise="clean", lidar="ideal")
     env.reset(seed=0)
     _, reward, _, _, info = env.step(np.zeros(2, np.float32))
-    assert info["clearance"] == pytest.approx(0.045)
-    assert reward == pytest.approx(-0.1 - 0.5 * (1.0 - 0.045 / 0.15))
+    assert info["clearance"] == pytest.approx(0.115)
+    assert reward == pytest.approx(-0.1 - 0.5 * (1.0 - 0.115 / 0.15))
 
 
 def test_progress_is_that_of_the_shortest_way():
