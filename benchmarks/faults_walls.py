@@ -175,7 +175,7 @@ def ahead_only(robot: Robot, rng: random.Random) -> list[str]:
     """A LiDAR that sees only 60 degrees ahead; a person turns towards what it does not see, and drives."""
     robot.world.walls, robot.scan = DEAD_END, sector(0.0, math.radians(60.0))
     robot.record.began = since = time.time()
-    robot.teleop = (0.15, rng.choice([-0.3, 0.3]))  # it meets the wall beside it with its side
+    robot.teleop = (0.15, rng.choice([-0.21, 0.21]))  # it meets the wall beside it with its side
     while time.time() < since + WATCHED and robot.record.nearest(since) > 0.0:
         time.sleep(0.05)
     return []
