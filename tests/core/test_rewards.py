@@ -26,9 +26,8 @@ def rewards(task, **options):
         rows = []
         for action in actions:
             _, reward, _, _, info = made.step(action if made is env else np.tile(action, (NUMBER, 1)))
-            shares = {key: value for key, value in info.items() if key.startswith("reward_")}
-            first = (lambda value: value) if made is env else (lambda value: value[0])
-            rows.append((float(first(reward)), {key: float(first(value)) for key, value in shares.items()}))
+            shares, reward = (info["reward_shares"], reward) if made is env else (info["reward_shares"][0], reward[0])
+            rows.append((float(reward), dict(zip(made.unwrapped.reward_terms, shares.tolist(), strict=True))))
         drives.append(rows)
     assert drives[0] == drives[1]
     return drives[0]
@@ -37,7 +36,7 @@ def rewards(task, **options):
 @pytest.mark.parametrize("task", TASKS)
 def test_the_shares_add_up_to_the_reward_in_the_order_of_the_terms(task):
     for reward, shares in rewards(task):
-        assert list(shares) == [f"reward_{term.name}" for term in TASKS[task]]
+        assert list(shares) == [term.name for term in TASKS[task]]
         total = 0.0
         for share in shares.values():
             total += share
@@ -48,15 +47,15 @@ def test_the_shares_add_up_to_the_reward_in_the_order_of_the_terms(task):
 def test_a_term_of_ones_own_adds_its_share_and_nothing_else(task):
     spun = 0.0
     for (plain, _), (reward, shares) in zip(rewards(task), rewards(task, reward=SPIN), strict=True):
-        assert reward == plain + shares["reward_spin"]
-        spun += shares["reward_spin"]
+        assert reward == plain + shares["spin"]
+        spun += shares["spin"]
     assert spun < -1.0
 
 
 @pytest.mark.parametrize("task", ["Nav", "Rooms"])
 def test_a_weight_scales_its_share(task):
     for (_, usual), (_, shares) in zip(rewards(task), rewards(task, reward={"effort": 0.02}), strict=True):
-        assert shares == usual | {"reward_effort": 2.0 * usual["reward_effort"]}
+        assert shares == usual | {"effort": 2.0 * usual["effort"]}
 
 
 @pytest.mark.parametrize("fix", [None, "late"])

@@ -152,11 +152,11 @@ def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]
 
 def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
-    _, _, _, observation, at_outcome, at_action, size = layout_of(system, special)
+    _, _, outcome, observation, at_outcome, at_action, size = layout_of(system, special)
     first_flag, end_of_flags = FLAGS.start, FLAGS.stop
     work_tile = (_look_round_tile_of if system.surroundings else _advance_tile_of)(system, special)
     seen = system.surroundings.seen if system.surroundings else 0
-    n_observation = observation.size
+    n_observation, n_outcome, n_judged = observation.size, outcome.size, outcome.size - len(system.rewards)
 
     @kernel
     def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
@@ -170,10 +170,15 @@ def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
         for lane in range(count):
             for k in range(n_observation):
                 shown[lane, k if k < n_observation - 1 else k + seen] = scratch[k * TILE + lane]
-        for k in range(len(outcomes)):  # the shares of the reward only where somebody asks for them
+        for k in range(n_judged):
             column = outcomes[k][first : first + count]
             for lane in range(count):
                 column[lane] = scratch[at_outcome + k * TILE + lane]
+        if len(outcomes) > n_judged:  # the shares of the reward, where somebody asks for them
+            for k in range(n_judged, n_outcome):
+                column = outcomes[k][first : first + count]
+                for lane in range(count):
+                    column[lane] = scratch[at_outcome + k * TILE + lane]
         flagged = 0
         for k in range(first_flag, end_of_flags):
             for lane in range(count):

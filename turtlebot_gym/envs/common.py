@@ -46,9 +46,9 @@ FIRST_SHARE = Outcome._fields.index("shares")
 """The first row of the reward's shares in outcomes."""
 
 
-def share_keys(system: System) -> tuple[str, ...]:
-    """Return the keys of ``info`` for the share of each term of the reward."""
-    return tuple(f"reward_{term.name}" for term in system.rewards)
+def reward_terms(system: System) -> tuple[str, ...]:
+    """Return the names of the terms of the reward, in the order of their shares."""
+    return tuple(term.name for term in system.rewards)
 
 
 FLAGS = ("measured", "slipping", "collision")

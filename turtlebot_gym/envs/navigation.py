@@ -12,6 +12,7 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
 from turtlebot_gym.envs.common import (
+    FIRST_SHARE,
     FLAGS,
     PARTS,
     ROOM_PARTS,
@@ -20,7 +21,7 @@ from turtlebot_gym.envs.common import (
     no_way,
     read_actions,
     read_options,
-    share_keys,
+    reward_terms,
     spaces_of,
     with_limit,
 )
@@ -102,8 +103,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Info
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
-    ``command`` (2,), ``distance`` (true, m) and ``is_success``, and what each term adds to the reward: ``reward_progress`` and
-    so on. The arrays are new at every step.
+    ``command`` (2,), ``distance`` (true, m), ``is_success``, and ``reward_shares`` (k,), what each term adds to the reward, in
+    the order of ``env.unwrapped.reward_terms``. The arrays are new at every step.
 
     In rooms also ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the start, m),
     ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.
@@ -141,7 +142,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         parts = [indices_of(self._batch, key, path) for key, path in PARTS.items()]
         numbers = [indices_of(self._batch, key, ROOM_PARTS[key])[0] for key in self._numbers]
         self._batch.tell(*parts, numbers)
-        self._share_keys = share_keys(self._batch.system)
+        self.reward_terms = reward_terms(self._batch.system)
+        """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = False
@@ -185,8 +187,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._seeded = True
         observations, outcomes = batch.empty()
         batch.reset(self._everything, observations, outcomes)
-        _, distance, _, _, _, _, *shares = outcomes.ravel().tolist()
-        info = self._info(distance, False, shares)
+        info = self._info(float(outcomes[1, 0]), False, outcomes)
         self._started = info.get("way_left") != UNKNOWN
         if not self._started:
             raise ValueError(no_way(self.parameters))
@@ -236,14 +237,14 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not math.isfinite(forward + turn):
             raise InvalidAction(f"Environment 0: an action must be finite, got {action!r}.")
         observations, outcomes = self._batch.step(self._action)
-        reward, distance, success, terminated, truncated, _, *shares = outcomes.ravel().tolist()
+        reward, distance, success, terminated, truncated, *_ = outcomes.ravel().tolist()
         if self.render_mode == "human":
             self._pictures.draw(dark=self.dark)
         return (
-            observations[0], reward, terminated != 0.0, truncated != 0.0, self._info(distance, success != 0.0, shares)
+            observations[0], reward, terminated != 0.0, truncated != 0.0, self._info(distance, success != 0.0, outcomes)
         )  # fmt: skip
 
-    def _info(self, distance: float, success: bool, shares: list[float]) -> dict[str, Any]:
+    def _info(self, distance: float, success: bool, outcomes: NDArray[np.float64]) -> dict[str, Any]:
         """Return what ``info`` holds, in new arrays."""
         numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first_told()
         info: dict[str, Any] = {  # the keys of `PARTS`, written out: a comprehension takes half as long again
@@ -258,7 +259,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             info |= {key: kind(value) for (key, kind), value in zip(self._numbers.items(), numbers[more], strict=True)}
         info["distance"] = distance
         info["is_success"] = success
-        info.update(zip(self._share_keys, shares, strict=True))
+        info["reward_shares"] = outcomes[FIRST_SHARE:, 0]
         return info
 
     def render(self) -> NDArray[np.uint8] | None:

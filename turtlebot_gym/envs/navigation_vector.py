@@ -27,7 +27,7 @@ from turtlebot_gym.envs.common import (
     read_actions,
     read_seeds,
     reset_mask,
-    share_keys,
+    reward_terms,
     spaces_of,
     with_limit,
 )
@@ -53,10 +53,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
 
     ``info`` holds ``distance`` and ``is_success``, shape (N,), and with ``info="full"`` also ``true_state`` (N, 5),
     ``odometry`` (N, 3), ``estimate`` (N, 5), ``covariance`` (N, 5, 5), ``reference`` (N, 3), ``command`` (N, 2), and ``nis``,
-    ``measured``, ``slipping`` and what each term adds to the reward, ``reward_progress`` and so on, shape (N,). Each key has a
-    mask, as Gymnasium requires, which is false for environments that a reset left out; the keys of a step share one, which
-    cannot be written to. In the mode SAME_STEP, ``final_obs`` (an array of objects, as in `SyncVectorEnv`: an observation, or
-    None where no episode ended) and ``final_info`` hold the last observation and info of the finished episodes.
+    ``measured`` and ``slipping``, shape (N,), and ``reward_shares`` (N, k), what each of the `reward_terms` adds to the reward.
+    Each key has a mask, as Gymnasium requires, which is false for environments that a reset left out; the keys of a step share
+    one, which cannot be written to. In the mode SAME_STEP, ``final_obs`` (an array of objects, as in `SyncVectorEnv`: an
+    observation, or None where no episode ended) and ``final_info`` hold the last observation and info of the finished episodes.
 
     In rooms, ``info`` always holds ``clearance``, ``path_length``, ``way_left`` and ``collision`` too, shape (N,).
 
@@ -97,7 +97,9 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         full, shares = choose("info", info, {"default": (False, False), "rewards": (False, True), "full": (True, True)})
         setup = with_limit(Options.of(options), max_episode_steps)
         self._batch = make_batch(setup, num_envs, shares=shares)
-        self._share_keys = share_keys(self._batch.system) if shares else ()
+        self._tells_shares = shares
+        self.reward_terms = reward_terms(self._batch.system)
+        """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._poses = GivenPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
         self._told = Told(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
         self.num_envs = num_envs
@@ -259,14 +261,14 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     ) -> dict[str, Any]:
         """Return infos of all environments; those outside a mask are zeros."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": is_success}
-        if mask is None and self._told.is_empty and not self._share_keys:  # the usual case, in half the time
+        if mask is None and self._told.is_empty and not self._tells_shares:  # the usual case, in half the time
             return infos | {"_distance": self._everywhere, "_is_success": self._everywhere}
         if not self._told.is_empty:
             infos |= self._told.now()
-        if self._share_keys:
-            infos |= zip(self._share_keys, outcomes[FIRST_SHARE:], strict=True)
+        if self._tells_shares:
+            infos["reward_shares"] = outcomes[FIRST_SHARE:].T
         if mask is not None:
-            for key in ("distance", *self._share_keys):
+            for key in infos.keys() & {"distance", "reward_shares"}:
                 infos[key] = infos[key].copy()
             for value in infos.values():
                 value[~mask] = 0

@@ -243,9 +243,9 @@ class RewardCallback(BaseCallback):
     def _on_rollout_end(self) -> None:
         envs = self.training_env
         assert isinstance(envs, Sb3VecEnv)
-        for key, total in envs.shares.items():
-            self.logger.record(f"reward/{key.removeprefix('reward_')}", total / max(self.num_timesteps - self._begun, 1))
-        envs.shares.clear()
+        for name, total in zip(envs.get_attr("reward_terms")[0] if envs.shares.size else (), envs.shares, strict=True):
+            self.logger.record(f"reward/{name}", total / max(self.num_timesteps - self._begun, 1))
+        envs.shares = np.zeros(0)
 
 
 class ProgressCallback(BaseCallback):

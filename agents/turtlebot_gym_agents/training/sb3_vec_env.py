@@ -40,7 +40,7 @@ class Sb3VecEnv(VecEnv):
 
     Infos hold, for the environments whose episode has just ended, ``terminal_observation``, ``TimeLimit.truncated``,
     ``episode`` (return r, length l, seconds t, as SB3's ``Monitor`` has them) and the contents of ``final_info``, such as
-    ``is_success``. All other infos are empty. `shares` adds up those whose keys begin with ``reward_``.
+    ``is_success``. All other infos are empty. `shares` adds up those of the reward.
 
     Args:
         envs: A vector environment in the mode ``AutoresetMode.SAME_STEP`` whose steps return new arrays.
@@ -62,8 +62,8 @@ class Sb3VecEnv(VecEnv):
         self._lengths = np.zeros(envs.num_envs, np.int64)
         self._start = time.time()
         self._begun = False
-        self.shares: dict[str, float] = {}
-        """What each term has added to the reward of all rows since somebody has emptied this."""
+        self.shares: NDArray[np.float64] = np.zeros(0)
+        """What each term has added to the reward of all rows since somebody has emptied this; empty if nobody tells."""
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
         if "render_fps" in envs.metadata:
             self.metadata["render_fps"] = envs.metadata["render_fps"]
@@ -154,10 +154,11 @@ class Sb3VecEnv(VecEnv):
         return observations, rewards, dones, split
 
     def _add_shares(self, infos: dict[str, Any]) -> None:
-        final, ended = infos.get("final_info", {}), infos.get("_final_info")
-        for key in [key for key in infos if key.startswith("reward_")]:  # 0 in the rows whose next episode has begun
-            share = float(infos[key].sum()) + (0.0 if ended is None else float(final[key][ended].sum()))
-            self.shares[key] = self.shares.get(key, 0.0) + share
+        if "reward_shares" in infos:
+            shares = infos["reward_shares"].sum(axis=0)  # 0 in the rows whose next episode has begun
+            if "final_info" in infos:
+                shares = shares + infos["final_info"]["reward_shares"][infos["_final_info"]].sum(axis=0)
+            self.shares = shares if self.shares.size == 0 else self.shares + shares
 
     def _values(self, model: OnPolicyAlgorithm, observations: NDArray[Any]) -> NDArray[np.float32]:
         """Return the model's values of observations, shape (n,)."""
