@@ -27,7 +27,7 @@ def rewards(task, **options):
         for action in actions:
             _, reward, _, _, info = made.step(action if made is env else np.tile(action, (NUMBER, 1)))
             shares, reward = (info["reward_shares"], reward) if made is env else (info["reward_shares"][0], reward[0])
-            rows.append((float(reward), dict(zip(made.unwrapped.reward_terms, shares.tolist(), strict=True))))
+            rows.append((float(reward), dict(zip(made.unwrapped.reward_terms, map(float, shares), strict=True))))
         drives.append(rows)
     assert drives[0] == drives[1]
     return drives[0]
