@@ -230,7 +230,8 @@ def stops(faults: Results) -> str:
     """Return how many injected faults were unsafe."""
     injected, unsafe = (sum(kind[name] for kind in faults.values()) for name in ("injected", "unsafe"))
     return (
-        f"* **The guard stops**: of {injected:,} faults of {len(faults)} kinds {counted(unsafe)} was unsafe. "
+        f"* **The guard stops**: of {injected:,} faults of {len(faults)} kinds {counted(unsafe)} "
+        f"{'were' if unsafe > 1 else 'was'} unsafe. "
         "[Safety](concepts/safety.md)."
     )
 

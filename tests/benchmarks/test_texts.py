@@ -98,7 +98,7 @@ def test_other_results_make_other_findings(read):
     text = findings_text.findings()
     assert "plain ones, of which 3 reach it" in text
     assert "learning sometimes pays" in text
-    assert f"{len(read('faults')['faults'])} was unsafe" in text
+    assert f"{len(read('faults')['faults'])} were unsafe" in text
     assert "learned stop beats" not in text
     assert "The live graph keeps its limits" in text
 
