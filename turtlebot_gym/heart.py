@@ -20,7 +20,7 @@ from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.rooms import WithRewards, find_system
 from turtlebot_gym.systems.sensors import sensing
 from turtlebot_gym.systems.system import System, course_after
-from turtlebot_gym.systems.world import Outcome, Snapshot
+from turtlebot_gym.systems.world import Outcome, Snapshot, outcome_of
 from turtlebot_gym.tasks import distance_to
 from turtlebot_gym.values import Command, Pose
 
@@ -84,7 +84,7 @@ def step(
         judgement = judgement._replace(distance=distance_to(body.true_state, course.reference))
         if around and around.renew:
             after, judgement = around.renew(after, judgement, key, p, scene)
-    return after, Outcome(reward, *judgement, shares)
+    return after, outcome_of(reward, judgement, shares)
 
 
 def observe(system: System, world: Snapshot, p: Parameters, scene: Any) -> Any:

@@ -15,7 +15,7 @@ from turtlebot_gym.rewards import rewarding
 from turtlebot_gym.systems import System
 from turtlebot_gym.systems.sensors import sensing
 from turtlebot_gym.systems.system import course_after
-from turtlebot_gym.systems.world import Course, Judgement, Outcome, Snapshot
+from turtlebot_gym.systems.world import Course, Judgement, Outcome, Snapshot, outcome_of
 from turtlebot_gym.tasks import distance_to
 
 
@@ -88,11 +88,6 @@ def step_of(system: System) -> Step:
         return scan_estimate(estimate, before, moved.senses, p, room, scene)
 
     estimate_by_scan = read_scan if system.reads_scan else _scan_unread
-
-    @kernel
-    def outcome_of(reward, judgement, shares):
-        distance, is_success, terminated, truncated, reached = judgement
-        return Outcome(reward, distance, is_success, terminated, truncated, reached, shares)
 
     @kernel
     def begin(pose, key, waypoints, p, scene):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.values import Command, Pose, State
 
 
@@ -91,3 +92,10 @@ class Outcome(NamedTuple):
     reached: bool
     shares: Any
     """What each term adds to the reward, a field for each, see `turtlebot_gym.rewards`."""
+
+
+@kernel
+def outcome_of(reward: float, judgement: Judgement, shares: Any) -> Outcome:
+    """Return the outcome of a step."""
+    distance, is_success, terminated, truncated, reached = judgement
+    return Outcome(reward, distance, is_success, terminated, truncated, reached, shares)
