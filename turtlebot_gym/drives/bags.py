@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -172,4 +173,5 @@ def _by_its_content(path: Path, folder: Path) -> Path:
 
 
 def _line(error: BaseException) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+    """Return an error's text on one line, shortened: a library's may hold all definitions of a damaged file."""
+    return textwrap.shorten(str(error), 300, placeholder=" ...") or type(error).__name__
