@@ -103,8 +103,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     ## Info
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
-    ``command`` (2,), ``distance`` (true, m), ``is_success``, and ``reward_shares``, a tuple of what each term adds to the
-    reward, in the order of ``env.unwrapped.reward_terms``. The arrays are new at every step.
+    ``command`` (2,), ``distance`` (true, m), ``is_success``, and ``reward_shares`` (k,), what each term adds to the reward, in
+    the order of ``env.unwrapped.reward_terms``. The arrays are new at every step.
 
     In rooms also ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the start, m),
     ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.
@@ -187,8 +187,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._seeded = True
         observations, outcomes = batch.empty()
         batch.reset(self._everything, observations, outcomes)
-        _, distance, *_ = numbers = outcomes.ravel().tolist()
-        info = self._info(distance, False, tuple(numbers[FIRST_SHARE:]))
+        info = self._info(float(outcomes[1, 0]), False, outcomes[FIRST_SHARE:, 0].copy())
         self._started = info.get("way_left") != UNKNOWN
         if not self._started:
             raise ValueError(no_way(self.parameters))
@@ -238,14 +237,13 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if not math.isfinite(forward + turn):
             raise InvalidAction(f"Environment 0: an action must be finite, got {action!r}.")
         observations, outcomes = self._batch.step(self._action)
-        numbers = outcomes.ravel().tolist()
-        reward, distance, success, terminated, truncated, _ = numbers[:FIRST_SHARE]
+        reward, distance, success, terminated, truncated, *_ = outcomes.ravel().tolist()
         if self.render_mode == "human":
             self._pictures.draw(dark=self.dark)
-        info = self._info(distance, success != 0.0, tuple(numbers[FIRST_SHARE:]))
+        info = self._info(distance, success != 0.0, outcomes[FIRST_SHARE:, 0].copy())
         return observations[0], reward, terminated != 0.0, truncated != 0.0, info
 
-    def _info(self, distance: float, success: bool, shares: tuple[float, ...]) -> dict[str, Any]:
+    def _info(self, distance: float, success: bool, shares: NDArray[np.float64]) -> dict[str, Any]:
         """Return what ``info`` holds, in new arrays."""
         numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first_told()
         info: dict[str, Any] = {  # the keys of `PARTS`, written out: a comprehension takes half as long again
