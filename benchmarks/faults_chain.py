@@ -162,6 +162,8 @@ class Chain:
     def close(self) -> None:
         """End all processes."""
         self.kill_all()
+        for child in self._children:
+            child.wait()
         self._folder.cleanup()
 
 
