@@ -241,3 +241,5 @@ def test_without_surroundings_there_is_no_scan():
     p = make_parameters()
     with pytest.raises(ValueError, match=r"System\.reads_scan must be false without surroundings"):
         Batch(1, p, (GOAL,), system=system_of(p)._replace(reads_scan=True))
+    with pytest.raises(ValueError, match=r"System\.reads_scan must be false without surroundings"):
+        Episode(p, (GOAL,), system=system_of(p)._replace(reads_scan=True))

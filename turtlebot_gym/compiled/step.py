@@ -33,8 +33,6 @@ class Step(NamedTuple):
     retarget: Callable[..., tuple[Snapshot, Outcome]]
     """``retarget(world, outcome, key, waypoints, p, scene)`` sets the next waypoint, for the few environments that reached one;
     ``waypoints`` are poses, or an array (M, 3)."""
-    observe: Callable[..., Any]
-    """``observe(world, p)`` returns the observation."""
     start_outcome: Callable[..., Outcome]
     """``start_outcome(world)`` returns the outcome that represents the start of an episode."""
 
@@ -66,17 +64,11 @@ def _scan_unread(estimate: Any, before: Any, moved: Snapshot, p: Any, room: Any,
 
 @cache
 def step_of(system: System) -> Step:
-    """Return the step of a system.
-
-    Raises:
-        ValueError: If its filter reads a scan and there is none.
-    """
+    """Return the step of a system."""
     start, move, judge, first_estimate = system.start, system.move, system.judge, system.first_estimate
     first_sense, sense = sensing(system.sensors)
     reward_of, no_shares = rewarding(system.rewards)
     around, scan_estimate = system.surroundings, system.estimate
-    if system.reads_scan and not around:
-        raise ValueError("System.reads_scan must be false without surroundings: there is no scan.")
     first_look, look, complete = (
         (around.first_look, around.look, around.complete) if around else (_no_look, _no_look, _judgement_unchanged)
     )
@@ -130,4 +122,4 @@ def step_of(system: System) -> Step:
         distance = distance_to(world.body.true_state, world.course.reference)
         return Outcome(0.0, distance, False, False, False, False, no_shares)
 
-    return Step(begin, act, conclude, retarget, system.observe, start_outcome)
+    return Step(begin, act, conclude, retarget, start_outcome)

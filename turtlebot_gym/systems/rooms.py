@@ -240,7 +240,7 @@ def find_system(system: System | str | Callable[[Parameters], System] | WithRewa
         parameters: Parameters of a step.
 
     Raises:
-        ValueError: If there is no such system, or making it fails.
+        ValueError: If there is no such system, making it fails, or its filter reads a scan and there is none.
     """
     if system is None:
         return system_of(parameters)
@@ -254,4 +254,6 @@ def find_system(system: System | str | Callable[[Parameters], System] | WithRewa
             raise failure(str(system), error) from error
     if not isinstance(loaded, System):
         raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", loaded)
+    if loaded.reads_scan and not loaded.surroundings:
+        raise ValueError("System.reads_scan must be false without surroundings: there is no scan.")
     return loaded
