@@ -6,6 +6,7 @@ import own_parts
 import pytest
 
 from turtlebot_gym import Episode, Options
+from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rewards import IN_ROOMS, NEARNESS, ON_GROUND, ON_MISSIONS, RewardTerm
 from turtlebot_gym.systems import system_of
 
@@ -61,8 +62,6 @@ def test_a_weight_scales_its_share(task):
 @pytest.mark.parametrize("fix", [None, "late"])
 def test_the_compiled_loops_of_special_cases_add_terms_of_ones_own_too(in_step, fix):
     setup = Options(reward=SPIN, noise="documented", fix=fix).setup()
-    from turtlebot_gym.compiled.batch import Batch
-
     batch = Batch(40, setup.parameters, setup.waypoints, system=setup.system, shares=True)
     plain = {row: Episode(setup.parameters, setup.waypoints, seed=row, system=setup.system) for row in (0, 39)}
     assert batch._special.name

@@ -17,8 +17,7 @@ for needed in ("stable_baselines3", "onnx", "onnxruntime", "rosbags", "PIL", "lz
 from hostile import KINDS
 
 SECONDS, MEMORY, OWN = 10.0, 1e9, 3e8
-"""CPU seconds and memory that a reader may take, bytes; so much of it is a fresh process that has imported the package."""
-"""Bounds of a file, CPU s and bytes."""
+"""CPU seconds and bytes that a reader may take, and bytes of them that a fresh process with the package takes by itself."""
 PATIENCE = 120
 """Wall time after which a reader hangs, s; a busy machine needs more than `SECONDS`."""
 MANY = 1000

@@ -23,7 +23,7 @@ from turtlebot_gym_agents.policies.baselines import POLICIES, default_numbers
 
 CLASSES = (
     Robot, Noise, ProcessNoise, OdometryNoise, FixNoise, ImuNoise, FilterTuning, Kalman, Gated, Mixture, Slip, Scale, Task,
-     RoomRules, Lidar, LocalizerTuning, MujocoBurger,
+    RoomRules, Lidar, LocalizerTuning, MujocoBurger,
 )  # fmt: skip
 PRESETS = {
     "robots": ROBOTS, "noises": NOISES, "fixes": FIXES, "gyros": IMUS, "lidars": LIDARS, "rooms": ROOMS, "tasks": TASKS,

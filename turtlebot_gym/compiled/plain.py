@@ -16,8 +16,6 @@ from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import System
 from turtlebot_gym.systems.special import Special
 
-_FLAGS = "is_success", "terminated", "truncated"
-
 
 def plain_loops(system: System, special: Special) -> tuple[Callable[..., None], Callable[..., None]]:
     """Return the loops that advance all environments of some tiles, and that begin episodes or write observations again."""
@@ -36,14 +34,15 @@ def plain_loops(system: System, special: Special) -> tuple[Callable[..., None], 
         outcomes[:, row] = [*flatten(outcome)][: len(outcomes)]
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
-        keys[:, TILE + 1] = 0
+        flagged = 0
         for row, (forward, turn) in enumerate(actions.astype(np.float64).tolist()):
             tile, lane, p, scene = parts(row, tiles, parameters, scenes)
             world, key = load_world(tile, lane), int(keys[row // TILE, lane])
             world, outcome = heart.step(system, world, command_of(forward, turn, p.robot), key, waypoints[row], p, scene)
             store_world(tile, lane, world)
             write(row, world, outcome, p, scene, observations, outcomes)
-            keys[row // TILE :, TILE + 1] += sum(bool(getattr(outcome, flag)) for flag in _FLAGS)
+            flagged += outcome.is_success + outcome.terminated + outcome.truncated
+            keys[row // TILE, TILE + 1] = flagged
 
     def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         for row in np.flatnonzero(mask).tolist():

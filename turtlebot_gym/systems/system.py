@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.rewards import RewardTerm, shares_of
+from turtlebot_gym.rewards import RewardTerm, default_weights
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.world import Course
 from turtlebot_gym.values import Pose
@@ -97,12 +97,12 @@ class System(NamedTuple):
         Raises:
             ValueError: If it has a term of that name.
         """
-        names = [term.name for term in (*self.rewards, *terms)]
+        rewards = (*self.rewards, *terms)
+        names = [term.name for term in rewards]
         for at, name in enumerate(names):
             if name in names[:at]:
                 raise ValueError(f"the reward has a term {name!r} already: give yours another name.")
-        weights = shares_of(tuple(names))(*self.example.reward, *(term.weight for term in terms))
-        return self._replace(rewards=(*self.rewards, *terms), example=self.example._replace(reward=weights))
+        return self._replace(rewards=rewards, example=self.example._replace(reward=default_weights(rewards)))
 
 
 @kernel

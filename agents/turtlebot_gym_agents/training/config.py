@@ -99,20 +99,21 @@ class TrainingConfig(Options):
     def between_evaluations(self) -> int:
         return max(1, self.total // self.evaluations)
 
-    def make(self, num_envs: int, *, info: str = "default") -> VectorEnv:
-        """Return environments to evaluate in, with an ``info`` of their own."""
+    def make(self, num_envs: int, **more: Any) -> VectorEnv:
+        """Return environments to evaluate in, with more arguments."""
         return gym.make_vec(
             self.env,
             num_envs=num_envs,
             vectorization_mode="vector_entry_point",
             autoreset_mode=AutoresetMode.SAME_STEP,
-            **({} if info == "default" else {"info": info}),
             **self.options,
+            **more,
         )
 
     def make_training(self) -> VectorEnv:
         """Return environments to train in, randomized if configured."""
-        envs = self.make(self.hyper["n_envs"], info="rewards" if self.env.startswith("turtlebot_gym/") else "default")
+        ours = self.env.startswith("turtlebot_gym/")
+        envs = self.make(self.hyper["n_envs"], **({"info": "rewards"} if ours else {}))
         if self.randomize:
             bare: Any = envs.unwrapped
             errors = {name: getattr(self, name) for name in ("speed_error", "turn_error", "veer")}

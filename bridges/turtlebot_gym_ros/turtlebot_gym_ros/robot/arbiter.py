@@ -140,9 +140,10 @@ class Arbiter:
     def hear_odometry(self, pose: Pose, twist: Command, now: float, *, measured: float) -> None:
         """Take odometry, and stop the robot if it does not move as commanded."""
         self._wake(now)
+        at = min(measured, now)
         if self.monitor:
-            self.monitor.watch.move(twist, min(measured, now))
-        if why := self.moved.hear(pose, twist, min(measured, now)):
+            self.monitor.watch.move(twist, at)
+        if why := self.moved.hear(pose, twist, at):
             self.halt(why)
 
     def count_buttons(self, publishers: int, now: float) -> None:

@@ -128,9 +128,10 @@ class ScanWatch:
         if count >= COMMON and not repeats and not self._turned_by:
             lengths, angles = ranges[returned].astype(np.float64), directions[returned]
             points = np.stack((lengths * np.cos(angles), lengths * np.sin(angles)))
-            self._compare(points, self.track.at(sent - 0.5 * self._lag), min(len(ranges), BINS))
+            at, bins = sent - 0.5 * self._lag, min(len(ranges), BINS)
+            self._compare(points, self.track.at(at), bins)
             if sent - self._measured_at < FRESH:
-                self._doubt(points, sent - 0.5 * self._lag, min(len(ranges), BINS))
+                self._doubt(points, at, bins)
 
     def trouble(self) -> str:
         """Return why the newest scan must not be used, or an empty text."""
