@@ -65,6 +65,15 @@ def test_a_lie_is_final_within_a_second_and_a_quarter_of_a_metre(lie, since):
         assert SAID.get(lie, "") in cause
 
 
+@pytest.mark.parametrize("noise", NOISES)
+def test_two_opposite_spikes_in_a_window_are_noise(noise):
+    """Not one message is refused: in lock-step a graph waits for the answer to each."""
+    agreement, spike = Agreement(BURGER, NOISES[noise]), NOISES[noise].odometry.spike
+    for k in range(40):
+        heading = {10: spike, 14: -spike, 20: -spike, 21: spike}.get(k, 0.0)
+        assert agreement.judge(0.1, Odometry(Pose(0.02 * k, 0.0, heading), Command(0.2, 0.0), True), Command(0.2, 0.0)) == ""
+
+
 @pytest.mark.parametrize("distance", [0.1, 0.2, 0.35, 0.5, 0.8, 1.25, 2.0, 3.0])
 def test_a_reset_is_noticed_at_any_distance(distance):
     driver = Driver("reset", distance / 0.2 + 0.001)

@@ -7,7 +7,8 @@ agrees with everything, so the cause stays until somebody says that the robot ma
 
 **Tolerances.** Two poses of a window differ from the twists by at most
 
-    FLOOR + LAG * speed + share * way + SPREAD standard deviations of both poses' noise + the way in time without messages
+    FLOOR + LAG * speed + share * way + SPREAD standard deviations of both poses' noise, with a spike of each
+    + the way in time without messages
 
 with ``share`` = `SHARE`, or more where wheels slip by more. `LAG` is how far pose, twist and stamps may lie apart in time. The
 noise exceeds `SPREAD` once in 5e8 windows, and three messages in a row must contradict, so noise stops a drive less than once
@@ -99,7 +100,7 @@ class Agreement:
         R, (grid, step) = noise.odometry.R, noise.odometry.quantization
         spike = noise.odometry.spike if noise.odometry.spike_probability > 0.0 else 0.0
         self._robot, self._share, self._grids = robot, max(SHARE, 0.5 + 0.5 * noise.process.slip), noise.odometry.quantization
-        self._noise = SPREAD * math.sqrt(2.0 * max(R[:2])) + 2.0 * grid, SPREAD * math.sqrt(2.0 * R[2]) + 2.0 * step + spike
+        self._noise = SPREAD * math.sqrt(2.0 * max(R[:2])) + 2.0 * grid, SPREAD * math.sqrt(2.0 * R[2]) + 2.0 * (step + spike)
         self._leaps = leaps
         self.begin()
 
