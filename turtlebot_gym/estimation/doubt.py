@@ -29,6 +29,8 @@ WINDOW, SPACING, PERIOD = 10.0, 0.1, 1.0
 """Time that counts, least time between two of its messages, and time between two judgements, s."""
 SHIFT = 0.3
 """Delay with which a late pose is compared, s."""
+USUAL = 0.1
+"""Delay of a pose after its twist that says nothing, s: only a longer one is significant. A message, and the filter's interval."""
 FEWEST = 40
 """Number of messages from which something is said."""
 FLOOR = 0.01, 0.02
@@ -114,7 +116,8 @@ def _best(
             direction, left = direction - _part(direction, near) * near, rest
         size = _part(left, direction)
         after = left - size * direction
-        enough = _square(left) - _square(after) > most and (size if cause.late else abs(size)) >= cause.least
+        known = left - USUAL * direction if cause.late else left
+        enough = _square(known) - _square(after) > most and (size if cause.late else abs(size)) >= cause.least
         enough &= not cause.late or small >= cause.least  # fast turns look like many things
         if enough and (found is None or _square(after) < _square(found.left)):
             found = _Found(cause, size, after)
