@@ -22,13 +22,13 @@ from rich.table import Table
 from harness.study import Study, run
 from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.systems import LOCATED_LAYOUT, Options
+from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, Observation
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.policies import Policy, fit, make_policy
-from turtlebot_gym_agents.policies.policy import layout_of
+from turtlebot_gym_agents.policies.policy import terms_of
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
@@ -155,7 +155,7 @@ def driven(policy: str | Path, setting: str, config: Config, hidden: Sequence[st
     if not kept.exists():
         own = make_policy(str(policy).removesuffix(TURNS), allow_mismatch=True)
         driver = Watched(own, turns=str(policy).endswith(TURNS), hidden=hidden)
-        shown = EVIDENCE if layout_of(own) == LOCATED_LAYOUT else "localizer"
+        shown = EVIDENCE if any(term.name == "evidence" for term in terms_of(own) or ()) else "localizer"
         limit = {"max_episode_steps": round(10.0 * config.seconds), "episodes": config.missions, "seed": config.seed}
         e = evaluate(driver, env=fit.MISSIONS, **limit, **options(setting, TRAINED[shown])).episodes
         counts = {"arrivals": e.arrivals, "false": e.false_arrivals, "given": e.given, "collision": e.collision}

@@ -133,7 +133,7 @@ def described(bundle: Path, policy: BundlePolicy, randomized: str, count: int | 
     """
     training: Mapping[str, Any] = policy.card.training
     return [
-        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, layout {policy.card.layout};",
+        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, {len(policy.terms)} terms;",
         f"{bundle.stat().st_size / 1000:.0f} kB, sha256 `{policy.sha256[:16]}`, commit `{short(training['commit'])}`.",
         f"Trained with {randomized} that differ from environment to environment:",
         f"{training['steps']:,} steps in {training['seconds']:.0f} s, with seed {training['config']['seed']};",

@@ -21,22 +21,26 @@ if TYPE_CHECKING:
     from turtlebot_gym.estimation.ekf import Estimate
     from turtlebot_gym.files import read_parameters, write_parameters
     from turtlebot_gym.heart import Episode
+    from turtlebot_gym.observations import Observation, ObservationTerm
     from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
     from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
+    from turtlebot_gym.rewards import RewardTerm
     from turtlebot_gym.robots import ROBOTS, Robot
     from turtlebot_gym.systems import Options, Parameters, Snapshot, System, make_parameters
-    from turtlebot_gym.tasks import NAV, OBSERVATION_LAYOUT, POSE, SQUARE, SQUARE_WAYPOINTS, Observation, Task
+    from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS, Task
     from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 else:  # import names at first use: the compiler alone takes half a second
     _HOMES = {
         "estimation.ekf": ("Estimate",),
         "files": ("read_parameters", "write_parameters"),
         "heart": ("Episode",),
+        "observations": ("Observation", "ObservationTerm"),
         "parameters": ("FilterTuning", "FixNoise", "Noise", "OdometryNoise", "ProcessNoise"),
         "presets": ("NOISES", "make_filter", "make_fix", "make_noise", "make_robot"),
+        "rewards": ("RewardTerm",),
         "robots": ("ROBOTS", "Robot"),
         "systems": ("Options", "Parameters", "System", "Snapshot", "make_parameters"),
-        "tasks": ("NAV", "OBSERVATION_LAYOUT", "POSE", "SQUARE", "SQUARE_WAYPOINTS", "Observation", "Task"),
+        "tasks": ("NAV", "POSE", "SQUARE", "SQUARE_WAYPOINTS", "Task"),
         "values": ("STOP", "Belief", "Command", "Covariance", "Pose", "State"),
     }
     __getattr__, __dir__ = lazy_names(__name__, _HOMES)
@@ -46,7 +50,6 @@ __version__ = "0.2.0"
 __all__ = [
     "NAV",
     "NOISES",
-    "OBSERVATION_LAYOUT",
     "POSE",
     "ROBOTS",
     "SQUARE",
@@ -61,11 +64,13 @@ __all__ = [
     "FixNoise",
     "Noise",
     "Observation",
+    "ObservationTerm",
     "OdometryNoise",
     "Options",
     "Parameters",
     "Pose",
     "ProcessNoise",
+    "RewardTerm",
     "Robot",
     "Snapshot",
     "State",

@@ -9,16 +9,19 @@ Python runs them here, in ROS nodes too; `turtlebot_gym.compiled` runs the same 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import chain
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
+from turtlebot_gym.observations import History, observing, row_of
 from turtlebot_gym.rewards import rewarding
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.systems.parameters import Parameters
-from turtlebot_gym.systems.rooms import WithRewards, find_system
-from turtlebot_gym.systems.sensors import sensing
+from turtlebot_gym.systems.rooms import WithTerms, find_system
+from turtlebot_gym.systems.sensors import looking, sensing
 from turtlebot_gym.systems.system import System, course_after
 from turtlebot_gym.systems.world import Outcome, Snapshot, outcome_of
 from turtlebot_gym.tasks import distance_to
@@ -33,7 +36,8 @@ def begin(system: System, start: Pose, key: int, waypoints: Any, p: Parameters, 
     estimate, course = system.first_estimate(senses, p), course_after(0.0, waypoints, p.task.laps)
     world = Snapshot(body, senses, estimate, course, 0.0, ())
     if system.surroundings:
-        world = world._replace(room=system.surroundings.first_look(world, key, p, scene))
+        room = system.surroundings.first_look(world, key, p, scene)
+        world = world._replace(room=room, senses=looking(system.sensors)(senses, room, p))
     return world
 
 
@@ -69,6 +73,7 @@ def step(
     if around:  # look: beams, contact, and the way that is left
         moved = Snapshot(body, senses, estimate, before.course, float(at), room)
         room = around.look(moved, key, p, scene)
+        senses = looking(system.sensors)(senses, room, p)
         if system.reads_scan:
             estimate = system.estimate(before.estimate, before.senses, senses, p, room, scene)
 
@@ -87,13 +92,10 @@ def step(
     return after, outcome_of(reward, judgement, shares)
 
 
-def observe(system: System, world: Snapshot, p: Parameters, scene: Any) -> Any:
-    """Return what the policy sees, in double precision; on open ground a `turtlebot_gym.tasks.Observation`."""
-    seen, around = system.observe(world, p), system.surroundings
-    if around is None:
-        return seen
-    *before, after = seen
-    return (*chain.from_iterable(before), *around.ranges(scene).tolist(), after)
+def observe(system: System, world: Snapshot, p: Parameters, scene: Any) -> tuple[float, ...]:
+    """Return what the policy sees at present, in double precision: the numbers of the observation's terms in turn."""
+    values = iter(observing(system.terms)(world, p).values)
+    return row_of(system.terms, [tuple(term.of(scene).tolist()) if term.in_scene else next(values) for term in system.terms])
 
 
 class Episode:
@@ -118,7 +120,7 @@ class Episode:
         waypoints: Sequence[Pose] = (),
         *,
         seed: int = 0,
-        system: System | str | Callable[[Parameters], System] | WithRewards | None = None,
+        system: System | str | Callable[[Parameters], System] | WithTerms | None = None,
         plan: FloorPlan | None = None,
     ) -> None:
         self.parameters, self.seed, self.number = parameters, seed, -1
@@ -129,6 +131,7 @@ class Episode:
         self.scene: Any = around.at(plan.share(scenes) if plan else scenes, 0) if around else ()
         if plan:
             self.scene = plan.put(self.scene)
+        self._history = History(self.system.terms, 1)
         self.reset()
 
     def reset(self) -> Snapshot:
@@ -139,11 +142,15 @@ class Episode:
         self.waypoints = (goal,) if self.parameters.task.random else self._given
         self.world = begin(self.system, start, self.key, self.waypoints, self.parameters, self.scene)
         self.outcome = start_outcome(self.system, self.world)
+        if self._history:
+            self._history.begin(self._now(), np.ones(1, np.bool_))
         return self.world
 
     def step(self, command: Command) -> Outcome:
         """Advance by one control interval with the policy's command."""
         self.world, self.outcome = step(self.system, self.world, command, self.key, self.waypoints, self.parameters, self.scene)
+        if self._history:
+            self._history.advance(self._now())
         return self.outcome
 
     def act(self, action: Sequence[float]) -> Outcome:
@@ -151,6 +158,11 @@ class Episode:
         forward, turn = action
         return self.step(command_of(float(forward), float(turn), self.parameters.robot))
 
-    def observe(self) -> Any:
-        """Return the policy's observation in double precision; on open ground a `turtlebot_gym.tasks.Observation`."""
-        return observe(self.system, self.world, self.parameters, self.scene)
+    def observe(self) -> tuple[float, ...]:
+        """Return the policy's observation in double precision; on open ground the numbers of a `turtlebot_gym.Observation`."""
+        now = self._now()
+        self._history.show(now)
+        return tuple(now[0].tolist())
+
+    def _now(self) -> NDArray[np.float64]:
+        return np.array([observe(self.system, self.world, self.parameters, self.scene)])

@@ -69,6 +69,7 @@ class Senses(NamedTuple):
 
 
 @cache
+@cache
 def senses_of(names: tuple[str, ...]) -> Any:
     """Return the type of the values of sensors: `Senses` for odometry alone, or a NamedTuple with a field for each name."""
     return Senses if names == Senses._fields else namedtuple("Senses", names)  # noqa: PYI024  # a type for each set of names

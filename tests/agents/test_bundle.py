@@ -16,9 +16,10 @@ from onnx import TensorProto, helper
 from stable_baselines3 import PPO
 
 from turtlebot_gym import ROBOTS, make_filter, make_noise, make_parameters
+from turtlebot_gym.observations import OPEN_GROUND
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym_agents.policies import make_policy
-from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
+from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, described, write_bundle
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training.export import load_model
 
@@ -44,7 +45,7 @@ def test_a_card_names_presets_and_calls_everything_else_custom():
     options = {"filter": make_filter("matched", make_noise("rough")), "observation": "odometry", "robot": "waffle"}
     card = Card.of(CARD.env, options, make_parameters(NAV, robot="waffle"), {"steps": 5})
     assert (card.noise, card.filter, card.observation) == ("tutorial", "custom", "odometry")  # by default, and as given
-    assert (card.robot["name"], card.layout, card.dt, card.training) == ("waffle", 1, 0.1, {"steps": 5})
+    assert (card.robot["name"], card.terms, card.dt, card.training) == ("waffle", described(OPEN_GROUND), 0.1, {"steps": 5})
 
 
 WAFFLE = "(max_linear 0.2108 there, 0.26 here; max_angular 2.635 there, 1.82 here; wheel_separation 0.16 there, 0.287 here; "
@@ -162,7 +163,7 @@ def test_the_card_in_the_file_word_for_word(bundle):
         "observation": "ekf",
         "training": {"seed": 3, "sha256": "0" * 64},
         "format": "turtlebot-gym-policy/1",
-        "layout": 1,
+        "terms": [*described(OPEN_GROUND)],
         "action": "forward speed and turning rate as shares of the robot's limits, in [-1, 1]",
     }
     assert describe_robot("burger") == burger

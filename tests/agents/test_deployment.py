@@ -8,6 +8,7 @@ import pytest
 
 from turtlebot_gym import NAV, Episode, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.gyro import Gyro
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import ROOM
@@ -77,7 +78,7 @@ def test_its_actions_are_those_of_the_environments_loop_to_the_last_bit(place):
     assert differences(1000, **PLACES[place]) == [0, 0]
 
 
-def test_layout_3_equals_the_environments_with_an_external_localizer():
+def test_evidence_equals_the_environments_with_an_external_localizer():
     options = {"world": "office", "noise": "wheel", "localizer": "match", "start": "unknown", "observation": "located"}
     episode, deployment = Episode(make_parameters(**options), seed=5), Deployment(f"{__name__}:WithEvidence")
     shown = set()
@@ -95,18 +96,20 @@ def test_layout_3_equals_the_environments_with_an_external_localizer():
         shown.add(estimate.weight)
         episode.act(deployment.action.tolist())
     assert len(shown) > 2
-    with pytest.raises(ValueError, match=r"^evidence must be the share of fitting beams and the weight .* layout 3, got None"):
+    with pytest.raises(
+        ValueError, match=r"^evidence must be the share of fitting beams and the weight .* reads 'evidence', got None"
+    ):
         deployment.act(**INPUTS)
     with pytest.raises(ValueError, match=r"^evidence\[1\] must be a probability"):
         deployment.act(**INPUTS, evidence=(0.5, 1.1))
-    with pytest.raises(ValueError, match="filter must be None for a policy of layout 3"):
+    with pytest.raises(ValueError, match="filter must be None for a policy that reads 'evidence'"):
         Deployment(f"{__name__}:WithEvidence", filter="matched")
 
 
 class WithEvidence:
     """VFH+ that goes slower where its place is in doubt."""
 
-    layout = 3
+    terms = LOCATED_ROOM
 
     def __init__(self, *, robot, dt):
         self._policy = make_policy("vfh", robot=robot, dt=dt)
@@ -182,8 +185,8 @@ def test_a_localization_that_finds_the_robot_elsewhere_is_no_contradiction(seein
         ({"twist": (math.inf, 0.0)}, r"^twist\[0\] must be a number"),
         ({"goal": (0.0, 0.0, "north")}, r"^goal\[2\] must be a number"),
         ({"nis": math.nan}, "^nis must be a number"),
-        ({"evidence": (1.0, 1.0)}, "^evidence must be None for a policy of observation layout 2"),
-        ({"scan": None}, "^scan must be a Scan for a policy of observation layout 2, got None"),
+        ({"evidence": (1.0, 1.0)}, "^evidence must be None for a policy that reads no 'evidence'"),
+        ({"scan": None}, "^scan must be a Scan for a policy that reads 'scan', got None"),
         ({"scan": np.full(360, 2.0)}, "^scan must be a turtlebot_gym.rooms.scan.Scan with ranges, first, increment"),
         ({"scan": SCAN._replace(increment=None)}, "^scan.increment must be a number"),
         ({"scan": SCAN._replace(increment=0.0)}, "^the scan's angle_increment must be finite and not 0"),
@@ -230,7 +233,7 @@ def test_exact_poses_have_no_deviation_and_no_nis(seeing):
 
 def test_robot_and_period_are_those_on_the_card():
     deployment = Deployment("ppo-nav")
-    assert (deployment.robot.max_linear, deployment.period, deployment.layout) == (0.2108, 0.1, 1)
+    assert (deployment.robot.max_linear, deployment.period, deployment.terms) == (0.2108, 0.1, OPEN_GROUND)
     with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 10 Hz waffle"):
         Deployment("ppo-nav", robot="waffle")
     with pytest.raises(ValueError, match="made for 10 Hz burger, asked for 20 Hz burger"):
@@ -238,7 +241,7 @@ def test_robot_and_period_are_those_on_the_card():
 
 
 def test_a_policy_without_sight_refuses_scans():
-    with pytest.raises(ValueError, match=r"^scan must be None for a policy of observation layout 1"):
+    with pytest.raises(ValueError, match=r"^scan must be None for a policy without scans"):
         Deployment("bearing").act(**INPUTS)
 
 

@@ -7,9 +7,8 @@ import pytest
 import torch
 from stable_baselines3 import DDPG, PPO, TD3
 
-from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
-from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, bounds_of
+from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, described
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.training import export as module
 from turtlebot_gym_agents.training import normalization
@@ -44,7 +43,7 @@ def test_bundle_equals_model_on_10000_observations(model, tmp_path):
     assert export(model, path, CARD) <= TOLERANCE
     # Another sample than the exporter's own, half of it where the robot really is.
     random = np.random.default_rng(5)
-    anywhere = random.uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (5000, 13))
+    anywhere = random.uniform(*bounds_of(OPEN_GROUND), (5000, 13))
     seen = model.policy_kwargs["features_extractor_kwargs"]
     near = np.array(seen["mean"]) + random.normal(size=(5000, 13)) * np.array(seen["std"])
     observations = np.concatenate([anywhere, near]).astype(np.float32)
@@ -60,7 +59,7 @@ def test_a_saved_model_is_loaded_as_what_it_is(model, tmp_path):
     model.save(tmp_path / "model.zip")
     loaded = load_model(tmp_path / "model.zip", allow_pickle=True)
     assert type(loaded) is {DDPG: TD3}.get(type(model), type(model))  # for acting, the two are the same
-    observations = np.random.default_rng(0).uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (50, 13)).astype(np.float32)
+    observations = np.random.default_rng(0).uniform(*bounds_of(OPEN_GROUND), (50, 13)).astype(np.float32)
     expected, _ = model.predict(observations, deterministic=True)
     np.testing.assert_array_equal(loaded.predict(observations, deterministic=True)[0], expected)
 
@@ -126,13 +125,13 @@ def test_only_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkey
     assert export(plain, tmp_path / "policy.onnx", CARD) <= TOLERANCE
 
 
-@pytest.mark.parametrize("layout", SEEING)
-def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch, layout):
+@pytest.mark.parametrize("terms", [ROOM, LOCATED_ROOM])
+def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch, terms):
     without_torchs_exporter(monkeypatch)
     room, located = "turtlebot_gym/TurtleBotRooms-v0", {"noise": "wheel", "localizer": "match", "observation": "located"}
-    model = untrained(room, located if layout == LOCATED_LAYOUT else {})
-    assert export(model, tmp_path / "policy.onnx", replace(CARD, env=room, layout=layout)) <= TOLERANCE
-    assert BundlePolicy(tmp_path / "policy.onnx").layout == layout
+    model = untrained(room, located if terms == LOCATED_ROOM else {})
+    assert export(model, tmp_path / "policy.onnx", replace(CARD, env=room, terms=described(terms))) <= TOLERANCE
+    assert BundlePolicy(tmp_path / "policy.onnx").terms == terms
     observations = model.env.reset()
     expected, _ = model.predict(observations, deterministic=True)
     np.testing.assert_allclose(BundlePolicy(tmp_path / "policy.onnx")(observations), expected, rtol=0, atol=TOLERANCE)

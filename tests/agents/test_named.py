@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import ROBOTS
-from turtlebot_gym.systems import SIZES
+from turtlebot_gym.observations import ROOM, size_of
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate
 from turtlebot_gym_agents.policies import BearingPolicy, PolarPolicy, ProportionalPolicy, RotateDriveRotatePolicy
@@ -50,25 +50,26 @@ LOCATED = {"env": ROOMS, "world": "office", "noise": "wheel", "localizer": "matc
 
 @pytest.mark.parametrize("name", ["bearing", "vfh", "dwa", "planner", "vfh+safety", "vfh+yield"])
 def test_rules_ignore_a_localizers_evidence(name):
-    seen = np.random.default_rng(1).uniform(0.1, 1.0, (40, 3, SIZES[2])).astype(np.float32)
+    seen = np.random.default_rng(1).uniform(0.1, 1.0, (40, 3, size_of(ROOM))).astype(np.float32)
     two, three = make_policy(name), make_policy(name)
     for rows in seen:
         located = np.concatenate([rows[:, :13], np.full((3, 4), 0.5, np.float32), rows[:, 13:]], axis=1)
         np.testing.assert_array_equal(two(rows), three(located))
 
 
-@pytest.mark.parametrize("name", ["ppo-rooms", f"{__name__}:seeing"])
-def test_a_policy_of_layout_2_is_refused_where_a_localizers_evidence_is_shown(name):
-    with pytest.raises(ValueError, match=r"observation 'ekf', asked for .* 'located'|layout 2, got \(\d+, 54\)"):
-        evaluate(name, episodes=1, **LOCATED)
+def test_a_policy_is_shown_the_terms_that_it_reads_and_a_bundle_only_those_of_its_training():
+    assert evaluate(f"{__name__}:seeing", episodes=1, **LOCATED).summary()["success"].value == 0.0
+    with pytest.raises(ValueError, match=r"observation 'ekf', asked for .* 'located'"):
+        evaluate("ppo-rooms", episodes=1, **LOCATED)
 
 
 def seeing(observations):
     """Stand, by 50 numbers."""
+    assert observations.shape[-1] == 50
     return np.zeros((*observations.shape[:-1], 2), np.float32)
 
 
-seeing.layout = 2
+seeing.terms = ROOM
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in pretrained_folder().glob("*.onnx")))
@@ -76,7 +77,7 @@ def test_the_shipped_policies_have_their_names_and_tasks_and_are_made_for_their_
     policy = make_policy(name)
     assert isinstance(policy, BundlePolicy)
     assert (policy.card.env, policy.card.robot["name"], policy.card.dt) == (SHIPPED[name], "burger", 0.1)
-    assert policy(np.resize(SIGHT, SIZES[policy.card.layout])).shape == (2,)
+    assert policy(np.resize(SIGHT, size_of(policy.terms))).shape == (2,)
     for reference in (name, str(pretrained_folder() / f"{name}.onnx")):
         assert make_policy(reference).sha256 == policy.sha256
         for options, wanted in (({"robot": "waffle"}, "10 Hz waffle"), ({"dt": 0.25}, "4 Hz burger")):

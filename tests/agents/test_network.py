@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from turtlebot_gym import make_noise
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
+from turtlebot_gym.observations import OPEN_GROUND, ROOM, bounds_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.network import TOLERANCE, export_network
 
@@ -24,21 +24,21 @@ def test_the_bundle_does_what_the_network_does(tmp_path):
     network, path = mlp(scale=10.0), tmp_path / "new" / "nav.onnx"
     assert export_network(network, path, NAV, robot="waffle", noise="rough", dt=0.05, training={"library": "own"}) <= TOLERANCE
     policy = BundlePolicy(path)
-    observations = np.random.default_rng(5).uniform(OBSERVATION_LOW, OBSERVATION_HIGH, (500, 13)).astype(np.float32)
+    observations = np.random.default_rng(5).uniform(*bounds_of(OPEN_GROUND), (500, 13)).astype(np.float32)
     with torch.no_grad():
         free = network(torch.from_numpy(observations)).numpy()  # in evaluation mode, where nothing drops out
     assert (np.abs(free) > 1.0).any()
     np.testing.assert_allclose(policy(observations), np.clip(free, -1.0, 1.0), rtol=0, atol=TOLERANCE)
     card = policy.card
     assert (card.env, card.dt, card.noise, card.filter, card.observation) == (NAV, 0.05, "rough", "matched", "ekf")
-    assert (card.robot["name"], card.layout, card.training) == ("waffle", 1, {"library": "own"})
+    assert (card.robot["name"], policy.terms, card.training) == ("waffle", OPEN_GROUND, {"library": "own"})
     assert [file.name for file in path.parent.iterdir()] == ["nav.onnx"]
 
 
 def test_a_network_for_rooms_takes_their_observations(tmp_path):
     export_network(mlp(50), tmp_path / "rooms.onnx", ROOMS, noise=make_noise("rough"), world="dense")
     policy = BundlePolicy(tmp_path / "rooms.onnx")
-    assert (policy.layout, policy.card.noise) == (2, "custom")
+    assert (policy.terms, policy.card.noise) == (ROOM, "custom")
     assert policy(np.zeros((3, 50))).shape == (3, 2)
 
 

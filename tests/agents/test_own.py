@@ -5,7 +5,7 @@ import pytest
 
 from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents import make_policy
-from turtlebot_gym_agents.policies import PolicyWithMemory, layout_of
+from turtlebot_gym_agents.policies import PolicyWithMemory, terms_of
 
 POLICIES = """\
 import numpy as np
@@ -36,7 +36,7 @@ class Unmade:
         pass
 
 class Memory:
-    layout = 2
+    terms = ('goal', 'scan')
     def __init__(self, robot, dt):
         self.masks, self.robot, self.dt = [], robot, dt
     def reset(self, mask):
@@ -61,14 +61,14 @@ def test_a_users_function_drives():
     for shape in ((13,), (4, 13), (2, 3, 13)):
         assert policy(np.zeros(shape, np.float32)).shape == (*shape[:-1], 2)
     assert not isinstance(policy, PolicyWithMemory)
-    assert layout_of(policy) is None
+    assert terms_of(policy) is None
 
 
 def test_its_other_attributes_are_kept():
     policy = make_policy("drivers:Memory", robot="waffle", dt=0.05)
     assert (policy.robot, policy.dt) == (ROBOTS["waffle"], 0.05)
     assert isinstance(policy, PolicyWithMemory)
-    assert layout_of(policy) == 2
+    assert [term.name for term in terms_of(policy)] == ["goal", "scan"]
     policy.reset(np.ones(3, np.bool_))
     assert len(policy.masks) == 1
 

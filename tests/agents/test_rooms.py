@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from turtlebot_gym.observations import ROOM
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
@@ -45,7 +46,7 @@ def bundle(tmp_path_factory):
 
 def test_a_policy_that_was_trained_in_rooms_drives_in_rooms_and_nowhere_else(bundle):
     policy = BundlePolicy(bundle)
-    assert policy.card.layout == 2
+    assert policy.terms == ROOM
     assert policy.card.training["config"]["world"] == "clutter"
     assert math.isfinite(evaluate(policy, env=ROOMS, world="clutter", lidar="ideal", episodes=4).summary()["success"].value)
     with pytest.raises(ValueError, match=f"which {NAV} does not have: choose --env {ROOMS}"):

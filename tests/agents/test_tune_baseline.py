@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from turtlebot_gym import OBSERVATION_LAYOUT, ROBOTS
-from turtlebot_gym.systems import SIZES
+from turtlebot_gym import ROBOTS
+from turtlebot_gym.observations import OPEN_GROUND, size_of
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import best_of, tune_baseline
 from turtlebot_gym_agents.policies import POLICIES, BearingPolicy, make_policy
-from turtlebot_gym_agents.policies.baselines import layout_of_baseline, load_baseline
+from turtlebot_gym_agents.policies.baselines import load_baseline
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
@@ -51,15 +51,15 @@ def test_a_scenario_that_the_defaults_do_not_suit_gets_other_numbers(tmp_path):
 @pytest.mark.parametrize("name", POLICIES)
 def test_numbers_stay_in_their_ranges_and_the_file_is_the_best_try(name, tmp_path):
     path = tmp_path / "tuned.json"
-    layout, ranges = layout_of_baseline(name), POLICIES[name].ranges()
-    env = NAV if layout == OBSERVATION_LAYOUT else ROOMS
+    terms, ranges = POLICIES[name].terms, POLICIES[name].ranges()
+    env = NAV if terms == OPEN_GROUND else ROOMS
     tries = tune_baseline(name, path, env=env, tries=8, episodes=5)
     for attempt in tries:
         assert attempt.numbers.keys() == ranges.keys()
         assert all(span.low <= attempt.numbers[number] <= span.high for number, span in ranges.items())
     assert json.loads(path.read_text())["numbers"] == best_of(tries).numbers
-    sights = np.random.default_rng(0).uniform(-1.0, 1.0, (50, SIZES[layout])).astype(np.float32)
-    if layout != OBSERVATION_LAYOUT:
+    sights = np.random.default_rng(0).uniform(-1.0, 1.0, (50, size_of(terms))).astype(np.float32)
+    if terms != OPEN_GROUND:
         sights[:, 13:] = np.abs(sights[:, 13:])
     expected = POLICIES[name](ROBOTS["burger"], 0.1, **best_of(tries).numbers)(sights)
     np.testing.assert_array_equal(make_policy(str(path))(sights), expected)
@@ -121,7 +121,6 @@ def test_a_tuned_baseline_is_refused_for_another_robot_or_rate(tuned):
     ("change", "message"),
     [
         ({"format": "turtlebot-gym-baseline/2"}, "but this version reads"),
-        ({"layout": 2}, "but this version reads"),
         ({"policy": "ppo"}, "policy must be one of"),
         ({"policy": None}, "policy must be one of"),
         ({"numbers": {"speed": 3.0}}, "bearing has no numbers speed"),

@@ -11,10 +11,11 @@ from turtlebot_gym_ros.graph.bringup import room_metrics
 LOGGED = """
 import os
 import numpy as np
+from turtlebot_gym.observations import LOCATED_ROOM, ROOM
 from turtlebot_gym_agents.policies import make_policy
 
 class Logged:
-    layout = 2
+    terms = ROOM
 
     def __init__(self, *, robot, dt):
         self._policy = make_policy("vfh", robot=robot, dt=dt)
@@ -29,7 +30,7 @@ class Logged:
         return action
 
 class Located(Logged):
-    layout = 3
+    terms = LOCATED_ROOM
 """
 """VFH+, a policy with memory, which keeps what it is given and answers; also as one that observes a localizer's evidence."""
 

@@ -10,8 +10,8 @@ from gymnasium.wrappers.vector import RecordVideo as RecordVectorVideo
 
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
+from turtlebot_gym.observations import OPEN_GROUND, bounds_of
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LOW
 
 NAV, POSE, SQUARE = IDS = [f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square")]
 STRAIGHT = np.array([1.0, 0.0], np.float32)
@@ -40,8 +40,9 @@ def test_ids_make_both_environments(id):
     assert scalar.spec.max_episode_steps == (600 if id == SQUARE else 300)
     assert scalar.observation_space == vector.single_observation_space
     assert (scalar.observation_space.shape, scalar.observation_space.dtype) == ((13,), np.float32)
-    np.testing.assert_array_equal(scalar.observation_space.low, np.array(OBSERVATION_LOW, np.float32))
-    np.testing.assert_array_equal(scalar.observation_space.high, np.array(OBSERVATION_HIGH, np.float32))
+    low, high = np.array(bounds_of(OPEN_GROUND), np.float32)
+    np.testing.assert_array_equal(scalar.observation_space.low, low)
+    np.testing.assert_array_equal(scalar.observation_space.high, high)
 
 
 SHAPES = {

@@ -16,6 +16,7 @@ from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.heart import Episode
+from turtlebot_gym.observations import Observation
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
 from turtlebot_gym.presets import matched
 from turtlebot_gym.rewards import ON_GROUND, default_weights
@@ -135,7 +136,7 @@ CASES = [(owner, item.name) for owner in LAW for item in fields(owner) if (owner
 
 def drive(episode):
     """Return the action of a simple law, forwards or backwards, that is often at a limit."""
-    o = episode.observe()
+    o = Observation(*episode.observe())
     direction = -1.0 if o.cos_bearing < -0.2 else 1.0
     return direction * (0.3 + 0.7 * o.cos_bearing**2), 1.5 * math.atan2(direction * o.sin_bearing, direction * o.cos_bearing)
 

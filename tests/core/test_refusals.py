@@ -11,10 +11,10 @@ from turtlebot_gym import Options, make_parameters
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.observations import OBSERVED
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.systems import OBSERVED
 from turtlebot_gym.systems.imu import IMUS
 from turtlebot_gym.tasks import TASKS
 

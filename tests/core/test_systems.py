@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from turtlebot_gym.heart import Episode
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import normals
 from turtlebot_gym.models.unicycle import command_of
+from turtlebot_gym.observations import Observation, ObservationTerm, size_of
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Options, Sensor, make_parameters, open_ground, system_of
 from turtlebot_gym.tasks import NAV, SQUARE, SQUARE_WAYPOINTS, due
@@ -25,14 +25,6 @@ from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Po
 
 BASE = open_ground(EXTENDED_KALMAN)
 BEACONS = ((2.0, 2.0), (-2.0, 2.0), (0.0, -3.0))
-
-
-class Seen(NamedTuple):
-    """What a policy is given that sees ranges instead of a belief."""
-
-    distance: float
-    nearest: float
-    v: float
 
 
 @kernel
@@ -78,13 +70,14 @@ def estimate_with_ranges(estimate, before, senses, p):
 def see(world, p):
     near = min(min(world.senses.ranges[0], world.senses.ranges[1]), world.senses.ranges[2])
     x, y = world.course.reference.x - world.estimate.belief.mean.x, world.course.reference.y - world.estimate.belief.mean.y
-    return Seen(sqrt(x * x + y * y), near, world.senses.odometry.twist.v)
+    return sqrt(x * x + y * y), near, world.senses.odometry.twist.v
 
 
-RANGES = BASE.with_sensor(Sensor("ranges", first_ranges, sense_ranges))._replace(
-    estimate=estimate_with_ranges, observe=see, layout=99,
-    low=Seen(0.0, 0.0, -1.0), high=Seen(20.0, 20.0, 1.0),
-)  # fmt: skip
+RANGES = (
+    BASE._replace(estimate=estimate_with_ranges)
+    .with_sensor(Sensor("ranges", first_ranges, sense_ranges))
+    .with_observation(ObservationTerm("ranges", see, (0.0, 0.0, -1.0), (20.0, 20.0, 1.0)))
+)
 
 
 def test_another_sensor_filter_observation_and_plant_are_the_same_compiled_and_in_plain_python(in_step):
@@ -92,7 +85,7 @@ def test_another_sensor_filter_observation_and_plant_are_the_same_compiled_and_i
     p, own = make_parameters(task, noise="rough", integrator="midpoint", delay=1), RANGES._replace(move=slide)
     batch = Batch(35, p, waypoints, system=own)
     plain = {i: Episode(p, waypoints, seed=i, system=own) for i in (0, 1, 31, 32, 34)}
-    assert batch.empty()[0].shape[1] == len(plain[0].observe()) == len(own.low) == len(own.high)
+    assert batch.empty()[0].shape[1] == len(plain[0].observe()) == size_of(own.terms)
     reached = sum(outcomes[5].sum() for outcomes in in_step(batch, plain, [0.2, -0.2], [1.2, 0.2], 150))
     assert reached > 0, "no waypoint was reached: the test saw too little"
 
@@ -233,7 +226,7 @@ def test_what_each_observation_shows_and_states(observation, distance, sine, v, 
     body = episode.world.body._replace(true_state=State(0.0, 0.0, 0.0, 0.0, 1.3175))
     senses = Senses(Odometry(Pose(0.0, 1.0, 0.0), Command(0.2108, -2.635), True))
     episode.world = episode.world._replace(body=body, senses=senses, estimate=believed)
-    o = episode.observe()
+    o = Observation(*episode.observe())
     shown = (o.distance, o.sin_bearing, o.v, o.omega, o.std_position, o.std_heading, o.nis)
     assert shown == pytest.approx((distance, sine, v, omega, std_position, std_heading, nis))
 

@@ -6,23 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from sights import observed
 
 from turtlebot_gym.heart import Episode, step
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.random import episode_key
+from turtlebot_gym.observations import OPEN_GROUND, bounds_of
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Options, make_parameters
 from turtlebot_gym.tasks import (
     NAV,
-    OBSERVATION_HIGH,
-    OBSERVATION_LOW,
     POSE,
     SQUARE_WAYPOINTS,
     Task,
     arrived,
     believed_to_arrive,
     draw_goal,
-    observe,
     remaining,
     start_pose,
 )
@@ -34,7 +33,7 @@ KEYS = [episode_key(seed, 0) for seed in range(3000)]
 
 
 def seen(state, *, std=(0.1, 0.2), nis=3.0, reference=GOAL, following=NEXT):
-    return observe(state, std, nis, reference, following, BURGER)
+    return observed(state, std, nis, reference, following, BURGER)
 
 
 def test_observation_in_the_body_frame():
@@ -93,7 +92,7 @@ def test_observation_does_not_depend_on_the_world_frame():
 
 def test_observations_are_clipped_to_their_bounds():
     rng = np.random.default_rng(1)
-    low, high = np.array(OBSERVATION_LOW), np.array(OBSERVATION_HIGH)
+    low, high = np.array(bounds_of(OPEN_GROUND))
     assert np.isfinite([low, high]).all()
     for scale in (1e-9, 1.0, 1e3, 1e9):
         for _ in range(200):

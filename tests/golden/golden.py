@@ -25,6 +25,7 @@ import numpy as np
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.heart import Episode
+from turtlebot_gym.observations import bounds_of
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 
 HASHES = Path(__file__).parent / "golden.json"
@@ -147,7 +148,7 @@ def by_plain(chosen: dict[str, Any]) -> list[Row]:
     rows = []
     for at, seed in enumerate(SEEDS):
         episode = Episode(bare.parameters, SQUARE_WAYPOINTS, seed=seed)
-        low, high = np.array(episode.system.low, np.float32), np.array(episode.system.high, np.float32)
+        low, high = np.array(bounds_of(episode.system.terms), np.float32)
 
         def numbers_of(episode: Episode = episode, low: np.ndarray = low, high: np.ndarray = high) -> np.ndarray:
             world, outcome = episode.world, episode.outcome

@@ -11,11 +11,12 @@ from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.localization.tuning import LocalizerTuning
+from turtlebot_gym.observations import LOCATED_ROOM, ROOM, bounds_of
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
-from turtlebot_gym.systems import SIZES, Options
+from turtlebot_gym.systems import Options
 from turtlebot_gym.values import Pose
 
 HALL = FloorPlan(walls=(0.0, 0.0, 2.5, 2.0), boxes=((0.5, 0.5, 1.0, 0.3, 0.4),), start=Pose(-1.5, -1.0, 0.3))
@@ -55,15 +56,16 @@ def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, start, observ
         np.testing.assert_array_equal(scene.trail, episode.scene.trail)
 
 
-def test_layout_3_shows_deviations_ahead_and_aside_and_the_evidence_between_those_of_layout_2():
+def test_evidence_shows_deviations_ahead_and_aside_fit_and_weight_before_the_scan():
     options = {"world": "office", "noise": "wheel", "localizer": "match", "start": "unknown"}
     episodes = []
     for observation in ("ekf", "located"):
         p, waypoints, plan, _ = Options(**options, observation=observation).setup()
         episodes.append(Episode(p, waypoints, seed=4, plan=plan))
     two, three = episodes
-    assert (two.system.layout, three.system.layout) == (2, 3)
-    assert len(three.system.low) == len(three.system.high) == SIZES[3] == 54
+    assert (two.system.terms, three.system.terms) == (ROOM, LOCATED_ROOM)
+    low, high = np.array(bounds_of(LOCATED_ROOM))
+    assert low.shape == high.shape == (54,)
     weights = set()
     for _ in range(60):
         shown = three.observe()
@@ -74,7 +76,7 @@ def test_layout_3_shows_deviations_ahead_and_aside_and_the_evidence_between_thos
         deviations = np.minimum(np.sqrt(np.diag(P)), 5.0)
         np.testing.assert_allclose(shown[13:17], [*deviations, estimate.fits, estimate.weight], rtol=1e-9)
         weights.add(estimate.weight)
-        assert np.all((np.array(three.system.low) <= shown) & (shown <= np.array(three.system.high)))
+        assert np.all((low <= shown) & (shown <= high))
         for episode in episodes:
             episode.act((0.5, 0.3))
     assert {0.0, 1.0} < weights  # lost, in doubt between several places, and sure
@@ -161,7 +163,10 @@ def test_all_robots_share_the_field_of_a_map():
         ({"localizer": "match", "world": "office"}, "localizer moves with wheel odometry: choose such a noise"),
         ({"localizer": "match", "world": "office", "noise": "wheel", "fix": "beacons"}, "localizer and fix exclude each other"),
         ({"localizer": "amcl", "world": "office", "noise": "wheel"}, "localizer must be one of 'match', 'robot'"),
-        ({"observation": "located", "world": "office", "noise": "wheel"}, "observation 'located' is a localizer's: choose one"),
+        (
+            {"observation": "located", "world": "office", "noise": "wheel"},
+            "observation 'located' needs a localizer: choose one",
+        ),
         ({"start": "unknown", "world": "office", "noise": "wheel"}, "start is for robots that localize themselves"),
         ({"localizer": {"grain": 0.0}, "world": "office", "noise": "wheel"}, r"LocalizerTuning\.grain must be"),
     ],

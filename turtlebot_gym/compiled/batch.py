@@ -13,8 +13,9 @@ from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.packing import TILE, Results, aligned, as_tuple, flatten, layout_of
 from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop
 from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.observations import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.systems import Parameters, Snapshot, Surroundings, System, WithRewards, find_system
+from turtlebot_gym.systems import Parameters, Snapshot, Surroundings, System, WithTerms, find_system
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
 
@@ -42,12 +43,12 @@ class Batch:
         parameters: Parameters | Sequence[Parameters],
         waypoints: Sequence[Pose],
         *,
-        system: System | str | Callable[[Parameters], System] | WithRewards | None = None,
+        system: System | str | Callable[[Parameters], System] | WithTerms | None = None,
         plan: FloorPlan | None = None,
         shares: bool = False,
     ) -> None:
         n_tiles = -(-num_envs // TILE)
-        self._own, self._by_parameters = system, system is None or (isinstance(system, WithRewards) and system.system is None)
+        self._own, self._by_parameters = system, system is None or (isinstance(system, WithTerms) and system.system is None)
         self.parameters = parameters
         self._find_system()
         layout = self.layout
@@ -68,7 +69,8 @@ class Batch:
         """Parts of the last step's tiles, each for a thread."""
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         rows = layout.outcome.size - (0 if shares else len(self.system.rewards))
-        self._results = Results(num_envs, len(self.system.low), rows)
+        self._results = Results(num_envs, size_of(self.system.terms), rows)
+        self._history = History(self.system.terms, num_envs)
         self._first = self._tiles[0]
         self._special: Special | None = None
         self._intervals: NDArray[np.float64] = np.empty(0)
@@ -205,6 +207,10 @@ class Batch:
         finally:
             if parallel:
                 Threads.release()
+        if begins:
+            self._history.begin(observations, mask)
+        else:
+            self._history.show(observations)
 
     def _run(self, name: str, parts: int, *arguments: Any) -> None:
         """Run a loop over all tiles in some parts, each on a thread."""
@@ -238,6 +244,8 @@ class Batch:
             self._loops.step(
                 actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
             )  # fmt: skip
+            if self._history:
+                self._history.advance(observations)
             return observations, outcomes
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         parallel, start = self._pace.parallel, time.perf_counter()
@@ -250,6 +258,8 @@ class Batch:
                 Threads.release()
         if shared or not parallel:  # otherwise the pace's choice was not tried
             self._pace.tell(time.perf_counter() - start)
+        if self._history:
+            self._history.advance(observations)
         return observations, outcomes
 
     def is_flagged(self) -> bool:

@@ -22,6 +22,7 @@ from turtlebot_gym.compiled.step import step_of
 from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
+from turtlebot_gym.observations import Block, Run, runs_of
 from turtlebot_gym.systems import Outcome, System
 from turtlebot_gym.systems.special import Special, late_fixes
 
@@ -42,20 +43,36 @@ class _Loops(NamedTuple):
     """Begins episodes of some environments in some tiles, or writes their current observations again."""
 
 
-def _show_ranges_of(system: System, special: Special) -> Any:
-    """Return the kernel that writes the ranges into an environment's observation, before its last number; None without any."""
-    around, before = system.surroundings, layout_of(system, special).observation.size - 1
-    if around is None:
-        return None
-    ranges_of, seen = around.ranges, around.seen
+def _show_blocks_of(blocks: tuple[Block, ...]) -> Callable[..., None]:
+    """Return the kernel that writes arrays of the scene into an environment's observation."""
+    if not blocks:
+        return kernel(lambda environment, scene, observations: None)
+    (of, width, column), rest = blocks[0], _show_blocks_of(blocks[1:])
 
     @kernel
-    def show_ranges(environment, scene, observations):
-        ranges = ranges_of(scene)
-        for k in range(seen):
-            observations[environment, before + k] = ranges[k]
+    def show_blocks(environment, scene, observations):
+        numbers = of(scene)
+        for k in range(width):
+            observations[environment, column + k] = numbers[k]
+        rest(environment, scene, observations)
 
-    return show_ranges
+    return show_blocks
+
+
+def _show_runs_of(runs: tuple[Run, ...]) -> Callable[..., None]:
+    """Return the kernel that copies the numbers in a scratch to an environment's observation."""
+    if not runs:
+        return kernel(lambda scratch, lane, shown: None)
+    (start, stop, column), rest = runs[0], _show_runs_of(runs[1:])
+    further = column - start
+
+    @kernel
+    def show_runs(scratch, lane, shown):
+        for k in range(start, stop):
+            shown[k + further] = scratch[k * TILE + lane]
+        rest(scratch, lane, shown)
+
+    return show_runs
 
 
 def _catch_up_tile_of(system: System, special: Special) -> Any:
@@ -125,7 +142,7 @@ def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]
     assert around is not None
     act, conclude, retarget, scene_at = step.act, step.conclude, step.retarget, around.at
     load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
-    layout, show_ranges = layout_of(system, special), _show_ranges_of(system, special)
+    layout, show_blocks = layout_of(system, special), _show_blocks_of(runs_of(system.terms)[1])
     at_outcome, at_action, size = layout.at_outcome, layout.at_action, layout.world.size * TILE
 
     @kernel
@@ -143,7 +160,7 @@ def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]
                 world, outcome = retarget(world, outcome, key, waypoints[first + lane], p, scene)
             store_world(tile, lane, world)
             store_outcome(scratch, at_outcome + lane, outcome)
-            show_ranges(first + lane, scene, observations)
+            show_blocks(first + lane, scene, observations)
         for lane in range(count):
             show(scratch, lane, load_world(tile, lane), load_parameters(parameters, origin + lane))
 
@@ -152,11 +169,10 @@ def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]
 
 def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
-    _, _, outcome, observation, at_outcome, at_action, size = layout_of(system, special)
+    _, _, outcome, _, at_outcome, at_action, size = layout_of(system, special)
     first_flag, end_of_flags = FLAGS.start, FLAGS.stop
     work_tile = (_look_round_tile_of if system.surroundings else _advance_tile_of)(system, special)
-    seen = system.surroundings.seen if system.surroundings else 0
-    n_observation, n_outcome, n_judged = observation.size, outcome.size, outcome.size - len(system.rewards)
+    n_outcome, n_judged, show_runs = outcome.size, outcome.size - len(system.rewards), _show_runs_of(runs_of(system.terms)[0])
 
     @kernel
     def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
@@ -168,8 +184,7 @@ def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
             scratch[at_action + TILE + lane] = asked[lane, 1]
         work_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes)
         for lane in range(count):
-            for k in range(n_observation):
-                shown[lane, k if k < n_observation - 1 else k + seen] = scratch[k * TILE + lane]
+            show_runs(scratch, lane, shown[lane])
         for k in range(n_judged):
             column = outcomes[k][first : first + count]
             for lane in range(count):
@@ -192,11 +207,11 @@ def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel that begins an episode of one environment, or writes its current observation."""
     step, lay_out, around = step_of(system), system.lay_out, system.surroundings
     begin, start_outcome = step.begin, step.start_outcome
-    scene_at, seen = (around.at, around.seen) if around else (kernel(lambda scenes, index: ()), 0)
+    scene_at = around.at if around else kernel(lambda scenes, index: ())
     load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
-    _, _, _, observation, at_outcome, _, size = layout_of(system, special)
-    n_observation = observation.size
-    show_ranges = _show_ranges_of(system, special)
+    _, _, _, _, at_outcome, _, size = layout_of(system, special)
+    runs, blocks = runs_of(system.terms)
+    show_runs, show_blocks = _show_runs_of(runs), _show_blocks_of(blocks)
 
     @kernel
     def reset_lane(environment, lane, begins, tile, key, parameters, origin, waypoints, observations, outcomes, scenes):
@@ -209,10 +224,8 @@ def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
         world = load_world(tile, lane)
         store_outcome(scratch, at_outcome, start_outcome(world))
         show(scratch, 0, world, p)
-        for k in range(n_observation):
-            observations[environment, k if k < n_observation - 1 else k + seen] = scratch[k * TILE]
-        if seen:
-            show_ranges(environment, scene, observations)
+        show_runs(scratch, 0, observations[environment])
+        show_blocks(environment, scene, observations)
         for k in range(len(outcomes)):
             outcomes[k, environment] = scratch[at_outcome + k * TILE]
 

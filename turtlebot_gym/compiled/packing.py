@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.heart import begin, step
 from turtlebot_gym.kernel import Leaf, access, kernel
+from turtlebot_gym.observations import observing
 from turtlebot_gym.systems import System
 from turtlebot_gym.systems.special import Special
 from turtlebot_gym.values import STOP, Pose
@@ -275,7 +276,10 @@ def layout_of(system: System, special: Special) -> Layout:
     world, outcome = step(system, world, STOP, 1, waypoints, p, scene)
     parameters = packing(p, known=dict(special.parameters), own=special.own)
     a_world = packing(world, known=dict(special.world), same=dict(special.same))
-    an_outcome, observation = packing(outcome), packing(system.observe(world, p))
+    for term in system.terms:
+        if term.source:
+            term.example(world, p)
+    an_outcome, observation = packing(outcome), packing(observing(system.terms)(world, p))
     at_outcome = observation.size * TILE
     at_action = at_outcome + an_outcome.size * TILE
     return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)
@@ -283,7 +287,7 @@ def layout_of(system: System, special: Special) -> Layout:
 
 def access_of(system: System, special: Special) -> tuple[Callable[..., Any], ...]:
     """Return the kernels that load parameters, load and store a world and an outcome, and write an observation to a scratch."""
-    layout, observe = layout_of(system, special), system.observe
+    layout, observe = layout_of(system, special), observing(system.terms)
     store_observation = layout.observation.store
 
     @kernel

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.rewards import rewarding
 from turtlebot_gym.systems import System
-from turtlebot_gym.systems.sensors import sensing
+from turtlebot_gym.systems.sensors import looking, sensing
 from turtlebot_gym.systems.system import course_after
 from turtlebot_gym.systems.world import Course, Judgement, Outcome, Snapshot, outcome_of
 from turtlebot_gym.tasks import distance_to
@@ -58,15 +58,15 @@ def _estimate_unchanged(estimate: Any, before: Any, senses: Any, p: Any) -> Any:
 
 
 @kernel
-def _scan_unread(estimate: Any, before: Any, moved: Snapshot, p: Any, room: Any, scene: Any) -> Any:
-    return moved.estimate
+def _scan_unread(estimate: Any, before: Any, senses: Any, unread: Any, p: Any, room: Any, scene: Any) -> Any:
+    return unread
 
 
 @cache
 def step_of(system: System) -> Step:
     """Return the step of a system."""
     start, move, judge, first_estimate = system.start, system.move, system.judge, system.first_estimate
-    first_sense, sense = sensing(system.sensors)
+    (first_sense, sense), look_around = sensing(system.sensors), looking(system.sensors)
     reward_of, no_shares = rewarding(system.rewards)
     around, scan_estimate = system.surroundings, system.estimate
     first_look, look, complete = (
@@ -76,8 +76,8 @@ def step_of(system: System) -> Step:
     estimate_of = _estimate_unchanged if system.reads_scan else system.estimate
 
     @kernel
-    def read_scan(estimate, before, moved, p, room, scene):
-        return scan_estimate(estimate, before, moved.senses, p, room, scene)
+    def read_scan(estimate, before, senses, unread, p, room, scene):
+        return scan_estimate(estimate, before, senses, p, room, scene)
 
     estimate_by_scan = read_scan if system.reads_scan else _scan_unread
 
@@ -87,7 +87,7 @@ def step_of(system: System) -> Step:
         senses = first_sense(body, key, p)
         world = Snapshot(body, senses, first_estimate(senses, p), course_after(0.0, waypoints, p.task.laps), 0.0, ())
         room = first_look(world, key, p, scene)
-        return Snapshot(world.body, world.senses, world.estimate, world.course, world.steps, room)
+        return Snapshot(world.body, look_around(senses, room, p), world.estimate, world.course, world.steps, room)
 
     @kernel
     def act(world, command, key, p):
@@ -100,10 +100,11 @@ def step_of(system: System) -> Step:
     @kernel
     def conclude(world, moved, key, waypoints, p, scene):
         room = look(moved, key, p, scene)
-        estimate = estimate_by_scan(world.estimate, world.senses, moved, p, room, scene)
-        visited, judgement = judge(world, moved.body, moved.senses, estimate, waypoints, p)
+        senses = look_around(moved.senses, room, p)
+        estimate = estimate_by_scan(world.estimate, world.senses, senses, moved.estimate, p, room, scene)
+        visited, judgement = judge(world, moved.body, senses, estimate, waypoints, p)
         course = Course(world.course.reference, world.course.following, visited)
-        after = Snapshot(moved.body, moved.senses, estimate, course, moved.steps, room)
+        after = Snapshot(moved.body, senses, estimate, course, moved.steps, room)
         judgement = complete(after, judgement, p)
         reward, shares = reward_of(world, after, judgement, p)
         return after, outcome_of(reward, judgement, shares)

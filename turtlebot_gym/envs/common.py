@@ -13,6 +13,7 @@ from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.observations import bounds_of
 from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System
@@ -112,7 +113,7 @@ _FEW = 8192  # a BLAS shares the work on longer arrays among threads, which a st
 
 def spaces_of(system: System) -> tuple[spaces.Space[NDArray[np.float32]], spaces.Space[NDArray[np.float32]]]:
     """Return new spaces of actions, shares of the robot's limits, and of observations."""
-    low, high = np.array(system.low, np.float32), np.array(system.high, np.float32)
+    low, high = (np.array(bounds, np.float32) for bounds in bounds_of(system.terms))
     return spaces.Box(-1.0, 1.0, (2,), np.float32), spaces.Box(low, high)
 
 

@@ -144,6 +144,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._batch.tell(*parts, numbers)
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
+        self.observation_terms = self._batch.system.terms
+        """The terms of an observation, in turn."""
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = False

@@ -100,6 +100,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._tells_shares = shares
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
+        self.observation_terms = self._batch.system.terms
+        """The terms of an observation, in turn."""
         self._poses = GivenPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
         self._told = Told(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
         self.num_envs = num_envs

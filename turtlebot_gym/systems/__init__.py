@@ -2,14 +2,10 @@
 
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.options import Options, Setup, make_parameters
-from turtlebot_gym.systems.parameters import MAX_DELAY, OBSERVED, Parameters, RoomParameters, make_room
+from turtlebot_gym.systems.parameters import MAX_DELAY, Parameters, RoomParameters, make_room
 from turtlebot_gym.systems.rooms import (
-    LOCATED_LAYOUT,
-    ROOM_LAYOUT,
-    SEEING,
-    SIZES,
     Around,
-    WithRewards,
+    WithTerms,
     find_system,
     rooms,
     system_of,
@@ -19,13 +15,8 @@ from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Body, Course, Judgement, Outcome, Snapshot
 
 __all__ = [
-    "LOCATED_LAYOUT",
     "MAX_DELAY",
-    "OBSERVED",
     "ODOMETRY",
-    "ROOM_LAYOUT",
-    "SEEING",
-    "SIZES",
     "Around",
     "Body",
     "Course",
@@ -39,7 +30,7 @@ __all__ = [
     "Snapshot",
     "Surroundings",
     "System",
-    "WithRewards",
+    "WithTerms",
     "find_system",
     "make_parameters",
     "make_room",

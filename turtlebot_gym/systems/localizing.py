@@ -9,16 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.hypotheses import ROWS, correct_by_scan, nowhere
 from turtlebot_gym.localization.localizer import locate, move
 from turtlebot_gym.localization.points import Timing, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.random import MAP, sub_key
 from turtlebot_gym.models.unicycle import execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD
@@ -28,8 +27,6 @@ from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems.parameters import Parameters
 from turtlebot_gym.systems.system import System
-from turtlebot_gym.tasks import MAX_STD_POSITION
-from turtlebot_gym.values import Covariance
 
 
 @kernel
@@ -106,46 +103,4 @@ def localizing(system: System) -> System:
         reads_scan=True,
         surroundings=around._replace(make=make, first_look=first_look),
         example=system.example._replace(localizer=LocalizerTuning()),
-    )
-
-
-class Evidence(NamedTuple):
-    """What a localizer says of its belief beyond a `tasks.Observation`, in layout 3."""
-
-    std_ahead: float
-    """Stated standard deviation of the position in the direction of the believed heading, m: in a corridor without ends it
-    grows."""
-    std_aside: float
-    """The same across that direction, m."""
-    fits: float
-    """Share of the last scan's beams that end near a surface of the map."""
-    weight: float
-    """Weight of the best hypothesis of where the robot is; 1 while there is only one."""
-
-
-EVIDENCE_LOW = Evidence(0.0, 0.0, 0.0, 0.0)
-"""Lower bounds; observations are clipped to them."""
-EVIDENCE_HIGH = Evidence(MAX_STD_POSITION, MAX_STD_POSITION, 1.0, 1.0)
-"""Upper bounds."""
-
-
-@kernel
-def evidence_of(theta: float, P: Covariance, fits: float, weight: float) -> Evidence:
-    """Return what a localizer says of its belief.
-
-    Args:
-        theta: Believed heading, rad.
-        P: Covariance of the belief.
-        fits: Share of the last scan's beams that fit.
-        weight: Weight of the best hypothesis.
-    """
-    sine, cosine = sincos(theta)
-    cross = 2.0 * sine * cosine * P.xy
-    ahead = cosine * cosine * P.xx + cross + sine * sine * P.yy
-    aside = sine * sine * P.xx - cross + cosine * cosine * P.yy
-    return Evidence(
-        min(sqrt(max(ahead, 0.0)), MAX_STD_POSITION),
-        min(sqrt(max(aside, 0.0)), MAX_STD_POSITION),
-        max(min(fits, 1.0), 0.0),
-        max(min(weight, 1.0), 0.0),
     )

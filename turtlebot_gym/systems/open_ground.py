@@ -9,28 +9,23 @@ from dataclasses import replace
 from functools import cache
 
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.unicycle import accelerate, advance, execute, limit, slips
+from turtlebot_gym.observations import OPEN_GROUND, observed_state
 from turtlebot_gym.rewards import ON_GROUND
 from turtlebot_gym.systems.options import make_parameters
-from turtlebot_gym.systems.parameters import BELIEVED, MEASURED
 from turtlebot_gym.systems.sensors import ODOMETRY
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.systems.world import Body, Judgement
 from turtlebot_gym.tasks import (
-    OBSERVATION_HIGH,
-    OBSERVATION_LAYOUT,
-    OBSERVATION_LOW,
     arrived,
     believed_to_arrive,
     by_time,
     distance_to,
     draw_goal,
     due,
-    observe,
     start_pose,
-    stated_deviations,
 )
 from turtlebot_gym.values import Command, Pose, State
 
@@ -85,26 +80,12 @@ def _move(body, command, key, at, p):
 
 
 @kernel
-def _shown(body, senses, estimate, p):
-    """Return the state that the policy observes."""
-    mean, z, u, truth = estimate.belief.mean, senses.odometry.pose, senses.odometry.twist, body.true_state
-    believed, measured = p.observed <= BELIEVED, p.observed == MEASURED
-    return State(
-        mean.x if believed else (z.x if measured else truth.x),
-        mean.y if believed else (z.y if measured else truth.y),
-        mean.theta if believed else (z.theta if measured else truth.theta),
-        mean.v if believed else (u.v if measured else truth.v),
-        mean.omega if believed else (u.omega if measured else truth.omega),
-    )
-
-
-@kernel
 def _judge(world, body, senses, estimate, waypoints, p):
     """Return the number of waypoints visited, and what the task says of the step."""
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited
     is_there = arrived(truth, reference, task)
-    reached = believed_to_arrive(_shown(body, senses, estimate, p), reference, task) if task.on_belief else is_there
+    reached = believed_to_arrive(observed_state(body, senses, estimate, p), reference, task) if task.on_belief else is_there
     timed, is_due = by_time(task), due(steps, visited, task, p.dt)
     done_with = is_due if timed else reached
     visited = visited + (1.0 if done_with else 0.0)
@@ -112,21 +93,6 @@ def _judge(world, body, senses, estimate, waypoints, p):
     success = terminated and is_there
     truncated = steps >= task.max_steps and not terminated
     return visited, Judgement(distance_to(truth, reference), success, terminated, truncated, done_with)
-
-
-@kernel
-def look(world, p):
-    """Return the policy's observation, layout 1."""
-    position, heading = stated_deviations(world.estimate.belief.covariance)
-    believed, measured = p.observed <= BELIEVED, p.observed == MEASURED
-    R = p.tuning.R
-    std = (
-        position if believed else (sqrt(R[0] + R[1]) if measured else 0.0),
-        heading if believed else (sqrt(R[2]) if measured else 0.0),
-    )
-    nis = world.estimate.nis if believed else 0.0
-    state = _shown(world.body, world.senses, world.estimate, p)
-    return observe(state, std, nis, world.course.reference, world.course.following, p.robot)
 
 
 @cache
@@ -152,10 +118,7 @@ def open_ground(filter: Filter) -> System:
         estimate=estimate,
         judge=_judge,
         rewards=ON_GROUND,
-        observe=look,
-        layout=OBSERVATION_LAYOUT,
-        low=OBSERVATION_LOW,
-        high=OBSERVATION_HIGH,
+        terms=OPEN_GROUND,
         example=p._replace(tuning=replace(p.tuning, kind=filter.kind)),
         compiled=filter.compiled,
     )

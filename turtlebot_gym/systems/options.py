@@ -12,6 +12,7 @@ from turtlebot_gym.estimation.fixes import depth_of
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.observations import OBSERVED, read_items
 from turtlebot_gym.own import load_object
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
 from turtlebot_gym.plants import MujocoBurger, make_plant
@@ -22,8 +23,8 @@ from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
-from turtlebot_gym.systems.parameters import DT, MAX_DELAY, OBSERVED, Parameters, make_room
-from turtlebot_gym.systems.system import System
+from turtlebot_gym.systems.parameters import DT, MAX_DELAY, Parameters, make_room
+from turtlebot_gym.systems.system import LOCALIZER, System
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
 from turtlebot_gym.validation import FINITE, LARGEST, choose, did_you_mean, refusal, shown, whole
 from turtlebot_gym.values import Pose
@@ -41,7 +42,7 @@ class Setup(NamedTuple):
     plan: FloorPlan | None
     """Floor plan of a given room."""
     system: Any = None
-    """System of one's own, as `Options.system`, or with terms of the reward of one's own."""
+    """System of one's own, as `Options.system`, or with terms of one's own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,9 +66,10 @@ class Options:
     """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, with an `imu` gyro, or one of your own
     (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, or a class, see
     `turtlebot_gym.estimation.plain`."""
-    observation: str = "ekf"
-    """The robot's pose that the policy observes: ekf (the estimated one), odometry or truth; or located, a localizer's, and
-    with it how uncertain it is ahead and aside, and whether its last scan fits: observation layout 3."""
+    observation: str | Sequence[str] = "ekf"
+    """What the policy observes. The task's terms, from the robot's pose: ekf (the estimated one), odometry or truth; or
+    located, a localizer's, and with it how uncertain it is ahead and aside, and whether its last scan fits. After it, with
+    commas, or alone, terms by name, or of your own (MODULE:NAME), see `turtlebot_gym.observations`: "ekf,scan*2"."""
     fix: str | Path | Mapping[str, Any] | FixNoise | None = None
     """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
     file of your own (FILE.yaml); in Python also a `turtlebot_gym.FixNoise` or a mapping of its fields. None for none."""
@@ -186,8 +188,9 @@ class Options:
         if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
         noise, robot = make_noise(self.noise), make_robot(self.robot)
-        if self.observation == "located" and self.localizer is None:
-            raise ValueError("observation 'located' is a localizer's: choose one, such as localizer='match'.")
+        pose, items = read_items(self.observation)
+        if pose == "located" and self.localizer is None:
+            raise ValueError(f"observation 'located' needs {LOCALIZER}.")
         imu = () if self.imu is None else resolve(ImuNoise, self.imu, IMUS)
         room, plan = self._room(dt)
         terms = (ON_MISSIONS if task.laps > 1 else IN_ROOMS) if self.in_room else ON_GROUND
@@ -199,7 +202,7 @@ class Options:
             default_weights(terms),
             dt,
             choose("integrator", self.integrator, INTEGRATORS),
-            choose("observation", self.observation, OBSERVED),
+            OBSERVED[pose],
             float(late),
             room=room,
             fix=fix,
@@ -207,16 +210,16 @@ class Options:
             localizer=self._localizer(noise, room),
             plant=self._plant(robot, dt),
         )
-        return self._rewarded(Setup(parameters, waypoints, plan, self.system))
+        return self._with_terms(Setup(parameters, waypoints, plan, self.system), () if items == (pose,) else items)
 
-    def _rewarded(self, setup: Setup) -> Setup:
-        """Return a setup with the weights and the terms of `reward`."""
-        from turtlebot_gym.systems.rooms import WithRewards, find_system  # they are made from options
+    def _with_terms(self, setup: Setup, observation: tuple[str, ...]) -> Setup:
+        """Return a setup with the terms of an observation, and with the weights and the terms of `reward`."""
+        from turtlebot_gym.systems.rooms import WithTerms, find_system  # they are made from options
 
         own, weights = self._reward()
-        if not (weights or self.system):
+        if not (weights or self.system or observation):
             return setup
-        system = WithRewards(self.system, own) if own else self.system
+        system = WithTerms(self.system, own, observation) if own or observation else self.system
         terms = find_system(system, setup.parameters).rewards
         names = [term.name for term in terms]
         for name in weights:

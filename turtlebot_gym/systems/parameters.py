@@ -12,10 +12,6 @@ from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import Range
 
-LOCATED, BELIEVED, MEASURED, TRUE = -1.0, 0.0, 1.0, 2.0
-OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE, "located": LOCATED}
-"""Choices for the robot's pose that the policy observes; up to `BELIEVED` it is the estimate."""
-
 MAX_DELAY = 3
 """Longest delay of a command, steps."""
 DT = Range(1e-4, 10.0, unit="s")
@@ -40,7 +36,7 @@ class Parameters(NamedTuple):
     middle: float
     """The integrator, a value of `models.unicycle.INTEGRATORS`."""
     observed: float
-    """Observed pose, a value of `OBSERVED`."""
+    """Observed pose, a value of `turtlebot_gym.observations.OBSERVED`."""
     delay: float
     """Delay of commands in steps, a whole number from 0 to `MAX_DELAY`."""
     room: Any = ()

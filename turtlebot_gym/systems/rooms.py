@@ -9,18 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, late_by, with_fixes
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
+from turtlebot_gym.observations import LOCATED, LOCATED_ROOM, ROOM, read_terms
 from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
-from turtlebot_gym.rooms.lidar import LIDARS, MAX_AGE, SECTORS, age_of_scan, aim, beams_by
+from turtlebot_gym.rooms.lidar import LIDARS, age_of_scan, aim, beams_by
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sectors import divide, leave_out_blind
@@ -28,49 +29,16 @@ from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
 from turtlebot_gym.systems.fixes import fix_parts
 from turtlebot_gym.systems.imu import IMU
-from turtlebot_gym.systems.localizing import EVIDENCE_HIGH, EVIDENCE_LOW, Evidence, evidence_of, localizing
+from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.missions import on_missions
-from turtlebot_gym.systems.open_ground import look, open_ground
-from turtlebot_gym.systems.parameters import LOCATED, SENSORS, Parameters, RoomParameters
+from turtlebot_gym.systems.open_ground import open_ground
+from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import Surroundings, System
 from turtlebot_gym.systems.world import Around, Judgement
-from turtlebot_gym.tasks import OBSERVATION_HIGH, OBSERVATION_LAYOUT, OBSERVATION_LOW, Observation
 from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
-
-ROOM_LAYOUT = 2
-"""Version of the observation in a room: the 13 numbers of layout 1, the ranges of the sectors, the scan's age."""
-LOCATED_LAYOUT = 3
-"""Version of the observation of a robot that localizes itself: as in a room, and before the ranges the four numbers of
-`systems.localizing.Evidence`."""
-SEEING = (ROOM_LAYOUT, LOCATED_LAYOUT)
-"""Layouts with the ranges of a scan."""
-
-SIZES = {
-    OBSERVATION_LAYOUT: len(OBSERVATION_LOW),
-    ROOM_LAYOUT: len(OBSERVATION_LOW) + SECTORS + 1,
-    LOCATED_LAYOUT: len(OBSERVATION_LOW) + len(EVIDENCE_LOW) + SECTORS + 1,
-}
-"""Size of the observation, by layout."""
-
-
-class _RoomObservation(NamedTuple):
-    """Observation in a room, except for the ranges, which go between the two fields."""
-
-    belief: Observation
-    """Observation as on open ground."""
-    scan_age: float
-    """Age of the scan by its stamp, s."""
-
-
-class _LocatedObservation(NamedTuple):
-    """The same of a robot that localizes itself."""
-
-    belief: Observation
-    evidence: Evidence
-    scan_age: float
 
 
 @kernel
@@ -126,25 +94,6 @@ def _complete(world, judgement, p):
     )  # fmt: skip
 
 
-@kernel
-def _observe(world, p):
-    """Return the policy's observation, layout 2, except for the ranges."""
-    return _RoomObservation(look(world, p), min(world.room.scan_age, MAX_AGE))
-
-
-@kernel
-def _observe_located(world, p):
-    """Return the policy's observation, layout 3, except for the ranges."""
-    (mean, P), estimate = world.estimate.belief, world.estimate
-    evidence = evidence_of(mean.theta, P, estimate.fits, estimate.weight)
-    return _LocatedObservation(look(world, p), evidence, min(world.room.scan_age, MAX_AGE))
-
-
-@kernel
-def _ranges(scene):
-    return scene.sectors
-
-
 def _make(parameters: Sequence[Parameters]) -> Scene:
     """Return arrays for the largest room and LiDAR of some parameters."""
     rules = {row.room.rules for row in parameters}
@@ -160,35 +109,18 @@ def _make(parameters: Sequence[Parameters]) -> Scene:
     )
 
 
-_SEEN_LOW, _SEEN_HIGH = ((0.0,) * (SECTORS + 1), (*(1.0,) * SECTORS, MAX_AGE))
-
-
-@cache
-def located(system: System) -> System:
-    """Return a system with a localizer whose evidence the policy observes."""
-    return system._replace(
-        observe=_observe_located,
-        layout=LOCATED_LAYOUT,
-        low=(*OBSERVATION_LOW, *EVIDENCE_LOW, *_SEEN_LOW),
-        high=(*OBSERVATION_HIGH, *EVIDENCE_HIGH, *_SEEN_HIGH),
-    )
-
-
 @cache
 def rooms(filter: Filter) -> System:
     """Return the system of rooms with a filter."""
     plain = open_ground(filter)
     return plain._replace(
         lay_out=_lay_out,
-        observe=_observe,
-        layout=ROOM_LAYOUT,
-        low=(*OBSERVATION_LOW, *_SEEN_LOW),
-        high=(*OBSERVATION_HIGH, *_SEEN_HIGH),
+        terms=ROOM,
         rewards=IN_ROOMS,
         example=plain.example._replace(
             reward=default_weights(IN_ROOMS), room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])
         ),
-        surroundings=Surroundings(_make, scene_at, _first_look, _look_round, _complete, _ranges, SECTORS),
+        surroundings=Surroundings(_make, scene_at, _first_look, _look_round, _complete),
     )
 
 
@@ -210,7 +142,7 @@ def system_of(parameters: Parameters) -> System:
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
     system = localizing(system) if parameters.localizer else system
-    system = located(system) if parameters.localizer and parameters.observed == LOCATED else system
+    system = system._replace(terms=LOCATED_ROOM) if parameters.localizer and parameters.observed == LOCATED else system
     system = on_missions(system) if parameters.room and parameters.task.laps > 1.0 else system
     for name in SENSORS:
         if getattr(parameters, name):
@@ -222,21 +154,23 @@ def system_of(parameters: Parameters) -> System:
 
 
 @dataclass(frozen=True)
-class WithRewards:
-    """A system of one's own, or that of the parameters, with further terms of the reward."""
+class WithTerms:
+    """A system of one's own, or that of the parameters, with further terms of the reward or another observation."""
 
     system: System | str | Callable[[Parameters], System] | None
     """See `find_system`."""
-    terms: tuple[RewardTerm, ...]
-    """The terms."""
+    rewards: tuple[RewardTerm, ...] = ()
+    """Terms of the reward beside the system's."""
+    observation: tuple[str, ...] = ()
+    """Names of the terms of the observation, see `turtlebot_gym.observations.read_terms`; empty for the system's."""
 
 
-def find_system(system: System | str | Callable[[Parameters], System] | WithRewards | None, parameters: Parameters) -> System:
+def find_system(system: System | str | Callable[[Parameters], System] | WithTerms | None, parameters: Parameters) -> System:
     """Return a system of one's own, or that of the parameters.
 
     Args:
         system: The system; a function of the parameters that returns it; "module:name" of either; None for that of the
-            parameters; one of these with further terms of the reward.
+            parameters; one of these with other terms.
         parameters: Parameters of a step.
 
     Raises:
@@ -244,8 +178,9 @@ def find_system(system: System | str | Callable[[Parameters], System] | WithRewa
     """
     if system is None:
         return system_of(parameters)
-    if isinstance(system, WithRewards):
-        return find_system(system.system, parameters).with_rewards(*system.terms)
+    if isinstance(system, WithTerms):
+        found = find_system(system.system, parameters).with_rewards(*system.rewards)
+        return found.with_observation(*read_terms(system.observation, found.terms)) if system.observation else found
     loaded: Any = load_object(system) if isinstance(system, str) else system
     if callable(loaded):
         try:

@@ -26,6 +26,9 @@ class Sensor(NamedTuple):
     earlier, which may hold what the sensor must remember."""
     noise: Any = None
     """Example of its parameters, which are the field of its name in `systems.parameters.Parameters`; None if it has none."""
+    look: Callable[..., Any] | None = None
+    """``look(value, room, p)`` returns its value completed by the room around the robot, `systems.world.Around`, after a step's
+    look: a bumper, for example. Filters see it only if they read the scan. None for a sensor that does not look around."""
 
 
 @kernel
@@ -55,12 +58,30 @@ def _all_first(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
 
 def _all_sense(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
     """Return the kernel of all sensors' values after a step, as a tuple."""
-    (name, _, sense, _), rest = sensors[0], _all_sense(sensors[1:]) if sensors[1:] else None
+    (name, _, sense, *_), rest = sensors[0], _all_sense(sensors[1:]) if sensors[1:] else None
     if rest is None:
         return kernel(lambda body, before, key, at, p: (sense(body, getattr(before, name), key, at, p),))
     return kernel(
         lambda body, before, key, at, p: (sense(body, getattr(before, name), key, at, p),) + rest(body, before, key, at, p)  # noqa: RUF005
     )
+
+
+def _all_look(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
+    """Return the kernel of all sensors' values after looking around, as a tuple."""
+    name, look, rest = sensors[0].name, sensors[0].look or kernel(lambda value, room, p: value), sensors[1:]
+    if not rest:
+        return kernel(lambda senses, room, p: (look(getattr(senses, name), room, p),))
+    others = _all_look(rest)
+    return kernel(lambda senses, room, p: (look(getattr(senses, name), room, p),) + others(senses, room, p))  # noqa: RUF005
+
+
+@cache
+def looking(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
+    """Return the kernel ``look(senses, room, p)`` that completes the values of sensors that look around."""
+    if not any(sensor.look for sensor in sensors):
+        return kernel(lambda senses, room, p: senses)
+    Senses, all_look = senses_of(tuple(sensor.name for sensor in sensors)), _all_look(sensors)
+    return kernel(lambda senses, room, p: Senses(*all_look(senses, room, p)))
 
 
 @cache

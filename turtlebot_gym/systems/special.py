@@ -22,10 +22,10 @@ from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.estimation.fixes import Remembered, late_by, no_fix, taking_fixes
 from turtlebot_gym.estimation.slip import SLIP
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.observations import BELIEVED
 from turtlebot_gym.rewards import ON_GROUND, default_weights
 from turtlebot_gym.systems.fixes import TrackedFix, fix_parts
 from turtlebot_gym.systems.open_ground import open_ground
-from turtlebot_gym.systems.parameters import BELIEVED
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.systems.world import Snapshot
 from turtlebot_gym.values import Covariance, Fix, State, senses_of

@@ -16,10 +16,16 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.observations import EVIDENCE, SCAN_AGE, ObservationTerm
 from turtlebot_gym.rewards import RewardTerm, default_weights
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.world import Course
 from turtlebot_gym.values import Pose
+
+LOCALIZER = "a localizer: choose one, such as localizer='match'"
+"""What a robot needs that localizes itself ..."""
+ROOM = "a room: choose one with world=..., such as world='office'"
+"""... and that sees something around it."""
 
 
 class Surroundings(NamedTuple):
@@ -35,11 +41,6 @@ class Surroundings(NamedTuple):
     """``look(world, key, p, scene)`` moves what moves in the scene, measures ranges, and returns the new `Snapshot.room`."""
     complete: Callable[..., Any]
     """``complete(world, judgement, p)`` returns the judgement of a step, completed by what `look` has found."""
-    ranges: Callable[..., Any]
-    """``ranges(scene)`` returns an array of `seen` numbers, which the observation holds between the two parts that `observe`
-    returns: NamedTuples before them and one number after them."""
-    seen: int
-    """Number of ranges."""
     renew: Callable[..., Any] | None = None
     """``renew(world, judgement, key, p, scene)`` ends a step in which a goal was reached: it returns world and judgement with
     the next goal; None if an episode has one goal."""
@@ -67,14 +68,8 @@ class System(NamedTuple):
     led from ``world`` to the new body, senses and estimate; ``waypoints`` is their number."""
     rewards: tuple[RewardTerm, ...]
     """The terms of the reward; their weights are `Parameters.reward`."""
-    observe: Callable[..., Any]
-    """``observe(world, p)`` returns the observation, a NamedTuple of numbers."""
-    layout: int
-    """Version of the observation: a policy trained on another one must be refused."""
-    low: tuple[float, ...]
-    """Lower bounds of the observation."""
-    high: tuple[float, ...]
-    """Upper bounds."""
+    terms: tuple[ObservationTerm, ...]
+    """The terms of the observation."""
     example: Any
     """Example parameters with the types that the kernels take."""
     surroundings: Surroundings | None = None
@@ -85,7 +80,13 @@ class System(NamedTuple):
     """Whether all parts are kernels; if one is not, such as a physics engine, the loop runs as plain Python too."""
 
     def with_sensor(self, sensor: Sensor) -> System:
-        """Return the system with a further sensor, or another of its name."""
+        """Return the system with a further sensor, or another of its name.
+
+        Raises:
+            ValueError: If the sensor looks around, and there is nothing around the robot.
+        """
+        if sensor.look and self.surroundings is None:
+            raise ValueError(f"the sensor {sensor.name!r} looks around, which needs {ROOM}.")
         others = tuple(other for other in self.sensors if other.name != sensor.name)
         at = [other.name for other in self.sensors].index(sensor.name) if len(others) < len(self.sensors) else len(others)
         example = self.example if sensor.noise is None else self.example._replace(**{sensor.name: sensor.noise})
@@ -103,6 +104,23 @@ class System(NamedTuple):
             if name in names[:at]:
                 raise ValueError(f"the reward has a term {name!r} already: give yours another name.")
         return self._replace(rewards=rewards, example=self.example._replace(reward=default_weights(rewards)))
+
+    def with_observation(self, *terms: ObservationTerm) -> System:
+        """Return the system with another observation, and the sensors that its terms read.
+
+        Raises:
+            ValueError: If a term needs a scan or a localizer that the system does not have, or another sensor of the same name.
+        """
+        system = self._replace(terms=terms)
+        for term in terms:
+            lacks_scan = self.surroundings is None and (term.in_scene or term.name == SCAN_AGE.name)
+            if lacks_scan or (term.name == EVIDENCE.name and not self.example.localizer):
+                raise ValueError(f"observation {term.name!r} needs {ROOM if lacks_scan else LOCALIZER}.")
+            if term.sensor:
+                if any(other.name == term.sensor.name and other != term.sensor for other in system.sensors):
+                    raise ValueError(f"the robot has another sensor {term.sensor.name!r}: give yours another name.")
+                system = system.with_sensor(term.sensor)
+        return system
 
 
 @kernel

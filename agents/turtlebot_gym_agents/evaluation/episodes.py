@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives import Drive
-from turtlebot_gym.systems import OBSERVED, Parameters
+from turtlebot_gym.observations import OBSERVED
+from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task, arrived, believed_to_arrive
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors

@@ -18,15 +18,16 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.systems import OBSERVED, Parameters
+from turtlebot_gym.observations import OBSERVED
+from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import choose, whole
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
-from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_layout, require_task
-from turtlebot_gym_agents.policies.policy import ShrinkingPolicy
+from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_task, require_terms
+from turtlebot_gym_agents.policies.policy import ShrinkingPolicy, shown
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 ORACLE = "oracle"
@@ -195,8 +196,9 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
     Raises:
         ValueError: If the policy does not match, there is no policy of that name, or the oracle has no room.
     """
+    terms: Any = getattr(envs.unwrapped, "observation_terms", ())
     if not isinstance(policy, str):
-        return policy
+        return shown(policy, type(policy).__name__, terms) if terms else policy
     if policy == ORACLE and isinstance(envs, VectorEnv):
         return Oracle(envs)
     p = parameters_of(envs)
@@ -205,11 +207,11 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
     except Mismatch as error:
         raise Mismatch(f"{error} {ANYWAY}") from error
     if envs.spec is not None:
-        require_layout(driver, policy, envs.spec.id)
+        require_terms(driver, policy, envs.spec.id)
         if not allow_mismatch:
-            shown = next(name for name, code in OBSERVED.items() if code == p.observed)
-            require_task(driver, policy, envs.spec.id, shown)
-    return driver
+            pose = next(name for name, code in OBSERVED.items() if code == p.observed)
+            require_task(driver, policy, envs.spec.id, pose)
+    return shown(driver, policy, terms)
 
 
 def drive(

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from turtlebot_gym.files import load
-from turtlebot_gym.systems import SEEING
+from turtlebot_gym.observations import SCAN
 from turtlebot_gym.validation import shown
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate
-from turtlebot_gym_agents.policies import layout_of, make_policy
+from turtlebot_gym_agents.policies import make_policy, terms_of
 from turtlebot_gym_agents.policies.fit import MISSIONS, ROOMS
 from turtlebot_gym_agents.provenance import plain
 
@@ -50,7 +50,7 @@ def settings_for(policy: str, localizer: str | None = None) -> dict[str, Setting
     """
     made = make_policy(policy)
     envs = {NAV, ROOMS, MISSIONS}
-    if layout_of(made) in SEEING:
+    if SCAN in (terms_of(made) or ()):
         envs = {ROOMS, MISSIONS}
     elif hasattr(made, "card"):
         card: Any = getattr(made, "card")  # noqa: B009  # a policy need not have one

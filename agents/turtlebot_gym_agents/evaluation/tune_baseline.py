@@ -20,7 +20,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.validation import Range, choose, whole
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
-from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers, layout_of_baseline
+from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.provenance import plain, provenance, replace_json
 
@@ -80,7 +80,7 @@ def tune_baseline(
     robot, dt = options.get("robot", "burger"), options.get("dt", REFERENCE_PERIOD)
     ranges = {name: (span.low, span.high, span.log) for name, span in kind.ranges().items()}
     config = plain({"env": env, "episodes": episodes, "seed": seed, "ranges": ranges, **options})
-    made = {"format": FORMAT, "policy": policy, "layout": layout_of_baseline(policy), "robot": describe_robot(robot), "dt": dt}
+    made = {"format": FORMAT, "policy": policy, "robot": describe_robot(robot), "dt": dt}
     done = _read(path, {**made, "config": config})
     while len(done) < tries:
         progress(len(done))

@@ -10,7 +10,7 @@ from turtlebot_gym_agents.policies.geometric import (
     RotateDriveRotatePolicy,
 )
 from turtlebot_gym_agents.policies.named import make_policy, pretrained_folder
-from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, layout_of
+from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, terms_of
 
 __all__ = [
     "POLICIES",
@@ -22,7 +22,7 @@ __all__ = [
     "PolicyWithMemory",
     "ProportionalPolicy",
     "RotateDriveRotatePolicy",
-    "layout_of",
     "make_policy",
     "pretrained_folder",
+    "terms_of",
 ]

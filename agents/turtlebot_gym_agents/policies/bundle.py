@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import partial
 from pathlib import Path
@@ -19,14 +19,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym import OBSERVATION_LAYOUT, Options, Parameters, Robot
+from turtlebot_gym import Options, Parameters, Robot
 from turtlebot_gym.bounded import bounded
 from turtlebot_gym.extras import installing
 from turtlebot_gym.files import read_bytes, replacing
-from turtlebot_gym.systems import SIZES, system_of
-from turtlebot_gym.systems.parameters import DT, OBSERVED
+from turtlebot_gym.observations import OBSERVED, OPEN_GROUND, TERMS, ObservationTerm, read_items, size_of
+from turtlebot_gym.systems import WithTerms, find_system
+from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.validation import choose, shown
 from turtlebot_gym_agents.policies.fit import describe_robot, require_fit
+from turtlebot_gym_agents.policies.policy import LAYOUTS
 from turtlebot_gym_agents.policies.weights import require_safe_model
 from turtlebot_gym_agents.provenance import plain
 
@@ -56,11 +58,12 @@ class Card:
     """Filter preset."""
     observation: str
     """The robot's pose that the policy observed: "ekf", "odometry", "truth" or "located"."""
+    terms: tuple[Mapping[str, Any], ...] = field(default_factory=lambda: described(OPEN_GROUND))
+    """The terms of an observation in turn, each with name, unit, bounds of its numbers, how many values it shows and how many
+    steps apart they are; a term of one's own also with its source, "module:name"."""
     training: Mapping[str, Any] = field(default_factory=dict)
     """Algorithm, steps, seed, versions, commit, wall time."""
     format: str = FORMAT
-    layout: int = OBSERVATION_LAYOUT
-    """Layout of the observation: a key of `turtlebot_gym.systems.SIZES`."""
     action: str = ACTION
     """Meaning of the outputs."""
 
@@ -75,9 +78,41 @@ class Card:
             training: Entries about the training.
         """
         used = {item.name: options.get(item.name, item.default) for item in fields(Options)}
-        names = {name: used[name] if isinstance(used[name], str) else "custom" for name in ("noise", "filter", "observation")}
-        layout, robot = system_of(parameters).layout, describe_robot(used["robot"])
-        return cls(env=env, robot=robot, dt=parameters.dt, layout=layout, training=training, **names)
+        names = {name: used[name] if isinstance(used[name], str) else "custom" for name in ("noise", "filter")}
+        pose, items = read_items(used["observation"])
+        system = used["system"] if items == (pose,) else WithTerms(used["system"], observation=items)
+        terms, robot = described(find_system(system, parameters).terms), describe_robot(used["robot"])
+        return cls(env=env, robot=robot, dt=parameters.dt, terms=terms, observation=pose, training=training, **names)
+
+
+def described(terms: Sequence[ObservationTerm]) -> tuple[dict[str, Any], ...]:
+    """Return terms as a card holds them."""
+    parts = ("name", "unit", "low", "high", "length", "every", "source")
+    return tuple(plain({part: getattr(term, part) for part in parts}) for term in terms)
+
+
+def term_on(path: str | Path, content: Mapping[str, Any]) -> ObservationTerm:
+    """Return a term of a card; one of somebody's own has no kernel, since its module need not be here.
+
+    Raises:
+        ValueError: If the entry is not a term, or has other numbers than the term of its name here.
+    """
+    try:
+        name, low, high = content["name"], tuple(content["low"]), tuple(content["high"])
+        length, every = int(content.get("length", 1)), int(content.get("every", 1))
+        term = TERMS[name] if name in TERMS else ObservationTerm(
+            name, _absent, low, high, str(content.get("unit", "")), source=str(content.get("source", ""))
+        )  # fmt: skip
+        term = term.over(length, every=every)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: a term on its card must have name, low and high, got {shown(content)}: {error}") from error
+    if len(low) != term.width:
+        raise ValueError(f"{path}: its term {name!r} has {len(low)} numbers, but {term.width} in this version.")
+    return term
+
+
+def _absent(world: Any, p: Any) -> Any:
+    raise NotImplementedError("a term on a card has no kernel.")
 
 
 def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
@@ -85,7 +120,8 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
 
     Args:
         path: The file, replaced atomically.
-        model: A map from observations (n, 13), in a room (n, 50) or (n, 54), to actions (n, 2); its metadata are replaced.
+        model: A map from observations (n, k), of as many numbers as the card's terms have, to actions (n, 2);
+            its metadata are replaced.
         card: The card.
     """
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
@@ -99,7 +135,7 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
 
 
 class BundlePolicy:
-    """A policy from a bundle: a callable from observations of the layout on its card to actions (..., 2).
+    """A policy from a bundle: a callable from observations of the terms on its card to actions (..., 2).
 
     Args:
         path: The file.
@@ -139,14 +175,14 @@ class BundlePolicy:
             raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
         self.card = _read_card(path, card)
         """Card of the policy."""
-        self.layout: int = self.card.layout
-        """Layout of its observations."""
+        self.terms = tuple(term_on(path, term) for term in self.card.terms)
+        """The terms of its observations."""
         self._input = self._session.get_inputs()[0].name
         self._require_shapes()
 
     def _require_shapes(self) -> None:
         """Refuse a model that does not return one action per observation."""
-        inputs, outputs, size = self._session.get_inputs(), self._session.get_outputs(), SIZES[self.layout]
+        inputs, outputs, size = self._session.get_inputs(), self._session.get_outputs(), size_of(self.terms)
         ends = [(end.type, end.shape[1:]) for end in (*inputs, *outputs)]
         if ends != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):
             raise ValueError(
@@ -165,15 +201,16 @@ class BundlePolicy:
                 raise ValueError(f"{self._path}: its model must give {rows} finite actions for as many observations.")
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., n) of the card's layout.
+        """Return actions (..., 2) for observations (..., n) of the card's terms.
 
         Raises:
-            ValueError: If the observations have another layout, or the actions are not finite.
+            ValueError: If the observations have another shape, or the actions are not finite.
         """
         rows = np.asarray(observations, np.float32)
-        size = SIZES[self.card.layout]
+        size = size_of(self.terms)
         if rows.ndim == 0 or rows.shape[-1] != size:
-            raise ValueError(f"{self._path}: made for observations (..., {size}), layout {self.card.layout}, got {rows.shape}.")
+            names = ",".join(term.spelled for term in self.terms)
+            raise ValueError(f"{self._path}: made for observations (..., {size}), {names}, got {rows.shape}.")
         actions: Any = self._session.run(None, {self._input: rows.reshape(-1, rows.shape[-1])})[0]
         if not np.isfinite(actions).all():
             raise ValueError(f"{self._path}: its model must give finite actions; for these observations it does not.")
@@ -183,17 +220,27 @@ class BundlePolicy:
 def _read_card(path: str | Path, content: Any) -> Card:
     """Return the card in a bundle's metadata, without fields that this version does not know.
 
-    A version that changes the meaning of other fields has another `FORMAT`, `ACTION` or layout, and is refused.
+    A version that changes the meaning of other fields has another `FORMAT` or `ACTION`, and is refused. Earlier ones numbered
+    the terms of an observation.
 
     Raises:
         ValueError: If the format differs, or a field is missing, of another type or out of its range.
     """
     if not isinstance(content, Mapping):
         raise ValueError(f"{path}: its card must be a mapping, got {shown(content)}.")
-    ours = {"format": FORMAT, "layout": sorted(SIZES), "action": ACTION}
+    ours = {"format": FORMAT, "action": ACTION}
     theirs = {name: content.get(name) for name in ours}
-    if theirs | {"layout": ours["layout"]} != ours or theirs["layout"] not in list(SIZES):
+    if theirs != ours:
         raise ValueError(f"{path}: made as {shown(theirs)}, but this version reads {ours}.")
+    layout: Any = content.get("layout")
+    if "terms" not in content and (isinstance(layout, bool) or layout not in [*LAYOUTS]):
+        raise ValueError(
+            f"{path}: its card has neither terms nor a layout of {', '.join(map(str, LAYOUTS))}, got {shown(layout)}."
+        )
+    terms: Any = content["terms"] if "terms" in content else described(LAYOUTS[layout])
+    if not isinstance(terms, (list, tuple)) or not terms or not all(isinstance(term, Mapping) for term in terms):
+        raise ValueError(f"{path}: terms on its card must be a list of terms, got {shown(terms)}.")
+    content = {**content, "terms": tuple(terms)}
     texts = ("env", "noise", "filter", "observation")
     missing = [name for name in (*texts, "robot", "dt") if name not in content]
     if missing:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,21 +15,33 @@ from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.filters import KalmanFilter, filter_of
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import command_of, limit
+from turtlebot_gym.observations import (
+    EVIDENCE,
+    OPEN_GROUND,
+    SCAN,
+    TERMS,
+    History,
+    evidence_of,
+    goal_from,
+    next_goal_from,
+    row_of,
+    size_of,
+    stated_deviations,
+    twist_of,
+    uncertainty_of,
+)
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Noise
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
 from turtlebot_gym.rooms.scan import Scan, read_scan
 from turtlebot_gym.rooms.sectors import Pooling
-from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING, SIZES
-from turtlebot_gym.systems.localizing import evidence_of
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.tasks import OBSERVATION_LAYOUT, observe, stated_deviations
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal, shown
 from turtlebot_gym.values import ORIGIN, STOP, Command, Covariance, Odometry, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
-from turtlebot_gym_agents.policies.policy import PolicyWithMemory, layout_of
+from turtlebot_gym_agents.policies.policy import PolicyWithMemory, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.seen_space import SeenSpace
 
@@ -95,22 +108,29 @@ class Deployment:
         self.period = DT.check("period", REFERENCE_PERIOD if period is None else period)
         """Control period, s."""
         self._policy = make_policy(str(policy), robot=robot, dt=self.period, noise=noise)
-        self.layout = layout_of(self._policy) or OBSERVATION_LAYOUT
-        """Layout of the policy's observation; with 2 it needs scans, with 3 a localizer's evidence too."""
-        if NON_NEGATIVE.check("safety_margin", safety_margin) and self.layout in SEEING:
+        self.terms = terms_of(self._policy) or OPEN_GROUND
+        """The terms of the policy's observation."""
+        names = [term.name for term in self.terms]
+        self.sees, self.is_located = SCAN.name in names, EVIDENCE.name in names
+        """Whether it needs scans, and a localizer's evidence."""
+        self.own_terms = tuple(term for term in self.terms if term.name not in TERMS)
+        """The terms that the package does not compute: `act` needs their numbers."""
+        if NON_NEGATIVE.check("safety_margin", safety_margin) and self.sees:
             behind = max(safety_margin, SafetyLayer.margin_behind)
             margins: dict[str, Any] = {"margin": safety_margin, "margin_behind": behind, "least_margin": _LEAST_MARGIN}
             self._policy = SafetyLayer(self._policy, self.robot, self.period, noise=noise, **margins)
+            self.terms = self._policy.terms
         self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
         """Pools scans into the sectors of the observation."""
         self.seen_space = SeenSpace(self.robot, self.period)
         """Keeps the robot where beams have passed; its ``notice`` says when it does."""
-        if filter is not None and self.layout == LOCATED_LAYOUT:
-            raise ValueError(f"filter must be None for a policy of layout {LOCATED_LAYOUT}: it needs a localizer's evidence.")
+        if filter is not None and self.is_located:
+            raise ValueError("filter must be None for a policy that reads 'evidence': it is a localizer's.")
         self.filter = None if filter is None else _inside(make_filter(filter, noise), self.period, integrator)
         """The filter inside, with its belief; None without one."""
-        self.observation: NDArray[np.float32] = np.zeros(SIZES[self.layout], np.float32)
-        """Last observation of the policy, shape (n,) by its layout."""
+        self.observation: NDArray[np.float32] = np.zeros(size_of(self.terms), np.float32)
+        """Last observation of the policy, shape (n,), the numbers of its terms."""
+        self._history, self._is_first = History(self.terms, 1), True
         self._agreement, self._command = Agreement(self.robot, noise, leaps=filter is None), STOP
         self.action: NDArray[np.float32] = np.zeros(2, np.float32)
         """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
@@ -120,7 +140,7 @@ class Deployment:
         """Begin an episode: clear the filter, the memory of a policy that has one, and a disagreement."""
         self._agreement.begin()
         self._command = STOP
-        self._begun, self._time = False, 0.0
+        self._begun, self._time, self._is_first = False, 0.0, True
         self.seen_space.reset()
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
@@ -138,6 +158,7 @@ class Deployment:
         scan_age: float = 0.0,
         dt: float | None = None,
         evidence: ArrayLike | None = None,
+        own: Mapping[str, ArrayLike] | None = None,
     ) -> Command:
         """Return the command for the next control period, within the robot's limits; m/s, rad/s.
 
@@ -155,8 +176,9 @@ class Deployment:
                 inside, which computes its own.
             scan_age: Age of the scan by its stamp, s.
             dt: Time since the last call, s, for a filter inside; None for a period.
-            evidence: For a policy of layout 3 only, from a localizer: share of the last scan's beams that fit the map, and
-                weight of the best hypothesis.
+            evidence: For a policy that reads "evidence" only, from a localizer: share of the last scan's beams that fit the
+                map, and weight of the best hypothesis.
+            own: Numbers of each of `own_terms` by name; they are clipped to its bounds.
 
         Returns:
             The command; `STOP` while there is a `disagreement`.
@@ -171,7 +193,7 @@ class Deployment:
         speeds = Command(*_TWIST.check("twist", twist))
         sectors = self._read(scan)
         age = _AGE.check("scan_age", scan_age)
-        shares = self._shares(evidence)
+        shares, values = self._shares(evidence), self.read_own({} if own is None else own)
         at = None if pose is None else _pose("pose", pose)
         if self.filter:
             if covariance is not None or nis != 0.0:
@@ -187,7 +209,7 @@ class Deployment:
         self._agreement.judge(interval, Odometry(at or ORIGIN, speeds, at is not None), self._command)
         if self.disagreement:
             return STOP
-        self._command = self.command(mean, P, nis, reference, after, sectors, age, shares, self._time)
+        self._command = self.command(mean, P, nis, reference, after, sectors, age, shares, values, self._time)
         return self._command
 
     @property
@@ -205,6 +227,7 @@ class Deployment:
         sectors: Sequence[float] = (),
         scan_age: float = 0.0,
         evidence: tuple[float, float] | None = None,
+        own: Mapping[str, tuple[float, ...]] = MappingProxyType({}),
         now: float | None = None,
     ) -> Command:
         """Return the command for a belief and a scan's `pool`, checked before; the other arguments are those of `act`.
@@ -214,10 +237,24 @@ class Deployment:
         Raises:
             ValueError: If the policy does not return two finite numbers.
         """
-        seen = observe(mean, stated_deviations(covariance), nis, reference, following, self.robot)
-        around = (*sectors, min(max(scan_age, 0.0), MAX_AGE)) if sectors else ()
-        certainty = () if evidence is None else evidence_of(mean.theta, covariance, *evidence)
-        self.observation = np.array((*seen, *certainty, *around), np.float32)
+        values: dict[str, Any] = {
+            "goal": goal_from(mean, reference),
+            "twist": twist_of(mean, self.robot),
+            "uncertainty": uncertainty_of(stated_deviations(covariance), nis),
+            "next_goal": next_goal_from(mean, following),
+            "evidence": () if evidence is None else evidence_of(mean.theta, covariance, *evidence),
+            "scan": tuple(sectors),
+            "scan_age": min(max(scan_age, 0.0), MAX_AGE),
+            **own,
+        }
+        self.observation = np.array(row_of(self.terms, [values[term.name] for term in self.terms]), np.float32)
+        if self._history:
+            row = self.observation[None]
+            if self._is_first:
+                self._history.begin(row, np.ones(1, np.bool_))
+            else:
+                self._history.advance(row)
+        self._is_first = False
         self.action = np.asarray(self._policy(self.observation), np.float32)
         if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
             raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
@@ -234,9 +271,10 @@ class Deployment:
         Raises:
             ValueError: If it cannot be read, or the policy sees no scan.
         """
-        if (scan is not None) != (self.layout in SEEING):
-            needs = "a Scan" if scan is None else "None"
-            raise refusal("scan", f"{needs} for a policy of observation layout {self.layout}", scan)
+        if (scan is not None) != self.sees:
+            raise refusal(
+                "scan", "a Scan for a policy that reads 'scan'" if self.sees else "None for a policy without scans", scan
+            )
         if scan is None:
             return ()
         if not isinstance(scan, Scan):
@@ -248,13 +286,32 @@ class Deployment:
 
     def _shares(self, evidence: ArrayLike | None) -> tuple[float, float] | None:
         """Return a localizer's evidence, checked."""
-        if (evidence is not None) != (self.layout == LOCATED_LAYOUT):
+        if (evidence is not None) != self.is_located:
             needs = "the share of fitting beams and the weight of the best hypothesis" if evidence is None else "None"
-            raise refusal("evidence", f"{needs} for a policy of observation layout {self.layout}", evidence)
+            raise refusal("evidence", f"{needs} for a policy that reads {'' if self.is_located else 'no '}'evidence'", evidence)
         if evidence is None:
             return None
         fits, weight = _EVIDENCE.check("evidence", evidence)
         return fits, weight
+
+    def read_own(self, own: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+        """Return the numbers of `own_terms`, clipped to their bounds.
+
+        Raises:
+            ValueError: If one is missing, is not finite or has another shape, or there is one too many; the message names it.
+        """
+        names = [term.name for term in self.own_terms]
+        for name in own:
+            if name not in names:
+                raise ValueError(
+                    f"own has {shown(name)}, which the policy does not read: it reads {', '.join(names) or 'none'}."
+                )
+        values: dict[str, tuple[float, ...]] = {}
+        for term in self.own_terms:
+            if term.name not in own:
+                raise ValueError(f"own must have {term.name!r}, which the policy reads.")
+            values[term.name] = term.read(own[term.name])
+        return values
 
     def _believe(self, filter: KalmanFilter, pose: Pose | None, twist: Command, dt: float) -> None:
         """Advance the filter inside by an interval."""

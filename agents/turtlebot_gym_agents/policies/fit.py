@@ -10,10 +10,10 @@ from typing import Any
 
 from turtlebot_gym import ROBOTS, Robot, make_robot
 from turtlebot_gym.files import is_file
-from turtlebot_gym.systems import SEEING, Parameters
-from turtlebot_gym.tasks import OBSERVATION_LAYOUT
+from turtlebot_gym.observations import SCAN
+from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import made, shown
-from turtlebot_gym_agents.policies.policy import layout_of
+from turtlebot_gym_agents.policies.policy import terms_of
 from turtlebot_gym_agents.provenance import plain
 
 ROOMS, MISSIONS = "turtlebot_gym/TurtleBotRooms-v0", "turtlebot_gym/TurtleBotMissions-v0"
@@ -71,21 +71,21 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
         )
 
 
-def require_layout(policy: object, name: str, env: str) -> None:
+def require_terms(policy: object, name: str, env: str) -> None:
     """Refuse a policy that cannot read the observations of an environment of this package.
 
     Args:
-        policy: The policy; one without a layout reads all.
+        policy: The policy; one that names no terms reads all.
         name: Name of the policy in the message.
         env: Id of the environment to drive in.
 
     Raises:
         ValueError: If it cannot read them; the message names the environment to choose.
     """
-    layout, card = layout_of(policy), getattr(policy, "card", None)
-    if layout in SEEING and env in OPEN:
+    names, card = {term.name for term in terms_of(policy) or ()}, getattr(policy, "card", None)
+    if SCAN.name in names and env in OPEN:
         raise ValueError(f"{name}: it steers by a LiDAR, which {env} does not have: choose --env {ROOMS}.")
-    if layout == OBSERVATION_LAYOUT and env in (ROOMS, MISSIONS) and card is not None:
+    if SCAN.name not in names and env in (ROOMS, MISSIONS) and card is not None:
         raise ValueError(f"{name}: it was trained without a LiDAR's beams, which {env} shows: choose --env {card.env}.")
 
 

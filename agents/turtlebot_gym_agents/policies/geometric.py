@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from inspect import get_annotations
-from typing import Annotated, Any, NamedTuple, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.models.angles import wrap_all
+from turtlebot_gym.observations import OPEN_GROUND, Observation, ObservationTerm
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import SIZES
-from turtlebot_gym.tasks import Observation
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, typed
+from turtlebot_gym_agents.policies.policy import numbers_of
 
 _TINY = 1e-12  # instead of zero in a denominator
 
@@ -28,6 +28,8 @@ _TINY = 1e-12  # instead of zero in a denominator
 class Baseline:
     """Base of the policies without learning: robot, control interval and tunable numbers."""
 
+    terms: ClassVar[tuple[ObservationTerm, ...]] = OPEN_GROUND
+    """The terms of an observation that it reads."""
     robot: str | Robot = "burger"
     """A name in `turtlebot_gym.ROBOTS`, or a robot."""
     dt: Annotated[float, POSITIVE] = REFERENCE_PERIOD
@@ -199,11 +201,7 @@ def upcoming(observations: ArrayLike, robot: Robot, dt: float) -> _Upcoming:
 
 def _fields(observations: ArrayLike) -> Observation:
     """Return the components of observations, without a room's ranges."""
-    values = np.asarray(observations, np.float64)
-    if values.ndim == 0 or values.shape[-1] not in SIZES.values():
-        sizes = " or ".join(f"(..., {size})" for size in SIZES.values())
-        raise ValueError(f"observations must have shape {sizes}, got {values.shape}.")
-    return Observation(*np.moveaxis(values[..., : len(Observation._fields)], -1, 0))
+    return Observation(*np.moveaxis(numbers_of(observations, OPEN_GROUND).astype(np.float64), -1, 0))
 
 
 def action_of(forward: Any, turn: Any) -> NDArray[np.float32]:

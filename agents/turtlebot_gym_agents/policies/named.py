@@ -13,10 +13,9 @@ from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.systems import SEEING, SIZES
 from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
-from turtlebot_gym_agents.policies.policy import Policy, layout_of
+from turtlebot_gym_agents.policies.policy import Policy, numbers_of, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.yielding import Network, Yielding
 
@@ -121,11 +120,11 @@ def _load_own(name: str, robot: Robot, dt: float) -> Policy:
 class _Own:
     """A policy whose actions are checked, and whose errors become one line that says where it failed.
 
-    It has all the attributes of the wrapped policy, including ``reset`` and ``layout``.
+    It has all the attributes of the wrapped policy, including ``reset`` and ``terms``.
     """
 
     def __init__(self, name: str, policy: Any) -> None:
-        self._name, self._policy = name, policy
+        self._name, self._policy, self._terms = name, policy, terms_of(policy)
 
     def __getattr__(self, attribute: str) -> Any:
         if attribute.startswith("_"):
@@ -136,12 +135,14 @@ class _Own:
         """Return actions (..., 2) for observations (..., n).
 
         Raises:
-            ValueError: If the observations have another layout than the policy states, or it raises, or does not return as many
+            ValueError: If the observations are not of the terms that the policy reads, or it raises, or does not return as many
                 pairs of finite numbers.
         """
-        layout, shown = layout_of(self._policy), np.shape(observations)
-        if layout in SEEING and shown[-1:] != (SIZES[layout],):
-            raise ValueError(f"{self._name}: made for observations (..., {SIZES[layout]}), layout {layout}, got {shown}.")
+        if self._terms is not None:
+            try:
+                observations = numbers_of(observations, self._terms)
+            except ValueError as error:
+                raise ValueError(f"{self._name}: {error}") from error
         try:
             answer = self._policy(observations)
         except Exception as error:

@@ -8,10 +8,11 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.observations import ROOM, Observation
 from turtlebot_gym.rooms.lidar import SECTORS
-from turtlebot_gym.tasks import Observation
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
 from turtlebot_gym_agents.policies.grid import CELL, CERTAIN, FREE, FREED, SIDE, advance, shifted
+from turtlebot_gym_agents.policies.policy import numbers_of
 from turtlebot_gym_agents.policies.reactive import (
     Ahead,
     Caution,
@@ -23,7 +24,7 @@ from turtlebot_gym_agents.policies.reactive import (
     SightRange,
     VectorFieldHistogramPolicy,
 )
-from turtlebot_gym_agents.policies.sight import Motion, Sight, arc, look, require_sight
+from turtlebot_gym_agents.policies.sight import Motion, Sight, arc, look
 
 _BLOCKED = 400
 """Weight of a cell in which the robot would touch something; finite, since by the evidence it may already be in one."""
@@ -157,7 +158,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
 
     def _look(self, observations: ArrayLike) -> Sight:
         """Return a policy's view, with the point to steer to instead of the goal."""
-        seen = require_sight(observations)
+        seen = numbers_of(observations, ROOM).astype(np.float64)
         rows = seen.reshape(-1, seen.shape[-1])
         if len(rows) != len(self._memory.steps):
             self._memory, self._motion = self._forgotten(len(rows)), Motion(self.dt, self.lag)

@@ -1,17 +1,18 @@
 """A policy is any callable from observations (..., n) to actions (..., 2); one with memory also has ``reset(mask)``.
 
-Its attribute ``layout`` says how many numbers it observes: 1 for the 13 of open ground, 2 for the 50 of a room, 3
-for the 54 of a robot that localizes itself. A policy without the attribute takes the first 13 of any.
+Its attribute ``terms`` names the terms of the observation that it reads, in that order, as in ``("goal", "scan*2",
+"bumper:BUMPER")``. A policy without the attribute is shown all that an environment observes.
 """
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.systems import SIZES
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, ObservationTerm, columns_of, read_terms, size_of
 
 
 class Policy(Protocol):
@@ -40,13 +41,88 @@ class ShrinkingPolicy(PolicyWithMemory, Protocol):
         ...
 
 
-def layout_of(policy: object) -> int | None:
-    """Return the observation layout of a policy, or of a class of policies; None if it has none.
+LAYOUTS = {1: OPEN_GROUND, 2: ROOM, 3: LOCATED_ROOM}
+"""Terms of the observations that files of earlier versions number."""
+
+
+def terms_of(policy: object) -> tuple[ObservationTerm, ...] | None:
+    """Return the terms that a policy, or a class of policies, reads; None if it reads whatever it is shown.
 
     Raises:
-        ValueError: If the layout is unknown.
+        ValueError: If there is no such term.
     """
-    layout = getattr(policy, "layout", None)
-    if layout is not None and layout not in SIZES:
-        raise ValueError(f"a policy's layout must be one of {', '.join(map(str, SIZES))}, got {layout!r}.")
-    return layout
+    if hasattr(policy, "layout"):
+        raise ValueError("a policy has no layout any more: name the terms that it reads, such as terms = ('goal', 'scan').")
+    terms = getattr(policy, "terms", None)
+    if terms is None or all(isinstance(term, ObservationTerm) for term in terms):
+        return terms
+    return read_terms(tuple(terms), ())
+
+
+def numbers_of(observations: ArrayLike, terms: Sequence[ObservationTerm]) -> NDArray[Any]:
+    """Return the numbers of some terms from observations of exactly these terms, or of one of the package's that has them.
+
+    Args:
+        observations: Shape (..., n).
+        terms: The terms.
+
+    Raises:
+        ValueError: If observations have another shape.
+    """
+    rows, sizes = np.asarray(observations), list[int]()
+    for shown in (terms, OPEN_GROUND, ROOM, LOCATED_ROOM):
+        if {term.name for term in terms} <= {term.name for term in shown}:
+            sizes.append(size_of(shown))
+            if rows.ndim and rows.shape[-1] == sizes[-1]:
+                return rows if shown is terms else rows[..., columns_of(terms, shown)]
+    names, shapes = ", ".join(term.spelled for term in terms), " or ".join(f"(..., {size})" for size in sorted({*sizes}))
+    raise ValueError(f"observations must have shape {shapes}, with {names}, got {rows.shape}.")
+
+
+def with_room(policy: object) -> tuple[ObservationTerm, ...]:
+    """Return the terms of a room, and after them the others that a policy reads.
+
+    Raises:
+        ValueError: If the policy was made without the terms of a room.
+    """
+    own = terms_of(policy) or ROOM
+    if hasattr(policy, "card") and not {term.name for term in ROOM} <= {term.name for term in own}:
+        raise ValueError("the policy was made for open ground, and sees no obstacles.")
+    extended = {term.name: term for term in (*ROOM, *own)}
+    return own if [*extended] == [term.name for term in own] else tuple(extended.values())
+
+
+class _Selecting:
+    """A policy that is shown the terms that it reads, of more. It has all the attributes of the policy."""
+
+    def __init__(self, policy: Any, columns: NDArray[np.intp]) -> None:
+        self._policy, self._columns = policy, columns
+
+    def __getattr__(self, attribute: str) -> Any:
+        if attribute.startswith("_"):
+            raise AttributeError(attribute)
+        return getattr(self._policy, attribute)
+
+    def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        return self._policy(np.asarray(observations)[..., self._columns])
+
+
+def shown(policy: Policy, name: str, terms: Sequence[ObservationTerm]) -> Policy:
+    """Return a policy that reads its terms in observations of other ones.
+
+    Args:
+        policy: The policy.
+        name: Its name in the message.
+        terms: The terms of the observations.
+
+    Raises:
+        ValueError: If a term that it reads is not there; the message names it.
+    """
+    own = terms_of(policy)
+    if own is None or [term.spelled for term in own] == [term.spelled for term in terms]:
+        return policy
+    try:
+        columns = columns_of(own, terms)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}: name it in observation=...") from error
+    return _Selecting(policy, columns)

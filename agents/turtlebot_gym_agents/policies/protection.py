@@ -9,15 +9,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.models.unicycle import execution_variances
+from turtlebot_gym.observations import ROOM, columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.systems import ROOM_LAYOUT
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, typed
 from turtlebot_gym.values import Command
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
-from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy, layout_of
+from turtlebot_gym_agents.policies.policy import (
+    Policy,
+    PolicyWithMemory,
+    ShrinkingPolicy,
+    numbers_of,
+    shown,
+    with_room,
+)
 from turtlebot_gym_agents.policies.sight import (
     DIRECTIONS,
     EDGE,
@@ -25,7 +32,6 @@ from turtlebot_gym_agents.policies.sight import (
     UNSEEN,
     Motion,
     look,
-    require_sight,
     time_to_contact,
 )
 
@@ -97,8 +103,9 @@ class SafetyLayer:
         typed(self, "")
         self.card = getattr(self.policy, "card", None)
         """Card of the policy, if it has one."""
-        self.layout = layout_of(self.policy) or ROOM_LAYOUT
-        """Layout of its observations."""
+        self.terms = with_room(self.policy)
+        """The terms of its observations."""
+        self._shown, self._sight = shown(self.policy, "policy", self.terms), columns_of(ROOM, self.terms)
         self._robot = make_robot(self.robot)
         variance, _ = execution_variances(Command(0.0, self._robot.max_angular), make_noise(self.noise).process, self.dt)
         self._drift = variance * self.dt  # growth of the place's variance at the highest turning rate, m^2/s
@@ -130,15 +137,15 @@ class SafetyLayer:
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 50)."""
-        seen = np.asarray(observations, np.float32)
-        rows = require_sight(seen).astype(np.float32)
+        seen = numbers_of(observations, self.terms).astype(np.float32)
+        rows = seen[..., self._sight]
         v, omega = np.moveaxis(rows[..., 5:7].astype(np.float64), -1, 0)
         self._motion.note(v * self._robot.max_linear, omega * self._robot.max_angular)
         since = self._motion.since(rows[..., -1].astype(np.float64))
         rows = self._remembered(rows, *since)
         points = look(rows, self._robot, self.dt, self.lag, edges=True, lidar_x=self.lidar_x, since=since).points
-        shown = np.concatenate([seen[..., : -SECTORS - 1], rows[..., -SECTORS - 1 :]], axis=-1)  # in the policy's own layout
-        wish = np.clip(np.asarray(self.policy(shown), np.float32), -1.0, 1.0)
+        seen[..., self._sight] = rows
+        wish = np.clip(np.asarray(self._shown(seen), np.float32), -1.0, 1.0)
         guided = wish if self._guide is self.policy else self._guide(rows)
         action = self._admissible(wish, points)
         stopped = ((action[..., 0] == 0.0) | self._guide.stuck) & (wish[..., 0] != 0.0)

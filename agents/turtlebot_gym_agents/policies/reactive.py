@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.models.angles import wrap_all
-from turtlebot_gym.systems import ROOM_LAYOUT
+from turtlebot_gym.observations import ROOM, ObservationTerm
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, Range
 from turtlebot_gym_agents.policies.geometric import Baseline, action_of
 from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, arc, look, time_to_contact
@@ -44,8 +44,8 @@ _SPEEDS = np.array([0.25, 0.5, 1.0])
 class _Reactive(Baseline):
     """Base of the policies that choose a direction."""
 
-    layout: ClassVar[int] = ROOM_LAYOUT
-    """Layout of its observations."""
+    terms: ClassVar[tuple[ObservationTerm, ...]] = ROOM
+    """The terms of an observation that it reads."""
     margin: Margin
     """Clearance to keep around the robot, m."""
     lag: Lag
@@ -178,8 +178,8 @@ class DynamicWindowPolicy(Baseline):
         (1997).
     """
 
-    layout: ClassVar[int] = ROOM_LAYOUT
-    """Layout of its observations."""
+    terms: ClassVar[tuple[ObservationTerm, ...]] = ROOM
+    """The terms of an observation that it reads."""
     heading: Annotated[float, NON_NEGATIVE, Range(0.3, 10.0, log=True)] = 0.94
     """Weight of the heading to the goal at the end; the speed has the weight 1."""
     clear: Annotated[float, NON_NEGATIVE, Range(0.1, 10.0, log=True)] = 1.6

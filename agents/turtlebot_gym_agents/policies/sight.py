@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.observations import ROOM
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.systems import LOCATED_LAYOUT, ROOM_LAYOUT, SIZES
-from turtlebot_gym.tasks import Observation
 from turtlebot_gym_agents.policies.geometric import upcoming
+from turtlebot_gym_agents.policies.policy import numbers_of
 
 HALF_SECTOR = np.pi / SECTORS
 """Half the angle of a sector, rad."""
@@ -103,7 +103,7 @@ def look(
     The robot has moved since its scan was measured; without ``since``, its current speeds are assumed for that time.
 
     Args:
-        observations: Shape (..., 50), layout 2, or (..., 54), layout 3.
+        observations: Shape (..., n), see `numbers_of`, with the terms of a room.
         robot: The robot.
         dt: Control interval, s; a command acts one interval late.
         lag: Mean age of the beams beyond the stated age of the scan, s.
@@ -112,10 +112,10 @@ def look(
         since: Motion since the beams were measured, as by `Motion.since`; then ``lag`` is not used.
 
     Raises:
-        ValueError: If the observations have another layout.
+        ValueError: If the observations have another shape.
     """
-    rows = require_sight(observations)
-    shares, age = rows[..., len(Observation._fields) : -1], rows[..., -1]
+    rows = numbers_of(observations, ROOM).astype(np.float64)
+    shares, age = rows[..., -1 - SECTORS : -1], rows[..., -1]
     v, omega = rows[..., 5] * robot.max_linear, rows[..., 6] * robot.max_angular
     if since is None:
         moved, turned = arc(v, omega, age + lag + dt)
@@ -126,16 +126,6 @@ def look(
     if edges:
         points = np.concatenate([points * EDGE, points, points * np.conj(EDGE)], axis=-1)
     return Sight(upcoming(rows, robot, dt).waypoint, (points + lidar_x - moved[..., None]) * np.conj(turned)[..., None], omega)
-
-
-def require_sight(observations: ArrayLike) -> NDArray[np.float64]:
-    """Return observations in layout 2, without a localizer's evidence, or raise ValueError if they have no ranges."""
-    rows = np.asarray(observations, np.float64)
-    if rows.ndim > 0 and rows.shape[-1] == SIZES[LOCATED_LAYOUT]:
-        rows = np.concatenate([rows[..., : len(Observation._fields)], rows[..., -SECTORS - 1 :]], axis=-1)
-    if rows.ndim == 0 or rows.shape[-1] != SIZES[ROOM_LAYOUT]:
-        raise ValueError(f"observations must have shape (..., {SIZES[ROOM_LAYOUT]}), layout {ROOM_LAYOUT}, got {rows.shape}.")
-    return rows
 
 
 def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:

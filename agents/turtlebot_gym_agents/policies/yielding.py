@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.files import read_arrays
+from turtlebot_gym.observations import ROOM, columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.systems import ROOM_LAYOUT
-from turtlebot_gym.tasks import Observation
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, typed
-from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, layout_of
-from turtlebot_gym_agents.policies.sight import DIRECTIONS, arc, require_sight
+from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, numbers_of, shown, with_room
+from turtlebot_gym_agents.policies.sight import DIRECTIONS, arc
 
 BEFORE = 2
 """Number of scans that are remembered besides the newest."""
@@ -92,11 +91,11 @@ class Scans:
         farther in each scan before it, as differences of logarithms.
 
         Args:
-            rows: Observations, shape (n, 50), layout 2, of successive steps.
+            rows: Observations of the terms of a room, shape (n, 50), of successive steps.
         """
         if len(rows) != self._size:
             self.reset(np.ones(len(rows), np.bool_))
-        shares, age = rows[:, len(Observation._fields) : -1], rows[:, -1]
+        shares, age = rows[:, -1 - SECTORS : -1], rows[:, -1]
         v, omega = rows[:, 5] * self._robot.max_linear, rows[:, 6] * self._robot.max_angular
         step, turned = arc(v, omega, self._dt)
         self._place, self._heading = self._place + step * self._heading, self._heading * turned
@@ -161,8 +160,9 @@ class Yielding:
         typed(self, "")
         self.card = getattr(self.policy, "card", None)
         """Card of the policy, if it has one."""
-        self.layout = layout_of(self.policy) or ROOM_LAYOUT
-        """Layout of its observations."""
+        self.terms = with_room(self.policy)
+        """The terms of its observations."""
+        self._shown = shown(self.policy, "policy", self.terms)
         self.scans = Scans(make_robot(self.robot), self.dt, self.lidar_x, self.lag)
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
@@ -172,8 +172,9 @@ class Yielding:
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 50)."""
-        rows = require_sight(observations)
-        actions = np.array(self.policy(np.asarray(observations, np.float32)), np.float32)
+        seen = numbers_of(observations, self.terms)
+        rows = seen[..., columns_of(ROOM, self.terms)].astype(np.float64)
+        actions = np.array(self._shown(seen.astype(np.float32)), np.float32)
         stands = self.scans.features(rows.reshape(-1, rows.shape[-1]))
         actions[self.network(stands).reshape(rows.shape[:-1]) >= self.threshold] = 0.0
         return actions

@@ -12,6 +12,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,8 +24,8 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
 from turtlebot_gym_agents.policies import Policy, make_policy
-from turtlebot_gym_agents.policies.fit import parameters_of, require_layout
-from turtlebot_gym_agents.policies.policy import PolicyWithMemory
+from turtlebot_gym_agents.policies.fit import parameters_of, require_terms
+from turtlebot_gym_agents.policies.policy import PolicyWithMemory, shown
 from turtlebot_gym_agents.training.callbacks import Callback, mean_actions
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.optimizer import Adam
@@ -55,7 +56,9 @@ def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *,
     assert isinstance(model, OnPolicyAlgorithm)
     parameters = parameters_of(envs)
     policy = make_policy(config.from_policy, robot=parameters.robot, dt=parameters.dt, noise=parameters.noise)
-    require_layout(policy, config.from_policy, config.env)
+    require_terms(policy, config.from_policy, config.env)
+    terms: Any = getattr(envs.unwrapped, "observation_terms")  # noqa: B009  # Gymnasium's type does not have it
+    policy = shown(policy, config.from_policy, terms)
     if is_new:
         clone(model, envs, policy, seed=CLONING_SEED + config.seed)
     return _WarmUpCallback(round(WARM_UP * config.total))

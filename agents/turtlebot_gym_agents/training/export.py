@@ -18,14 +18,12 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
-from turtlebot_gym.rooms.lidar import SECTORS
-from turtlebot_gym.systems import SIZES
-from turtlebot_gym.tasks import OBSERVATION_LAYOUT
-from turtlebot_gym_agents.policies.bundle import Card
+from turtlebot_gym.observations import size_of
+from turtlebot_gym_agents.policies.bundle import Card, term_on
 from turtlebot_gym_agents.policies.yielding import NEAR
 from turtlebot_gym_agents.training.model import data_of
 from turtlebot_gym_agents.training.network import program_of, write_checked
-from turtlebot_gym_agents.training.normalization import CLIP, NormalizedObservation
+from turtlebot_gym_agents.training.normalization import CLIP, NormalizedObservation, split_at
 
 if TYPE_CHECKING:
     from onnx import ModelProto
@@ -76,7 +74,7 @@ def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_00
         ValueError: If the model's observations or actions have other shapes.
         RuntimeError: If the difference is larger than `network.TOLERANCE`.
     """
-    size = SIZES[card.layout]
+    size = size_of([term_on(path, term) for term in card.terms])
     space, shapes = model.observation_space, (model.observation_space.shape, model.action_space.shape)
     if shapes != ((size,), (2,)) or not isinstance(space, spaces.Box):
         raise ValueError(f"model must map observations ({size},) to actions (2,), got {shapes[0]} and {shapes[1]}.")
@@ -163,15 +161,13 @@ class _Graph:
         self.nodes.append(helper.make_node(operation, inputs, results, **attributes))
         return results
 
-    def spread_ranges(self, size: int) -> None:
+    def spread_ranges(self, ranges: tuple[int, int], size: int) -> None:
         """Add `normalization.spread_ranges`, for observations of so many numbers."""
-        before = size - SECTORS - 1
-        sizes = self.constant(np.array([before, SECTORS, 1], np.int64))
-        belief, ranges, age = self._node("Split", [self.last, sizes], ["belief", "ranges", "age"], axis=1)
-        self.last = ranges
+        sizes = self.constant(np.array(split_at(ranges, size), np.int64))
+        before, self.last, after = self._node("Split", [self.last, sizes], ["before", "ranges", "after"], axis=1)
         self.add("Add", _numbers(NEAR))
         self.add("Log")
-        self.last = self._node("Concat", [belief, self.last, age], ["spread"], axis=1)[0]
+        self.last = self._node("Concat", [before, self.last, after], ["spread"], axis=1)[0]
 
 
 def _linear(graph: _Graph, layer: Any) -> None:
@@ -179,8 +175,8 @@ def _linear(graph: _Graph, layer: Any) -> None:
 
 
 def _normalized(graph: _Graph, layer: Any) -> None:
-    if len(layer.mean) != SIZES[OBSERVATION_LAYOUT]:
-        graph.spread_ranges(len(layer.mean))
+    if layer.ranges[0] < layer.ranges[1]:
+        graph.spread_ranges(layer.ranges, len(layer.mean))
     graph.add("Sub", layer.mean)
     graph.add("Div", layer.std)
     graph.add("Clip", _numbers(-CLIP), _numbers(CLIP))

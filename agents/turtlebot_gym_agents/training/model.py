@@ -19,6 +19,7 @@ import numpy as np
 import stable_baselines3
 import torch
 from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.noise import NormalActionNoise
@@ -27,10 +28,12 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
 
 from turtlebot_gym.files import SMALL, in_bounds, read_arrays, replacing, require_small
-from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
+from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
+from turtlebot_gym_agents.policies.policy import shown
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure
+from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.optimizer import EPS, Adam, Linear
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
@@ -67,6 +70,10 @@ def _choose_device(device: str, algo: str) -> str:
     return device
 
 
+def _stands(observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.zeros((len(observations), 2), np.float32)
+
+
 def make_model(
     config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | None = None, checkpoint: Path | None = None
 ) -> BaseAlgorithm:
@@ -82,11 +89,15 @@ def make_model(
         ValueError: If the checkpoint is not one of this configuration.
     """
     parameters = parameters_of(envs)
-    bearing = make_policy("bearing", robot=parameters.robot, dt=parameters.dt)
-    mean, std = measure(envs, bearing, seed=NORMALIZATION_SEED + config.seed)
+    terms: tuple[ObservationTerm, ...] = envs.unwrapped.observation_terms  # pyright: ignore[reportAttributeAccessIssue]
+    ranges = ranges_in(terms)
+    driver: Policy = _stands
+    if {term.name for term in OPEN_GROUND} <= {term.name for term in terms}:  # otherwise it cannot steer, and stands
+        driver = shown(make_policy("bearing", robot=parameters.robot, dt=parameters.dt), "bearing", terms)
+    mean, std = measure(envs, driver, ranges, seed=NORMALIZATION_SEED + config.seed)
     normalization = {
         "features_extractor_class": NormalizedObservation,
-        "features_extractor_kwargs": {"mean": mean, "std": std},
+        "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
     }
     keywords = arguments(config.hyper)
     if config.algo == "ppo":

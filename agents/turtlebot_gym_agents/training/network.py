@@ -34,7 +34,7 @@ def export_network(
     """Write a network as a bundle, if both return the same actions; those beyond 1 are clipped.
 
     Args:
-        network: A map from float32 observations (n, 13), in a room (n, 50), to actions (n, 2). It is left in evaluation mode.
+        network: A map from float32 observations (n, k) to actions (n, 2). It is left in evaluation mode.
         path: The bundle's file, replaced atomically.
         env: Id of the environment in which it was trained.
         training: Entries for the card about the training, such as library, version, algorithm, steps and seed.

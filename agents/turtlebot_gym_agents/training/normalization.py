@@ -9,6 +9,8 @@ loop), and then frozen as buffers of the network. There is no second file beside
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from gymnasium import spaces
@@ -16,9 +18,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from turtlebot_gym.rooms.lidar import SECTORS
-from turtlebot_gym.systems import SIZES
-from turtlebot_gym.tasks import OBSERVATION_LAYOUT
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, SCAN, ObservationTerm, size_of, slices_of
 from turtlebot_gym_agents.policies import Policy
 from turtlebot_gym_agents.policies.yielding import NEAR
 
@@ -28,13 +28,24 @@ CONSTANT = 1e-3
 """Observations whose standard deviation is below this count as constant."""
 
 
-def _spread_ranges(observations: torch.Tensor) -> torch.Tensor:
-    """Return observations (..., n) with the ranges of a room as logarithms."""
-    size = observations.shape[-1]
-    if size == SIZES[OBSERVATION_LAYOUT]:
+def ranges_in(terms: Sequence[ObservationTerm]) -> tuple[int, int]:
+    """Return the first column of a scan's ranges in an observation, and the one after the last; equal if there are none."""
+    place = slices_of(terms).get(SCAN.name, slice(0, 0))
+    return place.start, place.stop
+
+
+def split_at(ranges: tuple[int, int], size: int) -> tuple[int, int, int]:
+    """Return how many of ``size`` columns come before the ranges, how many they are, and how many come after them."""
+    start, stop = ranges
+    return start, stop - start, size - stop
+
+
+def _spread_ranges(observations: torch.Tensor, ranges: tuple[int, int]) -> torch.Tensor:
+    """Return observations (..., n) with the ranges of a scan as logarithms."""
+    if ranges[0] == ranges[1]:
         return observations
-    belief, ranges, age = observations.split((size - SECTORS - 1, SECTORS, 1), dim=-1)
-    return torch.cat((belief, torch.log(ranges + NEAR), age), dim=-1)
+    before, scan, after = observations.split(split_at(ranges, observations.shape[-1]), dim=-1)
+    return torch.cat((before, torch.log(scan + NEAR), after), dim=-1)
 
 
 class NormalizedObservation(BaseFeaturesExtractor):
@@ -44,26 +55,34 @@ class NormalizedObservation(BaseFeaturesExtractor):
         observation_space: One-dimensional box.
         mean: Shape (n,).
         std: Shape (n,), positive.
+        ranges: The first column of the ranges, and the one after the last; None for those of a task's own terms.
     """
 
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(self, observation_space: spaces.Box, mean: list[float], std: list[float]) -> None:
+    def __init__(
+        self, observation_space: spaces.Box, mean: list[float], std: list[float], ranges: tuple[int, int] | None = None
+    ) -> None:
         super().__init__(observation_space, features_dim=int(np.prod(observation_space.shape)))
+        terms = next((terms for terms in (ROOM, LOCATED_ROOM) if size_of(terms) == len(mean)), OPEN_GROUND)
+        self.ranges = ranges_in(terms) if ranges is None else (int(ranges[0]), int(ranges[1]))
         self.register_buffer("mean", torch.tensor(mean, dtype=torch.float32))
         self.register_buffer("std", torch.tensor(std, dtype=torch.float32))
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
-        return torch.clamp((_spread_ranges(observations) - self.mean) / self.std, -CLIP, CLIP)
+        return torch.clamp((_spread_ranges(observations, self.ranges) - self.mean) / self.std, -CLIP, CLIP)
 
 
-def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> tuple[list[float], list[float]]:
+def measure(
+    envs: VectorEnv, policy: Policy, ranges: tuple[int, int], *, seed: int, steps: int = 300
+) -> tuple[list[float], list[float]]:
     """Return mean and standard deviation of the observations of a policy's episodes, after `_spread_ranges`.
 
     Args:
         envs: Vector environment that resets by itself.
         policy: The baseline; half of its actions are replaced by random ones, to cover the neighbourhood of its paths too.
+        ranges: See `ranges_in`.
         seed: Seed of the environments and of the random actions.
         steps: Number of steps.
     """
@@ -76,7 +95,7 @@ def measure(envs: VectorEnv, policy: Policy, *, seed: int, steps: int = 300) -> 
         actions = np.where(random.random((len(actions), 1)) < 0.5, stray, actions).astype(np.float32)
         observations, *_ = envs.step(actions)
         seen.append(observations)
-    rows = _spread_ranges(torch.from_numpy(np.concatenate(seen))).numpy().astype(np.float64)
+    rows = _spread_ranges(torch.from_numpy(np.concatenate(seen)), ranges).numpy().astype(np.float64)
     std = rows.std(axis=0)
     # Constant entries (the deviations of the truth are 0) keep their scale: scaled up, they would dominate wherever they vary.
     return rows.mean(axis=0).tolist(), np.where(std < CONSTANT, 1.0, std).tolist()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -44,3 +45,17 @@ def type_name(message_type: type) -> str:
     """Return a message type's name as the graph writes it: "geometry_msgs/msg/Twist"."""
     package, kind, *_ = message_type.__module__.split(".")
     return f"{package}/{kind}/{message_type.__name__}"
+
+
+def message_type(name: str) -> Any:
+    """Return a message type by its name in the graph, such as "std_msgs/msg/Bool".
+
+    Raises:
+        ValueError: If it is not installed, or the name is of another form.
+    """
+    package, *kinds = name.split("/")
+    try:
+        folder, kind = kinds
+        return getattr(import_module(f"{package}.{folder}"), kind)
+    except (ValueError, ImportError, AttributeError) as error:
+        raise ValueError(f"{name!r} is no message type that is installed here, such as std_msgs/msg/Bool: {error}.") from error

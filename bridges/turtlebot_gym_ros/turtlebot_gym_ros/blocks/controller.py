@@ -13,9 +13,9 @@ from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.mounts import SAME_WAY
+from turtlebot_gym.observations import ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, typed
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
@@ -28,8 +28,36 @@ PLACE, AT_PLACE = (-0.032, 0.0), 0.05
 presets' places vary by as much."""
 LAG = 0.4
 """Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
+OWN = "own_"
+"""Beginning of the name of an input that brings a term of a policy's own."""
 VARIANCE_FLOOR = 1e-6
 """Replacement for a stated variance of exactly zero, (1 mm)^2 or (1 mrad)^2, since no pose is known exactly."""
+
+
+def _input_of(term: ObservationTerm) -> Input:
+    """Return the input that brings a term of a policy's own.
+
+    Raises:
+        ValueError: If its module is not there, it names no topic, or it has other numbers than the policy was made for.
+    """
+    if not term.source:
+        raise ValueError(
+            f"the policy reads {term.name!r}, of which its card has no source: train with observation=MODULE:NAME."
+        )
+    here = own_term(term.source)
+    if (here.name, here.bounds) != (term.name, term.bounds):
+        raise ValueError(
+            f"the policy reads {term.name!r} with bounds {term.bounds}, but {term.source} is {here.name!r}, {here.bounds}."
+        )
+    convert = here.convert
+    if convert is None:
+        raise ValueError(
+            f"the policy reads {term.name!r}, which no topic brings: give {term.source} a topic, message and convert."
+        )
+    return Input(
+        topic=here.topic, type=tuple, message=here.message, read=lambda message: here.read(convert(message)),
+        max_age=here.lasts, lock_step="refused", reliable=False,
+    )  # fmt: skip
 
 
 def _shifted(mount: Pose | None) -> Pose | None:
@@ -41,8 +69,8 @@ def _shifted(mount: Pose | None) -> Pose | None:
 
 
 class VelocityController:
-    """Drive to the reference with a policy. A policy of observation layout 2 sees the room by LiDAR, one of layout 3 also a
-    localizer's evidence; others see only poses.
+    """Drive to the reference with a policy. One that reads the term "scan" sees the room by LiDAR, one that reads "evidence"
+    needs a localizer; others see only poses. A term of its own comes on the topic that the term names.
 
     It steps with each estimate, decimated to the policy's period. Within ``goal_tolerance`` of a last waypoint it is done: it
     stops and releases the robot until the reference changes. With a LiDAR that is frozen, covered or mounted otherwise, by the
@@ -50,9 +78,9 @@ class VelocityController:
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on
     ``next_reference``; optional: the waypoint after it), all in the world frame; ``nis`` (`Nis`, on ``nis``; optional: 0 for a
-    filter that does not publish it; with layout 3 it must have a localizer's evidence); ``disagreement``, with a cause on which
+    filter that does not publish it; for "evidence" it must have a localizer's); ``disagreement``, with a cause on which
     the robot stops until it is enabled; for a policy that sees also ``scan``
-    (`Scan`, on ``scan``, of a full revolution).
+    (`Scan`, on ``scan``, of a full revolution); and ``own_NAME`` for each term of the policy's own.
     Outputs: ``command`` (`Command`, on ``cmd_vel``). Parameters: those of `Params`.
     """
 
@@ -108,10 +136,10 @@ class VelocityController:
         self._agreement = Agreement(make_robot(params.robot), make_noise(params.noise), leaps=True)
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
-        if self.deployment.layout in SEEING:
+        if self.deployment.sees:
             scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
             self.inputs = {**self.inputs, "scan": scan}
-        self._is_located = self.deployment.layout == LOCATED_LAYOUT
+        self.inputs = {**self.inputs, **{f"{OWN}{term.name}": _input_of(term) for term in self.deployment.own_terms}}
         self.notice: str | None = None
         """Why the robot stands in spite of its policy, if so."""
         self._yaw, self._returns = params.lidar_yaw, params.lidar_returns
@@ -134,8 +162,9 @@ class VelocityController:
         following: Pose | None,
         scan: Aged | None = None,
         nis: Nis | None = None,
+        **own: tuple[float, ...],
     ) -> dict[str, Any]:
-        """Return the command, or nothing if the robot is done.
+        """Return the command, or nothing if the robot is done; ``own`` are the numbers of the policy's own terms.
 
         Raises:
             ValueError: If the estimate's pose repeats itself to the bit while its twist says that the robot moves. It may leap,
@@ -160,7 +189,7 @@ class VelocityController:
             self.notice = f"the robot stands: {why}"
             return {"command": STOP}
         evidence = None
-        if self._is_located:
+        if self.deployment.is_located:
             if nis is None or nis.fits is None or nis.weight is None:
                 self.notice = "the robot stands: its policy needs a localizer, whose evidence is not on nis"
                 return {"command": STOP}
@@ -168,7 +197,8 @@ class VelocityController:
         surprise = estimate.nis if nis is None else nis.value
         seen = ((), 0.0) if scan is None else (self.deployment.pool(scan.value, _shifted(scan.mount)), scan.age)
         after = following or reference
-        command = self.deployment.command(mean, P, surprise, reference, after, *seen, evidence, self._time)
+        terms = {name.removeprefix(OWN): numbers for name, numbers in own.items()}
+        command = self.deployment.command(mean, P, surprise, reference, after, *seen, evidence, terms, self._time)
         self.notice = self.deployment.seen_space.notice or None
         return {"command": command}
 

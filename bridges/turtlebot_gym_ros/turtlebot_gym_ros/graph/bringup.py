@@ -95,7 +95,7 @@ def parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bringup",
         description="Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
-        "no obstacles to avoid; a real one has, and only a policy of observation layout 2 or 3, such as vfh, sees them.",
+        "no obstacles to avoid; a real one has, and only a policy that reads scans, such as vfh, sees them.",
     )
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
     parser.add_argument("--processes", action="store_true", help="run each node in its own process")

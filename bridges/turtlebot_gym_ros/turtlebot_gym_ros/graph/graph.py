@@ -12,11 +12,10 @@ from typing import Any
 from std_srvs.srv import SetBool, Trigger
 
 from turtlebot_gym.drives import Drive
+from turtlebot_gym.observations import EVIDENCE, SCAN
 from turtlebot_gym.rooms.worlds import find_lidar
-from turtlebot_gym.systems import LOCATED_LAYOUT, SEEING
-from turtlebot_gym.tasks import OBSERVATION_LAYOUT
 from turtlebot_gym.validation import Range, choose
-from turtlebot_gym_agents.policies import layout_of, make_policy
+from turtlebot_gym_agents.policies import make_policy, terms_of
 from turtlebot_gym_agents.policies.fit import require_task
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
@@ -263,13 +262,13 @@ def _fit_room(parameters: Mapping[str, Any], *, allow_mismatch: bool = False) ->
     """
     world, name = parameters.get("world", "open"), parameters.get("policy", VelocityController.Params().policy)
     policy = make_policy(name, robot=parameters.get("robot", "burger"), dt=parameters.get("period", 0.1))
-    layout = layout_of(policy)
-    if layout in SEEING and world in OPEN_GROUND:
-        raise ValueError(f"policy {name!r} sees by LiDAR (observation layout {layout}) and needs a world.")
-    if layout == OBSERVATION_LAYOUT and world not in OPEN_GROUND:
-        raise ValueError(f"policy {name!r} was made for open ground (observation layout {layout}), not for a world.")
-    if layout == LOCATED_LAYOUT and parameters.get("localizer") is None:
-        raise ValueError(f"policy {name!r} was trained with a localizer (observation layout {layout}): choose one.")
+    names = {term.name for term in terms_of(policy) or ()}
+    if SCAN.name in names and world in OPEN_GROUND:
+        raise ValueError(f"policy {name!r} sees by LiDAR, and needs a world.")
+    if hasattr(policy, "card") and SCAN.name not in names and world not in OPEN_GROUND:
+        raise ValueError(f"policy {name!r} was made for open ground, not for a world.")
+    if EVIDENCE.name in names and parameters.get("localizer") is None:
+        raise ValueError(f"policy {name!r} was trained with a localizer: choose one.")
     if world in OPEN_GROUND and parameters.get("waypoints", "square") == "square" and not allow_mismatch:
         require_task(policy, name, SQUARE, "ekf")
     if world in OPEN_GROUND:

@@ -14,7 +14,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from importlib import import_module
 from importlib.util import find_spec
 from threading import Event
 from typing import Any
@@ -31,7 +30,7 @@ from turtlebot_gym.drives.messages import GUARD, TYPES, Listener
 from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.worlds import find_lidar
-from turtlebot_gym_ros.base.names import absolute
+from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
 from turtlebot_gym_ros.base.qos import LATCHED, STREAM
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
@@ -72,11 +71,9 @@ class Watcher:
         self._last, self._first, self._rows = math.inf, 0.0, 0
         self._around = Surroundings("live")
         for topic, (kind, *_) in TYPES.items():
-            package, folder, name = kind.split("/")
-            if topic not in ("fix", "twist", "imu") and find_spec(package):  # PyPI does not have tf2_msgs
-                message = getattr(import_module(f"{package}.{folder}"), name)
+            if topic not in ("fix", "twist", "imu") and find_spec(kind.partition("/")[0]):  # PyPI does not have tf2_msgs
                 named = f"/{topic}" if topic in _COMMON else topic
-                self.node.create_subscription(message, named, self._hear(topic), _OTHER.get(topic, _QOS))
+                self.node.create_subscription(message_type(kind), named, self._hear(topic), _OTHER.get(topic, _QOS))
         self.node.create_subscription(Empty, "reset", self._hear_reset, STREAM)
 
     def wait(self) -> None:

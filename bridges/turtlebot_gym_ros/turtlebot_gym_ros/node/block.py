@@ -53,6 +53,11 @@ class Input:
     """Whether it was published once, perhaps before this node started."""
     frame: str | None = None
     """Frame of its messages, without the prefix; None for the world's."""
+    message: str = ""
+    """Type of its messages, such as "std_msgs/msg/Bool", if its values are of no registered type; then ``type`` does not count.
+    """
+    read: Callable[[Any], Any] | None = None
+    """Function of such a message that returns the value, or raises ``ValueError`` to refuse it."""
     wakes: bool = True
     """Whether its messages wake the node. If not, outside lock-step they are read when another input's message arrives."""
 

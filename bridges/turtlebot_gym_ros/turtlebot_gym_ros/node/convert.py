@@ -38,7 +38,8 @@ from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.validation import LARGEST, LEAST, shown
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
-from turtlebot_gym_ros.node.block import Correction, Disagreement, Nis, Resume
+from turtlebot_gym_ros.base.names import message_type
+from turtlebot_gym_ros.node.block import Correction, Disagreement, Input, Nis, Resume
 from turtlebot_gym_ros.node.cdr import blank
 from turtlebot_gym_ros.node.geometry import FASTEST, Conversion, read_pose, read_twist, unread, write_pose, write_twist
 from turtlebot_gym_ros.node.places import finite, place
@@ -97,6 +98,22 @@ def conversion(value_type: type, *, stamped: bool = True) -> Conversion:
     if value_type not in CONVERSIONS:
         raise ValueError(f"No message is known for values of type {value_type.__name__}: call register(...) first.")
     return CONVERSIONS[value_type]
+
+
+def conversion_of(source: Input, *, stamped: bool = True) -> Conversion:
+    """Return the conversion of an input's values.
+
+    Args:
+        source: The input.
+        stamped: See `conversion`.
+
+    Raises:
+        ValueError: If there is no such type of value or message.
+    """
+    if not source.message:
+        return conversion(source.type, stamped=stamped)
+    assert source.read is not None
+    return Conversion(message_type(source.message), source.read, lambda value, header: unread(value), False)
 
 
 def _pose_to_message(pose: Pose, header: Header) -> PoseStamped:

@@ -14,7 +14,7 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.mounts import hear_mounts
 from turtlebot_gym_ros.base.sent import SystemClock, read_clocks
 from turtlebot_gym_ros.node.block import Input
-from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.convert import conversion_of
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.drives import Drive
 from turtlebot_gym_ros.node.feed import Feed, resting_on
@@ -51,7 +51,7 @@ class Inputs:
         self.feeds = {
             key: Feed(
                 source,
-                conversion(source.type, stamped=common.enable_stamped_cmd_vel),
+                conversion_of(source, stamped=common.enable_stamped_cmd_vel),
                 lock_step=common.lock_step,
                 clock=self._clock,
                 headers=headers,

@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -35,6 +34,7 @@ from rosbags.interfaces import Connection
 
 from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import Command, Pose, State
+from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.reports import ERROR, OK, report
@@ -185,9 +185,10 @@ class DataLogger(Node):
             return
         try:
             if (topic, kind) not in self._opened:
-                package, folder, name = kind.split("/")
-                message = getattr(import_module(f"{package}.{folder}"), name)
-                self._opened[topic, kind] = message, self._bag.add(topic, kind, latched=all(latched for _, latched in wanted))
+                self._opened[topic, kind] = (
+                    message_type(kind),
+                    self._bag.add(topic, kind, latched=all(latched for _, latched in wanted)),
+                )
         except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
             self._refused.add((topic, kind))
             self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")

@@ -1,0 +1,102 @@
+"""A policy that reads a bumper drives at a live node while the bumper's topic speaks, and stands when that says nothing."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from bench import node, odometry
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TwistStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Bool
+
+from turtlebot_gym.observations import ObservationTerm
+from turtlebot_gym_ros.blocks import VelocityController
+from turtlebot_gym_ros.blocks.controller import _input_of
+
+TOUCHY = """
+import numpy as np
+
+
+def drive(observations):
+    '''Drive ahead, or back where the bumper touches something.'''
+    touches = np.asarray(observations)[..., -1:]
+    return np.concatenate([0.5 - touches, 0.0 * touches], axis=-1)
+
+
+drive.terms = ("goal", "own_terms:BUMPER")
+"""
+"""A policy that reads a term of a user's own, whose module is beside it."""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "touchy.py").write_text(TOUCHY)
+    (tmp_path / "own_terms.py").write_text((Path(__file__).parents[1] / "core" / "own_terms.py").read_text())
+    return tmp_path
+
+
+def test_the_bumpers_topic_moves_the_robot_and_its_silence_stops_it(peer, launch, wait_for, folder):
+    commands, reports = peer.hear("cmd_vel", TwistStamped), peer.hear("/diagnostics", DiagnosticArray)
+    estimates, goals = peer.speak("estimate", Odometry), peer.speak("reference", PoseStamped)
+    bumps = peer.speak("bumper", Bool)
+    path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+    launch(*node("velocity_controller", "policy:=touchy:drive", "start_enabled:=true"), PYTHONPATH=path)
+    wait_for(lambda: estimates.get_subscription_count() and bumps.get_subscription_count())
+
+    def drive(until, touches):
+        deadline = time.monotonic() + 20.0
+        while not until() and time.monotonic() < deadline:
+            message = odometry()
+            message.header.stamp = peer.node.get_clock().now().to_msg()
+            for k in (0, 7, 14, 21, 28, 35):
+                message.pose.covariance[k] = message.twist.covariance[k] = 0.01
+            goal = PoseStamped()
+            goal.header, goal.pose.position.x, goal.pose.orientation.w = message.header, 2.0, 1.0
+            goals.publish(goal)
+            if touches is not None:
+                bumps.publish(Bool(data=touches))
+            estimates.publish(message)
+            time.sleep(0.1)
+        assert until(), [status.message for report in reports[-3:] for status in report.status]
+
+    drive(lambda: commands and commands[-1].twist.linear.x > 0.05, False)
+    drive(lambda: commands[-1].twist.linear.x < -0.05, True)
+    drive(lambda: commands[-1].twist.linear.x == 0.0, None)
+    late = "/bumper is older than 0.5 s"
+    drive(lambda: any(late in status.message for report in reports for status in report.status), None)
+
+
+def test_a_node_whose_policy_reads_a_term_that_is_not_there_does_not_start(folder):
+    (folder / "own_terms.py").unlink()
+    words = node("velocity_controller", "policy:=touchy:drive")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
+    environment["PYTHONPATH"] = os.pathsep.join(
+        part for part in environment["PYTHONPATH"].split(os.pathsep) if not part.endswith(os.path.join("tests", "core"))
+    )
+    ended = subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=60, check=False, env=environment)
+    assert ended.returncode != 0
+    assert "No module named 'own_terms'" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("term", "message"),
+    [
+        (ObservationTerm("gaps", len, 0.0, 1.0), "of which its card has no source"),
+        (ObservationTerm("gaps", len, 0.0, 1.0, source="own_terms:GAPS"), "but own_terms:GAPS is 'gaps'"),
+        (
+            ObservationTerm("gaps", len, (-1.0,) * 2, (2.0,) * 2, source="own_terms:GAPS"),
+            "which no topic brings: give own_terms:GAPS",
+        ),
+    ],
+)
+def test_a_term_that_no_topic_brings_is_refused_by_its_name(term, message):
+    with pytest.raises(ValueError, match=f"the policy reads 'gaps'.*{message}"):
+        _input_of(term)
+
+
+def test_a_controller_without_own_terms_is_as_before():
+    assert not [name for name in VelocityController(VelocityController.Params()).inputs if name.startswith("own_")]

@@ -1,0 +1,72 @@
+"""Terms of an observation as a user writes them: a bumper, a speedometer, and a sensor that looks around."""
+
+from turtlebot_gym import ObservationTerm
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.random import SENSOR, normals, sub_key
+from turtlebot_gym.systems import Sensor
+
+
+@kernel
+def touch(world, p):
+    return 1.0 if world.room.clearance < 0.05 else 0.0
+
+
+BUMPER = ObservationTerm(
+    "bumper", touch, 0.0, 1.0, topic="bumper", message="std_msgs/msg/Bool", convert=lambda message: message.data
+)
+
+
+@kernel
+def nothing(body, key, p):
+    return 0.0
+
+
+@kernel
+def measure_speed(body, before, key, at, p):
+    noise, _ = normals(sub_key(key, SENSOR), at, 0)
+    return body.true_state.v + 0.01 * noise
+
+
+@kernel
+def speed(world, p):
+    return world.senses.speedometer
+
+
+SPEEDOMETER = ObservationTerm(
+    "speedometer", speed, -0.15, 0.15, "m/s", sensor=Sensor("speedometer", nothing, measure_speed),
+    topic="speed", message="std_msgs/msg/Float64", convert=lambda message: message.data,
+)  # fmt: skip
+
+
+@kernel
+def draw_noise(body, before, key, at, p):
+    noise, other = normals(sub_key(key, SENSOR), at, 1)
+    return 0.01 * noise, 0.01 * other
+
+
+@kernel
+def no_noise(body, key, p):
+    return 0.0, 0.0
+
+
+@kernel
+def look_twice(value, room, p):
+    return value[0] + room.clearance, value[1] + room.least
+
+
+@kernel
+def gaps(world, p):
+    return world.senses.gaps
+
+
+GAPS = ObservationTerm(
+    "gaps", gaps, (-1.0, -1.0), (2.0, 2.0), "m", sensor=Sensor("gaps", no_noise, draw_noise, look=look_twice)
+)
+
+
+@kernel
+def wrong(world, p):
+    return world.room.missing
+
+
+WRONG = ObservationTerm("wrong", wrong, 0.0, 1.0)

@@ -1,0 +1,131 @@
+"""Observations are made of named terms: the package's, one's own, and histories of both, the same wherever a robot drives."""
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from turtlebot_gym import Episode, ObservationTerm
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, bounds_of, columns_of, size_of, slices_of
+from turtlebot_gym.systems import Options
+
+NAV, ROOMS, MISSIONS = (f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Rooms", "Missions"))
+LOCALIZED = {"world": "office", "noise": "wheel", "localizer": "match"}
+OBSERVED = {
+    "a bumper": (ROOMS, "ekf,own_terms:BUMPER", {}, 51),
+    "a speedometer": (NAV, "ekf,own_terms:SPEEDOMETER", {}, 14),
+    "two scans": (ROOMS, "ekf,scan*2", {}, 86),
+    "a sensor that looks around": (MISSIONS, "located,own_terms:GAPS", LOCALIZED, 56),
+    "terms in another order": (ROOMS, "scan_age,scan*3@2,goal,twist*4,own_terms:BUMPER*2", {}, 1 + 108 + 5 + 8 + 2),
+    "a few": (NAV, ["goal", "twist"], {"noise": "rough", "filter": "mixture"}, 7),
+}
+
+
+@pytest.mark.parametrize("case", OBSERVED)
+def test_an_observation_is_the_same_in_scalar_vector_and_plain_environments(case):
+    """Through an episode's end and the next one's start, where a history begins anew."""
+    id, observation, options, size = OBSERVED[case]
+    options = {**options, "observation": observation}
+    scalar = gym.make(id, max_episode_steps=25, **options)
+    many = gym.make_vec(id, num_envs=3, max_episode_steps=25, autoreset_mode="SAME_STEP", **options)
+    task = {NAV: "nav", ROOMS: "room", MISSIONS: "mission"}[id]
+    setup = Options.of({"task": task, **options}).setup()
+    episode = Episode(setup.parameters, setup.waypoints, seed=3, system=setup.system)
+    (observed, _), (rows, _) = scalar.reset(seed=3), many.reset(seed=3)
+    low, high = np.array(bounds_of(scalar.unwrapped.observation_terms), np.float32)
+    for step in range(40):
+        assert observed.shape == low.shape == (size,)
+        assert ((low <= observed) & (observed <= high)).all()
+        np.testing.assert_array_equal(rows[0], observed)
+        np.testing.assert_array_equal(np.array(episode.observe(), np.float32), observed)
+        action = np.array([0.7, 0.5 * np.sin(step)], np.float32)
+        observed, _, terminated, truncated, _ = scalar.step(action)
+        rows, *_, infos = many.step(np.tile(action, (3, 1)))
+        episode.act(action.tolist())
+        if terminated or truncated:
+            np.testing.assert_array_equal(infos["final_obs"][0], observed)
+            observed, _ = scalar.reset()
+            episode.reset()
+
+
+@pytest.mark.parametrize("case", ["a bumper", "two scans"])
+def test_what_the_package_observes_is_unchanged_beside_it(case):
+    id, observation, options, _ = OBSERVED[case]
+    plain, own = gym.make(id, **options), gym.make(id, observation=observation, **options)
+    columns = columns_of(ROOM, own.unwrapped.observation_terms)
+    seen = [env.reset(seed=1)[0] for env in (plain, own)]
+    for _ in range(30):
+        np.testing.assert_array_equal(seen[0], seen[1][columns])
+        seen = [env.step(np.array([0.5, 0.1], np.float32))[0] for env in (plain, own)]
+
+
+def test_a_history_shows_what_was_seen_before_and_at_first_the_first():
+    env = gym.make(ROOMS, observation="ekf,twist*3@2")
+    place, seen = slices_of(env.unwrapped.observation_terms)["twist"], []
+    observed, _ = env.reset(seed=2)
+    for step in range(12):
+        now, before, first = observed[place].reshape(3, 2)
+        seen.append(now)
+        np.testing.assert_array_equal(before, seen[max(step - 2, 0)])
+        np.testing.assert_array_equal(first, seen[max(step - 4, 0)])
+        observed, *_ = env.step(np.array([1.0, 0.3 * step - 1.0], np.float32))
+    assert len({tuple(row.tolist()) for row in seen}) > 6
+
+
+def test_an_environment_with_own_terms_passes_gymnasiums_checks_and_is_made_again():
+    env = gym.make(ROOMS, observation="ekf,own_terms:BUMPER")
+    check_env(env.unwrapped, skip_render_check=True)
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
+    assert json.loads(env.spec.to_json())["kwargs"]["observation"] == "ekf,own_terms:BUMPER"
+    np.testing.assert_array_equal(env.reset(seed=5)[0], again.reset(seed=5)[0])
+
+
+@pytest.mark.parametrize(
+    ("id", "observation", "message"),
+    [
+        (NAV, "ekf,scan", "observation 'scan' needs a room: choose one with world="),
+        (NAV, "ekf,own_terms:GAPS", "the sensor 'gaps' looks around, which needs a room"),
+        (ROOMS, "evidence", "observation 'evidence' needs a localizer: choose one"),
+        (NAV, "ekf,odometry", "observation must name one pose, got 'ekf' and 'odometry'"),
+        (NAV, "ekf,twsit", "observation has no term 'twsit'.* Did you mean 'twist'?"),
+        (NAV, "ekf,goal", "observation has the term 'goal' twice"),
+        (NAV, "ekf,json:dumps", "observation 'json:dumps' must be a turtlebot_gym.observations.ObservationTerm"),
+        (NAV, "ekf,nowhere:X", "No module named 'nowhere'"),
+        (NAV, "ekf,own_terms:WRONG", r"own_terms:WRONG: AttributeError: .* \(.*own_terms.py, line \d+\)"),
+        (ROOMS, "scan", "observation must have a term beside 'scan'"),
+        (NAV, "ekf,twist*101", "length must be a whole number from 1 to 100, got 101"),
+        (NAV, 5, "observation must be names of terms with commas"),
+    ],
+)
+def test_an_observation_that_cannot_be_is_refused_in_one_line(id, observation, message):
+    with pytest.raises(ValueError, match=message) as refused:
+        gym.make(id, observation=observation)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("a bumper", len, 0.0, 1.0), "ObservationTerm.name must be a name"),
+        (("bumper", len, 1.0, 0.0), "low must be below high, both finite"),
+        (("bumper", len, (0.0, 0.0), 1.0), "low must be below high, both finite"),
+        (("bumper", len, 0.0, float("inf")), "low must be below high, both finite"),
+    ],
+)
+def test_a_term_that_cannot_be_is_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ObservationTerm(*arguments)
+    with pytest.raises(ValueError, match="topic, message and convert belong together"):
+        ObservationTerm("bumper", len, 0.0, 1.0, topic="bumper")
+
+
+def test_terms_are_found_by_name_wherever_they_stand():
+    assert (size_of(OPEN_GROUND), size_of(ROOM), size_of(LOCATED_ROOM)) == (13, 50, 54)
+    assert columns_of(ROOM, LOCATED_ROOM).tolist() == [*range(13), *range(17, 54)]
+    stacked = (ROOM[4].over(2), ROOM[0])
+    assert columns_of((ROOM[0], ROOM[4]), stacked).tolist() == [*range(72, 77), *range(36)]
+    for wanted in (ROOM, (ROOM[4].over(3),), (ROOM[4].over(2, every=2),)):
+        with pytest.raises(ValueError, match=r"it reads '.*', which is not in the observation scan"):
+            columns_of(wanted, stacked)
