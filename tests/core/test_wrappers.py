@@ -13,7 +13,6 @@ from gymnasium.wrappers import FrameStackObservation
 from gymnasium_vector_checker import check_vector_env
 from gymnasium_vector_checker.runs import Case
 from turtlebot_gym import make_filter, make_noise, wrappers
-from turtlebot_gym.models.random import episode_key, normals, sub_key
 from turtlebot_gym.wrappers import vector
 
 NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
@@ -37,12 +36,6 @@ class Echo(gym.Env):
         return 2.0 * action, 5.0, self.at == 3, False, {"at": self.at}
 
 
-def compass(info, draws):
-    """A compass and a gyroscope, of which the first has noise."""
-    theta, omega = info["true_state"][..., 2], info["true_state"][..., 4]
-    return np.stack([theta + 0.1 * draws[..., 2], omega + 0.05 * draws[..., 0]], axis=-1)
-
-
 def brisk(it):
     """Progress, less what the turning costs."""
     turning = np.abs(it.action[..., 1])
@@ -53,10 +46,6 @@ PAIRS = {
     name: (partial(scalar, **options), partial(many, **options))
     for name, scalar, many, options in (
         ("reward", wrappers.TransitionReward, vector.TransitionReward, {"reward": brisk}),
-        (
-            "sensor", wrappers.AppendSensor, vector.AppendSensor,
-            {"measure": compass, "low": [-4.0, -3.0], "high": [4.0, 3.0], "draws": 3},
-        ),
         ("smooth", wrappers.SmoothAction, vector.SmoothAction, {"share": 0.3}),
         ("stack", FrameStackObservation, vector.FrameStackObservation, {"stack_size": 3}),
         ("zeros", FrameStackObservation, vector.FrameStackObservation, {"stack_size": 2, "padding_type": "zero"}),
@@ -104,7 +93,7 @@ def test_rooms_are_wrapped_too(name):
     same(play(partial(native, many, id=ROOMS), AutoresetMode.SAME_STEP), expected)
 
 
-@pytest.mark.parametrize("names", [*((name,) for name in PAIRS), ("smooth", "reward", "sensor", "stack")], ids=str)
+@pytest.mark.parametrize("names", [*((name,) for name in PAIRS), ("smooth", "reward", "stack")], ids=str)
 def test_wrapped_environments_keep_the_contract_each_and_all_together(names):
     def make(num_envs, **options):
         return reduce(lambda envs, name: PAIRS[name][1](envs), names, native(lambda envs: envs, num_envs=num_envs, **options))
@@ -136,33 +125,6 @@ def test_rewards_by_hand():
     assert seen[1].before.observation == seen[0].after.observation == 1.0
 
 
-def test_a_sensors_noise_is_that_of_seed_episode_and_step():
-    env = wrappers.AppendSensor(Echo(), lambda info, draws: draws[..., :2], low=[-9, -9], high=[9, 9], draws=3)
-    assert env.observation_space == spaces.Box(np.float32([-2, -9, -9]), np.float32([2, 9, 9]))
-    for episode in range(2):
-        key = sub_key(episode_key(40, episode), 4)
-        observation, _ = env.reset(seed=40) if episode == 0 else env.reset()
-        for step in range(3):
-            np.testing.assert_array_equal(observation[1:], np.float32(normals(key, step, 0)))
-            observation, *_ = env.step(np.zeros(1, np.float32))
-
-
-def test_unseeded_sensors_differ_and_third_draws_are_of_their_own_stream():
-    values = []
-    for _ in range(2):
-        env = wrappers.AppendSensor(Echo(), lambda info, draws: draws[..., 2:], low=[-9], high=[9], draws=3)
-        values.append(env.reset()[0][1])
-    assert values[0] != values[1]
-    key = sub_key(episode_key(7, 0), 4)
-    assert env.reset(seed=7)[0][1] == np.float32(normals(key, 0, 1)[0])
-
-
-def test_values_of_a_sensor_are_clipped_to_its_bounds():
-    env = wrappers.AppendSensor(Echo(), lambda info, draws: [3.0 * info["at"] - 1.0], low=-0.5, high=4.0)
-    values = [env.reset()[0][1]] + [env.step(np.zeros(1, np.float32))[0][1] for _ in range(3)]
-    assert values == [-0.5, 2.0, 4.0, 4.0]
-
-
 def test_a_wrapped_scalar_environment_is_made_again_from_its_specification():
     env = wrappers.SmoothAction(gym.make(NAV), 0.25)
     assert isinstance(gym.make(env.spec), wrappers.SmoothAction)
@@ -189,20 +151,6 @@ def stepped(reward):
         (lambda: wrappers.SmoothAction(gym.make("CartPole-v1"), 0.5), "The action space must be a Box, got Discrete"),
         (lambda: vector.FrameStackObservation(envs(), 0), "stack_size must be a whole number of at least 1, got 0"),
         (lambda: vector.FrameStackObservation(envs(), 2, padding_type="one"), "padding_type must be one of 'reset', 'zero'"),
-        (lambda: wrappers.AppendSensor(Echo(), compass, low=1.0, high=0.0), "low and high must be numbers of a sensor"),
-        (lambda: wrappers.AppendSensor(Echo(), compass, low=[1.0], high=[2.0, 3.0]), "low and high must be numbers"),
-        (
-            lambda: wrappers.AppendSensor(Echo(), compass, low=0.0, high=1.0, draws=33),
-            "draws must be a whole number from 0 to 32",
-        ),
-        (
-            lambda: vector.AppendSensor(envs(), lambda info, draws: info["distance"], low=0.0, high=1.0).reset(),
-            r"measure must return shape \(2, 1\), as low and high say, got \(2,\)",
-        ),
-        (
-            lambda: wrappers.AppendSensor(FrameStackObservation(Echo(), 2), compass, low=0.0, high=1.0),
-            "The observation space must be a Box of 1 dimension",
-        ),
         (lambda: stepped(lambda it: 1.0), r"reward must return shape \(2,\), got \(\)"),
         (lambda: stepped(brisk), "info has no 'true_state'; vector environments tell more with info='full'"),
     ],

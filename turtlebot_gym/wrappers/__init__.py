@@ -5,6 +5,6 @@ To stack the observations of a scalar environment, use Gymnasium's `FrameStackOb
 
 from turtlebot_gym.wrappers.common import Moment, Transition
 from turtlebot_gym.wrappers.doubts import ModelDoubts
-from turtlebot_gym.wrappers.scalar import AppendSensor, SmoothAction, TransitionReward
+from turtlebot_gym.wrappers.scalar import SmoothAction, TransitionReward
 
-__all__ = ["AppendSensor", "ModelDoubts", "Moment", "SmoothAction", "Transition", "TransitionReward"]
+__all__ = ["ModelDoubts", "Moment", "SmoothAction", "Transition", "TransitionReward"]

@@ -1,4 +1,4 @@
-"""Wrappers of scalar environments: a custom reward, an additional sensor, smoother actions."""
+"""Wrappers of scalar environments: a custom reward, smoother actions."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
-from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.wrappers.common import SHARE, Moment, Sensor, Transition, ask, doubled, moment, require_box
-
-_ALL = np.ones(1, np.bool_)
+from turtlebot_gym.wrappers.common import SHARE, Moment, Transition, ask, doubled, moment, require_box
 
 
 class TransitionReward(gym.Wrapper, RecordConstructorArgs):
@@ -41,43 +38,6 @@ class TransitionReward(gym.Wrapper, RecordConstructorArgs):
         transition = Transition(self._before, doubled(action), after, reward, terminated, truncated)
         self._before = after
         return observation, float(ask(self._reward, transition)), terminated, truncated, info
-
-
-class AppendSensor(gym.Wrapper, RecordConstructorArgs):
-    """Append the values of an additional sensor to the observation.
-
-    Its noise depends only on seed, episode and step, so a row of `wrappers.vector.AppendSensor` has the same.
-
-    Args:
-        env: An environment whose observations are a Box of one dimension.
-        measure: ``measure(info, draws)`` returns the sensor's values, shape (..., k), which are clipped to the bounds;
-            ``draws`` are standard normal, shape (..., draws).
-        low: Lower bounds, shape (k,).
-        high: Upper bounds, shape (k,).
-        draws: Number of draws per step, at most 32.
-
-    Raises:
-        ValueError: If the observations are no such Box, or the bounds or the number of draws are invalid.
-    """
-
-    def __init__(self, env: gym.Env, measure: Callable[..., Any], *, low: ArrayLike, high: ArrayLike, draws: int = 0) -> None:
-        RecordConstructorArgs.__init__(self, measure=measure, low=low, high=high, draws=draws, _disable_deepcopy=True)
-        gym.Wrapper.__init__(self, env)
-        self._sensor = Sensor(env.observation_space, 1, measure, low, high, draws)
-        self.observation_space = self._sensor.space
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        observation, info = self.env.reset(seed=seed, options=options)
-        self._sensor.reset(self.env, seed, _ALL)
-        return self._with(observation, info), info
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        self._sensor.advance(_ALL)
-        return self._with(observation, info), reward, terminated, truncated, info
-
-    def _with(self, observation: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float32]:
-        return np.concatenate([observation, self._sensor.values(info, alone=True)]).astype(np.float32)
 
 
 class SmoothAction(gym.Wrapper, RecordConstructorArgs):

@@ -13,11 +13,11 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from turtlebot_gym.envs.common import of_rows
 from turtlebot_gym.validation import choose, whole
-from turtlebot_gym.wrappers.common import SHARE, Moment, Sensor, Transition, ask, doubled, moment, require_box
+from turtlebot_gym.wrappers.common import SHARE, Moment, Transition, ask, doubled, moment, require_box
 
 
 class _Stepped(NamedTuple):
@@ -125,44 +125,6 @@ class TransitionReward(_RowsWrapper, RecordConstructorArgs):
             raise ValueError(f"reward must return shape ({self.num_envs},), got {rewards.shape}.")
         self._before = after if last.info is outcome.infos else moment(outcome.observations, outcome.infos)
         return outcome._replace(rewards=np.where(outcome.waited, 0.0, rewards)).returned(outcome.observations)
-
-
-class AppendSensor(_RowsWrapper, RecordConstructorArgs):
-    """Append the values of an additional sensor to the observations, see `turtlebot_gym.wrappers.AppendSensor`.
-
-    Its function is called for all rows at once; environments of this package have more infos with ``info="full"``.
-    """
-
-    def __init__(self, env: VectorEnv, measure: Callable[..., Any], *, low: ArrayLike, high: ArrayLike, draws: int = 0) -> None:
-        RecordConstructorArgs.__init__(self, measure=measure, low=low, high=high, draws=draws, _disable_deepcopy=True)
-        super().__init__(env)
-        self._sensor = Sensor(env.single_observation_space, env.num_envs, measure, low, high, draws)
-        self.single_observation_space = self._sensor.space
-        self.observation_space = batch_space(self._sensor.space, env.num_envs)
-        self._values = np.zeros((env.num_envs, len(self._sensor.low)), np.float32)
-
-    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        observations, infos, mask = self._reset(seed, options)
-        self._sensor.reset(self.env, seed, mask)
-        return self._with(observations, infos, mask), infos
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        outcome = self._step(actions)
-        self._sensor.advance(~outcome.waited)
-        last, final = outcome.last(), None
-        self._sensor.begin(outcome.waited)
-        observations = self._with(last.observation, last.info)
-        if self._mode is AutoresetMode.SAME_STEP and outcome.done.any():
-            final = observations
-            self._sensor.begin(outcome.done)
-            observations = self._with(outcome.observations, outcome.infos, outcome.done)
-        return outcome.returned(observations, final)
-
-    def _with(self, observations: Any, infos: dict[str, Any], mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-        """Return observations with sensor values that are new for the rows in a mask."""
-        values = self._sensor.values(infos)
-        self._values = values if mask is None else np.where(mask[:, None], values, self._values)
-        return np.concatenate([observations, self._values], axis=1)
 
 
 class SmoothAction(_RowsWrapper, RecordConstructorArgs):
