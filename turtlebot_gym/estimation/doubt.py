@@ -6,7 +6,8 @@ second the poses of a window are compared with dead reckoning by the twists. Wha
 each a line through the residuals; the one that explains most is named, if it is significant and large enough to matter.
 
 The headings are explained first. Dead reckoning then uses the headings so explained, so that a bias of the gyro is not taken
-for a mistake of the speed. The normalized innovation squared of the filter itself says whether its noise is right.
+for a mistake of the speed. The normalized innovation squared of the filter itself says whether its noise is right. Where wheels
+slip, a cause but the last must hold for two windows: a burst of slip looks like any of them.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ WINDOW, SPACING, PERIOD = 10.0, 0.1, 1.0
 SHIFT = 0.3
 """Delay with which a late pose is compared, s."""
 USUAL = 0.1
-"""Delay of a pose after its twist that says nothing, s: only a longer one is significant. A message, and the filter's interval."""
+"""Delay of a pose after its twist that is no mistake, s: a message, or a step of a simulation. A longer one is significant."""
 FEWEST = 40
 """Number of messages from which something is said."""
 FLOOR = 0.01, 0.02
@@ -45,6 +46,8 @@ CONVINCING = 0.5
 """Share of the squared residuals that a mistake of the axes may leave."""
 MEDIAN = {2: 1.386, 3: 2.366}
 """Median of the NIS of a consistent filter, by degrees of freedom; spikes leave the median as it is."""
+INNOVATIONS = "the filter's innovations"
+"""Beginning of the cause of a filter that is wrong by more than it states."""
 WRONG = 4.0
 """Mean squared residual, in variances, above which the poses contradict the twists though no cause explains them."""
 
@@ -155,6 +158,7 @@ class Doubt:
         self._least = tuple(least + slip for least in (SCALE, BIAS, LATE, ASIDE))
         self._significant = SIGNIFICANT * (1.0 + 100.0 * slip)
         self._wrong, self._noisy = WRONG * (1.0 + 20.0 * slip), NOISY * (1.0 + 2.0 * slip)
+        self._insists = 1 if slip == 0.0 else round(2.0 * WINDOW / PERIOD)  # a burst stays in one window for its length
         self._degrees, self._measures = degrees, max(R) > LEAST_VARIANCE
         self.begin()
 
@@ -163,7 +167,7 @@ class Doubt:
         self._rows: deque[tuple[float, ...]] = deque()
         self._nis: deque[tuple[float, float]] = deque()
         self._time = self._judged = self._way = self._turn = 0.0
-        self._twist = STOP
+        self._twist, self._doubted = STOP, 0
         self.found = Doubts()
         """The last judgement."""
 
@@ -182,7 +186,10 @@ class Doubt:
                 kept.popleft()
         if self._time - self._judged >= PERIOD and len(self._rows) >= FEWEST:
             self._judged = self._time
-            self.found = self._judge()
+            found = self._judge()
+            self._doubted = self._doubted + 1 if found.cause else 0
+            holds = self._doubted >= self._insists or found.cause.startswith(INNOVATIONS)
+            self.found = found if holds else found._replace(cause="")
         return self.found
 
     def _judge(self) -> Doubts:
@@ -238,7 +245,7 @@ class Doubt:
         else:
             ratio, noisy = left, self._wrong
         if ratio > noisy:
-            return f"the filter's innovations are {ratio:.1f} times its variance: is R too small, or are there two sources?"
+            return f"{INNOVATIONS} are {ratio:.1f} times its variance: is R too small, or are there two sources?"
         if ratio < QUIET and self._measures:
-            return f"the filter's innovations are {ratio:.2f} times its variance: is R too large?"
+            return f"{INNOVATIONS} are {ratio:.2f} times its variance: is R too large?"
         return ""

@@ -8,7 +8,7 @@ import pytest
 
 from turtlebot_gym import write_parameters
 from turtlebot_gym.estimation.agreement import Agreement
-from turtlebot_gym.estimation.doubt import Doubt
+from turtlebot_gym.estimation.doubt import INNOVATIONS, WINDOW, Doubt
 from turtlebot_gym.estimation.filters import KalmanFilter
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import limit
@@ -65,16 +65,22 @@ def driven(noise, seconds, *, fault=None, filter="matched", seed=0, folder=None)
     tuning, rng, command, goal, history = make_filter(filter, assumed), random.Random(seed), STOP, (1.0, 1.0), []
     estimator, agreement = KalmanFilter(tuning, dt=DT, integrator="euler"), Agreement(BURGER, assumed)
     doubt, said = Doubt(assumed, degrees=0 if isinstance(tuning.kind, DeadReckoning) else 3), set()
+    astray = -math.inf  # the step in which the filter was last wrong by more than it states
     estimator.dt = interval = 2.0 * DT if fault == "interval" else DT
     for k in range(round(seconds / DT)):
-        history.append(plant.step(DT, command)["odometry"])
+        moved = plant.step(DT, command)
+        history.append(moved["odometry"])
         heard = change(history[-1], history) if change else history[-1]
         if k:
             estimator.step(heard.twist, heard.pose if heard.measured else None)
         else:
             estimator.start(heard.pose)
-        said |= {agreement.judge(interval, heard, command) and agreement.cause, doubt.add(interval, heard, estimator.nis).cause}
-        mean = estimator.belief.mean
+        said.add(agreement.judge(interval, heard, command) and agreement.cause)
+        (mean, P), truth, doubts = estimator.belief, moved["truth"], doubt.add(interval, heard, estimator.nis).cause
+        if abs(wrap(mean.theta - truth.theta)) > 6.0 * math.sqrt(P.tt) + 0.05:
+            astray = k
+        if not (doubts.startswith(INNOVATIONS) and (k - astray) * DT < 3.0 * WINDOW):  # then it is right
+            said.add(doubts)
         if k % 300 == 0 or math.hypot(goal[0] - mean.x, goal[1] - mean.y) < 0.3:
             goal, gain = (rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0)), rng.choice((1.5, 1.5, 6.0))
         turn = wrap(math.atan2(goal[1] - mean.y, goal[0] - mean.x) - mean.theta)
