@@ -485,7 +485,7 @@ def test_the_limits_of_a_robot_in_a_file_hold(tmp_path):
     assert max(drive(arbiter, 0.0, 1.0, Command(1.0, 0.0))) == Command(0.07, 0.0)
     mount = {"collision_monitor": True, "scan_mount": "given", "scan_x": 0.1}
     assert new(robot=str(path), **mount).monitor._body.radius == 0.2
-    with pytest.raises(ValueError, match="scan_mount must be 'given' for a robot from a file"):
+    with pytest.raises(ValueError, match="scan_mount must be 'given' for a robot that has no lidar"):
         new(robot=str(path), collision_monitor=True)
     with pytest.raises(ValueError, match="There is no robot file"):
         new(robot=str(tmp_path / "none.yaml"))

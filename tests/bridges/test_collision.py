@@ -1,19 +1,21 @@
 """The collision monitor's mathematics against an oracle of its own, and its laws over drawn scans and commands."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from turtlebot_gym import write_parameters
 from turtlebot_gym.beams import beams_of, gaps_of
+from turtlebot_gym.robots import ROBOTS, LidarMount
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.robot import collision
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import (
-    MOUNTS,
     SLOWEST,
     Body,
     Limits,
@@ -305,11 +307,11 @@ def test_the_footprints_hold_the_bodies():
         "turtlebot4": (0.171, [(-0.17, 0.0), (0.17, 0.0), (0.0, 0.17)]),
     }
     for robot, (radius, places) in corners.items():
-        assert all(math.hypot(x - MOUNTS[robot][0], y) <= radius + 0.001 for x, y in places), robot
-    assert MOUNTS["burger"] == (-0.024, Mount("base_scan", -0.032, 0.0, 0.0))
-    assert MOUNTS["waffle"][1] == Mount("base_scan", -0.064, 0.0, 0.0)
-    assert MOUNTS["turtlebot4"][1] == Mount("rplidar_link", -0.04, 0.0, math.pi / 2.0)
-    assert MOUNTS["tutorial"] == MOUNTS["burger"]
+        assert ROBOTS[robot].radius == radius
+        assert all(math.hypot(x - ROBOTS[robot].footprint_x, y) <= radius + 0.001 for x, y in places), robot
+    assert ROBOTS["burger"].lidar == ROBOTS["tutorial"].lidar == LidarMount(frame="base_scan", x=-0.032)
+    assert ROBOTS["waffle"].lidar == LidarMount(frame="base_scan", x=-0.064)
+    assert ROBOTS["turtlebot4"].lidar == LidarMount(frame="rplidar_link", x=-0.04, yaw=math.pi / 2.0)
 
 
 # How much of a command passes.
@@ -597,6 +599,16 @@ def test_the_acceleration_of_a_start_holds_behind_it_and_silence_of_the_scan_sto
     assert speeds[50] == 0.2  # the last scan came at 0.8 s
     assert set(held[62:]) == {STOP}
     assert held[59] != STOP
+
+
+def test_a_robot_is_one_entry_for_the_monitor_too(monkeypatch, tmp_path):
+    """As a preset and as a file."""
+    scout = replace(ROBOTS["waffle"], radius=0.2, footprint_x=-0.01, lidar=LidarMount(frame="laser", x=0.1, yaw=0.5))
+    monkeypatch.setitem(ROBOTS, "scout", scout)
+    write_parameters(scout, tmp_path / "scout.yaml")
+    for robot in ("scout", str(tmp_path / "scout.yaml")):
+        monitor = Arbiter(Parameters(collision_monitor=True, robot=robot), T).monitor
+        assert monitor._body == Body(0.2, -0.01, Mount("laser", 0.1, 0.0, 0.5))
 
 
 def test_the_parameters_are_those_of_the_monitor():

@@ -37,6 +37,7 @@ def of_class(kind: type) -> dict[str, Any]:
     assert is_dataclass(kind)
     defaults = {item.name: item.default for item in fields(kind) if item.default is not MISSING}
     words = {name: f"{rule}: {rule.each}" if isinstance(rule, Numbers) else str(rule) for name, rule in rules(kind).items()}
+    words = {name: text.replace(", ".join(ROBOTS), "the presets") for name, text in words.items()}
     return {"rules": words, "defaults": defaults}
 
 

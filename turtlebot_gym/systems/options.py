@@ -57,8 +57,8 @@ class Options:
     """What to reach: nav, pose, square, room or mission; in Python also a `turtlebot_gym.Task`, whose finite ``max_steps``
     truncates too. None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
     robot: str | Path | Mapping[str, Any] | Robot = "burger"
-    """Robot: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml); in Python also a `turtlebot_gym.Robot` or
-    a mapping of its fields."""
+    """Robot: a preset (the names in `turtlebot_gym.ROBOTS`, which an unknown one lists), or a file of your own (FILE.yaml); in
+    Python also a `turtlebot_gym.Robot` or a mapping of its fields."""
     noise: str | Path | Mapping[str, Any] | Noise = "tutorial"
     """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); in Python also a
     `turtlebot_gym.Noise` or a mapping of its fields."""

@@ -65,7 +65,7 @@ class Calibrate(Reporting, Placed, Recorded):
     map: Path | None = None
     """Map of the place, as map_server takes it (FILE.yaml): the poses of the log's scans in it are the truth."""
     robot: str = "burger"
-    """Robot whose speed limits a log must satisfy: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
+    """Robot whose speed limits a log must satisfy: a preset, such as burger, or a file of your own (FILE.yaml)."""
     integrator: str | None = None
     """euler or midpoint; by default the one that explains the motion better."""
     segment: float | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,8 @@ def describe_robot(robot: str | Robot) -> dict[str, Any]:
     made = make_robot(robot)
     preset = next((name for name, limits in ROBOTS.items() if limits == made), "custom")
     name = Path(robot).stem if is_file(robot) else robot if isinstance(robot, str) else preset
-    return plain({"name": name, **asdict(made)})
+    limits = {item.name: getattr(made, item.name) for item in fields(made) if item.metadata.get("number", True)}
+    return plain({"name": name, **limits})
 
 
 def robot_of(described: Mapping[str, Any]) -> Robot:

@@ -15,7 +15,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym import __version__, make_robot
+from turtlebot_gym import ROBOTS, __version__, make_robot
 from turtlebot_gym.files import load, write_text
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
 from turtlebot_gym_ros.base.parameters import descriptions
@@ -72,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
     options = argparse.ArgumentParser(
         prog="field_test", description=f"Guide you through the first afternoon with a robot, and write a report. {WORDS}"
     )
-    options.add_argument("--robot", default="burger", help="burger (default), waffle, turtlebot4, or FILE.yaml")
+    options.add_argument("--robot", default="burger", help=f"{', '.join(ROBOTS)} (default burger), or FILE.yaml")
     options.add_argument("--out", type=Path, help="new folder of report, bag and noise file (default field-test-TIME)")
     options.add_argument("--with-guard", action="store_true", help="start guard and standby here: run this on the robot then")
     options.add_argument("--twist", action="store_true", help="with --with-guard: the robot hears Twist, not TwistStamped")

@@ -63,18 +63,6 @@ class Body(NamedTuple):
     """Mount of the LiDAR; its frame with the prefix of the robot's frames if any."""
 
 
-MOUNTS = {
-    # URDF of each robot. Burger: a body of 0.14 x 0.14 m around x = -0.032 m, and wheels that reach to x = 0.033 m; a radius of
-    # 0.105 m around -0.024 m encloses both. Waffle: 0.266 x 0.266 m around x = -0.064 m.
-    "burger": (-0.024, Mount("base_scan", -0.032, 0.0, 0.0)),
-    "waffle": (-0.064, Mount("base_scan", -0.064, 0.0, 0.0)),
-    # Create 3: a round body around the axle. RPLIDAR A1 as on the Standard model; its scans begin at the left.
-    "turtlebot4": (0.0, Mount("rplidar_link", -0.04, 0.0, math.pi / 2.0)),
-    "tutorial": (-0.024, Mount("base_scan", -0.032, 0.0, 0.0)),
-}
-"""Centre of the footprint, m, and mount of the LiDAR, by robot."""
-
-
 class Limits(NamedTuple):
     """Distances that the robot keeps from points of the LiDAR."""
 

@@ -11,7 +11,7 @@ from a header's age, as some drivers stamp the first beam). A scan that cannot b
 previous one, and so does one of a LiDAR that does not measure or is mounted otherwise, see `scan_watch`. Without a valid scan
 the robot stands and does not turn either.
 
-**Mount.** The pose of the scan's frame by ``/tf_static``, if any, replaces that of the preset, which is about all robots
+**Mount.** The pose of the scan's frame by ``/tf_static``, if any, replaces that of the robot's entry, which is about all robots
 of the kind; a difference is reported. A mount that a person gave is about this robot, too: if it differs, one of the two is
 wrong, and scans are refused, as are those of a LiDAR that ``/tf_static`` states twice, differently, or tilted.
 

@@ -13,7 +13,7 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.frames import Mount
-from turtlebot_gym_ros.robot.collision import MOUNTS, Body, Limits
+from turtlebot_gym_ros.robot.collision import Body, Limits
 from turtlebot_gym_ros.robot.monitor import Monitor, Timing
 
 
@@ -75,10 +75,10 @@ class Parameters:
     reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Longest delay of wheels and LiDAR driver, s."""
     scan_mount: Annotated[str, Names(("robot", "given"))] = "robot"
-    """Whether to use the preset's footprint, and the mount of ``/tf_static`` or else of the preset, or the five parameters
+    """Whether to use the robot's footprint, and the mount of ``/tf_static`` or else of the robot, or the five parameters
     below, which ``/tf_static`` must not contradict."""
     footprint_x: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
-    """Centre of the footprint ahead of the axle, m; its radius is that of the preset."""
+    """Centre of the footprint ahead of the axle, m; its radius is that of the robot."""
     scan_x: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
     """Position of the LiDAR ahead of the axle, m."""
     scan_y: Annotated[float, Range(-1.0, 1.0, unit="m")] = 0.0
@@ -90,8 +90,8 @@ class Parameters:
 
     def __post_init__(self) -> None:
         typed(self, "")
-        if self.collision_monitor and self.scan_mount == "robot" and self.robot not in MOUNTS:
-            raise ValueError(f"scan_mount must be 'given' for a robot from a file, got {self.scan_mount!r}.")
+        if self.collision_monitor and self.scan_mount == "robot" and not make_robot(self.robot).lidar.frame:
+            raise ValueError(f"scan_mount must be 'given' for a robot that has no lidar, got {self.scan_mount!r}.")
 
 
 def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]) -> Monitor | None:
@@ -106,7 +106,8 @@ def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]
         return None
     robot, timing = make_robot(p.robot), Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
     given = p.footprint_x, Mount(p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw)
-    center_x, mount = given if p.scan_mount == "given" else MOUNTS[p.robot]
+    known = robot.footprint_x, Mount(robot.lidar.frame, robot.lidar.x, robot.lidar.y, robot.lidar.yaw)
+    center_x, mount = given if p.scan_mount == "given" else known
     body = Body(robot.radius, center_x, mount._replace(frame=p.frame_prefix + mount.frame))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
     return Monitor(
