@@ -18,6 +18,7 @@ from unittest.mock import patch
 from harness.study import each
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym.files import replacing
+from turtlebot_gym.observations import size_of
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_baseline
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
@@ -133,7 +134,7 @@ def described(bundle: Path, policy: BundlePolicy, randomized: str, count: int | 
     """
     training: Mapping[str, Any] = policy.card.training
     return [
-        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, {len(policy.terms)} terms;",
+        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, {size_of(policy.terms)} numbers;",
         f"{bundle.stat().st_size / 1000:.0f} kB, sha256 `{policy.sha256[:16]}`, commit `{short(training['commit'])}`.",
         f"Trained with {randomized} that differ from environment to environment:",
         f"{training['steps']:,} steps in {training['seconds']:.0f} s, with seed {training['config']['seed']};",

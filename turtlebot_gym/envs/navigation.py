@@ -54,27 +54,27 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Observation Space
 
-    ``Box((13,), float32)``, layout 1, on open ground, and ``Box((50,), float32)``, layout 2, in rooms, with finite bounds, to
-    which observations are clipped; with a localizer and ``observation="located"``, ``Box((54,), float32)``, layout 3. Entries 0
-    to 12 follow from the estimated pose (with ``observation="odometry"`` from the measured one, with ``"truth"`` from the true
-    one).
+    A tuple of named terms, which the option ``observation`` changes and adds to, see `turtlebot_gym.observations`: ``Box((13,),
+    float32)`` on open ground, ``Box((50,), float32)`` in rooms, and ``Box((54,), float32)`` with a localizer and
+    ``observation="located"``, with finite bounds, to which observations are clipped. What follows from a pose follows from the
+    estimated one (with ``observation="odometry"`` from the measured one, with ``"truth"`` from the true one).
 
-    | # | Observation | Unit | Min | Max |
-    |---|---|---|---|---|
-    | 0 | distance to the waypoint | m | 0 | 20 |
-    | 1, 2 | cosine and sine of its bearing in the body frame; (1, 0) at distance 0 | | -1 | 1 |
-    | 3, 4 | cosine and sine of the heading still to turn | | -1 | 1 |
-    | 5 | speed / limit | | -2 | 2 |
-    | 6 | turning rate / limit | | -2 | 2 |
-    | 7 | stated standard deviation of the position (of the odometry; 0 for the truth) | m | 0 | 5 |
-    | 8 | stated standard deviation of the heading | rad | 0 | pi |
-    | 9 | normalized innovation squared of the last measurement | | 0 | 25 |
-    | 10 | distance to the waypoint after this one; to this one again if there is none | m | 0 | 20 |
-    | 11, 12 | cosine and sine of its bearing | | -1 | 1 |
-    | in layout 3 | stated standard deviation of the position ahead, and aside of the believed heading | m | 0 | 5 |
-    | in layout 3 | share of the last scan's beams that fit the map; weight of the best hypothesis of the place | | 0 | 1 |
-    | 13 to 48 | in rooms: shortest range of the newest scan in 36 sectors, from ahead to the left, / 3.5 m | | 0 | 1 |
-    | 49 | in rooms: age of that scan, by its stamp; in layout 3 the last two rows are 17 to 52 and 53 | s | 0 | 1 |
+    | Term | # | Observation | Unit | Min | Max |
+    |---|---|---|---|---|---|
+    | goal | 0 | distance to the waypoint | m | 0 | 20 |
+    | goal | 1, 2 | cosine and sine of its bearing in the body frame; (1, 0) at distance 0 | | -1 | 1 |
+    | goal | 3, 4 | cosine and sine of the heading still to turn | | -1 | 1 |
+    | twist | 5 | speed / limit | | -2 | 2 |
+    | twist | 6 | turning rate / limit | | -2 | 2 |
+    | uncertainty | 7 | stated standard deviation of the position (of the odometry; 0 for the truth) | m | 0 | 5 |
+    | uncertainty | 8 | stated standard deviation of the heading | rad | 0 | pi |
+    | uncertainty | 9 | normalized innovation squared of the last measurement | | 0 | 25 |
+    | next_goal | 10 | distance to the waypoint after this one; to this one again if there is none | m | 0 | 20 |
+    | next_goal | 11, 12 | cosine and sine of its bearing | | -1 | 1 |
+    | evidence | | if located: stated standard deviation of the position ahead, and aside of the believed heading | m | 0 | 5 |
+    | evidence | | if located: share of the last scan's beams that fit the map; weight of the best hypothesis | | 0 | 1 |
+    | scan | 13 to 48 | in rooms: shortest range of the newest scan in 36 sectors, from ahead to the left, / 3.5 m | | 0 | 1 |
+    | scan_age | 49 | in rooms: age of that scan, by its stamp; if located, the last two rows are 17 to 52 and 53 | s | 0 | 1 |
 
     ## Rewards
 
@@ -123,7 +123,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Version History
 
-    * v0: first version, observation layouts 1, 2 and 3.
+    * v0: first version.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # as Gymnasium declares it
