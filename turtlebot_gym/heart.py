@@ -2,8 +2,9 @@
 
     act -> move -> sense -> believe -> look -> judge -> reward -> observe
 
-Each part is a function of the system, a *kernel*: open ground, rooms, filters and plants differ in their kernels only. Plain
-Python runs them here, in ROS nodes too; `turtlebot_gym.compiled` runs the same kernels for many environments, to the same bit.
+`step` runs from the move to the reward; the policy acts before, and observes after it. Each part is a function of the system,
+a *kernel*: open ground, rooms, filters and plants differ in their kernels only. Plain Python runs them here, in ROS nodes too;
+`turtlebot_gym.compiled` runs the same kernels for many environments, to the same bit.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ def begin(system: System, start: Pose, key: int, waypoints: Any, p: Parameters, 
 def start_outcome(system: System, world: Snapshot) -> Outcome:
     """Return the outcome that stands for the start of an episode."""
     _, no_shares = rewarding(system.rewards)
-    return Outcome(0.0, distance_to(world.body.true_state, world.course.reference), False, False, False, False, no_shares)
+    distance = distance_to(world.body.true_state, world.course.reference)
+    nothing = {"is_success": False, "terminated": False, "truncated": False, "reached": False}
+    return Outcome(reward=0.0, distance=distance, **nothing, shares=no_shares)
 
 
 def step(
@@ -68,7 +71,7 @@ def step(
     body = system.move(before.body, command, key, at, p)  # move: the plant obeys, with delay and slip
     senses = sense(body, before.senses, key, at, p)  # sense: odometry, and what else there is
     estimate, room = before.estimate, before.room
-    if not system.reads_scan:  # believe: the filter never sees the body
+    if not system.reads_scan:  # believe: the filter sees the senses, never the body: true pose, slip, late commands
         estimate = system.estimate(before.estimate, before.senses, senses, p)
     if around:  # look: beams, contact, and the way that is left
         moved = Snapshot(body, senses, estimate, before.course, float(at), room)

@@ -50,7 +50,7 @@ class Odometry(NamedTuple):
     pose: Pose
     """The last measured pose that arrived."""
     twist: Command
-    """The executed twist: the one that the wheels were set to, or on a robot the one that they measured."""
+    """The twist of the wheels, before slip: the one that they were set to, or on a robot the one that they measured."""
     measured: bool
     """Whether a pose arrived in this step."""
 
@@ -68,7 +68,6 @@ class Senses(NamedTuple):
     odometry: Odometry
 
 
-@cache
 @cache
 def senses_of(names: tuple[str, ...]) -> Any:
     """Return the type of the values of sensors: `Senses` for odometry alone, or a NamedTuple with a field for each name."""

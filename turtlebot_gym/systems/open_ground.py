@@ -60,7 +60,10 @@ def obey(body, command, p):
 
 @kernel
 def _move(body, command, key, at, p):
-    """Move the pose with the current twist; then the twist follows the command."""
+    """Move the pose with the current twist; then the twist follows the command, as far as the wheels slip and noise allows.
+
+    The wheels turn as commanded and do not feel slip; their pose is kept for wheel odometry only, otherwise it is the true one.
+    """
     dt, noise = p.dt, p.noise.process
     first, second, third = body.asked
     now = obey(body, command, p)
@@ -81,7 +84,11 @@ def _move(body, command, key, at, p):
 
 @kernel
 def _judge(world, body, senses, estimate, waypoints, p):
-    """Return the number of waypoints visited, and what the task says of the step."""
+    """Return the number of waypoints visited, and what the task says of the step.
+
+    It terminates at the last waypoint, unless time switches them, and is truncated at ``max_steps``; a room adds contact in
+    `Surroundings.complete`.
+    """
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited
     is_there = arrived(truth, reference, task)
