@@ -20,10 +20,11 @@ from numpy.typing import ArrayLike, NDArray
 from rich.table import Table
 
 from harness.study import Study, run
+from turtlebot_gym.observations import Observation
 from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.systems import Options
-from turtlebot_gym.tasks import MISSION, Observation
+from turtlebot_gym.tasks import MISSION
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval

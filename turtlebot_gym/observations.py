@@ -33,7 +33,26 @@ LOCATED, BELIEVED, MEASURED, TRUE = -1.0, 0.0, 1.0, 2.0
 OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE, "located": LOCATED}
 """Choices for the robot's pose that the policy observes; up to `BELIEVED` it is the estimate."""
 MOST = 100
-"""Most values of a term, and most steps from one to the next."""
+"""Most numbers of a term, most values of it, and most steps from one to the next."""
+
+
+SOURCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", re.ASCII)
+"""What the source of a term is: "module:name"."""
+
+
+def _bounds(name: str, bound: Any) -> tuple[float, ...]:
+    """Return the bounds of a term's numbers.
+
+    Raises:
+        ValueError: If they are not from 1 to `MOST` numbers.
+    """
+    given = bound if isinstance(bound, (list, tuple, np.ndarray)) else (bound,)
+    try:
+        if 1 <= len(given) <= MOST:
+            return tuple(float(number) for number in given)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise refusal(f"a bound of the term {name!r}", f"a number, or up to {MOST} numbers", bound)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,10 +95,10 @@ class ObservationTerm:
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name.isidentifier()):
             raise refusal("ObservationTerm.name", "a name, such as 'bumper'", self.name)
-        low, high = (tuple(map(float, np.atleast_1d(bound).tolist())) for bound in (self.low, self.high))
+        low, high = (_bounds(self.name, bound) for bound in (self.low, self.high))
         if len(low) != len(high) or not all(-math.inf < a < b < math.inf for a, b in zip(low, high, strict=True)):
             raise ValueError(
-                f"ObservationTerm {self.name!r}: low must be below high, both finite, got {self.low} and {self.high}."
+                f"ObservationTerm {self.name!r}: low must be below high, both finite, got {shown(low)} and {shown(high)}."
             )
         if bool(self.topic) != bool(self.message and self.convert):
             raise ValueError(f"ObservationTerm {self.name!r}: topic, message and convert belong together.")
@@ -88,6 +107,9 @@ class ObservationTerm:
             whole(f"ObservationTerm {self.name!r}: {name}", getattr(self, name), 1, MOST)
         object.__setattr__(self, "low", low)
         object.__setattr__(self, "high", high)
+
+        if self.source and not SOURCE.fullmatch(self.source):
+            raise refusal(f"the source of the term {self.name!r}", "MODULE:NAME", self.source)
 
     @property
     def bounds(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -116,22 +138,25 @@ class ObservationTerm:
         """
         try:
             numbers = np.atleast_1d(np.asarray(value, np.float64))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             numbers = np.empty(0)
         if numbers.shape != (self.width,) or not np.isfinite(numbers).all():
             raise refusal(f"the term {self.name!r}", f"{self.width} finite number{'s' * (self.width > 1)}", value)
         return tuple(np.clip(numbers, *self.bounds).tolist())
 
     def example(self, world: Any, p: Any) -> Any:
-        """Return the value of a term of one's own in a world.
+        """Return the value of a term in a world, before it is clipped.
 
         Raises:
-            ValueError: If its kernel fails; the message is one line that says where.
+            ValueError: If its kernel fails, or returns another number of numbers; the message is one line that says where.
         """
         try:
-            return self.of(world, p)
+            value = getattr(self.of, "__wrapped__", self.of)(world, p)
         except Exception as error:
-            raise failure(self.source, error) from error
+            raise failure(self.source or self.name, error) from error
+        if (count := len(value) if isinstance(value, tuple) else 1) != self.width:
+            raise ValueError(f"the term {self.name!r} has bounds of {self.width} numbers, but its kernel returns {count}.")
+        return value
 
     @property
     def spelled(self) -> str:
@@ -219,6 +244,21 @@ def uncertainty_of(std: tuple[float, float], nis: float) -> tuple[float, float, 
 def stated_deviations(P: Covariance) -> tuple[float, float]:
     """Return the standard deviations of position (root of the trace) and heading in a covariance; m, rad."""
     return sqrt(P.xx + P.yy), sqrt(P.tt)
+
+
+def observe(state: State, std: tuple[float, float], nis: float, reference: Pose, following: Pose, robot: Robot) -> Observation:
+    """Return a policy's observation on open ground.
+
+    Args:
+        state: Believed pose and twist.
+        std: Standard deviations of position and heading; m, rad.
+        nis: Normalized innovation squared of the last measurement.
+        reference: The waypoint to reach.
+        following: The waypoint after it.
+        robot: Robot whose limits scale the twist.
+    """
+    goals = goal_from(state, reference), next_goal_from(state, following)
+    return Observation(*goals[0], *twist_of(state, robot), *uncertainty_of(std, nis), *goals[1])
 
 
 @kernel
@@ -356,6 +396,10 @@ def columns_of(wanted: Sequence[ObservationTerm], terms: Sequence[ObservationTer
     columns: list[int] = []
     for term in wanted:
         other = there.get(term.name)
+        if other and (other.bounds, other.unit) != (term.bounds, term.unit):
+            raise ValueError(f"it reads {term.spelled!r} with other bounds or another unit than {other.spelled!r} has")
+        if other and term.source and other.source and term.source != other.source:
+            raise ValueError(f"it reads {term.spelled!r}, not {other.spelled!r} of the same name")
         if (
             other is None
             or other.width != term.width
@@ -378,13 +422,16 @@ def bounds_of(terms: Sequence[ObservationTerm]) -> tuple[tuple[float, ...], tupl
 
 @cache
 def _clipped(term: ObservationTerm) -> ObservationTerm:
-    """Return a term whose numbers are within its bounds."""
-    of = term.of
+    """Return a term whose numbers are within its bounds; the kernel's attribute ``__wrapped__`` is the one before."""
+    of, bounds = term.of, tuple(zip(*term.bounds, strict=True))
     if term.width == 1:
-        ((low,), (high,)) = term.bounds
-        return replace(term, of=kernel(lambda world, p: min(max(of(world, p), low), high)))
-    bounds, clip = tuple(zip(*term.bounds, strict=True)), _clip(term.width)
-    return replace(term, of=kernel(lambda world, p: clip(of(world, p), bounds)))
+        ((low, high),) = bounds
+        clipped: Any = kernel(lambda world, p: min(max(of(world, p), low), high))
+    else:
+        clip = _clip(term.width)
+        clipped = kernel(lambda world, p: clip(of(world, p), bounds))
+    clipped.__wrapped__ = of
+    return replace(term, of=clipped)
 
 
 def _clip(number: int) -> Callable[..., Any]:
@@ -438,7 +485,7 @@ def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[Ob
         name, length, every = match.groups() if match else (item, None, None)
         found = list(own) if name in OBSERVED and not match else [_term(name, own)]
         for term in found:
-            if term.name in terms and not match:
+            if (before := terms.get(term.name)) and not (match and before == term):
                 raise ValueError(f"observation has the term {term.name!r} twice: leave out one of them.")
             terms[term.name] = term.over(int(length or 1), every=int(every or 1)) if match else term
     if all(term.in_scene for term in terms.values()):
@@ -473,6 +520,8 @@ def own_term(source: str) -> ObservationTerm:
         raise refusal(f"observation {source!r}", "a turtlebot_gym.observations.ObservationTerm", term)
     if term.name in TERMS or term.name in OBSERVED:
         raise ValueError(f"observation {source!r}: the package has a term {term.name!r} already: give yours another name.")
+    if term.in_scene:
+        raise ValueError(f"observation {source!r}: in_scene is for the package's own terms: return numbers of the world.")
     return _clipped(replace(term, source=source))
 
 
@@ -552,31 +601,31 @@ class History:
 
     def __init__(self, terms: Sequence[ObservationTerm], rows: int) -> None:
         places, self._at = slices_of(terms), 0
-        self._parts: list[tuple[ObservationTerm, int, NDArray[np.float32]]] = []
+        self._parts: list[tuple[int, int, int, int, NDArray[np.float32]]] = []
         for term in terms:
             if term.length > 1:
-                depth = (term.length - 1) * term.every + 1
-                self._parts.append((term, places[term.name].start, np.zeros((depth, rows, term.width), np.float32)))
+                past = np.zeros(((term.length - 1) * term.every + 1, rows, term.width), np.float32)
+                self._parts.append((places[term.name].start, term.width, term.length, term.every, past))
 
     def __bool__(self) -> bool:
         return bool(self._parts)
 
     def begin(self, observations: NDArray[Any], mask: NDArray[np.bool_]) -> None:
         """Begin episodes of some environments, whose present numbers stand in ``observations``, shape (N, k)."""
-        for term, start, past in self._parts:
-            past[:, mask] = observations[mask, start : start + term.width]
+        for start, width, _, _, past in self._parts:
+            past[:, mask] = observations[mask, start : start + width]
         self.show(observations)
 
     def advance(self, observations: NDArray[Any]) -> None:
         """Take a step: remember the present numbers of all environments, and write the past ones beside them."""
         self._at += 1
-        for term, start, past in self._parts:
-            past[self._at % len(past)] = observations[:, start : start + term.width]
+        for start, width, _, _, past in self._parts:
+            past[self._at % len(past)] = observations[:, start : start + width]
         self.show(observations)
 
     def show(self, observations: NDArray[Any]) -> None:
         """Write the past numbers."""
-        for term, start, past in self._parts:
-            for k in range(1, term.length):
-                to = start + k * term.width
-                observations[:, to : to + term.width] = past[(self._at - k * term.every) % len(past)]
+        for start, width, length, every, past in self._parts:
+            for k in range(1, length):
+                to = start + k * width
+                observations[:, to : to + width] = past[(self._at - k * every) % len(past)]

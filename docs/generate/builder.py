@@ -6,7 +6,7 @@ import turtlebot_gym  # noqa: F401  # registers the ids
 from turtlebot_gym.presets import FILTERS, NOISES, make_filter
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym_agents.policies import POLICIES, make_policy
-from turtlebot_gym_agents.policies.fit import MISSIONS, OPEN, require_layout, require_task
+from turtlebot_gym_agents.policies.fit import MISSIONS, OPEN, require_task, require_terms
 from turtlebot_gym_agents.policies.named import pretrained_folder
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
@@ -16,7 +16,7 @@ def fits(policy, env):
     """Return whether a policy can drive in an environment."""
     try:
         require_task(made := make_policy(policy), policy, env, "ekf")
-        require_layout(made, policy, env)
+        require_terms(made, policy, env)
     except ValueError:
         return False
     return True

@@ -3,7 +3,7 @@
 import numpy as np
 
 from turtlebot_gym import ROBOTS
-from turtlebot_gym.observations import OPEN_GROUND, Observation, goal_from, next_goal_from, row_of, twist_of, uncertainty_of
+from turtlebot_gym.observations import observe
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym.values import Pose, State
 
@@ -13,13 +13,7 @@ ANGLES = 2.0 * np.pi * np.arange(SECTORS) / SECTORS
 
 def seen(state, goal, robot, following=None):
     """Return an observation on open ground."""
-    return np.array(observed(state, (0.05, 0.1), 1.0, goal, following or goal, robot), np.float32)
-
-
-def observed(state, std, nis, goal, following, robot):
-    """Return the numbers of an observation on open ground."""
-    terms = goal_from(state, goal), twist_of(state, robot), uncertainty_of(std, nis), next_goal_from(state, following)
-    return Observation(*row_of(OPEN_GROUND, terms))
+    return np.array(observe(state, (0.05, 0.1), 1.0, goal, following or goal, robot), np.float32)
 
 
 def sight(goal=(2.0, 0.0, 0.0), *, at=(0.0, 0.0, 0.0), shares=None, age=0.0, v=0.0, omega=0.0):

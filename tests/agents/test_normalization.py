@@ -42,7 +42,7 @@ def steady(observations):
 @pytest.mark.parametrize(("steps", "std"), [(4, np.std([1.0, 2.0, 3.0, 4.0])), (2, 0.5), (1, 1.0)])
 def test_statistics_are_those_of_the_observations_after_each_step(steps, std):
     """What is constant keeps its scale."""
-    assert measure(Still(13), steady, seed=7, steps=steps) == (
+    assert measure(Still(13), steady, (0, 0), seed=7, steps=steps) == (
         pytest.approx([0.5 * (steps + 1)] * 13),
         pytest.approx([std] * 13),
     )
@@ -50,7 +50,7 @@ def test_statistics_are_those_of_the_observations_after_each_step(steps, std):
 
 def test_half_of_the_actions_are_drawn_evenly():
     envs = Still(13)
-    measure(envs, steady, seed=7, steps=200)
+    measure(envs, steady, (0, 0), seed=7, steps=200)
     actions = np.concatenate(envs.actions)
     assert actions.dtype == np.float32
     unchanged = (actions == 0.25).all(axis=1)
@@ -63,12 +63,12 @@ def test_half_of_the_actions_are_drawn_evenly():
 
 def test_ranges_are_spread_and_nothing_else():
     rows = torch.arange(50, dtype=torch.float32)[None] / 50.0
-    spread = _spread_ranges(rows)
+    spread = _spread_ranges(rows, (13, 49))
     assert torch.equal(spread[:, :13], rows[:, :13])
     assert torch.equal(spread[:, 49:], rows[:, 49:])
     np.testing.assert_allclose(spread[:, 13:49], np.log(rows[:, 13:49].numpy() + 0.03), rtol=1e-6)
     open_ground = torch.ones((2, 13))
-    assert _spread_ranges(open_ground) is open_ground
+    assert _spread_ranges(open_ground, (0, 0)) is open_ground
     space = spaces.Box(0.0, 1.0, (50,), np.float32)
     network = NormalizedObservation(space, mean=[0.5] * 50, std=[0.1] * 50)
     np.testing.assert_allclose(network(rows), np.clip((spread.numpy() - 0.5) / 0.1, -10.0, 10.0), rtol=0, atol=1e-5)

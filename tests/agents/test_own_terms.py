@@ -7,6 +7,7 @@ import pytest
 from turtlebot_gym import Episode
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.systems import Options
+from turtlebot_gym.values import Covariance, Pose, State
 from turtlebot_gym_agents import Deployment
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import make_policy
@@ -74,6 +75,26 @@ def test_a_deployment_refuses_a_term_that_is_missing_by_its_name(trained):
             deployment.act(**inputs, own=own)
     deployment.act(**inputs, own={name: 9.0})
     assert deployment.observation[-1] == np.float32(deployment.own_terms[0].bounds[1][0])
+
+
+def test_after_a_pause_a_history_begins_anew():
+    """What was seen before the robot stood was not seen a step ago."""
+    deployment = Deployment(f"{__name__}:remembers")
+    seen = []
+    for now, v in ((0.1, 0.10), (0.2, 0.12), (0.3, 0.14), (30.0, 0.02), (30.1, 0.04)):
+        state, P = State(0.0, 0.0, 0.0, v, 0.0), Covariance(*[0.01] * 15)
+        deployment.command(state, P, 0.0, Pose(1.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), now=now)
+        seen.append(deployment.observation[[0, 2]].tolist())
+    speeds = [row[0] for row in seen]
+    assert [row[1] for row in seen] == [speeds[0], speeds[0], speeds[1], speeds[3], speeds[3]]
+
+
+def remembers(observations):
+    """Stand, by the present twist and the one before."""
+    return np.zeros((*observations.shape[:-1], 2), np.float32)
+
+
+remembers.terms = ("twist*2",)
 
 
 def test_rules_and_their_safety_layer_read_their_terms_in_any_observation():

@@ -8,7 +8,7 @@ import pytest
 from sights import seen
 
 from turtlebot_gym import ROBOTS, Robot
-from turtlebot_gym.tasks import Observation
+from turtlebot_gym.observations import Observation
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate

@@ -4,8 +4,10 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import own_terms
 import pytest
 from bench import node, odometry
 from diagnostic_msgs.msg import DiagnosticArray
@@ -13,7 +15,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
-from turtlebot_gym.observations import ObservationTerm
+from turtlebot_gym_agents.policies.bundle import term_on
 from turtlebot_gym_ros.blocks import VelocityController
 from turtlebot_gym_ros.blocks.controller import _input_of
 
@@ -82,20 +84,38 @@ def test_a_node_whose_policy_reads_a_term_that_is_not_there_does_not_start(folde
     assert "No module named 'own_terms'" in ended.stderr
 
 
+def bundle_term(name, low, high, source=""):
+    """Return a term as a bundle's card has it."""
+    return term_on("a.onnx", {"name": name, "low": low, "high": high, "source": source})
+
+
+NAMED = {term.name: replace(term, source=f"own_terms:{term.name.upper()}") for term in (own_terms.BUMPER, own_terms.GAPS)}
+
+
 @pytest.mark.parametrize(
     ("term", "message"),
     [
-        (ObservationTerm("gaps", len, 0.0, 1.0), "of which its card has no source"),
-        (ObservationTerm("gaps", len, 0.0, 1.0, source="own_terms:GAPS"), "but own_terms:GAPS is 'gaps'"),
+        (bundle_term("lamp", [0.0], [1.0]), "name it in the parameter terms, MODULE:NAME."),
         (
-            ObservationTerm("gaps", len, (-1.0,) * 2, (2.0,) * 2, source="own_terms:GAPS"),
-            "which no topic brings: give own_terms:GAPS",
+            bundle_term("lamp", [0.0], [1.0], "own_terms:BUMPER"),
+            "name it in the parameter terms, MODULE:NAME, such as own_terms",
         ),
+        (bundle_term("bumper", [0.0], [2.0]), "with bounds .*, but own_terms:BUMPER has"),
+        (bundle_term("gaps", [-1.0, -1.0], [2.0, 2.0]), "give own_terms:GAPS a topic, message and convert"),
     ],
 )
 def test_a_term_that_no_topic_brings_is_refused_by_its_name(term, message):
-    with pytest.raises(ValueError, match=f"the policy reads 'gaps'.*{message}"):
-        _input_of(term)
+    """A bundle names no module: a person does, in the parameter ``terms``."""
+    with pytest.raises(ValueError, match=f"the policy reads '{term.name}'.*{message}"):
+        _input_of(term, NAMED)
+
+
+def test_a_bundles_term_is_brought_by_the_topic_that_a_person_names():
+    source = _input_of(bundle_term("bumper", [0.0], [1.0]), NAMED)
+    assert (source.topic, source.message, source.max_age, source.lasts) == ("bumper", "std_msgs/msg/Bool", 0.5, 0.0)
+    assert source.read(Bool(data=True)) == (1.0,)
+    slow = _input_of(replace(own_terms.BUMPER, lasts=3.0), {})
+    assert (slow.max_age, slow.lasts) == (0.5, 2.5)
 
 
 def test_a_controller_without_own_terms_is_as_before():

@@ -70,3 +70,8 @@ def wrong(world, p):
 
 
 WRONG = ObservationTerm("wrong", wrong, 0.0, 1.0)
+
+
+OTHER = ObservationTerm("bumper", wrong, 0.0, 1.0)
+SHORT = ObservationTerm("short", touch, (0.0, 0.0), (1.0, 1.0))
+SCENE = ObservationTerm("scene", touch, 0.0, 1.0, in_scene=True)

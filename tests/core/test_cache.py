@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from types import FunctionType
 
 import numba
@@ -83,8 +84,9 @@ def copied(function):
 def test_every_kernel_of_a_step_is_part_of_its_fingerprint():
     system = open_ground(EXTENDED_KALMAN)
     odometry = system.sensors[0]._replace(sense=copied(system.sensors[0].sense))
-    names = ("move", "estimate", "judge", "observe")
+    names, goal = ("move", "estimate", "judge"), replace(system.terms[0], of=copied(system.terms[0].of))
     changed = [system.with_sensor(odometry), *(system._replace(**{name: copied(getattr(system, name))}) for name in names)]
+    changed.append(system.with_observation(goal, *system.terms[1:]))
     prints = {_fingerprint(loop._step_tile_of(kind, GENERAL)) for kind in (system, *changed)}
     assert len(prints) == 6
     assert _fingerprint(loop._reset_lane_of(system, GENERAL)) not in prints

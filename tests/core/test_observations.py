@@ -1,6 +1,7 @@
 """Observations are made of named terms: the package's, one's own, and histories of both, the same wherever a robot drives."""
 
 import json
+import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -95,6 +96,10 @@ def test_an_environment_with_own_terms_passes_gymnasiums_checks_and_is_made_agai
         (NAV, "ekf,nowhere:X", "No module named 'nowhere'"),
         (NAV, "ekf,own_terms:WRONG", r"own_terms:WRONG: AttributeError: .* \(.*own_terms.py, line \d+\)"),
         (ROOMS, "scan", "observation must have a term beside 'scan'"),
+        (ROOMS, "ekf,scan*2,scan*3@2", "observation has the term 'scan' twice"),
+        (ROOMS, "ekf,own_terms:BUMPER,own_terms:OTHER*2", "observation has the term 'bumper' twice"),
+        (ROOMS, "ekf,own_terms:SHORT", "the term 'short' has bounds of 2 numbers, but its kernel returns 1"),
+        (NAV, "ekf,own_terms:SCENE", "in_scene is for the package's own terms"),
         (NAV, "ekf,twist*101", "length must be a whole number from 1 to 100, got 101"),
         (NAV, 5, "observation must be names of terms with commas"),
     ],
@@ -119,6 +124,24 @@ def test_a_term_that_cannot_be_is_refused(arguments, message):
         ObservationTerm(*arguments)
     with pytest.raises(ValueError, match="topic, message and convert belong together"):
         ObservationTerm("bumper", len, 0.0, 1.0, topic="bumper")
+
+
+def test_an_environment_with_own_terms_is_pickled_as_it_is():
+    for made in (
+        gym.make(ROOMS, observation="ekf,scan*2,own_terms:BUMPER"),
+        gym.make_vec(ROOMS, num_envs=2, observation="own_terms:BUMPER*2,goal"),
+    ):
+        observed, _ = made.reset(seed=1)
+        again = pickle.loads(pickle.dumps(made))
+        action = np.full((*np.shape(observed)[:-1], 2), 0.4, np.float32)
+        for _ in range(3):
+            np.testing.assert_array_equal(again.step(action)[0], made.step(action)[0])
+
+
+def test_terms_of_one_name_that_differ_are_not_taken_for_each_other():
+    other = ObservationTerm("goal", len, (0.0,) * 5, (1.0,) * 5)
+    with pytest.raises(ValueError, match="it reads 'goal' with other bounds or another unit"):
+        columns_of((other,), ROOM)
 
 
 def test_terms_are_found_by_name_wherever_they_stand():

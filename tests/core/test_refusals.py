@@ -11,7 +11,6 @@ from turtlebot_gym import Options, make_parameters
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.observations import OBSERVED
 from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
@@ -45,7 +44,6 @@ NAMES = {
     "noise": NOISES,
     "filter": FILTERS,
     "integrator": INTEGRATORS,
-    "observation": OBSERVED,
     "arrival": ("truth", "belief"),
     "switch": ("arrival", "time"),
     "task": TASKS,
@@ -55,7 +53,7 @@ NAMES = {
 }
 
 
-@pytest.mark.parametrize("name", [*NAMES, "reward", "world", "lidar"])
+@pytest.mark.parametrize("name", [*NAMES, "observation", "reward", "world", "lidar"])
 def test_an_option_of_another_name_or_type_is_refused_by_its_name(maker, name):
     if name in NAMES:
         known = ", ".join(map(repr, NAMES[name]))

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
-from sights import observed
 
 from turtlebot_gym.heart import Episode, step
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.random import episode_key
-from turtlebot_gym.observations import OPEN_GROUND, bounds_of
+from turtlebot_gym.observations import OPEN_GROUND, bounds_of, observe
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.systems import Options, make_parameters
 from turtlebot_gym.tasks import (
@@ -33,7 +32,7 @@ KEYS = [episode_key(seed, 0) for seed in range(3000)]
 
 
 def seen(state, *, std=(0.1, 0.2), nis=3.0, reference=GOAL, following=NEXT):
-    return observed(state, std, nis, reference, following, BURGER)
+    return observe(state, std, nis, reference, following, BURGER)
 
 
 def test_observation_in_the_body_frame():

@@ -53,7 +53,15 @@ def follow(headings, folder, *, plain):
 
 
 def test_each_extension_has_a_recipe():
-    assert {*HEADINGS.values()} == {"A sensor", "A filter", "A reward", "A robot", "A plant", "A node"}
+    assert {*HEADINGS.values()} == {
+        "A sensor",
+        "A term of the observation",
+        "A filter",
+        "A reward",
+        "A robot",
+        "A plant",
+        "A node",
+    }
     for heading in HEADINGS.values():
         assert any("assert " in block.text for block in recipe(heading) if not block.title), heading
 
@@ -61,8 +69,17 @@ def test_each_extension_has_a_recipe():
 @pytest.mark.parametrize(
     ("headings", "plain"),
     [
-        *((headings, True) for headings in (["A sensor", "A filter"], ["A reward"], ["A robot"], ["A plant"], ["A node"])),
-        pytest.param(["A sensor", "A filter"], False, marks=pytest.mark.nightly),
+        *(
+            (headings, True)
+            for headings in (
+                ["A sensor", "A term of the observation", "A filter"],
+                ["A reward"],
+                ["A robot"],
+                ["A plant"],
+                ["A node"],
+            )
+        ),
+        pytest.param(["A sensor", "A term of the observation", "A filter"], False, marks=pytest.mark.nightly),
     ],
     ids=str,
 )

@@ -277,7 +277,7 @@ def layout_of(system: System, special: Special) -> Layout:
     parameters = packing(p, known=dict(special.parameters), own=special.own)
     a_world = packing(world, known=dict(special.world), same=dict(special.same))
     for term in system.terms:
-        if term.source:
+        if not term.in_scene:
             term.example(world, p)
     an_outcome, observation = packing(outcome), packing(observing(system.terms)(world, p))
     at_outcome = observation.size * TILE

@@ -27,6 +27,7 @@ from turtlebot_gym.envs.common import (
 )
 from turtlebot_gym.envs.pictures import Pictures
 from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
@@ -144,8 +145,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._batch.tell(*parts, numbers)
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
-        self.observation_terms = self._batch.system.terms
-        """The terms of an observation, in turn."""
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
         self._started = False
@@ -154,6 +153,11 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Whether pictures are drawn on dark paper; set it before the first one, ``env.unwrapped.dark = True``."""
         windows = render_mode == "human"
         self._pictures = Pictures(self._batch, rows=1, fps=self.metadata["render_fps"], windows=windows)
+
+    @property
+    def observation_terms(self) -> tuple[ObservationTerm, ...]:
+        """The terms of an observation, in turn."""
+        return self._batch.system.terms
 
     @property
     def parameters(self) -> Parameters:

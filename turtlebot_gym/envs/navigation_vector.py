@@ -34,6 +34,7 @@ from turtlebot_gym.envs.common import (
 from turtlebot_gym.envs.pictures import Pictures
 from turtlebot_gym.envs.poses import GivenPoses
 from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Options, Outcome, Parameters, Snapshot
@@ -100,8 +101,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._tells_shares = shares
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
-        self.observation_terms = self._batch.system.terms
-        """The terms of an observation, in turn."""
         self._poses = GivenPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
         self._told = Told(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
         self.num_envs = num_envs
@@ -124,6 +123,11 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def autoreset_mode(self) -> AutoresetMode:
         """What happens after an episode's end, as in ``metadata["autoreset_mode"]``; `SyncVectorEnv` has this attribute too."""
         return self._mode
+
+    @property
+    def observation_terms(self) -> tuple[ObservationTerm, ...]:
+        """The terms of an observation, in turn."""
+        return self._batch.system.terms
 
     @property
     def parameters(self) -> Parameters | Sequence[Parameters]:

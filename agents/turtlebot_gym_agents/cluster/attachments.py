@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,9 +26,7 @@ T = TypeVar("T")
 def attach(*names: object) -> dict[str, dict[str, bytes]]:
     """Return the files among some names, including single-file modules named as "module:callable"."""
     attachments: dict[str, dict[str, bytes]] = {}
-    for name in names:
-        if not isinstance(name, (str, Path)):
-            continue
+    for name in _separate(names):
         reference = bare(str(name))
         path, (module, colon, _) = Path(reference), reference.partition(":")
         if path.suffix in SUFFIXES:
@@ -39,6 +37,17 @@ def attach(*names: object) -> dict[str, dict[str, bytes]]:
             if source is not None:
                 attachments[_MODULE + module] = {source.name: read_bytes(source)}
     return attachments
+
+
+def _separate(names: Iterable[object]) -> Iterator[str | Path]:
+    """Yield names, and those within lists and between commas, without the length of a history."""
+    for name in names:
+        if isinstance(name, (list, tuple)):
+            yield from _separate(name)
+        elif isinstance(name, str) and "," in name:
+            yield from _separate(name.split(","))
+        elif isinstance(name, (str, Path)):
+            yield name
 
 
 @contextmanager

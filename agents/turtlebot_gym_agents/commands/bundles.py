@@ -52,14 +52,16 @@ class Export(Writing, _TRAINED):
             value = getattr(self, name)
             return default[name] if value is None else value
 
-        robot = setting("robot")
+        robot, env = setting("robot"), setting("env")
+        pose, terms = bundle.observed({**default, "env": env, "observation": setting("observation")})
         card = bundle.Card(
-            env=setting("env"),
+            env=env,
             robot=describe_robot(robot) if isinstance(robot, str) else {"name": "custom", **robot},
             dt=0.1 if self.rate is None else 1.0 / self.rate,
             noise="randomized" if default["randomize"] and self.noise is None else setting("noise"),
             filter=setting("filter"),
-            observation=setting("observation"),
+            observation=pose,
+            terms=bundle.described(terms),
             training={**record, "steps": model.num_timesteps},
         )
         difference = export(model, self.out, card)

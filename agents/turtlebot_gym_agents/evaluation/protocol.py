@@ -50,7 +50,7 @@ def settings_for(policy: str, localizer: str | None = None) -> dict[str, Setting
     """
     made = make_policy(policy)
     envs = {NAV, ROOMS, MISSIONS}
-    if SCAN in (terms_of(made) or ()):
+    if SCAN.name in {term.name for term in terms_of(made) or ()}:
         envs = {ROOMS, MISSIONS}
     elif hasattr(made, "card"):
         card: Any = getattr(made, "card")  # noqa: B009  # a policy need not have one

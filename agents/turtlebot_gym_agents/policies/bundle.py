@@ -23,11 +23,21 @@ from turtlebot_gym import Options, Parameters, Robot
 from turtlebot_gym.bounded import bounded
 from turtlebot_gym.extras import installing
 from turtlebot_gym.files import read_bytes, replacing
-from turtlebot_gym.observations import OBSERVED, OPEN_GROUND, TERMS, ObservationTerm, read_items, size_of
+from turtlebot_gym.observations import (
+    LOCATED_ROOM,
+    OBSERVED,
+    OPEN_GROUND,
+    ROOM,
+    TERMS,
+    ObservationTerm,
+    read_items,
+    read_terms,
+    size_of,
+)
 from turtlebot_gym.systems import WithTerms, find_system
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.validation import choose, shown
-from turtlebot_gym_agents.policies.fit import describe_robot, require_fit
+from turtlebot_gym_agents.policies.fit import OPEN, describe_robot, require_fit
 from turtlebot_gym_agents.policies.policy import LAYOUTS
 from turtlebot_gym_agents.policies.weights import require_safe_model
 from turtlebot_gym_agents.provenance import plain
@@ -85,6 +95,13 @@ class Card:
         return cls(env=env, robot=robot, dt=parameters.dt, terms=terms, observation=pose, training=training, **names)
 
 
+def observed(settings: Mapping[str, Any]) -> tuple[str, tuple[ObservationTerm, ...]]:
+    """Return the pose and the terms that a policy of some settings observes: ``env``, ``observation``."""
+    pose, items = read_items(settings["observation"])
+    own = OPEN_GROUND if settings["env"] in OPEN else LOCATED_ROOM if pose == "located" else ROOM
+    return pose, read_terms(items, own)
+
+
 def described(terms: Sequence[ObservationTerm]) -> tuple[dict[str, Any], ...]:
     """Return terms as a card holds them."""
     parts = ("name", "unit", "low", "high", "length", "every", "source")
@@ -99,15 +116,15 @@ def term_on(path: str | Path, content: Mapping[str, Any]) -> ObservationTerm:
     """
     try:
         name, low, high = content["name"], tuple(content["low"]), tuple(content["high"])
-        length, every = int(content.get("length", 1)), int(content.get("every", 1))
+        length, every = content.get("length", 1), content.get("every", 1)
         term = TERMS[name] if name in TERMS else ObservationTerm(
             name, _absent, low, high, str(content.get("unit", "")), source=str(content.get("source", ""))
         )  # fmt: skip
         term = term.over(length, every=every)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: a term on its card must have name, low and high, got {shown(content)}: {error}") from error
-    if len(low) != term.width:
-        raise ValueError(f"{path}: its term {name!r} has {len(low)} numbers, but {term.width} in this version.")
+    if (low, high) != term.bounds:
+        raise ValueError(f"{path}: its term {name!r} has other bounds than in this version: {shown(low)}, {shown(high)}.")
     return term
 
 
@@ -176,6 +193,8 @@ class BundlePolicy:
         self.card = _read_card(path, card)
         """Card of the policy."""
         self.terms = tuple(term_on(path, term) for term in self.card.terms)
+        if len({term.name for term in self.terms}) < len(self.terms):
+            raise ValueError(f"{path}: its card names a term twice.")
         """The terms of its observations."""
         self._input = self._session.get_inputs()[0].name
         self._require_shapes()

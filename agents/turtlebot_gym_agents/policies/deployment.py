@@ -19,6 +19,7 @@ from turtlebot_gym.observations import (
     EVIDENCE,
     OPEN_GROUND,
     SCAN,
+    SCAN_AGE,
     TERMS,
     History,
     evidence_of,
@@ -51,6 +52,8 @@ _COVARIANCE = "3 variances, or a 3 x 3 matrix"
 _AGE = Range(0.0, MAX_AGE, unit="s")
 _LEAST_MARGIN = 0.06
 """Clearance down to which a robot inside its safety margins drives on, m; below it, the guard stops it."""
+_PAUSE = 2.5
+"""Periods without a command after which a history begins anew."""
 _INTERVAL = Range(0.0, 1.0, open_low=True, unit="s")
 
 
@@ -113,6 +116,8 @@ class Deployment:
         names = [term.name for term in self.terms]
         self.sees, self.is_located = SCAN.name in names, EVIDENCE.name in names
         """Whether it needs scans, and a localizer's evidence."""
+        if SCAN_AGE.name in names and not self.sees:
+            raise ValueError("a policy that reads 'scan_age' must read 'scan', too.")
         self.own_terms = tuple(term for term in self.terms if term.name not in TERMS)
         """The terms that the package does not compute: `act` needs their numbers."""
         if NON_NEGATIVE.check("safety_margin", safety_margin) and self.sees:
@@ -140,7 +145,7 @@ class Deployment:
         """Begin an episode: clear the filter, the memory of a policy that has one, and a disagreement."""
         self._agreement.begin()
         self._command = STOP
-        self._begun, self._time, self._is_first = False, 0.0, True
+        self._begun, self._time, self._last, self._is_first = False, 0.0, 0.0, True
         self.seen_space.reset()
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
@@ -250,11 +255,12 @@ class Deployment:
         self.observation = np.array(row_of(self.terms, [values[term.name] for term in self.terms]), np.float32)
         if self._history:
             row = self.observation[None]
-            if self._is_first:
+            paused = now is not None and now - self._last > _PAUSE * self.period
+            if self._is_first or paused:  # what was seen before it stood is not what was seen a step ago
                 self._history.begin(row, np.ones(1, np.bool_))
             else:
                 self._history.advance(row)
-        self._is_first = False
+        self._is_first, self._last = False, self._time if now is None else now
         self.action = np.asarray(self._policy(self.observation), np.float32)
         if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
             raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")

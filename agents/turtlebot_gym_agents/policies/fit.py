@@ -86,7 +86,7 @@ def require_terms(policy: object, name: str, env: str) -> None:
     names, card = {term.name for term in terms_of(policy) or ()}, getattr(policy, "card", None)
     if SCAN.name in names and env in OPEN:
         raise ValueError(f"{name}: it steers by a LiDAR, which {env} does not have: choose --env {ROOMS}.")
-    if SCAN.name not in names and env in (ROOMS, MISSIONS) and card is not None:
+    if card is not None and card.env in OPEN and env in (ROOMS, MISSIONS):
         raise ValueError(f"{name}: it was trained without a LiDAR's beams, which {env} shows: choose --env {card.env}.")
 
 

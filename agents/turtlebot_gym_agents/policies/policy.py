@@ -12,7 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, ObservationTerm, columns_of, read_terms, size_of
+from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, SCAN, ObservationTerm, columns_of, read_terms, size_of
 
 
 class Policy(Protocol):
@@ -86,8 +86,8 @@ def with_room(policy: object) -> tuple[ObservationTerm, ...]:
         ValueError: If the policy was made without the terms of a room.
     """
     own = terms_of(policy) or ROOM
-    if hasattr(policy, "card") and not {term.name for term in ROOM} <= {term.name for term in own}:
-        raise ValueError("the policy was made for open ground, and sees no obstacles.")
+    if hasattr(policy, "card") and SCAN.name not in {term.name for term in own}:
+        raise ValueError("the policy reads no scan, and sees no obstacles.")
     extended = {term.name: term for term in (*ROOM, *own)}
     return own if [*extended] == [term.name for term in own] else tuple(extended.values())
 
@@ -119,10 +119,10 @@ def shown(policy: Policy, name: str, terms: Sequence[ObservationTerm]) -> Policy
         ValueError: If a term that it reads is not there; the message names it.
     """
     own = terms_of(policy)
-    if own is None or [term.spelled for term in own] == [term.spelled for term in terms]:
+    if own is None:
         return policy
     try:
         columns = columns_of(own, terms)
     except ValueError as error:
         raise ValueError(f"{name}: {error}: name it in observation=...") from error
-    return _Selecting(policy, columns)
+    return policy if len(columns) == size_of(terms) and (columns[:-1] < columns[1:]).all() else _Selecting(policy, columns)

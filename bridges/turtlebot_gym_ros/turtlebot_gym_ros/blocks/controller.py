@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -17,7 +18,7 @@ from turtlebot_gym.observations import ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import NAV, believed_to_arrive
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, typed
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, shown, typed
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents import Deployment
 from turtlebot_gym_ros.node.block import HALT, Aged, Input, Nis, On, Output
@@ -28,35 +29,40 @@ PLACE, AT_PLACE = (-0.032, 0.0), 0.05
 presets' places vary by as much."""
 LAG = 0.4
 """Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
+OLDEST = 0.5
+"""Age of a measurement on which a command may rest, s: the guard's."""
 OWN = "own_"
 """Beginning of the name of an input that brings a term of a policy's own."""
 VARIANCE_FLOOR = 1e-6
 """Replacement for a stated variance of exactly zero, (1 mm)^2 or (1 mrad)^2, since no pose is known exactly."""
 
 
-def _input_of(term: ObservationTerm) -> Input:
+def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> Input:
     """Return the input that brings a term of a policy's own.
 
+    A bundle only says what it reads: which code reads its topic, a person says, so that no bundle names a module.
+
+    Args:
+        term: The term.
+        named: The terms that the parameter ``terms`` names.
+
     Raises:
-        ValueError: If its module is not there, it names no topic, or it has other numbers than the policy was made for.
+        ValueError: If no topic brings it, or it has other numbers than the policy was made for.
     """
-    if not term.source:
+    here = term if term.convert else named.get(term.name)
+    if here is None:
+        made_with = f", such as {term.source}" if term.source else ""
+        raise ValueError(f"the policy reads {term.name!r}: name it in the parameter terms, MODULE:NAME{made_with}.")
+    if here.bounds != term.bounds:
         raise ValueError(
-            f"the policy reads {term.name!r}, of which its card has no source: train with observation=MODULE:NAME."
-        )
-    here = own_term(term.source)
-    if (here.name, here.bounds) != (term.name, term.bounds):
-        raise ValueError(
-            f"the policy reads {term.name!r} with bounds {term.bounds}, but {term.source} is {here.name!r}, {here.bounds}."
+            f"the policy reads {term.name!r} with bounds {shown(term.bounds)}, but {here.source} has {shown(here.bounds)}."
         )
     convert = here.convert
     if convert is None:
-        raise ValueError(
-            f"the policy reads {term.name!r}, which no topic brings: give {term.source} a topic, message and convert."
-        )
+        raise ValueError(f"the policy reads {term.name!r}: give {here.source} a topic, message and convert.")
     return Input(
         topic=here.topic, type=tuple, message=here.message, read=lambda message: here.read(convert(message)),
-        max_age=here.lasts, lock_step="refused", reliable=False,
+        max_age=min(here.lasts, OLDEST), lasts=max(here.lasts - OLDEST, 0.0), lock_step="refused", reliable=False,
     )  # fmt: skip
 
 
@@ -90,6 +96,8 @@ class VelocityController:
 
         policy: str = "bearing"
         """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, or "module:callable"."""
+        terms: str = ""
+        """Terms of your own that a bundle reads, MODULE:NAME with commas: topics bring them."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         noise: str = "tutorial"
@@ -139,7 +147,8 @@ class VelocityController:
         if self.deployment.sees:
             scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
             self.inputs = {**self.inputs, "scan": scan}
-        self.inputs = {**self.inputs, **{f"{OWN}{term.name}": _input_of(term) for term in self.deployment.own_terms}}
+        named = {term.name: term for term in map(own_term, filter(None, params.terms.split(",")))}
+        self.inputs = {**self.inputs, **{f"{OWN}{term.name}": _input_of(term, named) for term in self.deployment.own_terms}}
         self.notice: str | None = None
         """Why the robot stands in spite of its policy, if so."""
         self._yaw, self._returns = params.lidar_yaw, params.lidar_returns

@@ -16,7 +16,7 @@ from turtlebot_gym.observations import EVIDENCE, SCAN
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.validation import Range, choose
 from turtlebot_gym_agents.policies import make_policy, terms_of
-from turtlebot_gym_agents.policies.fit import require_task
+from turtlebot_gym_agents.policies.fit import OPEN, require_task
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
 from turtlebot_gym_ros.base.process import SETTLE, Runner, go_on, processes
@@ -265,7 +265,8 @@ def _fit_room(parameters: Mapping[str, Any], *, allow_mismatch: bool = False) ->
     names = {term.name for term in terms_of(policy) or ()}
     if SCAN.name in names and world in OPEN_GROUND:
         raise ValueError(f"policy {name!r} sees by LiDAR, and needs a world.")
-    if hasattr(policy, "card") and SCAN.name not in names and world not in OPEN_GROUND:
+    card: Any = getattr(policy, "card", None)
+    if card is not None and card.env in OPEN and world not in OPEN_GROUND:
         raise ValueError(f"policy {name!r} was made for open ground, not for a world.")
     if EVIDENCE.name in names and parameters.get("localizer") is None:
         raise ValueError(f"policy {name!r} was trained with a localizer: choose one.")
