@@ -70,7 +70,8 @@ class Batch:
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         rows = layout.outcome.size - (0 if shares else len(self.system.rewards))
         self._results = Results(num_envs, size_of(self.system.terms), rows)
-        self._history = History(self.system.terms, num_envs)
+        history = History(self.system.terms, num_envs)
+        self._history = history if history else None  # a test for None takes a tenth of a microsecond less
         self._first = self._tiles[0]
         self._special: Special | None = None
         self._intervals: NDArray[np.float64] = np.empty(0)
@@ -207,10 +208,11 @@ class Batch:
         finally:
             if parallel:
                 Threads.release()
-        if begins:
-            self._history.begin(observations, mask)
-        else:
-            self._history.show(observations)
+        if self._history is not None:
+            if begins:
+                self._history.begin(observations, mask)
+            else:
+                self._history.show(observations)
 
     def _run(self, name: str, parts: int, *arguments: Any) -> None:
         """Run a loop over all tiles in some parts, each on a thread."""
@@ -244,7 +246,7 @@ class Batch:
             self._loops.step(
                 actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
             )  # fmt: skip
-            if self._history:
+            if self._history is not None:
                 self._history.advance(observations)
             return observations, outcomes
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
@@ -258,7 +260,7 @@ class Batch:
                 Threads.release()
         if shared or not parallel:  # otherwise the pace's choice was not tried
             self._pace.tell(time.perf_counter() - start)
-        if self._history:
+        if self._history is not None:
             self._history.advance(observations)
         return observations, outcomes
 

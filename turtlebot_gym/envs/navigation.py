@@ -246,7 +246,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         reward, distance, success, terminated, truncated, *_ = outcomes.ravel().tolist()
         if self.render_mode == "human":
             self._pictures.draw(dark=self.dark)
-        info = self._info(distance, success != 0.0, outcomes[FIRST_SHARE:, 0].copy())
+        info = self._info(distance, success != 0.0, outcomes[FIRST_SHARE:, 0])  # a view: what is held is not used again
         return observations[0], reward, terminated != 0.0, truncated != 0.0, info
 
     def _info(self, distance: float, success: bool, shares: NDArray[np.float64]) -> dict[str, Any]:
