@@ -533,20 +533,20 @@ def _each(terms: tuple[ObservationTerm, ...]) -> Callable[..., Any]:
     return kernel(lambda world, p: (of(world, p),) + rest(world, p))  # noqa: RUF005  # no star in compiled code
 
 
-class Seen(NamedTuple):
+class PresentValues(NamedTuple):
     """The values of all terms of an observation that are in no scene."""
 
     values: tuple[Any, ...]
 
 
 @cache
-def observing(terms: tuple[ObservationTerm, ...]) -> Callable[..., Seen]:
+def observing(terms: tuple[ObservationTerm, ...]) -> Callable[..., PresentValues]:
     """Return the kernel ``observe(world, p)`` of an observation's terms."""
     each = _each(tuple(term for term in terms if not term.in_scene))
-    return kernel(lambda world, p: Seen(each(world, p)))
+    return kernel(lambda world, p: PresentValues(each(world, p)))
 
 
-class Run(NamedTuple):
+class ColumnRun(NamedTuple):
     """Consecutive numbers of what `observing` returns, and where they stand in an observation."""
 
     start: int
@@ -557,7 +557,7 @@ class Run(NamedTuple):
     """Column of the first."""
 
 
-class Block(NamedTuple):
+class SceneColumns(NamedTuple):
     """An array in a scene, and where it stands in an observation."""
 
     of: Callable[..., Any]
@@ -566,18 +566,18 @@ class Block(NamedTuple):
     column: int
 
 
-def runs_of(terms: Sequence[ObservationTerm]) -> tuple[tuple[Run, ...], tuple[Block, ...]]:
+def runs_of(terms: Sequence[ObservationTerm]) -> tuple[tuple[ColumnRun, ...], tuple[SceneColumns, ...]]:
     """Return where the present numbers of some terms stand in an observation; others are the past of a history."""
-    places, runs, blocks, number = slices_of(terms), list[Run](), list[Block](), 0
+    places, runs, blocks, number = slices_of(terms), list[ColumnRun](), list[SceneColumns](), 0
     for term in terms:
         column = places[term.name].start
         if term.in_scene:
-            blocks.append(Block(term.of, term.width, column))
+            blocks.append(SceneColumns(term.of, term.width, column))
             continue
         if runs and runs[-1].column + runs[-1].stop - runs[-1].start == column:
             runs[-1] = runs[-1]._replace(stop=number + term.width)
         else:
-            runs.append(Run(number, number + term.width, column))
+            runs.append(ColumnRun(number, number + term.width, column))
         number += term.width
     return tuple(runs), tuple(blocks)
 

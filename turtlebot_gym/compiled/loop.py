@@ -22,7 +22,7 @@ from turtlebot_gym.compiled.step import step_of
 from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.observations import Block, Run, runs_of
+from turtlebot_gym.observations import ColumnRun, SceneColumns, runs_of
 from turtlebot_gym.systems import Outcome, System
 from turtlebot_gym.systems.special import Special, late_fixes
 
@@ -43,7 +43,7 @@ class _Loops(NamedTuple):
     """Begins episodes of some environments in some tiles, or writes their current observations again."""
 
 
-def _show_blocks_of(blocks: tuple[Block, ...]) -> Callable[..., None]:
+def _show_blocks_of(blocks: tuple[SceneColumns, ...]) -> Callable[..., None]:
     """Return the kernel that writes arrays of the scene into an environment's observation."""
     if not blocks:
         return kernel(lambda environment, scene, observations: None)
@@ -59,7 +59,7 @@ def _show_blocks_of(blocks: tuple[Block, ...]) -> Callable[..., None]:
     return show_blocks
 
 
-def _show_runs_of(runs: tuple[Run, ...]) -> Callable[..., None]:
+def _show_runs_of(runs: tuple[ColumnRun, ...]) -> Callable[..., None]:
     """Return the kernel that copies the numbers in a scratch to an environment's observation."""
     if not runs:
         return kernel(lambda scratch, lane, shown: None)
@@ -169,7 +169,8 @@ def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]
 
 def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
-    _, _, outcome, _, at_outcome, at_action, size = layout_of(system, special)
+    layout = layout_of(system, special)
+    outcome, at_outcome, at_action, size = layout.outcome, layout.at_outcome, layout.at_action, layout.scratch
     first_flag, end_of_flags = FLAGS.start, FLAGS.stop
     work_tile = (_look_round_tile_of if system.surroundings else _advance_tile_of)(system, special)
     n_outcome, n_judged, show_runs = outcome.size, outcome.size - len(system.rewards), _show_runs_of(runs_of(system.terms)[0])
@@ -209,7 +210,8 @@ def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
     begin, start_outcome = step.begin, step.start_outcome
     scene_at = around.at if around else kernel(lambda scenes, index: ())
     load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
-    _, _, _, _, at_outcome, _, size = layout_of(system, special)
+    layout = layout_of(system, special)
+    at_outcome, size = layout.at_outcome, layout.scratch
     runs, blocks = runs_of(system.terms)
     show_runs, show_blocks = _show_runs_of(runs), _show_blocks_of(blocks)
 
