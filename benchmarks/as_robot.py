@@ -36,7 +36,7 @@ from turtlebot_gym_ros.graph.bringup import room_metrics
 from turtlebot_gym_ros.node.block import Aged
 from turtlebot_gym_ros.nodes import load
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.collision import RawScan
 
 DOMAIN = 216
 """First of the ROS domains, one for each worker."""
@@ -118,7 +118,7 @@ class Guarded(TurtlebotSimulator):
             scan = values["scan"].value if isinstance(values["scan"], Aged) else values["scan"]
             mount = self.outputs["scan"].mount
             frame = mount.frame if mount else ""
-            sent = Scan(scan.ranges, scan.first, scan.increment, scan.range_min, scan.range_max, frame)
+            sent = RawScan(scan.ranges, scan.first, scan.increment, scan.range_min, scan.range_max, frame)
             self._arbiter.hear_scan(sent, self._steps * period)
         return values
 

@@ -7,7 +7,7 @@ fields of a parameter class by such declarations; anything else calls ``POSITIVE
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import KW_ONLY, MISSING, dataclass, fields, is_dataclass, replace
 from functools import cache
 from numbers import Real
@@ -134,7 +134,8 @@ class Numbers:
 class Names:
     """Some names, and other text if a function accepts it."""
 
-    names: tuple[str, ...]
+    names: Collection[str]
+    """The names; a mapping may get further ones."""
     or_else: Callable[[str], bool] = lambda name: False
     other: str = ""
     """The other text in words."""

@@ -17,9 +17,9 @@ from turtlebot_gym_ros.robot import collision
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
 from turtlebot_gym_ros.robot.collision import (
     SLOWEST,
-    Body,
+    Footprint,
     Limits,
-    Scan,
+    RawScan,
     gaps,
     limited,
     narrow_gap,
@@ -30,7 +30,7 @@ from turtlebot_gym_ros.robot.monitor import Monitor, Timing
 from turtlebot_gym_ros.robot.motion import into, moved, out_of
 
 MOUNT = Mount("base_scan", 0.0, 0.0, 0.0)
-BODY = Body(0.1, 0.0, MOUNT)
+BODY = Footprint(0.1, 0.0, MOUNT)
 LIMITS = Limits(margin=0.05, error=0.1, time=1.0, escape_speed=0.04)
 TIMING = Timing(age=0.4, period=0.2, reaction=0.2)
 T = 100.0
@@ -47,7 +47,7 @@ def hall():
 def scan(ranges, **changes):
     ranges = np.asarray(ranges, np.float32)
     step = 2.0 * math.pi / max(len(ranges), 1)
-    return Scan(ranges, 0.0, step, 0.12, 3.5, "base_scan")._replace(**changes)
+    return RawScan(ranges, 0.0, step, 0.12, 3.5, "base_scan")._replace(**changes)
 
 
 def measured_anew(scan, k):
@@ -142,7 +142,7 @@ def test_from_inside_only_what_comes_nearer_is_contact(depth):
 
 
 def test_points_are_where_the_mount_puts_them_and_grow_with_their_range():
-    body = Body(0.1, -0.05, Mount("base_scan", 0.2, -0.1, math.pi / 2.0))
+    body = Footprint(0.1, -0.05, Mount("base_scan", 0.2, -0.1, math.pi / 2.0))
     expected = [(0.2, 0.9, 0.25), (-1.8, -0.1, 0.35), (0.2, -0.6, 0.2)]
     seen = seen_by(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body)
     np.testing.assert_allclose(seen, points(*expected), atol=1e-7)
@@ -216,7 +216,7 @@ def test_a_lidar_that_is_blind_beyond_the_stop_zone_is_refused():
 )
 def test_no_scan_whatever_raises_anything_but_its_refusal(ranges, numbers, frame):
     monitor = standing()
-    monitor.hear(Scan(np.array(ranges, np.float32), *numbers, frame), sent=T)
+    monitor.hear(RawScan(np.array(ranges, np.float32), *numbers, frame), sent=T)
     allowed = monitor.limit(Command(0.2, 1.0), T)
     assert (allowed == STOP) == (monitor.trouble(T) != "" or monitor.state.startswith("stopped"))
 
@@ -408,7 +408,7 @@ STILL = LIMITS._replace(escape_speed=0.0)
 @pytest.mark.parametrize("yaw", [0.5, -2.0])
 def test_the_border_of_a_gap_does_not_depend_on_how_the_lidar_is_turned(yaw):
     angles = np.linspace(-3.0, 3.0, 50)
-    level, turned = (Body(0.1, -0.05, Mount("base_scan", 0.03, -0.04, angle)) for angle in (0.0, yaw))
+    level, turned = (Footprint(0.1, -0.05, Mount("base_scan", 0.03, -0.04, angle)) for angle in (0.0, yaw))
     expected = collision._edge(angles, level, LIMITS, 0.04)
     np.testing.assert_allclose(collision._edge(angles - yaw, turned, LIMITS, 0.04), expected)
 
@@ -416,7 +416,7 @@ def test_the_border_of_a_gap_does_not_depend_on_how_the_lidar_is_turned(yaw):
 @settings(max_examples=400)
 @given(st.integers(0, 2**32), COMMANDS, st.floats(0.0, 0.1), st.sampled_from([0.0, -0.05, 0.1]), st.sampled_from([0.0, -0.04]))
 def test_missing_beams_never_let_more_pass_than_any_ranges_behind_the_gaps_border(seed, command, room, center_x, y):
-    body = Body(0.1, center_x, MOUNT._replace(x=0.02, y=y, yaw=0.5))
+    body = Footprint(0.1, center_x, MOUNT._replace(x=0.02, y=y, yaw=0.5))
     assert is_slower_than_with_the_missing_beams(np.random.default_rng(seed), command, room, body, STILL)
 
 
@@ -608,19 +608,19 @@ def test_a_robot_is_one_entry_for_the_monitor_too(monkeypatch, tmp_path):
     write_parameters(scout, tmp_path / "scout.yaml")
     for robot in ("scout", str(tmp_path / "scout.yaml")):
         monitor = Arbiter(Parameters(collision_monitor=True, robot=robot), T).monitor
-        assert monitor._body == Body(0.2, -0.01, Mount("laser", 0.1, 0.0, 0.5))
+        assert monitor._body == Footprint(0.2, -0.01, Mount("laser", 0.1, 0.0, 0.5))
 
 
 def test_the_parameters_are_those_of_the_monitor():
     given = {"scan_x": 0.1, "scan_y": 0.2, "scan_yaw": 0.3, "footprint_x": 0.4, "scan_frame": "front"}
     own = Arbiter(Parameters(collision_monitor=True, scan_mount="given", **given), T).monitor
-    assert own._body == Body(0.105, 0.4, Mount("front", 0.1, 0.2, 0.3))
+    assert own._body == Footprint(0.105, 0.4, Mount("front", 0.1, 0.2, 0.3))
     preset = Parameters(
         collision_monitor=True, robot="waffle", collision_margin=0.01, scan_error=0.02, collision_time=3.0, escape_speed=0.03,
         scan_age=0.1, scan_period=0.3, reaction=0.15, **given,
     )  # fmt: skip
     monitor = Arbiter(preset, T).monitor
-    assert monitor._body == Body(0.22, -0.064, Mount("base_scan", -0.064, 0.0, 0.0))
+    assert monitor._body == Footprint(0.22, -0.064, Mount("base_scan", -0.064, 0.0, 0.0))
     assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
     assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15, returns=0.02)
     assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
@@ -660,7 +660,7 @@ def drawn_views(seed, reach, number=20):
     rng = np.random.default_rng(seed)
     for _ in range(number):
         mount = Mount("base_scan", *rng.uniform(-0.05, 0.05, 2), rng.uniform(-math.pi, math.pi))
-        body = Body(0.1, rng.uniform(-0.05, 0.05), mount)
+        body = Footprint(0.1, rng.uniform(-0.05, 0.05), mount)
         ranges = rng.uniform(0.2, 1.5, 60).repeat(6)
         ranges[(np.arange(360) + rng.integers(360)) % 360 < 40] = np.nan
         ranges[rng.integers(360, size=20)] = np.nan

@@ -20,7 +20,7 @@ from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.collision import RawScan
 
 DT = 0.02
 T = 100.0
@@ -95,7 +95,7 @@ class Drive:
             for k, guard in enumerate(self.guards):
                 if self.tick % 10 == 2 and self.tick - 2 <= self.cut_at[k]:
                     guard.hear_scan(
-                        Scan(newest[k], 0.0, 2.0 * np.pi / 360, self.range_min, 3.5, "base_scan"), now, sent=now - 2 * DT
+                        RawScan(newest[k], 0.0, 2.0 * np.pi / 360, self.range_min, 3.5, "base_scan"), now, sent=now - 2 * DT
                     )
                 if self.tick % 5 == k % 5:
                     guard.hear("teleop", Command(*self.asked[k]), now)
@@ -187,7 +187,7 @@ def test_what_hides_between_beams_that_are_wider_apart_than_the_robot_is_not_hit
         now = 100.0 + 0.02 * k
         if k % 5 == 0:
             arbiter.hear("teleop", Command(0.2, 0.0), now)
-            arbiter.hear_scan(Scan([3.0] * beams, off * spacing, spacing, 0.12, 3.5, "base_scan"), now)
+            arbiter.hear_scan(RawScan([3.0] * beams, off * spacing, spacing, 0.12, 3.5, "base_scan"), now)
         command = arbiter.step(now)
         v = v if command is None else command.v
         x += 0.02 * v

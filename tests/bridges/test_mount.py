@@ -15,7 +15,7 @@ from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import VelocityController
 from turtlebot_gym_ros.node.block import Aged
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.collision import RawScan
 
 PRESET, OTHER = Pose(-0.032, 0.0, 0.0), Pose(0.05, -0.04, 2.0)
 """Where a Burger's LiDAR is, and where somebody else mounted it."""
@@ -64,7 +64,7 @@ def commands(mount, mount_of, heading, **parameters):
     seen = Aged(rooms.Scan(lengths, 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0), 0.0, mount_of("base_scan"))
     driven = controller.step(0.1, estimate, Pose(1.0, 0.0, 0.0), None, scan=seen)["command"]
     arbiter = Arbiter(Parameters(collision_monitor=True, **parameters), T, mount_of)
-    arbiter.hear_scan(Scan(lengths, 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
+    arbiter.hear_scan(RawScan(lengths, 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
     return driven, arbiter.monitor.limit(Command(0.2, 0.2), T), arbiter.monitor
 
 
@@ -99,7 +99,7 @@ def test_a_mount_that_is_the_presets_changes_nothing(mount):
 
 def test_the_presets_frame_may_have_the_prefix_of_a_robot():
     arbiter = Arbiter(Parameters(collision_monitor=True), T, lambda frame: PRESET if frame == "robot1/base_scan" else None)
-    arbiter.hear_scan(Scan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "robot1/base_scan"), T)
+    arbiter.hear_scan(RawScan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "robot1/base_scan"), T)
     assert (arbiter.monitor.trouble(T), arbiter.monitor.remark) == ("", "")
 
 
@@ -131,6 +131,6 @@ def test_a_controller_that_is_given_another_direction_stands_and_says_why():
 def test_a_lidar_upside_down_or_tilted_is_refused_on_one_line(tilt, degrees):
     said = f"/tf_static says that 'base_scan' is tilted by {degrees} degrees, and a scan must be level"
     arbiter = Arbiter(Parameters(collision_monitor=True), T, stated(PRESET, roll=tilt))
-    arbiter.hear_scan(Scan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
+    arbiter.hear_scan(RawScan(ranges(PRESET, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
     assert arbiter.monitor.limit(Command(0.2, 0.2), T) == STOP
     assert arbiter.monitor.trouble(T) == f"a scan was refused: {said}"

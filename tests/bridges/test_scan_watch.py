@@ -15,7 +15,7 @@ from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.collision import RawScan
 from turtlebot_gym_ros.robot.motion import Motion
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
@@ -55,7 +55,7 @@ def test_the_monitor_stops_a_robot_whose_lidar_is_frozen():
     arbiter, driven = Arbiter(Parameters(collision_monitor=True), T), []
     for k in range(100):
         arbiter.hear("program", AHEAD, T + 0.02 * k)
-        arbiter.hear_scan(Scan(BOX, 0.0, AROUND[1], 0.01, 8.0, "base_scan"), T + 0.02 * k)
+        arbiter.hear_scan(RawScan(BOX, 0.0, AROUND[1], 0.01, 8.0, "base_scan"), T + 0.02 * k)
         driven.append(arbiter.step(T + 0.02 * k))
     assert AHEAD in driven
     assert driven[-1] in (None, STOP)

@@ -18,7 +18,7 @@ from turtlebot_gym.rooms.sectors import NARROW, NEAR, Pooling
 from turtlebot_gym.values import Command
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import Scan as MonitorScan
+from turtlebot_gym_ros.robot.collision import RawScan as MonitorScan
 
 WAY = conversion(Scan)
 INF, NAN = np.float32(np.inf), np.float32(np.nan)

@@ -14,7 +14,7 @@ from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.base.sent import Ages, SystemClock
 from turtlebot_gym_ros.robot import parameters
 from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.collision import RawScan
 from turtlebot_gym_ros.robot.monitor import Monitor
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
@@ -47,7 +47,7 @@ def broken(seed):
         clock.look(system=SYSTEM + now, steady=now)
         if k % 10 == 0 and now - 100.0 < ends:
             delay = late if k > 100 else 0.0
-            flying.append((now + delay, now, Scan(wall(away - x - LIDAR, rng), 0.0, AROUND[1], 0.12, 3.5, "base_scan")))
+            flying.append((now + delay, now, RawScan(wall(away - x - LIDAR, rng), 0.0, AROUND[1], 0.12, 3.5, "base_scan")))
         for entry in [entry for entry in flying if entry[0] <= now]:
             flying.remove(entry)
             stamp = SYSTEM + entry[1] + ahead

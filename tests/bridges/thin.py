@@ -24,7 +24,7 @@ def drive(steps=40):
     from turtlebot_gym.values import Pose
     from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
     from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-    from turtlebot_gym_ros.robot.collision import Scan
+    from turtlebot_gym_ros.robot.collision import RawScan
 
     rows = []
     for noise, filter in (("tutorial", "matched"), ("rough", "mixture"), ("wheel", "matched"), ("rough", "slip")):
@@ -33,7 +33,7 @@ def drive(steps=40):
         generator = WaypointGenerator(WaypointGenerator.Params())
         controller = VelocityController(VelocityController.Params(goal_tolerance=0.0))
         guard, command = Arbiter(Parameters(collision_monitor=True), 0.0), None
-        scan = Scan([0.8] * 360, 0.0, 0.017453292519943295, 0.12, 3.5, "base_scan")
+        scan = RawScan([0.8] * 360, 0.0, 0.017453292519943295, 0.12, 3.5, "base_scan")
         for k in range(steps):
             now = 0.1 * k
             values = estimator.step(0.1 * (k > 0), plant.step(0.1, command)["odometry"])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from turtlebot_gym.drives import Drive, Seen, Surroundings
+from turtlebot_gym.drives import Drive, RoomData, Seen
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 
@@ -79,6 +79,6 @@ def random_drive(rows=8, *, seed=0):
         scans=tuple(
             Seen(row, Pose(*random.normal(size=3)), Scan(ranges[row], 0.0, 0.1745, 0.1, 3.5)) for row in range(0, rows, 2)
         ),
-        around=Surroundings("random"),
+        around=RoomData("random"),
         outcome="the end",
     )

@@ -15,7 +15,7 @@ import pytest
 from bokeh.document import Document
 from bokeh.models.glyphs import Image as ImageGlyph
 
-from turtlebot_gym.drives import Drive, Growing, Seen, Surroundings
+from turtlebot_gym.drives import Drive, Growing, RoomData, Seen
 from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
@@ -46,7 +46,7 @@ def make_drive(rows=601, *, label="noise", scans=300, room=None):
         nis=rng.chisquare(3, rows),
         clearance=rng.uniform(size=rows),
         scans=tuple(seen),
-        around=Surroundings(label, room=room),
+        around=RoomData(label, room=room),
     )
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.beams import beams_of
 from turtlebot_gym.drives.alignment import interpolated
 from turtlebot_gym.drives.clocks import continued, increasing
-from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
+from turtlebot_gym.drives.drive import Drive, RoomData, Seen
 from turtlebot_gym.drives.tables import LARGEST, first_lines
 from turtlebot_gym.files import LARGEST_LOG, read_arrays, read_text
 from turtlebot_gym.models.angles import wrap_all
@@ -204,7 +204,7 @@ def _of_poses(path: Path, lines: list[_Line], *, mount: Pose, label: str, remark
         true_state=_truth(times[true], np.array([lines[at].true for at in true]).reshape(-1, 3), time),
         joined=np.diff(resets[rows], prepend=resets[rows[0]]) == 0,
         scans=tuple(seen),
-        around=Surroundings(label),
+        around=RoomData(label),
         remarks=(*remarks, *notes),
     )
 

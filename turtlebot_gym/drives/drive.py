@@ -53,7 +53,7 @@ class Seen(NamedTuple):
     """The robot's pose by its wheels that was recorded with the scan; None if only the rows have one."""
 
 
-class Surroundings(NamedTuple):
+class RoomData(NamedTuple):
     """What stays the same during a drive."""
 
     label: str = ""
@@ -72,7 +72,7 @@ class Surroundings(NamedTuple):
     """Degrees of freedom of the NIS: 3 for a measured pose, 2 for a position."""
 
 
-NOWHERE = Surroundings()
+NOWHERE = RoomData()
 """Open ground, without a label."""
 
 
@@ -121,7 +121,7 @@ class Drive:
     rad, share. Nothing while it does not doubt its belief."""
     scans: tuple[Seen, ...] = ()
     """The scans, in order."""
-    around: Surroundings = NOWHERE
+    around: RoomData = NOWHERE
     outcome: str = ""
     """How the drive ended."""
     remarks: tuple[str, ...] = ()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.drives.alignment import Stream
 from turtlebot_gym.drives.clocks import Stamps
-from turtlebot_gym.drives.drive import Drive, Seen, Surroundings
+from turtlebot_gym.drives.drive import Drive, RoomData, Seen
 from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.mounts import StaticFrames, differ
 from turtlebot_gym.rooms.grid import grid_of
@@ -182,7 +182,7 @@ class Listener:
         start: float = 0.0,
         after: float = -math.inf,
         held: float = HELD,
-        around: Surroundings | None = None,
+        around: RoomData | None = None,
     ) -> Drive:
         """Return rows.
 
@@ -198,7 +198,7 @@ class Listener:
         truth[np.isnan(truth[:, 0])] = np.nan
         if around is None:
             rooms, grids = self["obstacles"].values, self["map"].values
-            around = Surroundings(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
+            around = RoomData(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
         reports = self["diagnostics"].latest(self["received"].held(time), (math.nan, ""))
         drive = Drive(
             time=time,

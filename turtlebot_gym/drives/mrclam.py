@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.drives.alignment import interpolated
 from turtlebot_gym.drives.clocks import continued, increasing
-from turtlebot_gym.drives.drive import Drive, Surroundings, known
+from turtlebot_gym.drives.drive import Drive, RoomData, known
 from turtlebot_gym.drives.tables import LARGEST, first_lines
 from turtlebot_gym.files import LARGEST_LOG, read_text
 
@@ -50,7 +50,7 @@ def read_mrclam(path: Path, *, label: str) -> Drive:
         command=twist,
         true_state=truth,
         joined=np.concatenate([[False], keep[:-1]])[keep] & ~is_set[keep],
-        around=Surroundings(label),
+        around=RoomData(label),
         remarks=tuple(remarks),
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives.clocks import continued, increasing
-from turtlebot_gym.drives.drive import Drive, Surroundings, known
+from turtlebot_gym.drives.drive import Drive, RoomData, known
 from turtlebot_gym.files import LARGEST_LOG, read_arrays, read_text
 
 _STATE = ("x", "y", "theta", "v", "omega")
@@ -102,7 +102,7 @@ def read_table(path: Path, *, columns: Mapping[str, str], label: str) -> Drive:
         twist=twist[keep],
         **poses,
         joined=np.concatenate([[False], keep[:-1]])[keep] & ~is_set[keep],
-        around=Surroundings(label),
+        around=RoomData(label),
         remarks=tuple(remarks),
     )
 

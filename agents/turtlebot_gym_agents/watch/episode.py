@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from turtlebot_gym.drives import Drive, Seen, Surroundings, read
+from turtlebot_gym.drives import Drive, RoomData, Seen, read
 from turtlebot_gym.localization.hypotheses import followed
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.charting import BORDER
@@ -119,7 +119,7 @@ def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap |
         time=p.dt * np.arange(len(infos)),
         circles=tuple(np.array(room.circles).reshape(-1, 3) for room in rooms) if walking else (),
         hypotheses=tuple(row.hypotheses for row in rows),
-        around=Surroundings(
+        around=RoomData(
             label=label,
             room=rooms[0] if rooms else None,
             grid=grid,

@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Empty
 
-from turtlebot_gym.drives import Growing, Surroundings
+from turtlebot_gym.drives import Growing, RoomData
 from turtlebot_gym.drives.alignment import LEAP
 from turtlebot_gym.drives.messages import GUARD, TYPES, Listener
 from turtlebot_gym.extras import installing
@@ -69,7 +69,7 @@ class Watcher:
         self._begun = Event()
         self._pending: deque[float] = deque()
         self._last, self._first, self._rows = math.inf, 0.0, 0
-        self._around = Surroundings("live")
+        self._around = RoomData("live")
         for topic, (kind, *_) in TYPES.items():
             if topic not in ("fix", "twist", "imu") and find_spec(kind.partition("/")[0]):  # PyPI does not have tf2_msgs
                 named = f"/{topic}" if topic in _COMMON else topic
@@ -111,7 +111,7 @@ class Watcher:
 
     def _add(self, stamp: float) -> None:
         rooms, grids = self.listener["obstacles"].values, self.listener["map"].values
-        now, old = Surroundings("live", room=rooms[-1] if rooms else None, grid=grids[-1] if grids else None), self._around
+        now, old = RoomData("live", room=rooms[-1] if rooms else None, grid=grids[-1] if grids else None), self._around
         is_new = old.grid is None and now.grid is not None
         is_new |= now.room is not None and (
             old.room is None or (now.room.walls, now.room.boxes) != (old.room.walls, old.room.boxes)

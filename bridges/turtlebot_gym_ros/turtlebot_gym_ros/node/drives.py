@@ -1,6 +1,6 @@
 """How a block is driven: by the clock, by the messages of an input, or in lock-step, by the steps of a plant.
 
-The rules are in `triggers` and `lockstep`, without ROS. A drive is notified of each new value (`Drive.heard`), and calls the
+The rules are in `triggers` and `lockstep`, without ROS. A scheduler is notified of each new value (`heard`), and calls the
 node's ``step`` when one is due.
 """
 
@@ -52,7 +52,7 @@ class Hands:
     """Returns whether an answer may be repeated."""
 
 
-class Drive:
+class Scheduler:
     """Runs a block.
 
     Args:
@@ -108,7 +108,7 @@ class Drive:
         self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
 
 
-class _ByClock(Drive):
+class _ByClock(Scheduler):
     """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
 
     def __init__(self, hands: Hands, trigger: Every) -> None:
@@ -145,7 +145,7 @@ class _ByClock(Drive):
         self._quiet_until = self._hands.now() + QUIET
 
 
-class _ByMessages(Drive):
+class _ByMessages(Scheduler):
     """Steps on the messages of an input."""
 
     def __init__(self, hands: Hands, trigger: On) -> None:
@@ -179,7 +179,7 @@ class _ByMessages(Drive):
         self._rule.reset()
 
 
-class _ByAnswers(Drive):
+class _ByAnswers(Scheduler):
     """Answers the steps of lock-step."""
 
     def __init__(self, hands: Hands, rule: Answers) -> None:
@@ -217,7 +217,7 @@ class _ByAnswers(Drive):
         self._rule.reset()
 
 
-class _AsPlant(Drive):
+class _AsPlant(Scheduler):
     """Takes each step of lock-step when the previous one has been answered, and reports nodes that do not answer."""
 
     def __init__(self, hands: Hands, trigger: Every) -> None:
@@ -290,7 +290,7 @@ class _AsPlant(Drive):
         self._go_on()
 
 
-def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Drive:
+def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Scheduler:
     """Return the drive of a block, or raise `ValueError` if the block cannot be driven that way."""
     trigger = block.trigger
     if not lock_step:

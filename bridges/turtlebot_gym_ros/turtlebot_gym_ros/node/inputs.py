@@ -16,7 +16,7 @@ from turtlebot_gym_ros.base.sent import SystemClock, read_clocks
 from turtlebot_gym_ros.node.block import Input
 from turtlebot_gym_ros.node.convert import conversion_of
 from turtlebot_gym_ros.node.diagnostics import Endpoint
-from turtlebot_gym_ros.node.drives import Drive
+from turtlebot_gym_ros.node.drives import Scheduler
 from turtlebot_gym_ros.node.feed import Feed, resting_on
 from turtlebot_gym_ros.node.triggers import SECOND
 
@@ -64,7 +64,7 @@ class Inputs:
         self.halting = [feed for feed in self.feeds.values() if feed.declared.halts]
         """The inputs that may stop the robot."""
 
-    def connect(self, drive: Drive) -> list[Endpoint]:
+    def connect(self, drive: Scheduler) -> list[Endpoint]:
         """Subscribe for a drive, which is notified of each new value; return the topics for the diagnostics."""
         self._drive = drive
         return [

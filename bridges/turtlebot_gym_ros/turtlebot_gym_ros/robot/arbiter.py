@@ -20,7 +20,7 @@ from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.base.flood import Flood
-from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.collision import RawScan
 from turtlebot_gym_ros.robot.emergency import EmergencyStop
 from turtlebot_gym_ros.robot.moved import Moved
 from turtlebot_gym_ros.robot.parameters import Parameters, monitor_of
@@ -166,7 +166,7 @@ class Arbiter:
             self.lost = f"it is at ({x:g}, {y:g})"
         self._distance = now if sent is None else min(sent, now), math.inf if self.lost else math.hypot(x, y)
 
-    def hear_scan(self, scan: Scan, now: float, *, sent: float | None = None, dated: bool = True) -> None:
+    def hear_scan(self, scan: RawScan, now: float, *, sent: float | None = None, dated: bool = True) -> None:
         """Take a scan of the collision monitor."""
         self._wake(now)
         if not dated and now < self._blind_until:

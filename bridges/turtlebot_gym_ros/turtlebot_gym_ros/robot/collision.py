@@ -52,7 +52,7 @@ _STRAIGHT = 1e-9
 """Turning rate below which an arc is a straight line, rad/s."""
 
 
-class Body(NamedTuple):
+class Footprint(NamedTuple):
     """The robot's footprint, and the mount of its LiDAR."""
 
     radius: float
@@ -76,7 +76,7 @@ class Limits(NamedTuple):
     """Speed inside the stop zone away from everything in it, m/s; with 0 the robot stands."""
 
 
-class Scan(NamedTuple):
+class RawScan(NamedTuple):
     """The numbers of a LaserScan, unprocessed."""
 
     ranges: Sequence[float]
@@ -101,7 +101,7 @@ class View(NamedTuple):
     """Borders of wide gaps."""
 
 
-def narrow_gap(body: Body, limits: Limits, speed: float) -> float:
+def narrow_gap(body: Footprint, limits: Limits, speed: float) -> float:
     """Return the angle of a gap that is as wide as the robot at the distance from where it must brake at full speed, rad.
 
     Args:
@@ -112,7 +112,7 @@ def narrow_gap(body: Body, limits: Limits, speed: float) -> float:
     return 2.0 * math.asin(body.radius / (body.radius + limits.margin + speed * limits.time))
 
 
-def view_of(scan: Scan, body: Body, limits: Limits, *, reach: float, narrow: float, room: float = 0.0) -> View:
+def view_of(scan: RawScan, body: Footprint, limits: Limits, *, reach: float, narrow: float, room: float = 0.0) -> View:
     """Return what a scan says.
 
     A LiDAR reports that nothing returned for objects nearer than its ``range_min`` too, so that distance must lie inside the
@@ -160,14 +160,14 @@ def _joined(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     return np.concatenate([np.empty((3, 0)), *parts], axis=1)
 
 
-def _points(angles: NDArray[np.float64], ranges: NDArray[np.float64], body: Body, limits: Limits) -> NDArray[np.float64]:
+def _points(angles: NDArray[np.float64], ranges: NDArray[np.float64], body: Footprint, limits: Limits) -> NDArray[np.float64]:
     """Return points at ranges in directions of the LiDAR's frame, with their stop zones."""
     mount, angles = body.scan, angles + body.scan.yaw
     radius = body.radius + limits.margin + limits.error * ranges
     return np.stack((mount.x + ranges * np.cos(angles), mount.y + ranges * np.sin(angles), radius))
 
 
-def _edge(angles: NDArray[np.float64], body: Body, limits: Limits, room: float) -> NDArray[np.float64]:
+def _edge(angles: NDArray[np.float64], body: Footprint, limits: Limits, room: float) -> NDArray[np.float64]:
     """Return the ranges in directions of the LiDAR's frame at which the stop zone of a wide gap is ``room`` away."""
     x, y = body.scan.x - body.center_x, body.scan.y
     away = math.hypot(x, y)
@@ -180,7 +180,7 @@ def _edge(angles: NDArray[np.float64], body: Body, limits: Limits, room: float) 
 
 def _solid(
     first: float, last: float, border: Callable[..., NDArray[np.float64]], *,
-    spacing: float, far: float, body: Body, limits: Limits,
+    spacing: float, far: float, body: Footprint, limits: Limits,
 ) -> NDArray[np.float64]:  # fmt: skip
     """Return points for a gap that is solid from a border on: on the border, just behind it, and on both edges.
 

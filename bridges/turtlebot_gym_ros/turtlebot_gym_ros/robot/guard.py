@@ -76,7 +76,7 @@ from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST, PROMPT
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, read_clocks
 from turtlebot_gym_ros.base.swift import waiting
 from turtlebot_gym_ros.robot.arbiter import Arbiter
-from turtlebot_gym_ros.robot.collision import Scan
+from turtlebot_gym_ros.robot.collision import RawScan
 from turtlebot_gym_ros.robot.parameters import Parameters
 from turtlebot_gym_ros.robot.report import Report
 from turtlebot_gym_ros.robot.sources import BUTTONS, check_topics, rivals
@@ -196,7 +196,7 @@ class CmdVelGuard(Node):
     def _scan(self, message: LaserScan, info: Mapping[str, Any]) -> None:
         now = self._now()
         age = self._age("scan", message, info, now)
-        scan = Scan(
+        scan = RawScan(
             message.ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max,
             message.header.frame_id,
         )  # fmt: skip

@@ -31,7 +31,7 @@ import numpy as np
 from turtlebot_gym.mounts import differ
 from turtlebot_gym.values import STOP, Command, Pose
 from turtlebot_gym_ros.base.frames import Mount
-from turtlebot_gym_ros.robot.collision import Body, Limits, Scan, gaps, limited, narrow_gap, view_of
+from turtlebot_gym_ros.robot.collision import Footprint, Limits, RawScan, gaps, limited, narrow_gap, view_of
 from turtlebot_gym_ros.robot.motion import into, out_of
 from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
@@ -69,7 +69,7 @@ class Monitor:
     """
 
     def __init__(
-        self, body: Body, limits: Limits, timing: Timing, *, speed: float, turning: float, now: float,
+        self, body: Footprint, limits: Limits, timing: Timing, *, speed: float, turning: float, now: float,
         given: bool = False, mount_of: Callable[[str], Pose | None] = lambda frame: None,
     ) -> None:  # fmt: skip
         self._given, self._mount_of = given, mount_of
@@ -89,7 +89,7 @@ class Monitor:
         self.remark = ""
         """What is unexpected about the mount, if anything."""
 
-    def hear(self, scan: Scan, *, sent: float) -> None:
+    def hear(self, scan: RawScan, *, sent: float) -> None:
         """Take a scan that was sent at a steady time; one older than the last is ignored."""
         if sent < self._sent:
             return
@@ -107,7 +107,7 @@ class Monitor:
         # A blind sector turns with the robot, so only the last pose counts.
         self._unknown = out_of(self.track.at(sent).pose, view.unknown)
 
-    def _mounted(self, frame: str) -> Body:
+    def _mounted(self, frame: str) -> Footprint:
         """Return the body with the mount of a scan's frame, and set the remark.
 
         Raises:

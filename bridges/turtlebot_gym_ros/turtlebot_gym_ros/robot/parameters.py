@@ -13,7 +13,7 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.frames import Mount
-from turtlebot_gym_ros.robot.collision import Body, Limits
+from turtlebot_gym_ros.robot.collision import Footprint, Limits
 from turtlebot_gym_ros.robot.monitor import Monitor, Timing
 
 
@@ -21,7 +21,7 @@ from turtlebot_gym_ros.robot.monitor import Monitor, Timing
 class Parameters:
     """Parameters of ``cmd_vel_guard``; none changes while it runs."""
 
-    robot: Annotated[str, Names(tuple(ROBOTS), or_else=is_file, other=", or a FILE.yaml")] = "burger"
+    robot: Annotated[str, Names(ROBOTS, or_else=is_file, other=", or a FILE.yaml")] = "burger"
     """Preset, or file (see `turtlebot_gym.files`), whose limits hold per axis and per wheel."""
     enable_stamped_cmd_vel: bool = True
     """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; Twist if false."""
@@ -108,7 +108,7 @@ def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]
     given = p.footprint_x, Mount(p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw)
     known = robot.footprint_x, Mount(robot.lidar.frame, robot.lidar.x, robot.lidar.y, robot.lidar.yaw)
     center_x, mount = given if p.scan_mount == "given" else known
-    body = Body(robot.radius, center_x, mount._replace(frame=p.frame_prefix + mount.frame))
+    body = Footprint(robot.radius, center_x, mount._replace(frame=p.frame_prefix + mount.frame))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
     return Monitor(
         body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now,
