@@ -165,3 +165,20 @@ def test_parameters_may_leave_a_case_in_the_middle_of_an_episode(later):
     general.set_parameters(make_parameters())
     step_both(special, general, actions[:20])  # slip that has begun goes on: there is no way back
     assert special._special is (QUIET if expected is QUIET else GENERAL)
+
+
+def unknown(special):
+    """Return the paths of a case that name no number of its system."""
+    system = system_of(make_parameters(noise="rough", filter="slip" if special.name.endswith("slip") else "matched"))
+    layout = layout_of(system, GENERAL)
+    parameters = {path for path, _ in special.parameters} | {*(special.own or ())}
+    world = {path for path, _ in special.world} | {path for pair in special.same for path in pair}
+    return parameters - {*layout.parameters.names} | world - {*layout.world.names}
+
+
+@pytest.mark.parametrize("special", [*SPECIALS, *SLIPPING], ids=lambda special: special.name)
+def test_every_path_of_a_case_names_a_number_of_its_system(special):
+    """A case with a path of a renamed field would never hold, and its loop would be as slow as the general one."""
+    assert not unknown(special)
+    renamed = special._replace(parameters=(*special.parameters, ("noise.process.alpha5", 0.0)), same=(("body.x", "body.y"),))
+    assert unknown(renamed) == {"noise.process.alpha5", "body.x", "body.y"}
