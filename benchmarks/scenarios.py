@@ -63,8 +63,9 @@ def slug(**options: Any) -> str:
     burger = asdict(ROBOTS["burger"])
     words = []
     for value in options.values():
-        changes = asdict(value).items() - burger.items() if isinstance(value, Robot) else ()
-        words += [f"{name}-{number}" for name, number in sorted(changes)] or [str(value).removeprefix("turtlebot_gym/")]
+        limits = asdict(value) if isinstance(value, Robot) else {}
+        changes = {name: limit for name, limit in limits.items() if limit != burger[name]}
+        words += [f"{name}-{limit}" for name, limit in sorted(changes.items())] or [str(value).removeprefix("turtlebot_gym/")]
     return "".join(letter if letter.isalnum() else "-" for letter in "-".join(words))
 
 

@@ -42,7 +42,7 @@ def some_fields_of(value):
         return st.lists(EXTREME, min_size=(size := len(getattr(value, item.name))), max_size=size)
 
     needed = {item.name for item in fields(value) if item.default is MISSING and item.default_factory is MISSING}
-    given_ = {item.name: for_field(item) for item in fields(value) if item.name not in ("process", "kind", "dead")}
+    given_ = {item.name: for_field(item) for item in fields(value) if item.name not in ("process", "kind", "dead", "lidar")}
     return st.fixed_dictionaries(
         {name: strategy for name, strategy in given_.items() if name in needed},
         optional={name: strategy for name, strategy in given_.items() if name not in needed},
