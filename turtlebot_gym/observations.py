@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -395,17 +395,13 @@ def columns_of(wanted: Sequence[ObservationTerm], terms: Sequence[ObservationTer
     places, there = slices_of(terms), {term.name: term for term in terms}
     columns: list[int] = []
     for term in wanted:
-        other = there.get(term.name)
-        if other and (other.bounds, other.unit) != (term.bounds, term.unit):
+        other = there.get(term.name, term)
+        if (other.bounds, other.unit) != (term.bounds, term.unit):
             raise ValueError(f"it reads {term.spelled!r} with other bounds or another unit than {other.spelled!r} has")
-        if other and term.source and other.source and term.source != other.source:
+        if term.source and other.source and term.source != other.source:
             raise ValueError(f"it reads {term.spelled!r}, not {other.spelled!r} of the same name")
-        if (
-            other is None
-            or other.width != term.width
-            or other.length < term.length
-            or (term.length > 1 and other.every != term.every)
-        ):
+        is_shorter = other.length < term.length or (term.length > 1 and other.every != term.every)
+        if term.name not in there or is_shorter:
             raise ValueError(
                 f"it reads {term.spelled!r}, which is not in the observation {','.join(each.spelled for each in terms)}"
             )
@@ -582,13 +578,10 @@ def runs_of(terms: Sequence[ObservationTerm]) -> tuple[tuple[ColumnRun, ...], tu
     return tuple(runs), tuple(blocks)
 
 
-def _numbers(value: Any) -> Iterator[float]:
-    yield from value if isinstance(value, tuple) else (value,)
-
-
 def row_of(terms: Sequence[ObservationTerm], values: Any) -> tuple[float, ...]:
     """Return an observation from the present value of each term; the past of a history is the present."""
-    return tuple(number for term, value in zip(terms, values, strict=True) for number in tuple(_numbers(value)) * term.length)
+    rows = (value if isinstance(value, tuple) else (value,) for value in values)
+    return tuple(number for term, row in zip(terms, rows, strict=True) for number in row * term.length)
 
 
 class History:

@@ -8,7 +8,6 @@ from typing import Annotated
 
 from turtlebot_gym.validation import LEAST, POSITIVE, POSITIVE_OR_INFINITE, Range, typed
 
-TWO_PI = 2.0 * math.pi
 PLACE = Range(-1.0, 1.0, unit="m")
 """Places on a robot."""
 SPEED = Range(LEAST, 100.0, kind="positive number")
@@ -25,7 +24,7 @@ class LidarMount:
     """Ahead of the axle, m."""
     y: Annotated[float, PLACE] = 0.0
     """To the left, m."""
-    yaw: Annotated[float, Range(-TWO_PI, TWO_PI, unit="rad")] = 0.0
+    yaw: Annotated[float, Range(-2.0 * math.pi, 2.0 * math.pi, unit="rad")] = 0.0
     """Direction of the scan's angle 0, rad."""
 
     def __post_init__(self) -> None:

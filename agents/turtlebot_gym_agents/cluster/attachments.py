@@ -40,7 +40,7 @@ def attach(*names: object) -> dict[str, dict[str, bytes]]:
 
 
 def _separate(names: Iterable[object]) -> Iterator[str | Path]:
-    """Yield names, and those within lists and between commas, without the length of a history."""
+    """Yield names, and those within lists and between commas."""
     for name in names:
         if isinstance(name, (list, tuple)):
             yield from _separate(name)

@@ -53,7 +53,7 @@ class Export(Writing, _TRAINED):
             return default[name] if value is None else value
 
         robot, env = setting("robot"), setting("env")
-        pose, terms = bundle.observed({**default, "env": env, "observation": setting("observation")})
+        pose, terms = bundle.observed(env, setting("observation"))
         card = bundle.Card(
             env=env,
             robot=describe_robot(robot) if isinstance(robot, str) else {"name": "custom", **robot},

@@ -95,10 +95,10 @@ class Card:
         return cls(env=env, robot=robot, dt=parameters.dt, terms=terms, observation=pose, training=training, **names)
 
 
-def observed(settings: Mapping[str, Any]) -> tuple[str, tuple[ObservationTerm, ...]]:
-    """Return the pose and the terms that a policy of some settings observes: ``env``, ``observation``."""
-    pose, items = read_items(settings["observation"])
-    own = OPEN_GROUND if settings["env"] in OPEN else LOCATED_ROOM if pose == "located" else ROOM
+def observed(env: str, observation: Any) -> tuple[str, tuple[ObservationTerm, ...]]:
+    """Return the pose and the terms that a policy observes by an environment's id and its option."""
+    pose, items = read_items(observation)
+    own = OPEN_GROUND if env in OPEN else LOCATED_ROOM if pose == "located" else ROOM
     return pose, read_terms(items, own)
 
 

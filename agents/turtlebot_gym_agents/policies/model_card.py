@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.files import read_text
-from turtlebot_gym_agents.policies.bundle import BundlePolicy, term_on
+from turtlebot_gym.observations import ObservationTerm
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
 _PAGE = """---
 library_name: turtlebot-gym
@@ -55,7 +56,7 @@ def model_card(path: Path) -> str:
         "task": f"`{_line(card.env)}`",
         "robot": _line(card.robot),
         "rate": f"{1.0 / card.dt:.3g} Hz",
-        "observation": f"{_terms(card.terms)}; pose: {card.observation}, filter: {_line(card.filter)}",
+        "observation": f"{_terms(policy.terms)}; pose: {card.observation}, filter: {_line(card.filter)}",
         "action": card.action,
         "noise": _line(card.noise),
         **{f"training: {_line(name)}": _line(value) for name, value in card.training.items()},
@@ -66,10 +67,9 @@ def model_card(path: Path) -> str:
     return page + (f"\n## Measured\n{read_text(measured).partition(chr(10))[2]}" if measured.is_file() else "")
 
 
-def _terms(terms: Sequence[Mapping[str, Any]]) -> str:
-    """Return the terms of a card as a cell of a table, with how many numbers each is."""
-    parts = [term_on("its card", term) for term in terms]
-    return ", ".join(f"{_line(term.spelled)} ({term.size}{f' {_line(term.unit)}' if term.unit else ''})" for term in parts)
+def _terms(terms: Sequence[ObservationTerm]) -> str:
+    """Return terms as a cell of a table, with how many numbers each is."""
+    return ", ".join(f"{_line(term.spelled)} ({term.size}{f' {_line(term.unit)}' if term.unit else ''})" for term in terms)
 
 
 def _line(value: Any) -> str:

@@ -15,7 +15,7 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
-from turtlebot_gym_agents.policies.policy import Policy, numbers_of, terms_of
+from turtlebot_gym_agents.policies.policy import Policy, Wrapped, numbers_of, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.yielding import Network, Yielding
 
@@ -117,19 +117,12 @@ def _load_own(name: str, robot: Robot, dt: float) -> Policy:
         raise failure(name, error) from error
 
 
-class _Own:
-    """A policy whose actions are checked, and whose errors become one line that says where it failed.
-
-    It has all the attributes of the wrapped policy, including ``reset`` and ``terms``.
-    """
+class _Own(Wrapped):
+    """A policy whose actions are checked, and whose errors become one line that says where it failed."""
 
     def __init__(self, name: str, policy: Any) -> None:
-        self._name, self._policy, self._terms = name, policy, terms_of(policy)
-
-    def __getattr__(self, attribute: str) -> Any:
-        if attribute.startswith("_"):
-            raise AttributeError(attribute)
-        return getattr(self._policy, attribute)
+        super().__init__(policy)
+        self._name, self._terms = name, terms_of(policy)
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., n).

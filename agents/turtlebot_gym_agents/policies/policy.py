@@ -92,16 +92,24 @@ def with_room(policy: object) -> tuple[ObservationTerm, ...]:
     return own if [*extended] == [term.name for term in own] else tuple(extended.values())
 
 
-class _Selecting:
-    """A policy that is shown the terms that it reads, of more. It has all the attributes of the policy."""
+class Wrapped:
+    """Base of policies that wrap another one, and have all its attributes, such as ``reset`` and ``terms``."""
 
-    def __init__(self, policy: Any, columns: NDArray[np.intp]) -> None:
-        self._policy, self._columns = policy, columns
+    def __init__(self, policy: Any) -> None:
+        self._policy = policy
 
     def __getattr__(self, attribute: str) -> Any:
         if attribute.startswith("_"):
             raise AttributeError(attribute)
         return getattr(self._policy, attribute)
+
+
+class _Selecting(Wrapped):
+    """A policy that is shown the terms that it reads, of more."""
+
+    def __init__(self, policy: Any, columns: NDArray[np.intp]) -> None:
+        super().__init__(policy)
+        self._columns = columns
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         return self._policy(np.asarray(observations)[..., self._columns])

@@ -162,7 +162,7 @@ class Yielding:
         """Card of the policy, if it has one."""
         self.terms = with_room(self.policy)
         """The terms of its observations."""
-        self._shown = shown(self.policy, "policy", self.terms)
+        self._shown, self._sight = shown(self.policy, "policy", self.terms), columns_of(ROOM, self.terms)
         self.scans = Scans(make_robot(self.robot), self.dt, self.lidar_x, self.lag)
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
@@ -173,7 +173,7 @@ class Yielding:
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., 50)."""
         seen = numbers_of(observations, self.terms)
-        rows = seen[..., columns_of(ROOM, self.terms)].astype(np.float64)
+        rows = seen[..., self._sight].astype(np.float64)
         actions = np.array(self._shown(seen.astype(np.float32)), np.float32)
         stands = self.scans.features(rows.reshape(-1, rows.shape[-1]))
         actions[self.network(stands).reshape(rows.shape[:-1]) >= self.threshold] = 0.0
