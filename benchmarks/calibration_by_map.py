@@ -134,14 +134,14 @@ def halves(path: Path) -> dict[str, Any]:
 
 def uncorrected(drive: Drive, covariances: NDArray[np.float64], found: Calibration) -> NDArray[np.float64]:
     """Return the NEES of a filter that has only the wheels, from the first pose on, at each row against the truth."""
-    tuning, middle = tuning_of(Noise(process=found.noise.process)), INTEGRATORS[found.integrator]
+    tuning, rule = tuning_of(Noise(process=found.noise.process)), INTEGRATORS[found.integrator]
     x, y, theta = drive.truth[0].tolist()
     (xx, xy, xt), (_, yy, yt), (_, _, tt) = covariances[0].tolist()
     start = Covariance(xx, xy, xt, 0.0, 0.0, yy, yt, 0.0, 0.0, tt, 0.0, 0.0, 0.0, 0.0, 0.0)
     belief, beliefs = Belief(State(x, y, theta, 0.0, 0.0), start), []
     for row in range(len(drive) - 1):
         step = drive.time[max(row, 1)] - drive.time[max(row, 1) - 1]
-        belief = ekf.predict(belief, Command(*drive.twist[row + 1].tolist()), tuning, float(step), middle)
+        belief = ekf.predict(belief, Command(*drive.twist[row + 1].tolist()), tuning, float(step), rule)
         beliefs.append((*belief.mean[:3], *belief.covariance))
     numbers = np.array(beliefs)
     P = numbers[:, [[3, 4, 5], [4, 8, 9], [5, 9, 12]]]

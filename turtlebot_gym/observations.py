@@ -15,6 +15,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -29,9 +30,21 @@ from turtlebot_gym.rooms.lidar import MAX_AGE, SECTORS
 from turtlebot_gym.validation import POSITIVE, did_you_mean, refusal, shown, whole
 from turtlebot_gym.values import Covariance, Pose, State
 
-LOCATED, BELIEVED, MEASURED, TRUE = -1.0, 0.0, 1.0, 2.0
-OBSERVED = {"ekf": BELIEVED, "odometry": MEASURED, "truth": TRUE, "located": LOCATED}
-"""Choices for the robot's pose that the policy observes; up to `BELIEVED` it is the estimate."""
+
+class Observed(IntEnum):
+    """The robot's pose that a policy observes."""
+
+    EKF = 0
+    """The filter's estimate."""
+    ODOMETRY = 1
+    """The measured pose."""
+    TRUTH = 2
+    LOCATED = -1
+    """The estimate of a robot that localizes itself; the policy also observes how well the estimate fits."""
+
+
+OBSERVED = {observed.name.lower(): observed for observed in Observed}
+"""The observed poses by name."""
 MOST = 100
 """Most numbers of a term, most values of it, and most steps from one to the next."""
 
@@ -288,10 +301,19 @@ def evidence_of(theta: float, P: Covariance, fits: float, weight: float) -> tupl
 
 
 @kernel
+def _is_believed(p: Any) -> bool:
+    """Return whether the policy observes the filter's estimate.
+
+    In compiled code ``p.observed`` is a float, which compares with the value of an `Observed` only.
+    """
+    return (p.observed == Observed.EKF.value) | (p.observed == Observed.LOCATED.value)
+
+
+@kernel
 def observed_state(body: Any, senses: Any, estimate: Any, p: Any) -> State:
     """Return the robot's state that the policy observes: the estimated one, the measured one or the true one."""
     mean, z, u, truth = estimate.belief.mean, senses.odometry.pose, senses.odometry.twist, body.true_state
-    believed, measured = p.observed <= BELIEVED, p.observed == MEASURED
+    believed, measured = _is_believed(p), p.observed == Observed.ODOMETRY.value
     return State(
         mean.x if believed else (z.x if measured else truth.x),
         mean.y if believed else (z.y if measured else truth.y),
@@ -319,7 +341,7 @@ def _twist(world, p):
 @kernel
 def _uncertainty(world, p):
     position, heading = stated_deviations(world.estimate.belief.covariance)
-    believed, measured = p.observed <= BELIEVED, p.observed == MEASURED
+    believed, measured = _is_believed(p), p.observed == Observed.ODOMETRY.value
     R = p.tuning.R
     std = (
         position if believed else (sqrt(R[0] + R[1]) if measured else 0.0),

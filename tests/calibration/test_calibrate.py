@@ -47,7 +47,7 @@ def test_the_likelihood_of_one_step_is_the_textbook_density():
     covariance = np.diag([a1 * v**2 * dt**2 + 2 * r, 2 * r + (v * dt) ** 2 * r, a3 * v**2 * dt**2 + 2 * r])
     covariance[1, 2] = covariance[2, 1] = v * dt * r
     expected = stats.multivariate_normal.logpdf([0.02, 0.01, 0.02], np.zeros(3), covariance)
-    likelihood = innovations(rows, noise, middle=0.0) - 1.5 * math.log(2.0 * math.pi)
+    likelihood = innovations(rows, noise, integrator=0.0) - 1.5 * math.log(2.0 * math.pi)
     assert likelihood == pytest.approx(expected, abs=1e-9)
 
 

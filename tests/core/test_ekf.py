@@ -50,7 +50,7 @@ def test_covariance_stays_positive_under_fuzzing(integrator):
     "Never" is up to the rounding of the largest covariance on the way: what a good measurement leaves of a large one is a small
     difference of large numbers, in any filter but a square-root one.
     """
-    rng, middle = np.random.default_rng(5), INTEGRATORS[integrator]
+    rng, rule = np.random.default_rng(5), INTEGRATORS[integrator]
     for _ in range(150):
         R = tuple((10.0 ** rng.uniform(-12.0, 2.0, 3) * (rng.random(3) > 0.1)).tolist())
         Q = tuple((10.0 ** rng.uniform(-12.0, 1.0, 5) * (rng.random(5) > 0.3)).tolist())
@@ -62,8 +62,8 @@ def test_covariance_stays_positive_under_fuzzing(integrator):
         for _ in range(40):
             z = Pose(*rng.uniform([-5.0, -5.0, -math.pi], [5.0, 5.0, math.pi]).tolist())
             senses = Senses(Odometry(z, Command(*rng.uniform(-3.0, 3.0, 2).tolist()), bool(rng.random() < 0.8)))
-            largest = max(largest, *ekf.predict(estimate.belief, senses.odometry.twist, tuning, dt, middle).covariance)
-            estimate = ekf.step(estimate, senses, senses, tuning, dt, middle)
+            largest = max(largest, *ekf.predict(estimate.belief, senses.odometry.twist, tuning, dt, rule).covariance)
+            estimate = ekf.step(estimate, senses, senses, tuning, dt, rule)
             mean, P = estimate.belief.mean, matrix(estimate.belief.covariance)
             assert np.isfinite([*mean, *P.flat]).all()
             assert -math.pi <= mean.theta < math.pi

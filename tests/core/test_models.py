@@ -98,14 +98,14 @@ def test_acceleration_is_limited_both_ways_and_reaches_its_aim():
     assert accelerate(command, Command(-9.0, 9.0), ROBOTS["burger"], 0.1) == (-9.0, 9.0)  # infinite: at once
 
 
-@pytest.mark.parametrize(("middle", "order"), [(EULER, 1), (MIDPOINT, 2)])
-def test_integrators_converge_to_the_arc_with_their_orders(middle, order):
+@pytest.mark.parametrize(("integrator", "order"), [(EULER, 1), (MIDPOINT, 2)])
+def test_integrators_converge_to_the_arc_with_their_orders(integrator, order):
     v, omega, radius, errors = 0.2, 0.7, 0.2 / 0.7, []
     exact = [radius * (math.sin(1.7) - math.sin(0.3)), radius * (math.cos(0.3) - math.cos(1.7)), 1.7]
     for steps in (20, 40, 80):
         pose = Pose(0.0, 0.0, 0.3)
         for _ in range(steps):
-            pose = advance(pose, v, omega, 2.0 / steps, middle)
+            pose = advance(pose, v, omega, 2.0 / steps, integrator)
         errors.append(np.abs(np.array(pose) - exact))
     coarse, half, fine = (error[:2].max() for error in errors)
     assert [np.log2(coarse / half), np.log2(half / fine)] == pytest.approx([order, order], abs=0.1)

@@ -169,12 +169,12 @@ def test_each_field_changes_a_rollout(owner, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("dt", 0.12), ("middle", 0.0), ("observed", 1.0), ("observed", 2.0), ("delay", 2.0), ("delay", 3.0)]
+    ("name", "value"), [("dt", 0.12), ("integrator", 0.0), ("observed", 1.0), ("observed", 2.0), ("delay", 2.0), ("delay", 3.0)]
 )
 def test_each_number_of_the_parameters_changes_a_rollout(name, value):
     assert rollout(BASE) != rollout(BASE._replace(**{name: value}))
     elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "localizer", "plant"} | {*SENSORS}  # by their own fields
-    assert set(Parameters._fields) == elsewhere | {"dt", "middle", "observed", "delay"}
+    assert set(Parameters._fields) == elsewhere | {"dt", "integrator", "observed", "delay"}
 
 
 @pytest.mark.parametrize(("owner", "name"), EXCEPTIONS)

@@ -59,7 +59,7 @@ def range_update(belief, beacon_x, beacon_y, z):
 
 @kernel
 def estimate_with_ranges(estimate, before, senses, p):
-    estimate = ekf.step(estimate, before, senses, p.tuning, p.dt, p.middle)
+    estimate = ekf.step(estimate, before, senses, p.tuning, p.dt, p.integrator)
     belief = range_update(estimate.belief, BEACONS[0][0], BEACONS[0][1], senses.ranges[0])
     belief = range_update(belief, BEACONS[1][0], BEACONS[1][1], senses.ranges[1])
     belief = range_update(belief, BEACONS[2][0], BEACONS[2][1], senses.ranges[2])

@@ -268,9 +268,9 @@ def by_innovations(drive: Drive, start: Noise, integrator: str | None) -> tuple[
     spread = (1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0)) ** 2 / 2.0
     begun = replace(start, odometry=replace(start.odometry, R=tuple(np.maximum(spread, 1e-8).tolist()), wheel=False))
     if integrator is None:
-        integrator = max(INTEGRATORS, key=lambda name: innovations(rows, begun, middle=INTEGRATORS[name]))
-    middle = choose("integrator", integrator, INTEGRATORS)
-    likelihood = lambda model: innovations(rows, model, middle=middle)  # noqa: E731
+        integrator = max(INTEGRATORS, key=lambda name: innovations(rows, begun, integrator=INTEGRATORS[name]))
+    rule = choose("integrator", integrator, INTEGRATORS)
+    likelihood = lambda model: innovations(rows, model, integrator=rule)  # noqa: E731
     names = tuple(name for name in (*MEASURED, *ALPHAS, "scale") if name not in ONLY_TRUTH)
     names, base, best = _search_with_spikes(likelihood, begun, names)
     estimates = estimates_of(likelihood, base, names, best, has_truth=False)

@@ -95,12 +95,12 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, segment: f
     other = None
     if integrator is None:
         integrator, other = _likelier(motions)
-    middle = choose("integrator", integrator, INTEGRATORS)
-    problem, fit, best = _fitted(problem_of(motions, middle), middle)
+    rule = choose("integrator", integrator, INTEGRATORS)
+    problem, fit, best = _fitted(problem_of(motions, rule), rule)
     verdict = diagnose(problem, best)
     if verdict.is_correlated and not (np.abs(best.linear - USUAL) < PLAUSIBLE).all():
         # Errors that last look like a marker off the axle if the drive is short.
-        problem, fit, best = _fitted(problem_of(motions, middle, prior=WHEELS_ONLY), middle)
+        problem, fit, best = _fitted(problem_of(motions, rule, prior=WHEELS_ONLY), rule)
     linear, covariance = _by_blocks(best) if verdict.is_correlated else (best.linear, best.covariance)
     estimates = _linear_estimates(linear, covariance, blocks=BLOCKS * verdict.is_correlated)
     if other is not None and not verdict.is_correlated:
@@ -115,7 +115,7 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, segment: f
         lengths = SEGMENTS
     rows = [segment_rows(drive, length) for length in lengths]
     if lengths:
-        likelihood = _over(rows, middle)
+        likelihood = _over(rows, rule)
         alphas = estimates_of(likelihood, wheels, ALPHAS, search(likelihood, wheels, ALPHAS, widely=True), has_truth=True)
     else:
         alphas = _alphas(problem, fit)
@@ -137,9 +137,9 @@ def _likelier(motions: Motions) -> tuple[str, Regression | None]:
 
     Jumps of the one that sees fewer of them are left out.
     """
-    problems = [problem_of(motions, middle) for middle in INTEGRATORS.values()]
+    problems = [problem_of(motions, rule) for rule in INTEGRATORS.values()]
     kept = min(problems, key=lambda problem: len(problem.jumps) + int(problem.is_far().sum())).motions
-    by_name = {name: problem_of(kept, middle, rounds=0) for name, middle in INTEGRATORS.items()}
+    by_name = {name: problem_of(kept, rule, rounds=0) for name, rule in INTEGRATORS.items()}
     values = {name: problem.solve(problem.roots).likelihood for name, problem in by_name.items()}
     if max(values.values()) - min(values.values()) > CLOSE:
         return max(values, key=values.__getitem__), None
@@ -157,10 +157,10 @@ def _with_either(estimates: dict[str, Estimate], others: dict[str, Estimate]) ->
     }
 
 
-def _fitted(problem: Problem, middle: float) -> tuple[Problem, Fit, Regression]:
+def _fitted(problem: Problem, rule: float) -> tuple[Problem, Fit, Regression]:
     """Return a problem, the maximum of its restricted likelihood, and the regression there."""
     fit = maximize(lambda roots: problem.solve(roots).likelihood, problem.roots, 0.3 * problem.roots)
-    problem = relinearized(problem, problem.solve(fit.x).linear, middle)
+    problem = relinearized(problem, problem.solve(fit.x).linear, rule)
     return problem, fit, problem.solve(fit.x)
 
 
@@ -233,7 +233,7 @@ def _corrected(drive: Drive, problem: Problem, drift: float) -> Drive:
     return replace(drive, twist=twist, joined=joined)
 
 
-def _over(sets: Sequence[Rows], middle: float) -> Likelihood:
+def _over(sets: Sequence[Rows], rule: float) -> Likelihood:
     """Return the likelihood of a noise model over segments of several lengths, weighted as if there were only the last length.
 
     The count is reduced by the number of fitted parameters: with few errors, three for each segment, maximum likelihood
@@ -247,6 +247,6 @@ def _over(sets: Sequence[Rows], middle: float) -> Likelihood:
 
     def likelihood(model: Noise) -> float:
         exact = Noise(process=model.process, odometry=truth)
-        return sum(share * innovations(rows, exact, middle=middle) for share, rows in zip(shares, sets, strict=True))
+        return sum(share * innovations(rows, exact, integrator=rule) for share, rows in zip(shares, sets, strict=True))
 
     return likelihood

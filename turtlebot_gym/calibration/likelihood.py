@@ -90,13 +90,13 @@ def _shifted(poses: Any, row: int, bias: Three) -> Pose:
 
 
 @kernel
-def _depart(z: Pose, twist: Command, tuning: Any, dt: float, middle: float) -> tuple[Hypotheses, Three]:
+def _depart(z: Pose, twist: Command, tuning: Any, dt: float, integrator: float) -> tuple[Hypotheses, Three]:
     """Return a belief for each explanation of the first pose, and their probabilities."""
     (true, high, low), weights = begin(z, tuning)
     hypotheses = Hypotheses(
-        predict(true, twist, tuning, dt, middle),  # at rest: nothing moves yet
-        predict(high, twist, tuning, dt, middle),
-        predict(low, twist, tuning, dt, middle),
+        predict(true, twist, tuning, dt, integrator),  # at rest: nothing moves yet
+        predict(high, twist, tuning, dt, integrator),
+        predict(low, twist, tuning, dt, integrator),
     )
     return hypotheses, weights
 
@@ -107,7 +107,7 @@ def _surest(hypotheses: Hypotheses, weights: Three) -> Belief:
 
 
 @in_machine_code("likelihood of drives")
-def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, middle):
+def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, integrator):
     rows, total, running, alone = len(time), 0.0, False, False
     hypotheses, weights = begin(Pose(0.0, 0.0, 0.0), tuning)
     belief = hypotheses.true
@@ -122,11 +122,11 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, middl
             odometry = Odometry(z, twist_then, due[row])
             # One filter does once a hypothesis is certain.
             if alone:
-                now = track(belief, odometry, tuning, dt, middle)
+                now = track(belief, odometry, tuning, dt, integrator)
                 total += math.log(now.factor) - now.exponent if due[row] else 0.0
                 belief = now.belief
             else:
-                tracks = track_all(hypotheses, odometry, tuning, dt, middle)
+                tracks = track_all(hypotheses, odometry, tuning, dt, integrator)
                 least = least_exponent(tracks)
                 likely = weigh(weights, tracks, least)
                 amount = likely[0] + likely[1] + likely[2]
@@ -136,7 +136,7 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, middl
                 alone = max(weights[0], max(weights[1], weights[2])) > CERTAIN
                 belief = _surest(hypotheses, weights)
         if due[row] and (begins[row] or not running) and not is_last:
-            hypotheses, weights = _depart(z, twist_then, tuning, time[after] - time[row], middle)
+            hypotheses, weights = _depart(z, twist_then, tuning, time[after] - time[row], integrator)
             belief, running, alone = hypotheses.true, True, tuning.kind.spike_probability == 0.0
     return total
 
@@ -152,12 +152,12 @@ def tuning_of(noise: Noise) -> FilterTuning:
     )
 
 
-def innovations(rows: Rows, noise: Noise, *, middle: float) -> float:
+def innovations(rows: Rows, noise: Noise, *, integrator: float) -> float:
     """Return the log-likelihood of poses, each given those before it, up to a constant.
 
     Args:
         rows: The drive.
         noise: Noise of the execution and of the poses. For true poses, its R says how well they are known.
-        middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
+        integrator: The integrator, a value of `models.unicycle.Integrator`.
     """
-    return _of_innovations(*rows, as_tuple(tuning_of(noise)), noise.odometry.bias, middle)
+    return _of_innovations(*rows, as_tuple(tuning_of(noise)), noise.odometry.bias, integrator)

@@ -109,7 +109,7 @@ def _calmed(belief: Belief, share: float) -> Belief:
 
 
 @in_machine_code("likelihood of poses")
-def _of_poses(time, twist, poses, whiteners, due, joined, noise, tuning, marker, spread, middle, white):
+def _of_poses(time, twist, poses, whiteners, due, joined, noise, tuning, marker, spread, rule, white):
     total, running = 0.0, False
     nowhere = Covariance(WIDE, 0.0, 0.0, 0.0, 0.0, WIDE, 0.0, 0.0, 0.0, WIDE, 0.0, 0.0, 0.0, 0.0, 0.0)
     belief = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), nowhere)
@@ -118,7 +118,7 @@ def _of_poses(time, twist, poses, whiteners, due, joined, noise, tuning, marker,
         command = Command(twist[after, 0], twist[after, 1])
         running = running and joined[row]
         if running:
-            belief = _calmed(predict(belief, command, tuning, time[row] - time[row - 1], middle), noise[after])
+            belief = _calmed(predict(belief, command, tuning, time[row] - time[row - 1], rule), noise[after])
         if due[row]:
             if not running:
                 belief = Belief(State(poses[row, 0], poses[row, 1], poses[row, 2] - marker[2], 0.0, 0.0), nowhere)
@@ -127,7 +127,7 @@ def _of_poses(time, twist, poses, whiteners, due, joined, noise, tuning, marker,
                 total += likelihood
             else:  # at rest: nothing moves yet
                 white[row] = math.nan
-                belief = _calmed(predict(belief, command, tuning, time[after] - time[row], middle), noise[after])
+                belief = _calmed(predict(belief, command, tuning, time[after] - time[row], rule), noise[after])
             running = True
     return total
 
@@ -137,8 +137,8 @@ def _innovations(rows: Poses, model: Noise, integrator: str) -> tuple[float, Arr
     R, white = model.odometry.R, np.full((len(rows.time), 3), np.nan)
     spread = max(math.sqrt(R[0]), LEAST), max(math.sqrt(R[2]), LEAST)
     tuning = as_tuple(tuning_of(Noise(process=model.process)))
-    middle = choose("integrator", integrator, INTEGRATORS)
-    return _of_poses(*rows, tuning, model.odometry.bias, spread, middle, white), white
+    rule = choose("integrator", integrator, INTEGRATORS)
+    return _of_poses(*rows, tuning, model.odometry.bias, spread, rule, white), white
 
 
 def _likelihood(rows: Poses, integrator: str) -> Likelihood:

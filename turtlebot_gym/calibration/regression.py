@@ -88,16 +88,16 @@ def _parameters(coefficients: Array, guess: Array) -> Array:
     return np.array([speed, turn / speed, by_speed / speed, drift, x, y, guess[6] + direction])
 
 
-def _model(motions: Motions, guess: Array, middle: float) -> _Model:
+def _model(motions: Motions, guess: Array, integrator: float) -> _Model:
     """Return the regression, linear at a guess of `LINEAR`."""
     n, dt, (v, omega), turn = len(motions.dt), motions.dt, motions.twist.T, motions.step[:, 2]
     scale, turn_scale, _, _, forward, left, direction = guess
-    ahead_of = motions.heading + middle * turn - direction
+    ahead_of = motions.heading + integrator * turn - direction
     sine, cosine = np.sin(ahead_of), np.cos(ahead_of)
     ahead = cosine * motions.step[:, 0] + sine * motions.step[:, 1]
     aside = -sine * motions.step[:, 0] + cosine * motions.step[:, 1]
     # Headings of the robot at both ends, from the direction ahead.
-    last, first = (1.0 - middle) * turn, -middle * turn
+    last, first = (1.0 - integrator) * turn, -integrator * turn
     along, across = np.cos(last) - np.cos(first), np.sin(last) - np.sin(first)
 
     y, X = np.stack([ahead, aside, turn], axis=1), np.zeros((n, 3, 7))
@@ -109,8 +109,8 @@ def _model(motions: Motions, guess: Array, middle: float) -> _Model:
     ends, starts = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
     ends[:, 0, 0], ends[:, 0, 1], ends[:, 1, 0], ends[:, 1, 1] = cosine, sine, -sine, cosine
     starts[:, :2, :2] = -ends[:, :2, :2]
-    for effect, sign, share in ((ends, 1.0, middle), (starts, -1.0, 1.0 - middle)):
-        d_last, d_first = sign * (1.0 - middle), -sign * middle
+    for effect, sign, share in ((ends, 1.0, integrator), (starts, -1.0, 1.0 - integrator)):
+        d_last, d_first = sign * (1.0 - integrator), -sign * integrator
         d_along = -np.sin(last) * d_last + np.sin(first) * d_first
         d_across = np.cos(last) * d_last - np.cos(first) * d_first
         effect[:, 0, 2] = share * aside - forward * d_along + left * d_across
@@ -228,19 +228,19 @@ class Problem(NamedTuple):
         return Regression(_parameters(coefficients, guess), covariance, z.reshape(-1, 3), influence, float(likelihood))
 
 
-def problem_of(motions: Motions, middle: float, *, rounds: int = ROUNDS, prior: Array = FREE) -> Problem:
+def problem_of(motions: Motions, integrator: float, *, rounds: int = ROUNDS, prior: Array = FREE) -> Problem:
     """Return the regression of motions.
 
     Args:
         motions: The motions.
-        middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
+        integrator: The integrator, a value of `models.unicycle.Integrator`.
         rounds: Most rounds in which jumps are looked for.
         prior: `FREE` or `WHEELS_ONLY`.
     """
     jumps = np.zeros(0, np.intp)
     while True:
-        guess = _robust_guess(motions, middle, prior)
-        model = _model(motions, guess, middle)
+        guess = _robust_guess(motions, integrator, prior)
+        model = _model(motions, guess, integrator)
         problem = Problem(motions, model, guess, _first_roots(motions, guess, model.rest(guess)), jumps, prior)
         # Motion by motion: noise of the truth would make a jump look like a place that lasts.
         far = problem.is_far()
@@ -249,11 +249,11 @@ def problem_of(motions: Motions, middle: float, *, rounds: int = ROUNDS, prior: 
         jumps, motions, rounds = np.union1d(jumps, motions.row[far]), motions.without(far), rounds - 1
 
 
-def relinearized(problem: Problem, guess: Array, middle: float) -> Problem:
+def relinearized(problem: Problem, guess: Array, integrator: float) -> Problem:
     """Return a problem linear at a better guess, with the same roots; far from the first guess there is none."""
     if abs(guess[6] - problem.guess[6]) > TURNED:
         return problem
-    return problem._replace(guess=guess, model=_model(problem.motions, guess, middle))
+    return problem._replace(guess=guess, model=_model(problem.motions, guess, integrator))
 
 
 def _sizes(rest: Array) -> Array:
@@ -261,15 +261,15 @@ def _sizes(rest: Array) -> Array:
     return np.median(np.abs(rest), axis=0) / _MEDIAN
 
 
-def _robust_guess(motions: Motions, middle: float, prior: Array) -> Array:
+def _robust_guess(motions: Motions, integrator: float, prior: Array) -> Array:
     """Return the parameters of `LINEAR` with large errors counted by their size."""
     guess = USUAL.copy()
-    chord = (motions.step[:, 0] + 1j * motions.step[:, 1]) * np.exp(-1j * (motions.heading + middle * motions.step[:, 2]))
+    chord = (motions.step[:, 0] + 1j * motions.step[:, 1]) * np.exp(-1j * (motions.heading + integrator * motions.step[:, 2]))
     length = np.abs(chord)
     pull = (motions.twist[:, 0] * motions.dt * np.divide(chord, length, out=np.zeros_like(chord), where=length > 0.0)).sum()
     guess[6] = -math.atan2(pull.imag, pull.real) if abs(pull) > 0.0 else 0.0
     for _ in range(10):
-        model = _model(motions, guess, middle)
+        model = _model(motions, guess, integrator)
         residuals = model.rest(guess)
         sizes = np.maximum(_sizes(residuals), RESOLUTION)
         weights = (1.0 / np.maximum(1.0, np.abs(residuals / sizes) / HUBER) / sizes**2).reshape(-1)

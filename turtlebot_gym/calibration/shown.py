@@ -85,17 +85,17 @@ def drift(calibration: Calibration, noise: Noise | None = None, *, lengths: Sequ
 
 def _innovations(rows: Rows, tuning: FilterTuning, calibration: Calibration) -> Iterator[tuple[Pose, Covariance]]:
     """Yield the innovation of each pose, with its prediction's covariance."""
-    belief, middle, last = None, INTEGRATORS[calibration.integrator], len(rows.time) - 1
+    belief, rule, last = None, INTEGRATORS[calibration.integrator], len(rows.time) - 1
     times, poses, twists = rows.time.tolist(), rows.poses.tolist(), rows.twist.tolist()
     for row in range(last + 1):
         z, following = Pose(*poses[row]), Command(*twists[row + 1]) if row < last else STOP
         belief = belief if rows.joined[row] else None
         is_first = belief is None
         if belief is not None:
-            belief = ekf.predict(belief, following, tuning, times[row] - times[row - 1], middle)
+            belief = ekf.predict(belief, following, tuning, times[row] - times[row - 1], rule)
             if rows.due[row]:
                 yield ekf.innovation(belief.mean, z), belief.covariance
                 belief, _ = ekf.correct(belief, z, tuning.R)
         if rows.due[row] and (rows.begins[row] or is_first) and row < last:
             begun = ekf.initialize(z, tuning).belief
-            belief = ekf.predict(begun, following, tuning, times[row + 1] - times[row], middle)
+            belief = ekf.predict(begun, following, tuning, times[row + 1] - times[row], rule)

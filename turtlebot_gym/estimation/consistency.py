@@ -153,7 +153,7 @@ def cramer_rao_bound(
     Returns:
         Bound on the error covariance at each time, shape (T + 1, 5, 5).
     """
-    middle = choose("integrator", integrator, INTEGRATORS)
+    rule = choose("integrator", integrator, INTEGRATORS)
     states = np.asarray(true_states, np.float64).reshape(-1, *np.shape(true_states)[-2:])
     inputs = np.asarray(commands, np.float64).reshape(len(states), -1, 2)
     arrived = np.ones(inputs.shape[:2], np.bool_) if measured is None else np.asarray(measured, np.bool_)
@@ -163,7 +163,7 @@ def cramer_rao_bound(
     total = [P.mean(axis=0)]
     R, added = np.array(tuning.R), np.array(tuning.Q) * (dt / REFERENCE_PERIOD)
     for k in range(inputs.shape[1]):
-        F = jacobians(states[:, k], dt=dt, middle=middle)
+        F = jacobians(states[:, k], dt=dt, integrator=rule)
         F[:, 3, 3] = F[:, 4, 4] = float(isinstance(tuning.kind, Kalman) and tuning.kind.remember_velocity)
         P = F @ P @ np.swapaxes(F, 1, 2)
         P[:, [0, 1, 2], [0, 1, 2]] += added[:3]

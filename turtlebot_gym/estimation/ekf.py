@@ -61,7 +61,7 @@ def start(senses: Senses, tuning: FilterTuning) -> Estimate:
 
 
 @algebra
-def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, middle: float, keep: bool = False) -> Belief:
+def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, integrator: float, keep: bool = False) -> Belief:
     """Move the belief by one control interval: the pose with the believed twist, then the twist to the executed one.
 
     Args:
@@ -69,7 +69,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
         twist: Best knowledge of the twist executed from now on: the one that odometry reports, or the command.
         tuning: Process noise, with the systematic errors of the twist, if they are known.
         dt: Interval, s.
-        middle: The integrator, a value of `INTEGRATORS`.
+        integrator: The integrator, a value of `Integrator`.
         keep: Whether the new twist depends on the old one, `parameters.Kalman.remember_velocity`.
 
     Returns:
@@ -77,7 +77,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, mid
         for v and omega are zero (one, with ``keep``).
     """
     mean, P = belief
-    moved = motion(mean.theta, mean.v, mean.omega, dt, middle)
+    moved = motion(mean.theta, mean.v, mean.omega, dt, integrator)
     # The rows of F for the pose: [1 0 a c e], [0 1 b s g], [0 0 1 0 dt].
     a, c, e = moved.x_theta, moved.x_v, moved.x_omega
     b, s, g = moved.y_theta, moved.y_v, moved.y_omega
@@ -170,10 +170,10 @@ def innovation(mean: State, z: Pose, wraps: bool = True) -> Pose:
 
 
 @kernel
-def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
+def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float) -> Estimate:
     """Predict, and correct by the measured pose if one arrived; see `interface.Filter`."""
     odometry = senses.odometry
-    prior = predict(estimate.belief, odometry.twist, tuning, dt, middle, tuning.kind.remember_velocity)
+    prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator, tuning.kind.remember_velocity)
     posterior, nis = correct(prior, odometry.pose, tuning.R, tuning.kind.wrap_innovation)
     return _settle(estimate, prior, posterior, prior, nis, nis > tuning.kind.gate, odometry, tuning)
 
@@ -219,10 +219,12 @@ def _restart(prior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
 
 
 @kernel
-def _gated_step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> Estimate:
+def _gated_step(
+    estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
+) -> Estimate:
     """Predict, and correct by the position and by a plausible heading."""
     odometry = senses.odometry
-    prior = predict(estimate.belief, odometry.twist, tuning, dt, middle)
+    prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
     turn = innovation(prior.mean, odometry.pose).theta
     placed, nis, _, turn = correct_position(prior, odometry.pose, tuning.R, turn)
     turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
@@ -232,14 +234,14 @@ def _gated_step(estimate: Estimate, before: Senses, senses: Senses, tuning: Filt
 
 @kernel
 def _carried_step(
-    estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+    estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
 ) -> Estimate:
     """Move the belief as the odometry moved, or by the twist if its systematic errors are known; the covariance grows."""
     x, y, theta, _, _ = estimate.belief.mean
     process = tuning.process
     is_exact = (process.scale == 1.0) & (process.turn_scale == 1.0) & (process.veer == 0.0)  # without the branch of an `and`
     twist, z = senses.odometry.twist, senses.odometry.pose
-    prior = predict(estimate.belief, twist, tuning, dt, middle)
+    prior = predict(estimate.belief, twist, tuning, dt, integrator)
     pose = increment(Pose(x, y, theta), before.odometry.pose, z, sincos(theta - before.odometry.pose.theta))
     by_twist = prior.mean
     mean = State(

@@ -101,7 +101,7 @@ class KalmanFilter:
         if mean.shape != (5,) or not np.isfinite(mean).all():
             raise ValueError(f"state must be 5 finite numbers, got {state!r}.")
         self.tuning = tuning
-        self.dt, self._middle = POSITIVE.check("dt", dt), choose("integrator", integrator, INTEGRATORS)
+        self.dt, self._integrator = POSITIVE.check("dt", dt), choose("integrator", integrator, INTEGRATORS)
         P = entries(np.diag(tuning.P0) if covariance is None else covariance)
         self._filter = filter_of(tuning)
         self._rules = tuning.kind if isinstance(tuning.kind, Kalman) else Kalman()
@@ -186,12 +186,12 @@ class KalmanFilter:
         if measured and not isinstance(self.tuning.kind, DeadReckoning):
             self._note(self._moved(command), z)
         before, senses = Senses(Odometry(self._odometry or z, command, True)), Senses(Odometry(z, command, measured))
-        self._estimate = self._filter.step(self._estimate, before, senses, self.tuning, self.dt, self._middle)
+        self._estimate = self._filter.step(self._estimate, before, senses, self.tuning, self.dt, self._integrator)
         self._odometry = z
 
     def _moved(self, command: Command) -> Belief:
         keep = self._rules.remember_velocity
-        return ekf.predict(self.belief, command, self.tuning, self.dt, self._middle, keep)
+        return ekf.predict(self.belief, command, self.tuning, self.dt, self._integrator, keep)
 
     def _require_halves(self) -> None:
         if not self._is_simple:
@@ -215,13 +215,13 @@ def jacobian(state: State, *, dt: float, integrator: str = "euler") -> NDArray[n
 
     Its rows for v and omega are zero, because commands replace the twist. `ekf.predict` writes out the products with it.
     """
-    return jacobians(np.array([state]), dt=dt, middle=choose("integrator", integrator, INTEGRATORS))[0]
+    return jacobians(np.array([state]), dt=dt, integrator=choose("integrator", integrator, INTEGRATORS))[0]
 
 
-def jacobians(states: ArrayLike, *, dt: float, middle: float) -> NDArray[np.float64]:
-    """Return `jacobian` for many states (n, 5), shape (n, 5, 5); the integrator is a value of `models.unicycle.INTEGRATORS`."""
+def jacobians(states: ArrayLike, *, dt: float, integrator: float) -> NDArray[np.float64]:
+    """Return `jacobian` for many states (n, 5), shape (n, 5, 5); the integrator is a value of `models.unicycle.Integrator`."""
     twists = np.asarray(states, np.float64)[:, 2:].tolist()
-    moved = np.array([motion(theta, v, omega, dt, middle)[3:] for theta, v, omega in twists])
+    moved = np.array([motion(theta, v, omega, dt, integrator)[3:] for theta, v, omega in twists])
     F = np.zeros((len(twists), 5, 5))
     F[:, [0, 1, 2], [0, 1, 2]] = 1.0
     F[:, 0, 2:], F[:, 1, 2:], F[:, 2, 4] = moved[:, :3], moved[:, 3:], dt

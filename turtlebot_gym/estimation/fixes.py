@@ -54,10 +54,10 @@ class TakesFixes(NamedTuple):
     filter: Filter
     """The filter with both parts."""
     remember: Callable[..., Remembered]
-    """``remember(estimate, before, senses, tuning, dt, middle)`` returns the estimate after a step without a fix."""
+    """``remember(estimate, before, senses, tuning, dt, integrator)`` returns the estimate after a step without a fix."""
     insert_last: Callable[..., tuple[Any, Any]]
-    """``insert_last(estimate, fix, tuning, middle)`` returns the oldest and the newest estimate after a fix that is as old as
-    the oldest one, when as many steps are stored as possible."""
+    """``insert_last(estimate, fix, tuning, integrator)`` returns the oldest and the newest estimate after a fix that is as old
+    as the oldest one, when as many steps are stored as possible."""
 
 
 def late_by(age: float, dt: float) -> int:
@@ -120,12 +120,12 @@ def _step_at(told: Any, count: float, age: float) -> int:
 def _replay(advance: Callable[..., Any], count: int) -> Callable[..., Any]:
     """Return the kernel that repeats the last ``count`` steps, without a loop."""
     if count == 0:
-        return kernel(lambda estimate, stored, tuning, middle: estimate)
+        return kernel(lambda estimate, stored, tuning, integrator: estimate)
     rest, before = _replay(advance, count - 1), count - 1
 
     @kernel
-    def replay(estimate, stored, tuning, middle):
-        return rest(advance(estimate, stored[count], stored[before], tuning, middle), stored, tuning, middle)
+    def replay(estimate, stored, tuning, integrator):
+        return rest(advance(estimate, stored[count], stored[before], tuning, integrator), stored, tuning, integrator)
 
     return replay
 
@@ -143,8 +143,8 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
     fill, put, last = filled(depth + 1), _put(depth + 1), depth
 
     @kernel
-    def advance(estimate, before, now, tuning, middle):
-        moved = step(estimate, before.senses, now.senses, tuning, now.dt, middle)
+    def advance(estimate, before, now, tuning, integrator):
+        moved = step(estimate, before.senses, now.senses, tuning, now.dt, integrator)
         return fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning) if now.fix.arrived else moved
 
     replay = _replay(advance, last)
@@ -156,16 +156,16 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
         return Remembered(first.belief, first.nis, first, fill(stored), first, 0.0)
 
     @kernel
-    def remember(estimate, before, senses, tuning, dt, middle):
+    def remember(estimate, before, senses, tuning, dt, integrator):
         old, oldest = estimate.told, estimate.oldest
         if estimate.steps >= last:
-            oldest = advance(oldest, old[last], old[last - 1], tuning, middle)
+            oldest = advance(oldest, old[last], old[last - 1], tuning, integrator)
         stored = (_Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
-        newest = step(estimate.newest, before, senses, tuning, dt, middle)
+        newest = step(estimate.newest, before, senses, tuning, dt, integrator)
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
 
     @kernel
-    def insert(estimate, fix, tuning, middle):
+    def insert(estimate, fix, tuning, integrator):
         stored, oldest, count = estimate.told, estimate.oldest, estimate.steps
         at = _step_at(stored, count, fix.age)
         if at == count:
@@ -174,20 +174,20 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
             stored = put(stored, at, fix)
         newest = oldest
         for ago in range(int(count), 0, -1):
-            newest = advance(newest, stored[ago], stored[ago - 1], tuning, middle)
+            newest = advance(newest, stored[ago], stored[ago - 1], tuning, integrator)
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, count)
 
     @kernel
-    def insert_last(estimate, fix, tuning, middle):
+    def insert_last(estimate, fix, tuning, integrator):
         oldest = fix_in(estimate.oldest, fix.pose, fix.R + fix.cross, tuning)
-        return oldest, replay(oldest, estimate.told, tuning, middle)
+        return oldest, replay(oldest, estimate.told, tuning, integrator)
 
     @kernel
-    def step_on(estimate, before, senses, tuning, dt, middle):
-        now, remembered = senses.fix, remember(estimate, before, senses, tuning, dt, middle)
+    def step_on(estimate, before, senses, tuning, dt, integrator):
+        now, remembered = senses.fix, remember(estimate, before, senses, tuning, dt, integrator)
         if now.arrived:
             fix = Fix(now.pose, now.R, now.age, now.arrived, now.cross)  # without what a simulated sensor keeps beside it
-            remembered = insert(remembered, fix, tuning, middle)
+            remembered = insert(remembered, fix, tuning, integrator)
         return remembered
 
     return TakesFixes(filter._replace(start=start, step=step_on, reads=(*reads, "fix")), remember, insert_last)

@@ -65,11 +65,13 @@ def _turn_rate(belief: Belief, bias: Sixth) -> Projection:
 
 
 @kernel
-def _step(estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, middle: float) -> _GyroEstimate:
+def _step(
+    estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, integrator: float
+) -> _GyroEstimate:
     """Predict, and correct by turning rate and pose; see `interface.Filter`."""
     odometry, gyro = senses.odometry, tuning.kind
-    to = moved_column(estimate.bias, estimate.belief.mean, dt, middle)
-    belief = predict(estimate.belief, odometry.twist, tuning, dt, middle)
+    to = moved_column(estimate.bias, estimate.belief.mean, dt, integrator)
+    belief = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
     variance = estimate.bias.variance + gyro.bias_walk * gyro.bias_walk * dt
     bias = Sixth(estimate.bias.mean, variance, State(to.x, to.y, to.theta, 0.0, 0.0))  # a new twist is executed
 

@@ -16,10 +16,10 @@ class Filter(NamedTuple):
     """``start(senses, tuning)`` returns the estimate at the first measurement: the filter's whole state, a NamedTuple that
     includes the belief and the NIS of the last measurement."""
     step: Callable[[Any, Any, Any, FilterTuning, float, float], Any]
-    """``step(estimate, before, senses, tuning, dt, middle)`` returns the estimate after a control interval of dt, s.
+    """``step(estimate, before, senses, tuning, dt, integrator)`` returns the estimate after a control interval of dt, s.
 
-    ``before`` and ``senses`` are the sensors' values at the start and at the end of the interval, `values.Senses`; ``middle``
-    is the integrator, a value of `models.unicycle.INTEGRATORS`.
+    ``before`` and ``senses`` are the sensors' values at the start and at the end of the interval, `values.Senses`;
+    ``integrator`` is a `models.unicycle.Integrator`.
     """
     fix: Callable[[Any, Pose, tuple[float, ...], FilterTuning], Any]
     """``fix(estimate, z, R, tuning)`` returns the estimate after an external pose measurement of the same time.

@@ -158,10 +158,10 @@ def _start(senses: Senses, tuning: FilterTuning) -> _MixtureEstimate:
 
 
 @kernel
-def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> _Tracked:
+def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, integrator: float) -> _Tracked:
     """Predict a hypothesis, and correct it by a measurement's three explanations."""
     R, share, spike, measured = tuning.R, tuning.kind.spike_probability, tuning.kind.spike, odometry.measured
-    prior = predict(belief, odometry.twist, tuning, dt, middle)
+    prior = predict(belief, odometry.twist, tuning, dt, integrator)
     turn = innovation(prior.mean, odometry.pose).theta
     placed, nis, precision, turn = correct_position(prior, odometry.pose, R, turn)
     h = of_heading(placed.covariance)
@@ -193,12 +193,12 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, m
 
 
 @kernel
-def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, dt: float, middle: float) -> Tracks:
+def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, dt: float, integrator: float) -> Tracks:
     """Predict and correct all hypotheses."""
     return Tracks(
-        track(hypotheses.true, odometry, tuning, dt, middle),
-        track(hypotheses.high, odometry, tuning, dt, middle),
-        track(hypotheses.low, odometry, tuning, dt, middle),
+        track(hypotheses.true, odometry, tuning, dt, integrator),
+        track(hypotheses.high, odometry, tuning, dt, integrator),
+        track(hypotheses.low, odometry, tuning, dt, integrator),
     )
 
 
@@ -245,10 +245,10 @@ def scaled(weights: Three, factor: float) -> Three:
 
 @kernel
 def _step(
-    estimate: _MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+    estimate: _MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
 ) -> _MixtureEstimate:
     """Predict, correct and weigh all hypotheses; see `interface.Filter`."""
-    tracks = track_all(estimate.hypotheses, senses.odometry, tuning, dt, middle)
+    tracks = track_all(estimate.hypotheses, senses.odometry, tuning, dt, integrator)
     true, high, low = tracks
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))

@@ -111,7 +111,9 @@ def _filter_of(make: Callable[[Any], Any]) -> Filter:
             raise failure(_name(make), error) from error
         return _packed(make, worker.x, worker.P, nis)
 
-    def step(estimate: Any, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> _PlainEstimate:
+    def step(
+        estimate: Any, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
+    ) -> _PlainEstimate:
         _, twist, measured = senses.odometry
 
         def work(worker: Any) -> float:

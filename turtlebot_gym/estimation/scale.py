@@ -42,9 +42,9 @@ class Sixth(NamedTuple):
 
 
 @kernel
-def moved_column(sixth: Sixth, mean: State, dt: float, middle: float) -> Pose:
+def moved_column(sixth: Sixth, mean: State, dt: float, integrator: float) -> Pose:
     """Return the covariance of a constant sixth state with the pose after an interval."""
-    c, by = sixth.column, motion(mean.theta, mean.v, mean.omega, dt, middle)
+    c, by = sixth.column, motion(mean.theta, mean.v, mean.omega, dt, integrator)
     x = c.x + by.x_theta * c.theta + by.x_v * c.v + by.x_omega * c.omega
     y = c.y + by.y_theta * c.theta + by.y_v * c.v + by.y_omega * c.omega
     return Pose(x, y, c.theta + dt * c.omega)
@@ -106,12 +106,12 @@ def _start(senses: Senses, tuning: FilterTuning) -> _ScaleEstimate:
 
 @kernel
 def _predict(
-    belief: Belief, scale: Sixth, twist: Command, tuning: FilterTuning, dt: float, middle: float
+    belief: Belief, scale: Sixth, twist: Command, tuning: FilterTuning, dt: float, integrator: float
 ) -> tuple[Belief, Sixth]:
     """Move the pose; then the twist becomes the executed share of the new one."""
     share, variance = scale.mean, scale.variance
-    to = moved_column(scale, belief.mean, dt, middle)
-    (x, y, heading, _, _), P = predict(belief, twist, tuning, dt, middle)
+    to = moved_column(scale, belief.mean, dt, integrator)
+    (x, y, heading, _, _), P = predict(belief, twist, tuning, dt, integrator)
     V, W = twist.v, twist.omega
     covariance = Covariance(
         P.xx, P.xy, P.xt, V * to.x, W * to.x,
@@ -126,11 +126,11 @@ def _predict(
 
 @kernel
 def _step(
-    estimate: _ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float
+    estimate: _ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
 ) -> _ScaleEstimate:
     """Predict with the executed share of the twist, and correct; see `interface.Filter`."""
     z = senses.odometry.pose
-    prior, scale = _predict(estimate.belief, estimate.scale, senses.odometry.twist, tuning, dt, middle)
+    prior, scale = _predict(estimate.belief, estimate.scale, senses.odometry.twist, tuning, dt, integrator)
     now = _ScaleEstimate(prior, estimate.nis, scale)
     belief, scale, nis = correct_both(prior, scale, z, tuning.R, innovation(prior.mean, z).theta)
     return _ScaleEstimate(belief, nis, scale) if senses.odometry.measured else now

@@ -100,11 +100,11 @@ def _fix(estimate: _Estimate, z: Pose, R: Variances, tuning: FilterTuning) -> _E
 
 
 @kernel
-def _step(estimate: _Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, middle: float) -> _Estimate:
+def _step(estimate: _Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float) -> _Estimate:
     """Predict, correct and weigh, and mix the modes; see `interface.Filter`."""
     odometry, twist = senses.odometry, senses.odometry.twist
-    gripped = track_all(estimate.gripping, odometry, tuning, dt, middle)
-    slipped = track_all(estimate.slipping, odometry, tuning, dt, middle)
+    gripped = track_all(estimate.gripping, odometry, tuning, dt, integrator)
+    slipped = track_all(estimate.slipping, odometry, tuning, dt, integrator)
     grip, slip = _weigh_both(estimate, gripped, slipped)
     nis = (
         grip[0] * gripped.true.nis + grip[1] * gripped.high.nis + grip[2] * gripped.low.nis

@@ -6,6 +6,7 @@ a command acts one step late, as in the reference system.
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import NamedTuple
 
 from turtlebot_gym.kernel import algebra, kernel, sqrt
@@ -14,8 +15,16 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, ProcessNoise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import Command, Pose
 
-INTEGRATORS = {"euler": 0.0, "midpoint": 0.5}
-"""Share of the interval at which the motion's heading is taken: at its start (as in the tutorial) or in its middle."""
+
+class Integrator(float, Enum):
+    """Share of the interval at which the motion's heading is taken: at its start, as in the tutorial, or in its middle."""
+
+    EULER = 0.0
+    MIDPOINT = 0.5
+
+
+INTEGRATORS = {integrator.name.lower(): integrator for integrator in Integrator}
+"""The integrators by name."""
 
 
 @kernel
@@ -72,19 +81,19 @@ class _Motion(NamedTuple):
 
 
 @algebra
-def motion(theta: float, v: float, omega: float, dt: float, middle: float) -> _Motion:
-    """Return how a twist moves a pose with the heading ``theta`` in one interval, by the rule of `INTEGRATORS`.
+def motion(theta: float, v: float, omega: float, dt: float, integrator: float) -> _Motion:
+    """Return how a twist moves a pose with the heading ``theta`` in one interval, by the rule of `Integrator`.
 
     Args:
         theta: Heading at the start of the interval, rad.
         v: Speed, m/s.
         omega: Turning rate, rad/s.
         dt: Interval, s.
-        middle: The rule, a value of `INTEGRATORS`.
+        integrator: The rule, a value of `Integrator`.
     """
-    sine, cosine = sincos(theta + middle * omega * dt)
+    sine, cosine = sincos(theta + integrator * omega * dt)
     x_theta, y_theta = -v * sine * dt, v * cosine * dt
-    share = middle * dt
+    share = integrator * dt
     return _Motion(
         v * cosine * dt, v * sine * dt, omega * dt,
         x_theta, cosine * dt, share * x_theta,
@@ -93,9 +102,9 @@ def motion(theta: float, v: float, omega: float, dt: float, middle: float) -> _M
 
 
 @kernel
-def advance(pose: Pose, v: float, omega: float, dt: float, middle: float) -> Pose:
+def advance(pose: Pose, v: float, omega: float, dt: float, integrator: float) -> Pose:
     """Move a pose with a twist for one interval; see `motion`."""
-    moved = motion(pose.theta, v, omega, dt, middle)
+    moved = motion(pose.theta, v, omega, dt, integrator)
     return Pose(pose.x + moved.x, pose.y + moved.y, wrap(pose.theta + moved.theta))
 
 

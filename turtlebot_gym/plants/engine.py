@@ -19,13 +19,12 @@ import numpy as np
 
 from turtlebot_gym.extras import installing
 from turtlebot_gym.models.angles import wrap, yaw_of_quaternion
-from turtlebot_gym.models.unicycle import INTEGRATORS, advance
+from turtlebot_gym.models.unicycle import Integrator, advance
 from turtlebot_gym.plants.burger import MujocoBurger
 from turtlebot_gym.values import Command, Pose, State
 
 SETTLING = 0.5
 """Time for the robot to settle on its contacts when the engine is made, s."""
-_MIDDLE = INTEGRATORS["midpoint"]
 _POSE = slice(0, 7)
 """Range of the base's position and quaternion in a state."""
 
@@ -135,7 +134,7 @@ class Engine:
                     self._mujoco.mj_step(self._model, self._data, count)
                     time = count * self._burger.step
                     twist = self._rolled(angles, time)
-                    wheels = advance(wheels, twist.v, twist.omega, time, _MIDDLE)
+                    wheels = advance(wheels, twist.v, twist.omega, time, Integrator.MIDPOINT)
                     rest -= count
             return _Driven(self._truth(), wheels, twist, self._read())
 

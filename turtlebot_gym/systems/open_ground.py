@@ -68,9 +68,9 @@ def _move(body, command, key, at, p):
     first, second, third = body.asked
     now = obey(body, command, p)
     truth = body.true_state
-    pose = advance(Pose(truth.x, truth.y, truth.theta), truth.v, truth.omega, dt, p.middle)
+    pose = advance(Pose(truth.x, truth.y, truth.theta), truth.v, truth.omega, dt, p.integrator)
     # What nothing reads is not worked out: a large batch takes as long as its memory.
-    rolled = advance(body.wheels, body.command.v, body.command.omega, dt, p.middle)
+    rolled = advance(body.wheels, body.command.v, body.command.omega, dt, p.integrator)
     is_rolled, is_late = p.noise.odometry.wheel, p.delay > 0.0
     wheels = Pose(
         rolled.x if is_rolled else pose.x, rolled.y if is_rolled else pose.y, rolled.theta if is_rolled else pose.theta
@@ -113,7 +113,7 @@ def open_ground(filter: Filter) -> System:
 
     @kernel
     def estimate(estimate, before, senses, p):
-        return step(estimate, before, senses, p.tuning, p.dt, p.middle)
+        return step(estimate, before, senses, p.tuning, p.dt, p.integrator)
 
     p = make_parameters()
     return System(

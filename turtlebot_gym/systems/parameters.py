@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from turtlebot_gym.models.unicycle import Integrator
+from turtlebot_gym.observations import Observed
 from turtlebot_gym.parameters import FilterTuning, Noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
@@ -33,10 +35,8 @@ class Parameters(NamedTuple):
     """Weight of each term of the reward, `turtlebot_gym.rewards.shares_of` their names."""
     dt: float
     """Control interval, s."""
-    middle: float
-    """The integrator, a value of `models.unicycle.INTEGRATORS`."""
-    observed: float
-    """Observed pose, a value of `turtlebot_gym.observations.OBSERVED`."""
+    integrator: Integrator
+    observed: Observed
     delay: float
     """Delay of commands in steps, a whole number from 0 to `MAX_DELAY`."""
     room: Any = ()

@@ -16,7 +16,7 @@ from turtlebot_gym.estimation.fixes import depth_of, late_by, with_fixes
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
-from turtlebot_gym.observations import LOCATED, LOCATED_ROOM, ROOM, read_terms
+from turtlebot_gym.observations import LOCATED_ROOM, ROOM, Observed, read_terms
 from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
@@ -142,7 +142,7 @@ def system_of(parameters: Parameters) -> System:
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
     system = localizing(system) if parameters.localizer else system
-    system = system._replace(terms=LOCATED_ROOM) if parameters.localizer and parameters.observed == LOCATED else system
+    system = system._replace(terms=LOCATED_ROOM) if parameters.localizer and parameters.observed == Observed.LOCATED else system
     system = on_missions(system) if parameters.room and parameters.task.laps > 1.0 else system
     for name in SENSORS:
         if getattr(parameters, name):

@@ -22,7 +22,8 @@ from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
 from turtlebot_gym.estimation.fixes import Remembered, late_by, no_fix, taking_fixes
 from turtlebot_gym.estimation.slip import SLIP
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.observations import BELIEVED
+from turtlebot_gym.models.unicycle import Integrator
+from turtlebot_gym.observations import Observed
 from turtlebot_gym.rewards import ON_GROUND, default_weights
 from turtlebot_gym.systems.fixes import TrackedFix, fix_parts
 from turtlebot_gym.systems.open_ground import open_ground
@@ -54,7 +55,7 @@ def late_fixes(late: int) -> _LateFixes:
     def catch_up(world, key, p):
         fix, before = world.senses.fix, world.estimate
         pose, R, age, arrived, cross, passed = measure(fix, key, int(world.steps), p)
-        oldest, newest = insert_last(before, Fix(pose, R, age, arrived, cross), p.tuning, p.middle)
+        oldest, newest = insert_last(before, Fix(pose, R, age, arrived, cross), p.tuning, p.integrator)
         after = Remembered(newest.belief, newest.nis, newest, before.told, oldest, before.steps)
         senses = _Senses(world.senses.odometry, TrackedFix(pose, R, age, arrived, cross, passed) if fix.arrived else fix)
         return Snapshot(world.body, senses, after if fix.arrived else before, world.course, world.steps, world.room)
@@ -119,8 +120,8 @@ _SIMPLE = (
     ("task.on_belief", 0.0),
     ("task.switch_period", math.inf),
     ("task.laps", 1.0),
-    ("middle", 0.0),
-    ("observed", BELIEVED),
+    ("integrator", Integrator.EULER),
+    ("observed", Observed.EKF),
 )
 _QUIET = (
     *(("noise.process." + name, value)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drives import Drive
-from turtlebot_gym.observations import OBSERVED
+from turtlebot_gym.observations import Observed
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task, arrived, believed_to_arrive
 from turtlebot_gym.values import Pose, State
@@ -155,13 +155,11 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
 
 def _observed(record: Record, p: Parameters) -> NDArray[np.float64]:
     """Return the states that the policy observed after each step, shape (T, n, 5)."""
-    shown = {
-        "ekf": record.estimate,
-        "odometry": np.concatenate([record.odometry, record.command], axis=-1),
-        "truth": record.true_state,
-        "located": record.estimate,
-    }
-    return next(states for name, states in shown.items() if OBSERVED[name] == p.observed)[1:]
+    if p.observed == Observed.TRUTH:
+        return record.true_state[1:]
+    if p.observed == Observed.ODOMETRY:
+        return np.concatenate([record.odometry, record.command], axis=-1)[1:]
+    return record.estimate[1:]
 
 
 def _at(

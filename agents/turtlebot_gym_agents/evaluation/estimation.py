@@ -126,7 +126,7 @@ def estimate(
     DT.check("dt", dt)
     model, steps = in_force(noise, bias=bias, slip=slip), max(1, round(seconds / dt))
     tunings = dict(filters) if isinstance(filters, Mapping) else {name: make_filter(name, model) for name in filters}
-    truly, middle = true_tuning(model), choose("integrator", integrator, INTEGRATORS)
+    truly, rule = true_tuning(model), choose("integrator", integrator, INTEGRATORS)
     options = {"robot": make_robot(robot), "noise": model, "dt": dt, "integrator": integrator}
     measures: dict[str, list[tuple[NDArray[np.float64], ...]]] = {name: [] for name in tunings}
     bounds, done = [], 0
@@ -143,7 +143,7 @@ def estimate(
             deviations = np.sqrt(np.diagonal(drives.covariance, axis1=2, axis2=3)[..., :3])
             outside = (np.abs(error) > 3.0 * deviations).any(axis=2).mean(axis=1)
             last = nees(drives.estimate[:, -1], drives.truth[:, -1], drives.covariance[:, -1], components=3)
-            white = innovations(drives, dt, middle) if first < WHITE else np.zeros((0, steps, 3))
+            white = innovations(drives, dt, rule) if first < WHITE else np.zeros((0, steps, 3))
             measures[name].append((error, last, drives.nis[:, -1], outside, white))
             done += count
             progress(done // len(tunings))
@@ -205,11 +205,11 @@ def drive(count: int, steps: int, seed: int, **options: Any) -> _Drives:
     return _Drives(*(np.stack(record[name], axis=1) for name in names))
 
 
-def innovations(drives: _Drives, dt: float, middle: float) -> NDArray[np.float64]:
+def innovations(drives: _Drives, dt: float, rule: float) -> NDArray[np.float64]:
     """Return measured minus predicted poses, (n, T, 3); m, m, rad; NaN without a measurement."""
     before = drives.estimate[:, :-1]
     twists = before[..., 2:].reshape(-1, 3).tolist()
-    moved = np.array([motion(theta, v, omega, dt, middle)[:3] for theta, v, omega in twists])
+    moved = np.array([motion(theta, v, omega, dt, rule)[:3] for theta, v, omega in twists])
     innovation = difference(drives.odometry[:, 1:], before[..., :3] + moved.reshape(*before.shape[:2], 3))
     innovation[~drives.measured[:, 1:]] = np.nan
     return innovation

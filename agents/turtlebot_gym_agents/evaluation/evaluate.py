@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.drives import Drive
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.observations import OBSERVED
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import choose, whole
 from turtlebot_gym_agents.evaluation import metrics
@@ -209,8 +208,7 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
     if envs.spec is not None:
         require_terms(driver, policy, envs.spec.id)
         if not allow_mismatch:
-            pose = next(name for name, code in OBSERVED.items() if code == p.observed)
-            require_task(driver, policy, envs.spec.id, pose)
+            require_task(driver, policy, envs.spec.id, p.observed.name.lower())
     return shown(driver, policy, terms)
 
 

@@ -59,11 +59,11 @@ def replayable(drive: Drive) -> Drive:
 
 def dead_reckoning(drive: Drive, *, integrator: str = "midpoint") -> NDArray[np.float64]:
     """Return the poses by dead reckoning from the first true one, shape (T, 3)."""
-    middle = choose("integrator", integrator, INTEGRATORS)
+    rule = choose("integrator", integrator, INTEGRATORS)
     pose = Pose(*drive.truth[0].tolist())
     poses = [pose]
     for (v, omega), dt in zip(drive.twist[1:].tolist(), np.diff(drive.time).tolist(), strict=True):
-        pose = advance(pose, v, omega, dt, middle)
+        pose = advance(pose, v, omega, dt, rule)
         poses.append(pose)
     return np.array(poses)
 
@@ -134,7 +134,7 @@ def replay(
     POSITIVE_OR_INFINITE.check("rate", rate)
     whole("seed", seed, 0, MAX_SEED)
     in_force = replace(make_noise(noise), process=process)
-    tuning, middle = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
+    tuning, rule = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
     key = episode_key(seed, 0)
     true, wheels = ([Pose(*pose) for pose in poses.tolist()] for poses in (drive.truth, dead_reckoning(drive)))
     # The twist of row k moves the robot from row k-1 to row k, so it is the command at row k-1.
@@ -154,7 +154,7 @@ def replay(
         if due[row]:
             now = sense(true[row], wheels[row], commands[row], before, in_force.odometry, key, row)
             due[row] = now.measured
-        estimate = filter_step(estimate, Senses(before), Senses(now), tuning, dt, middle)
+        estimate = filter_step(estimate, Senses(before), Senses(now), tuning, dt, rule)
         odometry.append(now.pose)
         beliefs.append(estimate.belief)
 

@@ -85,7 +85,7 @@ def test_a_drift_grows_and_an_episode_begins_without_it():
 @pytest.mark.parametrize("dt", [0.05, 0.1, 0.2])
 def test_white_noise_by_hand(dt):
     """What a wheel's error leaves below the filter's floors, 5 mm/s and 0.01 rad/s a step of 0.1 s, is stated as those."""
-    uncertainty = OdometryUncertainty(NOISES["clean"], dt=dt, middle=False)
+    uncertainty = OdometryUncertainty(NOISES["clean"], dt=dt, integrator=0.0)
     uncertainty.hear(Odometry(Pose(1.0, 2.0, 0.3), Command(0.1, 0.5), True))
     P = uncertainty.covariance()
     assert (P.vv, P.ww) == pytest.approx((2.5e-5 * dt / 0.1, 1e-4 * dt / 0.1))

@@ -115,7 +115,7 @@ class KalmanFilter:
         self._filter = filter_of(self._tuning)
         self._agreement, self._gate, self._stops = Agreement(self._robot, noise), Gate(), params.doubts == "stop"
         self._doubt = Doubt(noise, degrees=0 if isinstance(self._tuning.kind, DeadReckoning) else 3)
-        self._middle = choose("integrator", params.integrator, INTEGRATORS)
+        self._integrator = choose("integrator", params.integrator, INTEGRATORS)
         if choose("twist", params.twist, {"executed": False, "commanded": True}):
             self.inputs = {**self.inputs, "command": replace(COMMANDED, lock_step="refused")}
             self._executed = lambda odometry, command: limit(command or STOP, self._robot)
@@ -211,8 +211,8 @@ class KalmanFilter:
         n = max(1, round(dt / self._period))
         share = round(dt / n, 9)  # stamps are whole nanoseconds, so 0.3 s is exactly three times 0.1 s
         for _ in range(n - 1):
-            estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._middle)
-        return self._filter.step(estimate, before, senses, self._tuning, share, self._middle)
+            estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._integrator)
+        return self._filter.step(estimate, before, senses, self._tuning, share, self._integrator)
 
     def _judge_model(self, dt: float, odometry: Odometry, nis: float) -> None:
         """Report what the last ten seconds say of the filter's model."""

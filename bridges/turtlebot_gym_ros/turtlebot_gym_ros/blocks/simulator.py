@@ -217,7 +217,7 @@ class TurtlebotSimulator:
             self.outputs = {**MAP_OUTPUTS, **self.outputs}  # first, since a localizer waits for it
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
-        self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, middle=p.middle)
+        self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, integrator=p.integrator)
         covariance = None if speech else self._uncertainty.covariance
         stated = replace(
             self.outputs["odometry"], covariance=covariance, transform=params.publish_tf, frame=params.odom_frame or None

@@ -20,12 +20,12 @@ class OdometryUncertainty:
     Args:
         noise: The true noise.
         dt: Control interval, s.
-        middle: The integrator, a value of `models.unicycle.INTEGRATORS`.
+        integrator: The integrator, a value of `models.unicycle.Integrator`.
     """
 
-    def __init__(self, noise: Noise, *, dt: float, middle: float) -> None:
+    def __init__(self, noise: Noise, *, dt: float, integrator: float) -> None:
         self._tuning = matched(noise)
-        self._dt, self._middle = dt, middle
+        self._dt, self._integrator = dt, integrator
         self._filter = filter_of(self._tuning)
         self.reset()
 
@@ -41,7 +41,7 @@ class OdometryUncertainty:
             self._estimate = (
                 self._filter.start(senses, self._tuning)
                 if self._estimate is None or self._before is None
-                else self._filter.step(self._estimate, self._before, senses, self._tuning, self._dt, self._middle)
+                else self._filter.step(self._estimate, self._before, senses, self._tuning, self._dt, self._integrator)
             )
         self._before = senses
 
