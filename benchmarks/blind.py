@@ -131,8 +131,8 @@ def as_seen(scene: Scene, lidar: Lidar, case: str) -> Scan:
     beams, unit = int(lidar.beams), UNITS.get(case, 1.0)
     first, width = np.radians(VIEWS.get(case, VIEWS["all around"]))
     directions = lidar.yaw + TWO_PI * np.arange(beams) / beams
-    sees = ((directions - first) % TWO_PI <= width) & np.isfinite(scene.beams[2, :beams])
-    ranges = np.where(sees, unit * scene.ranges[1, :beams], np.nan).astype(np.float32)
+    sees = ((directions - first) % TWO_PI <= width) & np.isfinite(scene.lidar.beams[2, :beams])
+    ranges = np.where(sees, unit * scene.lidar.ranges[1, :beams], np.nan).astype(np.float32)
     return Scan(ranges, lidar.yaw, TWO_PI / beams, unit * lidar.range_min, unit * lidar.range_max)
 
 

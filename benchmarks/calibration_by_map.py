@@ -75,13 +75,13 @@ def toured(seed: int, seconds: float = 300.0, world: str = "office") -> tuple[Dr
         odometry.append(batch.numbers("senses.odometry.pose")[0])
         turns = beams_by(step, LIDAR, p.dt) // LIDAR.beams
         if turns > beams_by(step - 1, LIDAR, p.dt) // LIDAR.beams:
-            ranges = batch.scenes.ranges[0, 1, : LIDAR.beams].copy()
+            ranges = batch.scenes.lidar.ranges[0, 1, : LIDAR.beams].copy()
             scan = Scan(ranges, 0.0, TWO_PI / LIDAR.beams, LIDAR.range_min, LIDAR.range_max, beam)
             first = (turns - 1.0) / LIDAR.rate + beam
             scans.append(Seen(step, start, scan, first, Pose(LIDAR.x, LIDAR.y, LIDAR.yaw)))
     time = p.dt * np.arange(len(twists), dtype=np.float64)
     drive = Drive(time=time, twist=np.array(twists), odometry=np.array(odometry), scans=tuple(scans))
-    return drive, Place(batch.scenes.field[0], batch.scenes.field_frame[0], matched(LIDAR), start), wheels
+    return drive, Place(batch.scenes.memory.field[0], batch.scenes.memory.field_frame[0], matched(LIDAR), start), wheels
 
 
 def motion(random: np.random.Generator, ranges: NDArray[Any], before: NDArray[np.float64], is_new: bool) -> NDArray[np.float64]:

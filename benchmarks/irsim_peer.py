@@ -42,12 +42,12 @@ def start_peer(folder: Path, scene: Scene, turn: float) -> Process:
         venv.create(folder, with_pip=True)
         subprocess.run([str(python), "-m", "pip", "install", "--quiet", PEER], check=True)
         (folder / "installed").touch()
-    x, y, half_length, half_width = scene.walls.tolist()
+    x, y, half_length, half_width = scene.room.walls.tolist()
     obstacles: list[dict[str, Any]] = [
         {"number": 1, "shape": {"name": "circle", "radius": radius}, "state": [at_x, at_y, 0.0]}
-        for at_x, at_y, radius, _, _ in scene.circles[: scene.counts[0]].tolist()
+        for at_x, at_y, radius, _, _ in scene.room.circles[: scene.room.counts[0]].tolist()
     ]
-    for at_x, at_y, a, b, cosine, sine in scene.boxes[: scene.counts[1]].tolist():
+    for at_x, at_y, a, b, cosine, sine in scene.room.boxes[: scene.room.counts[1]].tolist():
         shape = {"name": "rectangle", "length": 2.0 * a, "width": 2.0 * b}
         obstacles.append({"number": 1, "shape": shape, "state": [at_x, at_y, float(np.arctan2(sine, cosine))]})
     lidar = {"name": "lidar2d", "range_min": 0.0, "range_max": 3.5, "angle_range": 2.0 * np.pi, "number": 36, "noise": False}

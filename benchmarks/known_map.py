@@ -54,7 +54,7 @@ class Mapped:
         self._layer.reset(mask)
         scenes, states, _ = self._envs.truth()
         for n in np.flatnonzero(mask):
-            field, (x, y, cosine, sine, side) = scenes.field[n], scenes.field_frame[n]
+            field, (x, y, cosine, sine, side) = scenes.memory.field[n], scenes.memory.field_frame[n]
             rows, columns = np.indices(field.shape)
             places = x + 1j * y + side * (columns + 0.5 + 1j * (rows + 0.5)) * (cosine + 1j * sine)
             seen = (places - states[n, 0] - 1j * states[n, 1]) * np.exp(-1j * states[n, 2])

@@ -88,7 +88,7 @@ class Knowing:
     def stops(self) -> NDArray[np.bool_]:
         """Return whether somebody is about to come near, shape (n,)."""
         scenes, states, _ = self._envs.truth()
-        circles, counts = scenes.circles, scenes.counts[:, :1]
+        circles, counts = scenes.room.circles, scenes.room.counts[:, :1]
         to, walks = circles[..., :2] - states[:, None, :2], circles[..., 3:5]
         until = -(to * walks).sum(axis=-1) / np.maximum((walks**2).sum(axis=-1), 1e-9)
         least = np.linalg.norm(to + walks * np.clip(until, 0.0, HORIZON)[..., None], axis=-1) - circles[..., 2]

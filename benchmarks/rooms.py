@@ -33,7 +33,7 @@ from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.grid import OCCUPIED, GridMap
 from turtlebot_gym.rooms.rays import FAR, inverse
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
+from turtlebot_gym.rooms.scene import Scene, arrays_of, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import BLOCK, ROOM, cast
 
 ID = "turtlebot_gym/TurtleBotRooms-v0"
@@ -206,11 +206,11 @@ def memory(number: int = 4096) -> dict[str, float]:
         circles, boxes = capacity(rules)
         size = {"length": 2.0 * rules.half_length, "width": 2.0 * rules.half_width}
         scene = make_scenes(1, circles=circles, boxes=boxes, beams=36, **size)
-        taken[name] = number * sum(part.nbytes for part in scene) / 1e6
+        taken[name] = number * sum(part.nbytes for part in arrays_of(scene)) / 1e6
     grid = hall()
     shared = sum(part.nbytes for part in (grid.squares, grid.known, grid.frame))
     scene = make_scenes(1, circles=0, boxes=0, beams=36, length=20.0, width=20.0)
-    return taken | {"map of 20 m at 5 cm": (shared + number * sum(part.nbytes for part in scene)) / 1e6}
+    return taken | {"map of 20 m at 5 cm": (shared + number * sum(part.nbytes for part in arrays_of(scene))) / 1e6}
 
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:

@@ -363,7 +363,7 @@ def _evidence(world, p):
 
 @kernel
 def _scan(scene):
-    return scene.sectors
+    return scene.lidar.sectors
 
 
 @kernel

@@ -24,8 +24,8 @@ def scan_of(episode):
     if not episode.parameters.room:
         return None, 0.0
     lidar = episode.parameters.room.lidar
-    is_blind = np.isinf(episode.scene.beams[2, : lidar.beams])
-    ranges = np.where(is_blind, np.float32(np.nan), episode.scene.ranges[1, : lidar.beams])
+    is_blind = np.isinf(episode.scene.lidar.beams[2, : lidar.beams])
+    ranges = np.where(is_blind, np.float32(np.nan), episode.scene.lidar.ranges[1, : lidar.beams])
     return Scan(ranges, 0.0, TURN / lidar.beams, lidar.range_min, lidar.range_max), episode.world.room.scan_age
 
 

@@ -52,7 +52,7 @@ def test_a_deployment_observes_what_the_environment_observes(trained):
         world = episode.world
         (mean, P), course = world.estimate.belief, world.course
         own = {name: world.senses.speedometer if env == NAV else float(world.room.clearance < 0.05)}
-        sectors, age = (episode.scene.sectors.tolist(), world.room.scan_age) if env == ROOMS else ((), 0.0)
+        sectors, age = (episode.scene.lidar.sectors.tolist(), world.room.scan_age) if env == ROOMS else ((), 0.0)
         numbers = deployment.read_own(own)
         deployment.command(mean, P, world.estimate.nis, course.reference, course.following, sectors, age, None, numbers)
         np.testing.assert_array_equal(deployment.observation, np.array(episode.observe(), np.float32))

@@ -60,7 +60,7 @@ class Drive:
         """Distance between footprints and what is nearest, by numpy: an oracle of its own."""
         scenes, (x, y, theta) = self.batch.scenes, self.pose()
         x, y = x + self.center_x * np.cos(theta), y + self.center_x * np.sin(theta)
-        walls, circles, boxes, counts = scenes.walls, scenes.circles, scenes.boxes, scenes.counts
+        walls, circles, boxes, counts = scenes.room.walls, scenes.room.circles, scenes.room.boxes, scenes.room.counts
         near = np.minimum(walls[:, 2] - abs(x - walls[:, 0]), walls[:, 3] - abs(y - walls[:, 1]))
         is_there = np.arange(circles.shape[1]) < counts[:, :1]
         gaps = np.hypot(circles[..., 0] - x[:, None], circles[..., 1] - y[:, None]) - circles[..., 2]
@@ -90,7 +90,7 @@ class Drive:
         for _ in range(round(seconds / DT)):
             now = T + self.tick * DT
             if self.tick % 10 == 0:
-                self.newest = newest = self.batch.scenes.ranges[:, 1].copy()
+                self.newest = newest = self.batch.scenes.lidar.ranges[:, 1].copy()
             self.ask()
             for k, guard in enumerate(self.guards):
                 if self.tick % 10 == 2 and self.tick - 2 <= self.cut_at[k]:

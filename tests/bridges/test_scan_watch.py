@@ -136,7 +136,7 @@ class Drives:
                 (v, self.rng.choice([0.0, 0.0, 0.3, 1.0, 2.0], due.sum()) * self.rng.uniform(-1, 1, due.sum())), 1
             )
             until[due] = tick + self.rng.integers(5, 40, due.sum())
-            scans = self.batch.scenes.ranges[:, 1].copy()
+            scans = self.batch.scenes.lidar.ranges[:, 1].copy()
             history.append(scans)
             blocked = (scans[:, np.abs(np.angle(np.exp(1j * angles))) < 0.5].min(axis=1) < 0.35) & (commands[:, 0] > 0.0)
             commands[blocked], until[blocked] = (0.0, 1.5), np.maximum(until[blocked], tick + 3)

@@ -142,7 +142,7 @@ def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_s
 def test_one_thread_runs_the_serial_loop(monkeypatch, why):
     serial = driven()
     monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
-    monkeypatch.setattr(module, "parallel_loop", lambda name: pytest.fail("one thread needs no parallel loop"))
+    monkeypatch.setattr(module, "parallel_loop", lambda name, sizes: pytest.fail("one thread needs no parallel loop"))
     if why == "numba has one":
         monkeypatch.setattr(Threads, "count", lambda: 1)
     else:

@@ -48,7 +48,9 @@ def drawn(world):
     batch = Batch(POSES, p, waypoints)
     batch.seeds[:] = 9000 + np.arange(POSES)
     batch.reset(np.ones(POSES, np.bool_), *batch.empty())
-    for field, frame, state in zip(batch.scenes.field, batch.scenes.field_frame, batch.numbers("body.true_state"), strict=True):
+    for field, frame, state in zip(
+        batch.scenes.memory.field, batch.scenes.memory.field_frame, batch.numbers("body.true_state"), strict=True
+    ):
         yield Room(None, field.copy(), frame.copy()), tuple(state[:3].tolist())
 
 

@@ -52,8 +52,8 @@ def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, start, observ
     for i, episode in plain.items():
         assert episode.world.estimate.scans > 10
         scene = batch.system.surroundings.at(batch.scenes, i)
-        np.testing.assert_array_equal(scene.field, episode.scene.field)
-        np.testing.assert_array_equal(scene.trail, episode.scene.trail)
+        np.testing.assert_array_equal(scene.memory.field, episode.scene.memory.field)
+        np.testing.assert_array_equal(scene.memory.trail, episode.scene.memory.trail)
 
 
 def test_evidence_shows_deviations_ahead_and_aside_fit_and_weight_before_the_scan():
@@ -104,8 +104,8 @@ def test_obstacles_that_the_map_alone_has_hide_none_of_the_room_and_mislead_litt
         ).setup()
         batch = Batch(16, p, waypoints)
         off.append(np.median(errors(batch, 300, 16)))
-        fields.append(batch.scenes.field)
-        rooms.append((batch.scenes.circles, batch.scenes.boxes))
+        fields.append(batch.scenes.memory.field)
+        rooms.append((batch.scenes.room.circles, batch.scenes.room.boxes))
     np.testing.assert_equal(rooms[1:], rooms[:1] * 2)
     assert np.all(np.diff(fields, axis=0) <= 0.0)
     assert 0.0 < np.mean(fields[1] < fields[0]) < np.mean(fields[2] < fields[0])
@@ -151,8 +151,8 @@ def test_all_robots_share_the_field_of_a_map():
     batch = Batch(3, p, waypoints, plan=plan)
     batch.reset(np.ones(3, np.bool_), *batch.empty())
     batch.step(np.zeros((3, 2), np.float32))
-    assert batch.scenes.field.shape[0] == 1
-    np.testing.assert_array_equal(batch.system.surroundings.at(batch.scenes, 2).field, make_room(hall()).field)
+    assert batch.scenes.memory.field.shape[0] == 1
+    np.testing.assert_array_equal(batch.system.surroundings.at(batch.scenes, 2).memory.field, make_room(hall()).field)
     assert errors(batch, 20, 3).max() < 0.05
 
 

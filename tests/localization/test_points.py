@@ -23,8 +23,8 @@ DT = 0.1
 def scan(lidar):
     """Return the scene after a revolution on the way through the poses."""
     scene = PLAN.scene(beams=lidar.beams)
-    aim(scene.beams, lidar)
-    divide(scene.spans, lidar.yaw, lidar.beams)
+    aim(scene.lidar.beams, lidar)
+    divide(scene.lidar.spans, lidar.yaw, lidar.beams)
     for at in (1, 2):
         first, last = (at - 1) * lidar.beams // 2, at * lidar.beams // 2
         measure(scene, POSES[at - 1], POSES[at], first, last, (at - 1) * DT, 1, lidar, DT)
@@ -38,7 +38,7 @@ def off(interval, lidar=LIDAR):
     for at in (1, 2):
         remember(trail, at * DT, POSES[at])
     timing = Timing(2.0 * DT, interval, lidar.x, lidar.y, lidar.range_max)
-    number = to_points(scene.ranges[1], scene.beams, 0, timing, trail, points)
+    number = to_points(scene.lidar.ranges[1], scene.lidar.beams, 0, timing, trail, points)
     assert number == lidar.beams
     x, y, theta = POSES[-1]
     c, s = math.cos(theta), math.sin(theta)

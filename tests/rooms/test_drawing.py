@@ -13,6 +13,7 @@ from turtlebot_gym.rooms import drawing
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
+from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.rooms.sensing import clearance
 
 
@@ -26,11 +27,11 @@ def test_a_way_leads_through_each_of_500_rooms(empty_scene, name):
         assert straight >= rules.min_distance
         for place in (start, goal):
             # A cell's centre keeps 0.205 m, and a place is at most half a diagonal away from it; what walks is not asked.
-            standing = scene.circles[: scene.counts[0], 3:].any()
+            standing = scene.room.circles[: scene.room.counts[0], 3:].any()
             assert standing or clearance(scene, place.x, place.y) > 0.205 - 0.0708
         assert straight - 0.2 <= way_left(scene, start.x, start.y) < 60.0
-        counts.append(scene.counts.tolist())
-        rooms.add(scene.circles.tobytes() + scene.boxes.tobytes())
+        counts.append(scene.room.counts.tolist())
+        rooms.add(scene.room.circles.tobytes() + scene.room.boxes.tobytes())
     circles, boxes = np.array(counts).T
     assert len(rooms) == 500
     most = capacity(rules)
@@ -47,7 +48,7 @@ def test_a_room_that_cannot_be_passed_loses_what_stands_in_it(empty_scene):
     rules = RoomRules(circles=(60.0, 60.0), radius=(0.6, 0.8))
     scene = empty_scene(rules)
     start, _ = draw_compiled(scene, as_tuple(rules), 0.105, 5)
-    assert scene.counts.tolist() == [0, 0]
+    assert scene.room.counts.tolist() == [0, 0]
     assert way_left(scene, start.x, start.y) >= 1.3
 
 
@@ -78,7 +79,7 @@ def test_rules_are_parameters(empty_scene):
     def drawn(rules):
         scene = empty_scene(replace(rules, circles=(0.0, 60.0), boxes=(0.0, 60.0), half_length=5.0, half_width=5.0))
         worlds = [draw(scene, rules, 0.105, key) for key in (1, 2, 5)]
-        return str(worlds) + str([part.tolist() for part in scene])
+        return str(worlds) + str([part.tolist() for part in arrays_of(scene)])
 
     first = drawn(base)
     assert drawn(base) == first
@@ -100,7 +101,7 @@ def test_nobody_walks_where_the_robot_starts_and_all_as_fast_as_the_rules_say(em
     for key in range(300):
         start, _ = draw_compiled(scene, as_tuple(rules), 0.105, key)
         assert clearance(scene, start[0], start[1]) > 0.105
-        speeds = np.hypot(*scene.circles[: scene.counts[0], 3:].T)
+        speeds = np.hypot(*scene.room.circles[: scene.room.counts[0], 3:].T)
         assert ((speeds >= 0.05) & (speeds <= 0.2)).all()
 
 
@@ -109,8 +110,8 @@ def test_static_obstacles_are_spread_evenly_over_a_room(empty_scene):
     scene, circles, boxes = empty_scene("dense"), [], []
     for key in range(300):
         drawing._furnish(scene, ROOMS["dense"], episode_key(key, 0), 0)
-        circles += scene.circles[: scene.counts[0], :3].tolist()
-        boxes += scene.boxes[: scene.counts[1]].tolist()
+        circles += scene.room.circles[: scene.room.counts[0], :3].tolist()
+        boxes += scene.room.boxes[: scene.room.counts[1]].tolist()
     for places, about in ((np.array(circles)[:, :2], 0.1), (np.array(boxes)[:, :2], 0.2)):
         assert np.abs(places).max() <= 2.5
         np.testing.assert_allclose(places.min(axis=0), -2.5, atol=0.1)
@@ -124,7 +125,7 @@ def test_static_obstacles_are_spread_evenly_over_a_room(empty_scene):
 def test_a_quarter_of_the_doors_of_an_office_is_walled_up(empty_scene):
     """Three by two rooms have seven doors; one that is open parts its wall in two."""
     scene = empty_scene("office")
-    scene.walls[:] = 0.0, 0.0, 3.75, 2.5
+    scene.room.walls[:] = 0.0, 0.0, 3.75, 2.5
     open_doors = [drawing._partition(scene, episode_key(key, 0), 0) - 7 for key in range(1000)]
     assert min(open_doors) >= 1
     assert max(open_doors) == 7

@@ -43,8 +43,8 @@ QUIET = Lidar(beams=8, rate=5.0, range_min=0.0, range_max=20.0)
 def room(half_length, half_width, lidar):
     """Return an empty room with a LiDAR in it."""
     scene = FloorPlan(walls=(0.0, 0.0, half_length, half_width)).scene(beams=lidar.beams)
-    aim(scene.beams, lidar)
-    divide(scene.spans, lidar.yaw, lidar.beams)
+    aim(scene.lidar.beams, lidar)
+    divide(scene.lidar.spans, lidar.yaw, lidar.beams)
     return scene
 
 
@@ -142,14 +142,14 @@ def test_each_beam_is_cast_from_where_the_robot_was():
     """Beam 0 looks along x while the robot drives 0.4 m towards a wall, and beam 4 looks back."""
     scene = room(5.0, 5.0, QUIET)
     measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.4, 0.0, 0.0), 0, 8, 0.0, 7, QUIET, 0.2)
-    np.testing.assert_allclose(scene.ranges[1, [0, 4]], [5.0 - 0.05, 5.0 + 0.25], rtol=1e-6)
+    np.testing.assert_allclose(scene.lidar.ranges[1, [0, 4]], [5.0 - 0.05, 5.0 + 0.25], rtol=1e-6)
 
 
 def test_a_robot_that_turns_bends_its_scan():
     scene = room(5.0, 2.0, QUIET)
     measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.4), 0, 8, 0.0, 7, QUIET, 0.2)
     heading = math.pi / 2.0 + 0.4 * 3.0 / 8.0  # beam 2, to the left, three eighths of the way through
-    assert scene.ranges[1, 2] == pytest.approx(2.0 / math.sin(heading), rel=1e-6)
+    assert scene.lidar.ranges[1, 2] == pytest.approx(2.0 / math.sin(heading), rel=1e-6)
 
 
 def test_the_mount_is_where_rays_begin():
@@ -157,18 +157,18 @@ def test_the_mount_is_where_rays_begin():
     scene = room(5.0, 2.0, lidar)
     stand = Pose(1.0, 0.5, math.pi / 2.0)
     measure(scene, stand, stand, 0, 8, 0.0, 7, lidar, 0.2)
-    np.testing.assert_allclose(scene.ranges[1, [0, 2, 4, 6]], [1.4, 6.2, 2.6, 3.8], rtol=1e-6)
+    np.testing.assert_allclose(scene.lidar.ranges[1, [0, 2, 4, 6]], [1.4, 6.2, 2.6, 3.8], rtol=1e-6)
 
 
 def test_a_scan_is_published_when_its_last_beam_is_there_and_not_before():
     scene = room(3.0, 3.0, QUIET)
     stand = Pose(0.0, 0.0, 0.0)
     measure(scene, stand, stand, 0, 7, 0.0, 7, QUIET, 0.2)
-    assert not scene.ranges[1].any()
-    assert not scene.sectors.any()
+    assert not scene.lidar.ranges[1].any()
+    assert not scene.lidar.sectors.any()
     measure(scene, stand, stand, 7, 9, 0.0, 7, QUIET, 0.2)
-    assert scene.ranges[1, 7] == pytest.approx(3.0 * math.sqrt(2.0), rel=1e-6)
-    assert scene.sectors[0] == pytest.approx(3.0 / 3.5, rel=1e-6)
+    assert scene.lidar.ranges[1, 7] == pytest.approx(3.0 * math.sqrt(2.0), rel=1e-6)
+    assert scene.lidar.sectors[0] == pytest.approx(3.0 / 3.5, rel=1e-6)
 
 
 def test_a_lidar_turns_and_moves_with_its_robot():
@@ -182,13 +182,13 @@ def test_sectors_to_which_a_lidar_is_blind_are_as_near_as_what_is_beside_them_an
     lidar = replace(LIDARS["urg04lx"], deviation=0.0, deviation_share=0.0)
     for half_length, half_width, behind in ((3.0, 3.0, NEAR), (3.0, 0.6, 0.6 / math.sin(math.radians(115.0)))):
         scene = room(half_length, half_width, lidar)
-        leave_out_blind(scene.spans, scene.beams, lidar.beams)
+        leave_out_blind(scene.lidar.spans, scene.lidar.beams, lidar.beams)
         stand = Pose(0.0, 0.0, 0.0)
         measure(scene, stand, stand, -lidar.beams, 0, 0.0, 7, lidar, 0.1)
-        unknown = scene.sectors[13:24] * SIGHT
+        unknown = scene.lidar.sectors[13:24] * SIGHT
         assert (unknown == unknown[0]).all()
         assert unknown[0] == pytest.approx(behind, rel=0.01)
-        assert (scene.sectors[[12, 24]] * SIGHT > 0.6).all()
+        assert (scene.lidar.sectors[[12, 24]] * SIGHT > 0.6).all()
 
 
 WALL, GOAL = 3.0, Pose(2.0, 0.0, 0.0)
@@ -198,10 +198,10 @@ HALL = FloorPlan(walls=Walls(0.0, 0.0, WALL, WALL), start=Pose(0.0, 0.0, 0.0), g
 @kernel
 def estimate_by_the_wall_ahead(estimate, before, senses, p, room, scene):
     """Correct x by the range of the beam that looks forward, to a wall whose place is known."""
-    estimate = ekf.step(estimate, before, senses, p.tuning, p.dt, p.middle)
+    estimate = ekf.step(estimate, before, senses, p.tuning, p.dt, p.integrator)
     mean, P = estimate.belief
     _, cosine = sincos(mean.theta)
-    x = WALL - float(scene.ranges[1, 0]) * cosine  # else single precision in plain Python
+    x = WALL - float(scene.lidar.ranges[1, 0]) * cosine  # else single precision in plain Python
     belief, _ = update(estimate.belief, of_x(P), x - mean.x, 1e-4)
     return ekf.Estimate(belief if cosine > 0.9 and room.scan_age == 0.0 else estimate.belief, estimate.nis, estimate.rejections)
 

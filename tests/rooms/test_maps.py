@@ -165,7 +165,7 @@ def test_plain_python_finds_the_same_bits(at, cast_all, cast_plain):
     if grid.cells.size < 10_000:
         BLOCK(compiled, 0.2)
         geodesic.block(plain, 0.2)
-        np.testing.assert_array_equal(compiled.ways, plain.ways)
+        np.testing.assert_array_equal(compiled.room.ways, plain.room.ways)
 
 
 def test_a_ray_around_a_corner_ends_everywhere(cast_all):
@@ -211,7 +211,7 @@ def test_a_map_is_the_same_compiled_and_in_plain_python(hall, in_step):
     for _ in in_step(batch, plain, [0.4, -0.3], [1.2, 0.3], 25):
         contacts += int(batch.numbers("room.collided").sum())
     assert contacts > 0
-    assert batch.scenes.squares is plan.map.squares, "one map for all"
+    assert batch.scenes.room.squares is plan.map.squares, "one map for all"
 
 
 def test_starts_and_goals_are_in_known_free_ground_and_not_far_apart(hall):
@@ -243,7 +243,7 @@ def test_obstacles_may_stand_on_a_map(cast_all):
 def test_a_map_is_drawn_at_its_place(hall):
     env = gym.make(ID, world=read_map(hall, start=Pose(-2.0, 0.0, 0.0)), render_mode="rgb_array", lidar="ideal")
     env.reset(seed=0)
-    x, y, half_length, half_width = env.unwrapped._batch.scenes.walls[0]
+    x, y, half_length, half_width = env.unwrapped._batch.scenes.room.walls[0]
     drawn, half = env.render()[64:], max(half_length, half_width) + 0.5
 
     def at(column, row):
@@ -274,8 +274,8 @@ def test_cells_of_the_path_grid_are_blocked_as_one_by_one(draw):
     scenes = [FloorPlan(walls=grid.walls(), map=grid).scene() for _ in range(2)]
     geodesic.block(scenes[0], 0.21)
     geodesic._block_outside_each(scenes[1], 0.21)
-    np.testing.assert_array_equal(scenes[0].ways, scenes[1].ways)
-    assert len(np.unique(scenes[0].ways)) == 2 or draw % 3
+    np.testing.assert_array_equal(scenes[0].room.ways, scenes[1].ways)
+    assert len(np.unique(scenes[0].room.ways)) == 2 or draw % 3
 
 
 def test_a_map_that_is_too_large_is_refused_before_anything_is_computed():

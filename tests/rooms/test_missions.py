@@ -33,7 +33,7 @@ def test_missions_are_the_same_compiled_and_in_plain_python(in_step):
         pass
     for i, episode in plain.items():
         assert episode.world.course.visited >= 3.0
-        np.testing.assert_array_equal(batch.system.surroundings.at(batch.scenes, i).ways, episode.scene.ways)
+        np.testing.assert_array_equal(batch.system.surroundings.at(batch.scenes, i).room.ways, episode.scene.room.ways)
 
 
 def goals_of(command, seed):

@@ -106,7 +106,7 @@ def test_more_obstacles_than_can_be_drawn_are_refused():
         with pytest.raises(ValueError, match="RoomRules must have at most 384 circles and 80 boxes"):
             RoomRules(**more)
     crowded = FloorPlan(walls=(0.0, 0.0, 9.0, 9.0), circles=((1.0, 0.0, 0.1),) * 500)  # what is given has no such limit
-    assert crowded.scene().counts.tolist() == [500, 0]
+    assert crowded.scene().room.counts.tolist() == [500, 0]
 
 
 def vector(n=3, **options):

@@ -62,9 +62,9 @@ def test_a_plan_is_written_into_a_scene_whose_obstacles_are_seen_from_above():
         boxes=((1.0, 0.0, 2.0, 1.0), (2.0, 3.0, 0.4, 0.6, 0.7)),
     )
     scene = plan.scene()
-    assert (scene.walls.tolist(), scene.counts.tolist()) == ([1.0, 2.0, 3.0, 4.0], [2, 2])
-    assert scene.circles.tolist() == [[0.0, 1.0, 0.5, 0.0, 0.0], [2.0, 3.0, 0.25, 0.1, -0.2]]
-    assert scene.boxes[0].tolist() == [1.0, 0.0, 1.0, 0.5, 1.0, 0.0]
+    assert (scene.room.walls.tolist(), scene.room.counts.tolist()) == ([1.0, 2.0, 3.0, 4.0], [2, 2])
+    assert scene.room.circles.tolist() == [[0.0, 1.0, 0.5, 0.0, 0.0], [2.0, 3.0, 0.25, 0.1, -0.2]]
+    assert scene.room.boxes[0].tolist() == [1.0, 0.0, 1.0, 0.5, 1.0, 0.0]
     shown = obstacles_of(scene)
     assert shown.walls == (1.0, 2.0, 3.0, 4.0)
     assert shown.circles == ((0.0, 1.0, 0.5), (2.0, 3.0, 0.25))
@@ -79,7 +79,7 @@ def test_all_environments_of_a_batch_have_the_plan_and_a_start_of_their_own():
     assert len({tuple(state) for state in info["true_state"]}) == 40
     envs.step(np.zeros((40, 2), np.float32))
     batch = envs.unwrapped._batch
-    assert (batch.scenes.counts == (1, 0)).all()
+    assert (batch.scenes.room.counts == (1, 0)).all()
 
 
 KNOWN = r"world must be one of 'clutter', .*, or a file \(.world, .sdf, .yaml, .yml\), got 'denser'. Did you mean 'dense'"

@@ -19,16 +19,16 @@ from turtlebot_gym.rooms.scene import UNREACHED
 
 
 def corners(box):
-    """Return the corners of a row of `Scene.boxes`."""
+    """Return the corners of a row of `RoomShape.boxes`."""
     x, y, a, b, cosine, sine = box
     return [(x + cosine * u - sine * v, y + sine * u + cosine * v) for u, v in ((a, b), (-a, b), (-a, -b), (a, -b))]
 
 
 def lengths_to_polygons(scene, x, y, dx, dy):
     """Return the lengths of rays to boxes and walls, and their distances, from shapely's intersections."""
-    cx, cy, half_length, half_width = scene.walls
+    cx, cy, half_length, half_width = scene.room.walls
     room = shapely.box(cx - half_length, cy - half_width, cx + half_length, cy + half_width)
-    solid = [shapely.Polygon(corners(box)) for box in scene.boxes[: scene.counts[1]]]
+    solid = [shapely.Polygon(corners(box)) for box in scene.room.boxes[: scene.room.counts[1]]]
     surfaces = shapely.union_all([room.exterior, *solid])
     ends = np.stack([np.stack([x, y], -1), np.stack([x + 30.0 * dx, y + 30.0 * dy], -1)], 1)
     met = shapely.intersection(shapely.linestrings(ends), surfaces)
@@ -38,7 +38,7 @@ def lengths_to_polygons(scene, x, y, dx, dy):
 def lengths_to_circles(scene, x, y, dx, dy):
     """Return the lengths of rays to the circles, by the roots of |p + t d - c|^2 = r^2 that numpy finds."""
     shortest = np.full(x.shape, np.inf)
-    for cx, cy, r, _, _ in scene.circles[: scene.counts[0]]:
+    for cx, cy, r, _, _ in scene.room.circles[: scene.room.counts[0]]:
         b, c = (x - cx) * dx + (y - cy) * dy, (x - cx) ** 2 + (y - cy) ** 2 - r * r
         with np.errstate(invalid="ignore"):
             root = np.sqrt(b * b - c)
@@ -55,13 +55,13 @@ def test_rays_agree_with_shapely(rooms, empty_scene, cast_all):
     for number in range(rooms):
         scene = empty_scene(names[number % len(names)])
         draw_compiled(scene, as_tuple(ROOMS[names[number % len(names)]]), 0.105, number)
-        at = random.uniform(-0.98, 0.98, 2) * scene.walls[2:]
+        at = random.uniform(-0.98, 0.98, 2) * scene.room.walls[2:]
         angles = random.uniform(-math.pi, math.pi, 360)
         angles[:4] = 0.0, math.pi / 2.0, math.pi, -math.pi / 2.0
         aimed = []
-        for x, y in (corner for box in scene.boxes[: scene.counts[1]] for corner in corners(box)):
+        for x, y in (corner for box in scene.room.boxes[: scene.room.counts[1]] for corner in corners(box)):
             aimed += [math.atan2(y - at[1], x - at[0]) + beside for beside in (-1e-7, 1e-7)]
-        for x, y, r, _, _ in scene.circles[: scene.counts[0]]:
+        for x, y, r, _, _ in scene.room.circles[: scene.room.counts[0]]:
             away = math.hypot(x - at[0], y - at[1])
             if away > r:  # at a tangent or a corner itself, rounding decides between a hit and a miss
                 tangent = math.asin(r / away)
@@ -84,13 +84,13 @@ def test_clearance_agrees_with_shapely(empty_scene):
     for number in range(60):
         scene = empty_scene("dense")
         draw_compiled(scene, as_tuple(ROOMS["dense"]), 0.105, number)
-        cx, cy, half_length, half_width = scene.walls
+        cx, cy, half_length, half_width = scene.room.walls
         room = shapely.box(cx - half_length, cy - half_width, cx + half_length, cy + half_width)
         for x, y in random.uniform(-2.4, 2.4, (30, 2)):
             point = shapely.Point(x, y)
             apart = [point.distance(room.exterior)]
-            apart += [math.hypot(x - c[0], y - c[1]) - c[2] for c in scene.circles[: scene.counts[0]]]
-            apart += [point.distance(shapely.Polygon(corners(box))) for box in scene.boxes[: scene.counts[1]]]
+            apart += [math.hypot(x - c[0], y - c[1]) - c[2] for c in scene.room.circles[: scene.room.counts[0]]]
+            apart += [point.distance(shapely.Polygon(corners(box))) for box in scene.room.boxes[: scene.room.counts[1]]]
             nearest = clearance_compiled(scene, x, y)
             assert nearest == pytest.approx(min(apart), abs=1e-9) or (nearest < 0.0 and min(apart) <= 0.0)
 
@@ -158,7 +158,7 @@ BLOCKED = 65534
 def test_lengths_are_those_of_dijkstra(empty_scene, name, key):
     scene = empty_scene(name)
     _, goal = draw(scene, ROOMS[name], 0.105, key)
-    free = scene.ways != BLOCKED
+    free = scene.room.ways != BLOCKED
     rows, columns = free.shape
     number = np.arange(rows * columns).reshape(rows, columns)
     ends, lengths = [], []
@@ -170,11 +170,11 @@ def test_lengths_are_those_of_dijkstra(empty_scene, name, key):
         lengths.append(np.full(both.sum(), length))
     (first, second), length = np.concatenate(ends, axis=1), np.concatenate(lengths)
     graph = coo_array((length, (first, second)), shape=(number.size, number.size))
-    row, column = int((goal.y + scene.walls[3]) / 0.1), int((goal.x + scene.walls[2]) / 0.1)
+    row, column = int((goal.y + scene.room.walls[3]) / 0.1), int((goal.x + scene.room.walls[2]) / 0.1)
     expected = dijkstra(graph, directed=False, indices=number[row, column]).reshape(rows, columns)
     reached = free & np.isfinite(expected)
-    np.testing.assert_array_equal(scene.ways[reached], expected[reached])
-    assert (scene.ways[free & ~reached] == UNREACHED).all()
+    np.testing.assert_array_equal(scene.room.ways[reached], expected[reached])
+    assert (scene.room.ways[free & ~reached] == UNREACHED).all()
 
 
 def test_cells_are_blocked_within_the_clearance_and_no_farther():
@@ -193,7 +193,7 @@ def test_cells_are_blocked_within_the_clearance_and_no_farther():
             x, y = centre_of(scene, row, column)
             assert (x, y) == pytest.approx((-1.45 + 0.1 * column, -0.95 + 0.1 * row))
             near = shapely.Point(x, y).distance(solid)
-            assert (scene.ways[row, column] == BLOCKED) == (near < 0.25) or abs(near - 0.25) < 1e-6
+            assert (scene.room.ways[row, column] == BLOCKED) == (near < 0.25) or abs(near - 0.25) < 1e-6
 
 
 def test_the_way_round_a_wall_is_at_most_9_percent_too_long():

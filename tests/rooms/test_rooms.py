@@ -18,6 +18,7 @@ from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Pose
@@ -38,7 +39,9 @@ def test_every_world_and_lidar_is_the_same_compiled_and_in_plain_python(world, l
     for _ in in_step(batch, plain, [0.4, -0.3], [1.2, 0.3], 40):
         for i, episode in plain.items():
             np.testing.assert_array_equal(batch.last()[0][i], np.array(episode.observe(), np.float32))
-            for compiled, expected in zip(batch.system.surroundings.at(batch.scenes, i), episode.scene, strict=True):
+            for compiled, expected in zip(
+                arrays_of(batch.system.surroundings.at(batch.scenes, i)), arrays_of(episode.scene), strict=True
+            ):
                 np.testing.assert_array_equal(compiled, expected)
         contacts += int(batch.numbers("room.collided").sum())
     assert contacts > 0 or world == "office", "nothing was touched: the test saw too little"

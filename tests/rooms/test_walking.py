@@ -26,12 +26,12 @@ def step(scene, robot=FAR, *, before=None, rules=ROOMS["crowd"]):
 def test_walkers_wait_for_a_robot_that_is_near_and_in_their_way(empty_scene):
     def steps(robot, courtesy):
         scene = empty_scene(ROOMS["crowd"])
-        scene.walls[:] = 0.0, 0.0, 10.0, 10.0
-        scene.counts[0] = 1
-        scene.circles[0] = 0.0, 0.0, 0.2, 0.5, 0.0
+        scene.room.walls[:] = 0.0, 0.0, 10.0, 10.0
+        scene.room.counts[0] = 1
+        scene.room.circles[0] = 0.0, 0.0, 0.2, 0.5, 0.0
         for _ in range(20):
             step(scene, robot, rules=replace(ROOMS["crowd"], courtesy=courtesy))
-        return scene.circles[0, 0]
+        return scene.room.circles[0, 0]
 
     ahead, behind, aside = Pose(0.82, 0.0, 0.0), Pose(-0.5, 0.0, 0.0), Pose(0.5, 2.0, 0.0)
     assert steps(ahead, 0.4) == pytest.approx(0.25)  # the first step that begins nearer than 0.4 m to it is not made
@@ -41,13 +41,13 @@ def test_walkers_wait_for_a_robot_that_is_near_and_in_their_way(empty_scene):
 
 def test_walkers_turn_back_at_the_walls(empty_scene):
     scene = empty_scene(ROOMS["crowd"])
-    scene.walls[:] = 3.0, -2.0, 1.0, 1.5
-    scene.counts[0] = 1
-    scene.circles[0] = 3.52, -1.02, 0.2, 0.5, 0.5
+    scene.room.walls[:] = 3.0, -2.0, 1.0, 1.5
+    scene.room.counts[0] = 1
+    scene.room.circles[0] = 3.52, -1.02, 0.2, 0.5, 0.5
     places = []
     for _ in range(8):
         step(scene, rules=replace(ROOMS["crowd"], courtesy=0.0))
-        places.append(tuple(scene.circles[0, :2]))
+        places.append(tuple(scene.room.circles[0, :2]))
     assert [x for x, _ in places] == pytest.approx([3.57, 3.62, 3.67, 3.72, 3.77, 3.72, 3.67, 3.62])
     assert [y for _, y in places] == pytest.approx([-0.97, -0.92, -0.87, -0.82, -0.77, -0.72, -0.77, -0.82])
 
@@ -58,10 +58,10 @@ def alone(empty_scene):
 
     def make(*, sees):
         scene = empty_scene("people")
-        scene.walls[:] = 0.0, 0.0, 50.0, 50.0
-        scene.counts[:] = 1, 0
-        scene.circles[0] = 0.0, 0.0, 0.2, 1.0, 0.0
-        scene.people[0] = 4.0, 0.0, 0.0, 0.0, 1.0, float(sees)
+        scene.room.walls[:] = 0.0, 0.0, 50.0, 50.0
+        scene.room.counts[:] = 1, 0
+        scene.room.circles[0] = 0.0, 0.0, 0.2, 1.0, 0.0
+        scene.room.people[0] = 4.0, 0.0, 0.0, 0.0, 1.0, float(sees)
         return scene
 
     return make
@@ -91,10 +91,10 @@ def test_people_push_each_other_along_the_gradient_of_the_papers_potential():
 
 def test_a_person_takes_up_the_pace_and_turns_round_at_the_place(alone):
     scene, places = alone(sees=True), []
-    scene.circles[0, 3] = 0.3
+    scene.room.circles[0, 3] = 0.3
     for _ in range(80):
         step(scene, rules=ROOMS["people"])
-        places.append(scene.circles[0, 0])
+        places.append(scene.room.circles[0, 0])
     assert 3.3 < max(places) < 4.0
     assert places[-1] < max(places) - 2.0
     assert np.abs(np.diff(places)).max() == pytest.approx(0.1, abs=0.002)
@@ -106,7 +106,7 @@ def test_people_who_see_the_robot_walk_round_it_and_others_run_into_it(alone, se
     scene, robot, near = alone(sees=sees), Pose(2.0, 0.15, 0.0), []
     for _ in range(40):
         step(scene, robot, rules=ROOMS["people"])
-        near.append(math.hypot(scene.circles[0, 0] - robot.x, scene.circles[0, 1] - robot.y) - 0.2 - RADIUS)
+        near.append(math.hypot(scene.room.circles[0, 0] - robot.x, scene.room.circles[0, 1] - robot.y) - 0.2 - RADIUS)
     if sees:
         assert min(near) > 0.03
     else:
@@ -118,14 +118,14 @@ def test_people_stay_in_the_room_out_of_boxes_and_below_their_greatest_speed(emp
     for key in range(8):
         scene = empty_scene("people")
         draw(scene, rules, RADIUS, episode_key(key, 0))
-        n = scene.counts[0]
-        assert ((scene.people[:n, 4] >= 0.5) & (scene.people[:n, 4] <= 1.4)).all()
+        n = scene.room.counts[0]
+        assert ((scene.room.people[:n, 4] >= 0.5) & (scene.room.people[:n, 4] <= 1.4)).all()
         for _ in range(100):
             step(scene, rules=rules)
-            assert (np.hypot(*scene.circles[:n, 3:].T) <= 1.3 * scene.people[:n, 4] + 1e-9).all()
-            places = scene.circles[:n, 0] + 1j * scene.circles[:n, 1]
+            assert (np.hypot(*scene.room.circles[:n, 3:].T) <= 1.3 * scene.room.people[:n, 4] + 1e-9).all()
+            places = scene.room.circles[:n, 0] + 1j * scene.room.circles[:n, 1]
             apart += np.abs(places[:, None] - places)[np.triu_indices(n, 1)].tolist()
-        assert (np.abs(scene.circles[:n, :2]) < (3.0, 2.5)).all()
+        assert (np.abs(scene.room.circles[:n, :2]) < (3.0, 2.5)).all()
     assert np.mean(np.array(apart) < 0.3) < 0.01
 
 

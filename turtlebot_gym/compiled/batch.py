@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.packing import TILE, Results, aligned, as_tuple, flatten, layout_of
-from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop
+from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop, sizes_of
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.observations import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
+from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.systems import Parameters, Snapshot, Surroundings, System, WithTerms, find_system
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
@@ -170,7 +171,7 @@ class Batch:
         scenes = around.make(parameters)
         if self._plan:
             scenes = self._plan.share(scenes)
-        if not isinstance(self.scenes, tuple) or [part.shape for part in scenes] != [part.shape for part in self.scenes]:
+        if self.scenes is None or [part.shape for part in arrays_of(scenes)] != [part.shape for part in arrays_of(self.scenes)]:
             self.scenes = scenes
             if self._plan:
                 for index in range(self.num_envs):
@@ -222,7 +223,7 @@ class Batch:
             return
         if name not in self._addresses:
             self._addresses[name] = address_of(loop, *arguments)
-        parallel_loop(name)(self._addresses[name], parts, *arguments)
+        parallel_loop(name, sizes_of(self.scenes))(self._addresses[name], parts, *arguments)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.compiled.cache import compiled
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_NUMBA, kernel
 
 if HAS_NUMBA:
     from numba import get_num_threads as _numbas_threads
@@ -164,29 +164,52 @@ def address_of(loop: Any, *arguments: Any) -> int:
     return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
 
 
+def sizes_of(scenes: Any) -> tuple[int, ...]:
+    """Return how many arrays each part of scenes holds; empty if they have no parts."""
+    return tuple(map(len, scenes)) if isinstance(scenes, tuple) and scenes and isinstance(scenes[0], tuple) else ()
+
+
+def _flattening(sizes: tuple[int, ...]) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return kernels that join the parts of scenes to one tuple, and divide the tuple again; `parallel_loop` says why."""
+    if not sizes:
+        return kernel(lambda scenes: scenes), kernel(lambda arrays: arrays)
+    if len(sizes) == 1:
+        return kernel(lambda scenes: scenes[0][:]), kernel(lambda arrays: (arrays,))
+    first, (join_rest, divide_rest) = sizes[0], _flattening(sizes[1:])
+    return kernel(lambda scenes: scenes[0][:] + join_rest(scenes[1:])), kernel(
+        lambda arrays: (arrays[:first],) + divide_rest(arrays[first:])  # noqa: RUF005
+    )
+
+
 @cache
-def parallel_loop(name: str) -> Callable[..., None]:
+def parallel_loop(name: str, sizes: tuple[int, ...]) -> Callable[..., None]:
     """Return the loop that divides the tiles of a "step" or a "reset" among the threads.
 
-    Its arguments are the address of a system's loop, the number of parts, and the arguments of that loop.
+    Its arguments are the address of a system's loop, the number of parts, and the arguments of that loop. numba passes a tuple
+    of arrays to its threads, but no tuple of tuples: scenes with parts, see `sizes_of`, are joined before and divided after.
     """
     from numba import prange
 
     from turtlebot_gym.intrinsics import call
 
+    join, divide = _flattening(sizes)
+
     def step(address, parts, actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
+        arrays = join(scenes)
         for index in prange(parts):
             part = np.int64(index)  # prange counts in unsigned integers; mixed with signed ones they become floats
             some = slice(part * len(tiles) // parts, (part + 1) * len(tiles) // parts)
-            call(address, (actions, tiles[some], keys[some], parameters, waypoints, observations, outcomes, scenes))
+            state = (tiles[some], keys[some], parameters, waypoints, observations, outcomes, divide(arrays))
+            call(address, (actions,) + state)  # noqa: RUF005  # compiled code has no stars
 
     def reset(
         address, parts, mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes
     ):
+        arrays = join(scenes)
         for index in prange(parts):
             part = np.int64(index)
             some = slice(part * len(tiles) // parts, (part + 1) * len(tiles) // parts)
             orders, state = (mask, begins, seeds, episodes), (tiles[some], keys[some], parameters, waypoints)
-            call(address, orders + state + (observations, outcomes, scenes))  # compiled code has no stars
+            call(address, orders + state + (observations, outcomes, divide(arrays)))
 
     return compiled({"step": step, "reset": reset}[name], f"{name}s on all threads", parallel=True)

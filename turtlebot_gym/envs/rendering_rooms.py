@@ -36,7 +36,7 @@ class RoomRenderer(Renderer):
         super().__init__(*arguments, **options)
 
     def _to_be_seen(self) -> list[tuple[float, float]]:
-        x, y, half_length, half_width = self._scene.walls.tolist()
+        x, y, half_length, half_width = self._scene.room.walls.tolist()
         return [(x - half_length, y - half_width), (x + half_length, y + half_width)]
 
     def _legend_entries(self) -> list[tuple[str, Callable[[Surface, tuple, float], None]]]:
@@ -48,29 +48,29 @@ class RoomRenderer(Renderer):
 
     def _draw_around(self, paper: Surface) -> None:
         self._draw_map(paper)
-        x, y, half_length, half_width = self._scene.walls.tolist()
+        x, y, half_length, half_width = self._scene.room.walls.tolist()
         corner, size = (
             self._at(x - half_length, y + half_width),
             (self._length(2.0 * half_length), self._length(2.0 * half_width)),
         )
         self._pygame.draw.rect(paper, self._colours.solid, (*corner, *size), 8)
-        for x, y, a, b, cosine, sine in self._scene.boxes[: self._scene.counts[1]].tolist():
+        for x, y, a, b, cosine, sine in self._scene.room.boxes[: self._scene.room.counts[1]].tolist():
             corners = [(x + cosine * u - sine * v, y + sine * u + cosine * v) for u, v in ((a, b), (-a, b), (-a, -b), (a, -b))]
             self._pygame.draw.polygon(paper, self._colours.solid, [self._at(*corner) for corner in corners])
         self._draw_circles(paper, walking=False)
 
     def _draw_map(self, paper: Surface) -> None:
-        squares = self._scene.squares
+        squares = self._scene.room.squares
         if squares.shape[1] == 0:
             return
         width, height = paper.get_size()
         metres = 1.0 / self._length(1.0)
         x = self._centre[0] - self._half + (np.arange(width)[:, None] + 0.5) * metres
         y = self._centre[1] + self._half - (np.arange(height)[None, :] + 0.5) * metres
-        column, row = (np.floor(at).astype(np.intp) for at in to_cells(self._scene.frame, x, y))
+        column, row = (np.floor(at).astype(np.intp) for at in to_cells(self._scene.room.frame, x, y))
         column, row = np.clip(column, 0, squares.shape[2] - 1), np.clip(row, 0, squares.shape[1] - 1)
         pixels = self._pygame.surfarray.pixels2d(paper)
-        pixels[self._scene.known[row, column] == 0] = paper.map_rgb(self._pygame.Color(self._colours.unknown))
+        pixels[self._scene.room.known[row, column] == 0] = paper.map_rgb(self._pygame.Color(self._colours.unknown))
         pixels[squares[0, row, column] == 0] = paper.map_rgb(self._pygame.Color(self._colours.solid))
 
     def _draw_present(self, surface: Surface, world: Snapshot) -> None:
@@ -89,7 +89,9 @@ class RoomRenderer(Renderer):
         cosine, sine = math.cos(truth.theta), math.sin(truth.theta)
         x = truth.x + lidar.x * cosine - lidar.y * sine
         y = truth.y + lidar.x * sine + lidar.y * cosine
-        beams = zip(*self._scene.beams[:2, : lidar.beams], self._scene.ranges[1, : lidar.beams].tolist(), strict=True)
+        beams = zip(
+            *self._scene.lidar.beams[:2, : lidar.beams], self._scene.lidar.ranges[1, : lidar.beams].tolist(), strict=True
+        )
         return self._at(x, y), {
             beam: self._at(x + length * (a * cosine - b * sine), y + length * (a * sine + b * cosine))
             for beam, (a, b, length) in enumerate(beams)
@@ -97,6 +99,6 @@ class RoomRenderer(Renderer):
         }
 
     def _draw_circles(self, surface: Surface, *, walking: bool) -> None:
-        for x, y, radius, vx, vy in self._scene.circles[: self._scene.counts[0]].tolist():
+        for x, y, radius, vx, vy in self._scene.room.circles[: self._scene.room.counts[0]].tolist():
             if (vx != 0.0 or vy != 0.0) == walking:
                 self._disc(surface, self._colours.solid, self._at(x, y), self._length(radius))

@@ -24,7 +24,7 @@ def to_cells(frame: Any, x: float, y: float) -> tuple[float, float]:
     """Return the column and the row of a point, as fractional numbers.
 
     Args:
-        frame: `scene.Scene.frame`.
+        frame: `scene.RoomShape.frame`.
         x: m.
         y: m.
     """
@@ -43,7 +43,7 @@ def ray_to_cells(squares: Any, column: float, row: float, dx: float, dy: float, 
     """Return the length of a ray to the first occupied cell; `FAR` beyond ``reach``; 0 inside an occupied cell.
 
     Args:
-        squares: `scene.Scene.squares`.
+        squares: `scene.RoomShape.squares`.
         column: Column of the ray's origin.
         row: Row of the ray's origin.
         dx: First component of the ray's direction in the map's frame, a unit vector.
@@ -78,7 +78,7 @@ def distance_to_cells(squares: Any, column: float, row: float, reach: float) -> 
     """Return the distance from a point to the nearest occupied cell, at most ``reach``.
 
     Args:
-        squares: `scene.Scene.squares`.
+        squares: `scene.RoomShape.squares`.
         column: Column of the point.
         row: Row of the point.
         reach: Distance at which the search stops.

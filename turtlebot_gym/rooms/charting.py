@@ -79,7 +79,7 @@ def chart(scene: Scene, rules: RoomRules, key: int) -> None:
         rules: How wrong the map is; it has all walls of an office, and no others.
         key: Key of the draws.
     """
-    walls, frame, (rows, columns), error = scene.walls, scene.field_frame, scene.field.shape, rules.map_error
+    walls, frame, (rows, columns), error = scene.room.walls, scene.memory.field_frame, scene.memory.field.shape, rules.map_error
     frame[0], frame[1] = walls[0] - walls[2] - BORDER * SIDE, walls[1] - walls[3] - BORDER * SIDE
     frame[2], frame[3], frame[4] = 1.0, 0.0, SIDE
     (left, right), (bottom, top) = uniforms(key, _WALLS, 0), uniforms(key, _WALLS, 1)
@@ -91,16 +91,16 @@ def chart(scene: Scene, rules: RoomRules, key: int) -> None:
             in_y = (2.0 * bottom - 1.0) * error < y < 2.0 * walls[3] + (2.0 * top - 1.0) * error
             occupied[row, column] = not (in_x and in_y)
     shape = np.zeros(6)
-    for k in range(scene.counts[0]):
-        circle = scene.circles[k]
+    for k in range(scene.room.counts[0]):
+        circle = scene.room.circles[k]
         for copy in range(2 if circle[3] == 0.0 and circle[4] == 0.0 else 0):
             mapped, x, y = _place(walls, rules, key, k, copy, circle[0], circle[1])
             if mapped:
                 shape[0], shape[1], shape[2], shape[3] = x, y, circle[2], 0.0
                 _mark(occupied, frame, shape, circle[2], circle[2])
     certain = rules.kind == OFFICE
-    for k in range(scene.counts[1]):
-        box = scene.boxes[k]
+    for k in range(scene.room.counts[1]):
+        box = scene.room.boxes[k]
         for copy in range(1 if certain else 2):
             mapped, x, y = _place(walls, rules, key, _BOXES + k, copy, box[0], box[1])
             if mapped or certain:
@@ -109,4 +109,4 @@ def chart(scene: Scene, rules: RoomRules, key: int) -> None:
                 shape[0], shape[1] = x, y
                 a, b = abs(box[4]), abs(box[5])
                 _mark(occupied, frame, shape, a * box[2] + b * box[3], b * box[2] + a * box[3])
-    field_of_cells(occupied, SIDE, scene.field)
+    field_of_cells(occupied, SIDE, scene.memory.field)

@@ -60,7 +60,7 @@ def _count(low: float, high: float, share: float) -> int:
 @kernel
 def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before: int) -> None:
     """Draw circles and boxes at random places; they may overlap."""
-    walls = scene.walls
+    walls = scene.room.walls
     few, many = uniforms(key, first + _COUNTS, 0)
     n_boxes = _count(rules.boxes[0], rules.boxes[1], few)
     n_circles = int(min(_count(rules.circles[0], rules.circles[1], many), rules.total - n_boxes))
@@ -69,7 +69,7 @@ def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before:
         u3, u4 = uniforms(key, first + _BOXES + 3 * k + 1, 0)
         u5, _ = uniforms(key, first + _BOXES + 3 * k + 2, 0)
         sine, cosine = sincos(PI * u5)
-        box = scene.boxes[boxes_before + k]
+        box = scene.room.boxes[boxes_before + k]
         box[0], box[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
         box[2], box[3] = _between(rules.radius[0], rules.radius[1], u3), _between(rules.radius[0], rules.radius[1], u4)
         box[4], box[5] = cosine, sine
@@ -79,17 +79,17 @@ def _scatter(scene: Scene, rules: RoomRules, key: int, first: int, boxes_before:
         u5, _ = uniforms(key, first + _CIRCLES + 2 * k + 1, 1)
         speed = _between(rules.speed[0], rules.speed[1], u4)
         sine, cosine = sincos(TWO_PI * u5)
-        circle = scene.circles[k]
+        circle = scene.room.circles[k]
         circle[0], circle[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
         circle[2] = _between(rules.radius[0], rules.radius[1], u3)
         circle[3], circle[4] = speed * cosine, speed * sine
         if rules.people:
             u1, u2 = uniforms(key, first + _CIRCLES + 2 * k, 2)
             u3, _ = uniforms(key, first + _CIRCLES + 2 * k, 3)
-            person = scene.people[k]
+            person = scene.room.people[k]
             person[0], person[1] = walls[0] + (2.0 * u1 - 1.0) * walls[2], walls[1] + (2.0 * u2 - 1.0) * walls[3]
             person[2], person[3], person[4], person[5] = circle[0], circle[1], speed, 1.0 if u3 >= rules.blind else 0.0
-    scene.counts[0], scene.counts[1] = n_circles, boxes_before + n_boxes
+    scene.room.counts[0], scene.room.counts[1] = n_circles, boxes_before + n_boxes
 
 
 @kernel
@@ -97,7 +97,7 @@ def _put_box(scene: Scene, at: int, left: float, right: float, bottom: float, to
     """Write a box, and return how many were written: none without extent."""
     if right <= left or top <= bottom:
         return at
-    box = scene.boxes[at]
+    box = scene.room.boxes[at]
     box[0], box[1] = 0.5 * (left + right), 0.5 * (bottom + top)
     box[2], box[3] = 0.5 * (right - left), 0.5 * (top - bottom)
     box[4], box[5] = 1.0, 0.0
@@ -107,7 +107,7 @@ def _put_box(scene: Scene, at: int, left: float, right: float, bottom: float, to
 @kernel
 def _partition(scene: Scene, key: int, first: int) -> int:
     """Draw an office's inner walls and doors; return their number of boxes."""
-    walls = scene.walls
+    walls = scene.room.walls
     across, along = OFFICE_ROOMS
     length, width = 2.0 * walls[2] / across, 2.0 * walls[3] / along
     left, bottom = walls[0] - walls[2], walls[1] - walls[3]
@@ -138,7 +138,7 @@ def _grow(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
     References:
         Perille, Truong, Xiao, Stone, "Benchmarking metric ground navigation", SSRR (2020): the worlds of the BARN challenge.
     """
-    walls = scene.walls
+    walls = scene.room.walls
     rows, columns = int(2.0 * walls[3] / CELL + 1e-9), int(2.0 * walls[2] / CELL + 1e-9)
     now, then = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns), np.uint8)
     for cell in range(rows * columns):
@@ -157,19 +157,19 @@ def _grow(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
     n_circles = 0
     for row in range(rows):
         for column in range(columns):
-            if now[row, column] == 1 and n_circles < len(scene.circles):
-                circle = scene.circles[n_circles]
+            if now[row, column] == 1 and n_circles < len(scene.room.circles):
+                circle = scene.room.circles[n_circles]
                 circle[0] = walls[0] - walls[2] + (column + 0.5) * CELL
                 circle[1] = walls[1] - walls[3] + (row + 0.5) * CELL
                 circle[2], circle[3], circle[4] = 0.5 * CELL, 0.0, 0.0
                 n_circles += 1
-    scene.counts[0], scene.counts[1] = n_circles, 0
+    scene.room.counts[0], scene.room.counts[1] = n_circles, 0
 
 
 @kernel
 def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
-    scene.walls[0], scene.walls[1] = 0.0, 0.0
-    scene.walls[2], scene.walls[3] = rules.half_length, rules.half_width
+    scene.room.walls[0], scene.room.walls[1] = 0.0, 0.0
+    scene.room.walls[2], scene.room.walls[3] = rules.half_length, rules.half_width
     if rules.kind == CELLULAR:
         _grow(scene, rules, key, first)
     else:
@@ -179,7 +179,7 @@ def _furnish(scene: Scene, rules: RoomRules, key: int, first: int) -> None:
 @kernel
 def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, key: int, at: int) -> Pose:
     """Return a given pose, or one drawn in a fifth of the room, or anywhere."""
-    walls = scene.walls
+    walls = scene.room.walls
     u1, u2 = uniforms(key, at, 0)
     u3, _ = uniforms(key, at, 1)
     along = share + 0.2 * u1 if rules.through else u1
@@ -191,7 +191,7 @@ def _place(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: floa
 @kernel
 def _goal_near(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: float, start: Pose, key: int, at: int) -> Pose:
     """Return a given goal, or one drawn close enough to the start, in a fifth of the room or anywhere."""
-    walls, far = scene.walls, rules.max_distance
+    walls, far = scene.room.walls, rules.max_distance
     goal = _place(scene, rules, given, share, key, at)
     if not math.isnan(given[0]) or far == math.inf:
         return goal
@@ -205,9 +205,9 @@ def _goal_near(scene: Scene, rules: RoomRules, given: tuple[float, ...], share: 
 def _is_beside_a_walker(scene: Scene, x: float, y: float, reach: float) -> bool:
     """Return whether a walker, whom the path grid leaves out, is less than ``reach`` away."""
     beside = False
-    for k in range(scene.counts[0]):
-        walks = scene.circles[k, 3] != 0.0 or scene.circles[k, 4] != 0.0
-        near = distance_to_circle(scene.circles[k, 0] - x, scene.circles[k, 1] - y, scene.circles[k, 2]) < reach
+    for k in range(scene.room.counts[0]):
+        walks = scene.room.circles[k, 3] != 0.0 or scene.room.circles[k, 4] != 0.0
+        near = distance_to_circle(scene.room.circles[k, 0] - x, scene.room.circles[k, 1] - y, scene.room.circles[k, 2]) < reach
         beside = beside or (walks and near)
     return beside
 
@@ -234,7 +234,7 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
         if rules.kind != GIVEN:
             _furnish(scene, rules, room_key, first)
             if attempt == ATTEMPTS - 1:
-                scene.counts[0], scene.counts[1] = 0, 0
+                scene.room.counts[0], scene.room.counts[1] = 0, 0
         if to_be_blocked:
             block(scene, radius + MARGIN)
         to_be_blocked = rules.kind != GIVEN
@@ -248,7 +248,7 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
                 spread(scene, goal.x, goal.y)
                 to_be_blocked = True
                 row, column = cell_of(scene, start.x, start.y)
-                if scene.ways[row, column] < UNREACHED - 1:
+                if scene.room.ways[row, column] < UNREACHED - 1:
                     return start, goal
                 break
     block(scene, radius + MARGIN)  # there is no path, so the grid must show none
@@ -276,7 +276,7 @@ def draw_next(scene: Scene, rules: RoomRules, before: Pose, key: int, number: in
         row, column = cell_of(scene, drawn.x, drawn.y)
         dx, dy = drawn.x - before.x, drawn.y - before.y
         far = sqrt(dx * dx + dy * dy)
-        if scene.ways[row, column] < UNREACHED - 1 and far > farthest:
+        if scene.room.ways[row, column] < UNREACHED - 1 and far > farthest:
             goal, farthest = drawn, far
         if farthest >= rules.min_distance:
             break

@@ -60,8 +60,8 @@ def _relax(row: Any, behind: Any, least: Any, straight: Any, diagonal: Any) -> b
 @kernel
 def extent(scene: Scene) -> tuple[int, int]:
     """Return the rows and columns of the grid over a room."""
-    rows = math.ceil(2.0 * scene.walls[3] / RESOLUTION - 1e-9)
-    columns = math.ceil(2.0 * scene.walls[2] / RESOLUTION - 1e-9)
+    rows = math.ceil(2.0 * scene.room.walls[3] / RESOLUTION - 1e-9)
+    columns = math.ceil(2.0 * scene.room.walls[2] / RESOLUTION - 1e-9)
     return max(rows, 1), max(columns, 1)
 
 
@@ -69,40 +69,40 @@ def extent(scene: Scene) -> tuple[int, int]:
 def cell_of(scene: Scene, x: float, y: float) -> tuple[int, int]:
     """Return row and column of the cell around a point, or of the nearest one."""
     rows, columns = extent(scene)
-    row = int(min(max((y - scene.walls[1] + scene.walls[3]) / RESOLUTION, 0.0), rows - 1.0))
-    column = int(min(max((x - scene.walls[0] + scene.walls[2]) / RESOLUTION, 0.0), columns - 1.0))
+    row = int(min(max((y - scene.room.walls[1] + scene.room.walls[3]) / RESOLUTION, 0.0), rows - 1.0))
+    column = int(min(max((x - scene.room.walls[0] + scene.room.walls[2]) / RESOLUTION, 0.0), columns - 1.0))
     return row, column
 
 
 @kernel
 def centre_of(scene: Scene, row: int, column: int) -> tuple[float, float]:
     """Return the centre of a cell, m."""
-    x = scene.walls[0] - scene.walls[2] + (column + 0.5) * RESOLUTION
-    y = scene.walls[1] - scene.walls[3] + (row + 0.5) * RESOLUTION
+    x = scene.room.walls[0] - scene.room.walls[2] + (column + 0.5) * RESOLUTION
+    y = scene.room.walls[1] - scene.room.walls[3] + (row + 0.5) * RESOLUTION
     return x, y
 
 
 def _block_outside_each(scene, clearance):
     rows, columns = extent(scene)
-    walls, on_map = scene.walls, scene.squares.shape[1] > 0
-    reach = clearance / scene.frame[4] if on_map else 0.0
+    walls, on_map = scene.room.walls, scene.room.squares.shape[1] > 0
+    reach = clearance / scene.room.frame[4] if on_map else 0.0
     for row in range(rows):
         for column in range(columns):
             x, y = centre_of(scene, row, column)
             blocked = distance_to_walls(walls[0] - x, walls[1] - y, walls[2], walls[3]) < clearance
             if on_map:
-                across, along = to_cells(scene.frame, x, y)
-                known = is_on_map(scene.squares, across, along) and scene.known[int(along), int(across)] != 0
-                blocked = blocked or not known or distance_to_cells(scene.squares, across, along, reach) < reach
-            scene.ways[row, column] = _BLOCKED if blocked else UNREACHED
+                across, along = to_cells(scene.room.frame, x, y)
+                known = is_on_map(scene.room.squares, across, along) and scene.room.known[int(along), int(across)] != 0
+                blocked = blocked or not known or distance_to_cells(scene.room.squares, across, along, reach) < reach
+            scene.room.ways[row, column] = _BLOCKED if blocked else UNREACHED
 
 
 @in_loops(_block_outside_each)
 def _block_outside(scene: Any, clearance: float) -> None:
     """Mark the cells that walls or the map block, and no others."""
-    (rows, columns), (height, width) = extent(scene), scene.known.shape
-    walls, on_map = scene.walls, scene.squares.shape[1] > 0
-    reach = clearance / scene.frame[4] if on_map else 0.0
+    (rows, columns), (height, width) = extent(scene), scene.room.known.shape
+    walls, on_map = scene.room.walls, scene.room.squares.shape[1] > 0
+    reach = clearance / scene.room.frame[4] if on_map else 0.0
     span = range(-math.ceil(reach), math.ceil(reach) + 1)
     shifts = sorted(product(span, span), key=lambda shift: shift[0] ** 2 + shift[1] ** 2)
     for first in range(0, rows, step := max(1, 200_000 // columns)):
@@ -110,19 +110,19 @@ def _block_outside(scene: Any, clearance: float) -> None:
         x, y = centre_of(scene, row, column)  # pyright: ignore[reportArgumentType]
         blocked = (np.minimum(walls[2] - np.abs(walls[0] - x), walls[3] - np.abs(walls[1] - y)) < clearance).ravel()
         if on_map:
-            across, along = (np.ravel(place) for place in to_cells(scene.frame, x, y))
+            across, along = (np.ravel(place) for place in to_cells(scene.room.frame, x, y))
             border = np.minimum(np.minimum(across, width - across), np.minimum(along, height - along)) - 1.0
             inside = (across >= 1.0) & (across < width - 1.0) & (along >= 1.0) & (along < height - 1.0)
             i, j = np.where(inside, along, 0.0).astype(int), np.where(inside, across, 0.0).astype(int)
-            blocked |= ~inside | (scene.known[i, j] == 0) | (border < reach)
-            near = np.flatnonzero(~blocked & (scene.squares[:, i, j].min(axis=0) - 1.0 < reach))
+            blocked |= ~inside | (scene.room.known[i, j] == 0) | (border < reach)
+            near = np.flatnonzero(~blocked & (scene.room.squares[:, i, j].min(axis=0) - 1.0 < reach))
             for up, right in shifts if len(near) else ():
                 above, beside = np.clip(i[near] + up, 0, height - 1), np.clip(j[near] + right, 0, width - 1)
                 dy = np.maximum(np.maximum(above - along[near], along[near] - above - 1.0), 0.0)
                 dx = np.maximum(np.maximum(beside - across[near], across[near] - beside - 1.0), 0.0)
-                hit = (scene.squares[0, above, beside] == 0) & (np.sqrt(dy * dy + dx * dx) < reach)
+                hit = (scene.room.squares[0, above, beside] == 0) & (np.sqrt(dy * dy + dx * dx) < reach)
                 blocked[near[hit]], near = True, near[~hit]
-        scene.ways[first : first + len(row), :columns] = np.where(blocked, _BLOCKED, UNREACHED).reshape(len(row), columns)
+        scene.room.ways[first : first + len(row), :columns] = np.where(blocked, _BLOCKED, UNREACHED).reshape(len(row), columns)
 
 
 @kernel
@@ -131,10 +131,10 @@ def block(scene: Scene, clearance: float) -> None:
 
     On a map, also mark those whose centres are not known to be free.
     """
-    ways = scene.ways
+    ways = scene.room.ways
     _block_outside(scene, clearance)
-    for k in range(scene.counts[0]):
-        circle = scene.circles[k]
+    for k in range(scene.room.counts[0]):
+        circle = scene.room.circles[k]
         if circle[3] == 0.0 and circle[4] == 0.0:
             reach = circle[2] + clearance
             first_row, first_column = cell_of(scene, circle[0] - reach, circle[1] - reach)
@@ -144,8 +144,8 @@ def block(scene: Scene, clearance: float) -> None:
                     x, y = centre_of(scene, row, column)
                     if distance_to_circle(circle[0] - x, circle[1] - y, circle[2]) < clearance:
                         ways[row, column] = _BLOCKED
-    for k in range(scene.counts[1]):
-        box = scene.boxes[k]
+    for k in range(scene.room.counts[1]):
+        box = scene.room.boxes[k]
         cosine, sine = box[4], box[5]
         reach_x = abs(cosine) * box[2] + abs(sine) * box[3] + clearance
         reach_y = abs(sine) * box[2] + abs(cosine) * box[3] + clearance
@@ -162,7 +162,7 @@ def block(scene: Scene, clearance: float) -> None:
 def is_free(scene: Scene, x: float, y: float) -> bool:
     """Return whether the cell around a point is free."""
     row, column = cell_of(scene, x, y)
-    return scene.ways[row, column] != _BLOCKED
+    return scene.room.ways[row, column] != _BLOCKED
 
 
 @kernel
@@ -188,7 +188,7 @@ def spread(scene: Scene, x: float, y: float) -> None:
         Zhao, "A fast sweeping method for eikonal equations", *Mathematics of Computation* 74 (2005).
     """
     rows, columns = extent(scene)
-    ways = scene.ways
+    ways = scene.room.ways
     # With a blocked border; float32 holds integers exactly up to 2^24 and makes long vectors.
     lengths, least = np.full((rows + 2, columns + 2), _NONE), np.full((rows + 2, columns + 2), _NONE)
     for row in range(rows):
@@ -224,7 +224,7 @@ def way_left(scene: Scene, x: float, y: float) -> float:
     shortest = 1e9
     for near_row in range(max(row - 1, 0), min(row + 2, rows)):
         for near_column in range(max(column - 1, 0), min(column + 2, columns)):
-            length = scene.ways[near_row, near_column]
+            length = scene.room.ways[near_row, near_column]
             if length < _BLOCKED:
                 to_x, to_y = centre_of(scene, near_row, near_column)
                 dx, dy = to_x - x, to_y - y

@@ -41,11 +41,11 @@ class GridMap:
     origin: Pose = _AT_ZERO
     """The lower left corner of the map in the world, and the direction of its rows."""
     squares: NDArray[np.int8] = field(init=False, repr=False)
-    """See `scene.Scene.squares`."""
+    """See `scene.RoomShape.squares`."""
     known: NDArray[np.uint8] = field(init=False, repr=False)
-    """See `scene.Scene.known`."""
+    """See `scene.RoomShape.known`."""
     frame: NDArray[np.float64] = field(init=False, repr=False)
-    """See `scene.Scene.frame`."""
+    """See `scene.RoomShape.frame`."""
 
     def __post_init__(self) -> None:
         cells = np.asarray(self.cells)
@@ -82,7 +82,7 @@ class GridMap:
 
     def share(self, scenes: Scene) -> Scene:
         """Return scenes that share the map's arrays."""
-        return scenes._replace(squares=self.squares, known=self.known, frame=self.frame)
+        return scenes._replace(room=scenes.room._replace(squares=self.squares, known=self.known, frame=self.frame))
 
     def field(self, *, hits: bool = False) -> NDArray[np.float32]:
         """Return the distances to the map's surfaces, shape (rows, columns), see `rooms.field`; their frame is the map's.
@@ -106,8 +106,8 @@ def charted(scene: Scene, cut: int = 0) -> GridMap:
         scene: The room.
         cut: Width of the border that is left out, cells.
     """
-    (rows, columns), (x, y, cosine, sine, side) = scene.field.shape, scene.field_frame.tolist()
-    inside = scene.field[cut : rows - cut, cut : columns - cut]
+    (rows, columns), (x, y, cosine, sine, side) = scene.memory.field.shape, scene.memory.field_frame.tolist()
+    inside = scene.memory.field[cut : rows - cut, cut : columns - cut]
     corner = Pose(x + cut * side * (cosine - sine), y + cut * side * (sine + cosine), math.atan2(sine, cosine))
     return GridMap(cells=np.where(inside < 0.0, OCCUPIED, FREE).astype(np.int8), resolution=side, origin=corner)
 

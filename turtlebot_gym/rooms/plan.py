@@ -88,20 +88,23 @@ class FloorPlan:
 
     def put(self, scene: Scene) -> Scene:
         """Write the plan into a scene, and return it with the map's arrays."""
-        scene.walls[:] = self.walls
-        scene.counts[:] = len(self.circles), len(self.boxes)
-        scene.circles[: len(self.circles)] = self.circles or scene.circles[:0]
+        scene.room.walls[:] = self.walls
+        scene.room.counts[:] = len(self.circles), len(self.boxes)
+        scene.room.circles[: len(self.circles)] = self.circles or scene.room.circles[:0]
         for k, (x, y, length, width, heading) in enumerate(self.boxes):
-            scene.boxes[k] = x, y, length / 2.0, width / 2.0, math.cos(heading), math.sin(heading)
+            scene.room.boxes[k] = x, y, length / 2.0, width / 2.0, math.cos(heading), math.sin(heading)
         return self.map.share(scene) if self.map else scene
 
     def share(self, scenes: Scene) -> Scene:
         """Return scenes of many robots that share the map's arrays, and a localizer's map if there is one."""
         scenes = self.map.share(scenes) if self.map else scenes
-        if scenes.field.size == 0:
+        if scenes.memory.field.size == 0:
             return scenes
         if self.map:
-            return scenes._replace(field=self.map.field()[None], field_frame=self.map.frame[None])
-        only = scenes._replace(field=scenes.field[:1].copy(), field_frame=np.zeros((1, 5)))
-        chart(self.put(scene_at(only, 0)), self.rules(), 0)
-        return only
+            field, frame = self.map.field()[None], self.map.frame[None]
+        else:
+            field, frame = scenes.memory.field[:1].copy(), np.zeros((1, 5))
+        shared = scenes._replace(memory=scenes.memory._replace(field=field, field_frame=frame))
+        if not self.map:
+            chart(self.put(scene_at(shared, 0)), self.rules(), 0)
+        return shared

@@ -101,7 +101,7 @@ def distance_to_turned_box(x: float, y: float, box) -> float:
     Args:
         x: m.
         y: m.
-        box: A row of `scene.Scene.boxes`.
+        box: A row of `scene.RoomShape.boxes`.
     """
     cosine, sine = box[4], box[5]
     return _distance_to_box(x * cosine + y * sine, y * cosine - x * sine, box[2], box[3])

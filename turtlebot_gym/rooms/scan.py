@@ -88,9 +88,9 @@ def mounted(state: State, lidar: Lidar) -> Pose:
 
 def obstacles_of(scene: Scene) -> Obstacles:
     """Return the walls and obstacles of a scene, with walkers at their current positions."""
-    circles, boxes = scene.circles[: scene.counts[0], :3].tolist(), scene.boxes[: scene.counts[1]].tolist()
+    circles, boxes = scene.room.circles[: scene.room.counts[0], :3].tolist(), scene.room.boxes[: scene.room.counts[1]].tolist()
     return Obstacles(
-        tuple(scene.walls.tolist()),
+        tuple(scene.room.walls.tolist()),
         tuple((x, y, radius) for x, y, radius in circles),
         tuple((x, y, 2.0 * a, 2.0 * b, math.atan2(sine, cosine)) for x, y, a, b, cosine, sine in boxes),
     )

@@ -34,8 +34,8 @@ class Walls(NamedTuple):
     """Half the extent along y, m."""
 
 
-class Scene(NamedTuple):
-    """The surroundings of one robot, or of many, with a leading axis."""
+class RoomShape(NamedTuple):
+    """What stands and walks around a robot, and the way to its goal; of many robots, with a leading axis."""
 
     walls: Any
     """Shape (4,): the numbers of `Walls`."""
@@ -45,8 +45,24 @@ class Scene(NamedTuple):
     """Shape (C, 5): x, y, radius and velocity (0 unless it walks); m, m/s."""
     boxes: Any
     """Shape (B, 6): x, y, half length, half width, and cosine and sine of the heading."""
+    people: Any
+    """Shape (P, 6): where each person walks to and comes from, x and y, m; pace, m/s; and 1 if the person sees the
+    robot, else 0. P is 0 unless circles are people."""
     ways: Any
     """Shape (rows, columns), uint16: length of the shortest path to the goal from each cell, in `geodesic.UNIT`."""
+    squares: Any
+    """Shape (4, rows, columns), int8, shared: a map with a border of one cell around it; rows and columns are 0 without a map.
+    Each value is the side of the largest square without an occupied cell that begins at a cell and extends to the upper right,
+    upper left, lower right and lower left; at most `cells.LARGEST`."""
+    known: Any
+    """Shape (rows, columns), uint8, shared: whether a cell of the map is known to be free."""
+    frame: Any
+    """Shape (5,), shared: the map's lower left corner, cosine and sine of its rows' direction, side of a cell; m."""
+
+
+class LidarBuffers(NamedTuple):
+    """What a LiDAR looks at, and what it has measured; of many robots, with a leading axis."""
+
     beams: Any
     """Shape (3, beams + `GROUP`): cosine and sine of each beam's direction in the robot's frame, and the least range it
     returns, m; zeros at the end, so that whole groups can be read."""
@@ -56,26 +72,33 @@ class Scene(NamedTuple):
     """Shape (2, beams), float32: the revolution in progress, and the newest complete one, m."""
     sectors: Any
     """Shape (`SECTORS`,), float32: the newest scan, pooled, as shares of `lidar.SIGHT`."""
-    squares: Any
-    """Shape (4, rows, columns), int8, shared: a map with a border of one cell around it; rows and columns are 0 without a map.
-    Each value is the side of the largest square without an occupied cell that begins at a cell and extends to the upper right,
-    upper left, lower right and lower left; at most `cells.LARGEST`."""
-    known: Any
-    """Shape (rows, columns), uint8, shared: whether a cell of the map is known to be free."""
-    frame: Any
-    """Shape (5,), shared: the map's lower left corner, cosine and sine of its rows' direction, side of a cell; m."""
+
+
+class LocalizerMemory(NamedTuple):
+    """The map that a localizer knows, and what it remembers; of many robots, with a leading axis. Empty without a localizer."""
+
     field: Any
     """Shape (rows, columns), float32: a localizer's map, distances to its surfaces, see `rooms.field`; m. A given map's is
     shared, with a leading axis of 1; rows and columns are 0 without a localizer."""
     field_frame: Any
-    """Shape (5,): its frame, like `frame`."""
-    people: Any
-    """Shape (P, 6): where each person walks to and comes from, x and y, m; pace, m/s; and 1 if the person sees the
-    robot, else 0. P is 0 unless circles are people."""
+    """Shape (5,): its frame, like `RoomShape.frame`."""
     trail: Any
     """Shape (K, 4): the odometry of the last steps, see `localization.points.remember`; K is 0 without a localizer."""
     bank: Any
     """Shape (H, 4): where a robot may be that is lost, see `localization.hypotheses`; H is 0 without a localizer."""
+
+
+class Scene(NamedTuple):
+    """The surroundings of one robot, or of many, in arrays that a step updates in place."""
+
+    room: RoomShape
+    lidar: LidarBuffers
+    memory: LocalizerMemory
+
+
+def arrays_of(scene: Any) -> list[NDArray[Any]]:
+    """Return all arrays of a scene, which may be a tuple of arrays or of such tuples."""
+    return [array for part in scene for array in arrays_of(part)] if isinstance(scene, tuple) else [scene]
 
 
 @kernel
@@ -87,24 +110,31 @@ def whole_groups(n: int) -> int:
 @kernel
 def scene_at(scenes: Scene, index: int) -> Scene:
     """Return the surroundings of one robot of many, as views."""
+    room, lidar, memory = scenes.room, scenes.lidar, scenes.memory
     return Scene(
-        borrowed(scenes.walls)[index],
-        borrowed(scenes.counts)[index],
-        borrowed(scenes.circles)[index],
-        borrowed(scenes.boxes)[index],
-        borrowed(scenes.ways)[index],
-        borrowed(scenes.beams)[index],
-        borrowed(scenes.spans)[index],
-        borrowed(scenes.ranges)[index],
-        borrowed(scenes.sectors)[index],
-        borrowed(scenes.squares),
-        borrowed(scenes.known),
-        borrowed(scenes.frame),
-        borrowed(scenes.field)[min(index, len(scenes.field) - 1)],
-        borrowed(scenes.field_frame)[min(index, len(scenes.field_frame) - 1)],
-        borrowed(scenes.people)[index],
-        borrowed(scenes.trail)[index],
-        borrowed(scenes.bank)[index],
+        RoomShape(
+            borrowed(room.walls)[index],
+            borrowed(room.counts)[index],
+            borrowed(room.circles)[index],
+            borrowed(room.boxes)[index],
+            borrowed(room.people)[index],
+            borrowed(room.ways)[index],
+            borrowed(room.squares),
+            borrowed(room.known),
+            borrowed(room.frame),
+        ),
+        LidarBuffers(
+            borrowed(lidar.beams)[index],
+            borrowed(lidar.spans)[index],
+            borrowed(lidar.ranges)[index],
+            borrowed(lidar.sectors)[index],
+        ),
+        LocalizerMemory(
+            borrowed(memory.field)[min(index, len(memory.field) - 1)],
+            borrowed(memory.field_frame)[min(index, len(memory.field_frame) - 1)],
+            borrowed(memory.trail)[index],
+            borrowed(memory.bank)[index],
+        ),
     )
 
 
@@ -135,21 +165,27 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         return np.zeros((number, *shape), dtype)
 
     return Scene(
-        zeros(4),
-        zeros(2, dtype=np.int64),
-        zeros(max(circles, 1), 5),
-        zeros(max(boxes, 1), 6),
-        zeros(_cells(width), _cells(length), dtype=np.uint16),
-        zeros(3, beams + GROUP),
-        zeros(SECTORS, 2, dtype=np.int64),
-        zeros(2, beams, dtype=np.float32),
-        zeros(SECTORS, dtype=np.float32),
-        np.zeros((4, 0, 0), np.int8),
-        np.zeros((0, 0), np.uint8),
-        np.zeros(5),
-        zeros(0, 0, dtype=np.float32),
-        zeros(5),
-        zeros(people, 6),
-        zeros(0, 4),
-        zeros(0, 4),
+        RoomShape(
+            walls=zeros(4),
+            counts=zeros(2, dtype=np.int64),
+            circles=zeros(max(circles, 1), 5),
+            boxes=zeros(max(boxes, 1), 6),
+            people=zeros(people, 6),
+            ways=zeros(_cells(width), _cells(length), dtype=np.uint16),
+            squares=np.zeros((4, 0, 0), np.int8),
+            known=np.zeros((0, 0), np.uint8),
+            frame=np.zeros(5),
+        ),
+        LidarBuffers(
+            beams=zeros(3, beams + GROUP),
+            spans=zeros(SECTORS, 2, dtype=np.int64),
+            ranges=zeros(2, beams, dtype=np.float32),
+            sectors=zeros(SECTORS, dtype=np.float32),
+        ),
+        LocalizerMemory(
+            field=zeros(0, 0, dtype=np.float32),
+            field_frame=zeros(5),
+            trail=zeros(0, 4),
+            bank=zeros(0, 4),
+        ),
     )

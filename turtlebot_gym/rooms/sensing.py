@@ -92,7 +92,7 @@ def _beyond(x: float, y: float, out_x: float, out_y: float, box) -> float:
 
 @kernel
 def _past_box(rays, at: int, box) -> float:
-    """Return the distance of a box, a row of `Scene.boxes`, from what some rays can meet, at least; negative if they may."""
+    """Return how far a box, a row of `RoomShape.boxes`, is at least from what some rays can meet; negative if they may."""
     to_x, to_y = box[0] - rays[_AT_X + at], box[1] - rays[_AT_Y + at]
     right = _beyond(to_x, to_y, rays[_RIGHT_X + at], rays[_RIGHT_Y + at], box)
     left = _beyond(to_x, to_y, rays[_LEFT_X + at], rays[_LEFT_Y + at], box)
@@ -130,7 +130,7 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
         drift: Greatest distance from the origin of a ray to that of the next one, m.
     """
     x, y = rays[_X], rays[_Y]
-    at_x, at_y, half_length, half_width = scene.walls[0], scene.walls[1], scene.walls[2], scene.walls[3]
+    at_x, at_y, half_length, half_width = scene.room.walls[0], scene.room.walls[1], scene.room.walls[2], scene.room.walls[3]
     groups = _group(rays, n, sweep)
     # How far an obstacle must be past some rays to be left out: farther than their origins are apart. Few rays are cast in less
     # time than they are compared.
@@ -141,8 +141,8 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
             at_x - rays[_X + ray], at_y - rays[_Y + ray], inverse(rays[_DX + ray]), inverse(rays[_DY + ray]),
             half_length, half_width,
         )  # fmt: skip
-    for k in range(scene.counts[0]):
-        at_x, at_y, radius = scene.circles[k, 0], scene.circles[k, 1], scene.circles[k, 2]
+    for k in range(scene.room.counts[0]):
+        at_x, at_y, radius = scene.room.circles[k, 0], scene.room.circles[k, 1], scene.room.circles[k, 2]
         if _is_near(at_x - x, at_y - y, radius, reach) and _past_circle(rays, _ALL, at_x, at_y) <= radius + all_apart:
             for group in range(whole_groups(groups) if apart < FAR else 0):
                 rays[_PAST + group] = _past_circle(rays, group, at_x, at_y) - radius
@@ -153,13 +153,18 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
                     to_x, to_y, dx, dy = at_x - some[_X + ray], at_y - some[_Y + ray], some[_DX + ray], some[_DY + ray]
                     some[_LENGTH + ray] = min(some[_LENGTH + ray], ray_to_circle(to_x, to_y, dx, dy, radius * radius))
                 first, end = _next_run(rays, end, groups, apart)
-    for k in range(scene.counts[1]):
-        at_x, at_y, half_length, half_width = scene.boxes[k, 0], scene.boxes[k, 1], scene.boxes[k, 2], scene.boxes[k, 3]
-        cosine, sine = scene.boxes[k, 4], scene.boxes[k, 5]
+    for k in range(scene.room.counts[1]):
+        at_x, at_y, half_length, half_width = (
+            scene.room.boxes[k, 0],
+            scene.room.boxes[k, 1],
+            scene.room.boxes[k, 2],
+            scene.room.boxes[k, 3],
+        )
+        cosine, sine = scene.room.boxes[k, 4], scene.room.boxes[k, 5]
         is_near = _is_near(at_x - x, at_y - y, half_length + half_width, reach)
-        if is_near and _past_box(rays, _ALL, scene.boxes[k]) <= all_apart:
+        if is_near and _past_box(rays, _ALL, scene.room.boxes[k]) <= all_apart:
             for group in range(whole_groups(groups) if apart < FAR else 0):
-                rays[_PAST + group] = _past_box(rays, group, scene.boxes[k])
+                rays[_PAST + group] = _past_box(rays, group, scene.room.boxes[k])
             first, end = _next_run(rays, 0, groups, apart)
             while first < end:
                 some = borrowed(rays)[first * GROUP :]
@@ -170,13 +175,13 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
                     length = ray_to_box(to_x, to_y, ahead, aside, half_length, half_width)
                     some[_LENGTH + ray] = min(some[_LENGTH + ray], length)
                 first, end = _next_run(rays, end, groups, apart)
-    if scene.squares.shape[1] > 0:
-        cosine, sine, resolution = scene.frame[2], scene.frame[3], scene.frame[4]
+    if scene.room.squares.shape[1] > 0:
+        cosine, sine, resolution = scene.room.frame[2], scene.room.frame[3], scene.room.frame[4]
         for ray in range(n):
-            column, row = to_cells(scene.frame, rays[_X + ray], rays[_Y + ray])
+            column, row = to_cells(scene.room.frame, rays[_X + ray], rays[_Y + ray])
             dx, dy = rays[_DX + ray], rays[_DY + ray]
             ahead, aside = dx * cosine + dy * sine, dy * cosine - dx * sine
-            length = resolution * ray_to_cells(scene.squares, column, row, ahead, aside, reach / resolution)
+            length = resolution * ray_to_cells(scene.room.squares, column, row, ahead, aside, reach / resolution)
             rays[_LENGTH + ray] = min(rays[_LENGTH + ray], length)
 
 
@@ -186,17 +191,19 @@ def clearance(scene: Scene, x: float, y: float) -> float:
 
     On a map it is at most `CLEAR`.
     """
-    walls = scene.walls
+    walls = scene.room.walls
     nearest = distance_to_walls(walls[0] - x, walls[1] - y, walls[2], walls[3])
-    for k in range(scene.counts[0]):
-        circle = scene.circles[k]
+    for k in range(scene.room.counts[0]):
+        circle = scene.room.circles[k]
         nearest = min(nearest, distance_to_circle(circle[0] - x, circle[1] - y, circle[2]))
-    for k in range(scene.counts[1]):
-        box = scene.boxes[k]
+    for k in range(scene.room.counts[1]):
+        box = scene.room.boxes[k]
         nearest = min(nearest, distance_to_turned_box(box[0] - x, box[1] - y, box))
-    if scene.squares.shape[1] > 0:
-        column, row = to_cells(scene.frame, x, y)
-        nearest = min(nearest, scene.frame[4] * distance_to_cells(scene.squares, column, row, CLEAR / scene.frame[4]))
+    if scene.room.squares.shape[1] > 0:
+        column, row = to_cells(scene.room.frame, x, y)
+        nearest = min(
+            nearest, scene.room.frame[4] * distance_to_cells(scene.room.squares, column, row, CLEAR / scene.room.frame[4])
+        )
     return nearest
 
 
@@ -218,7 +225,7 @@ def measure(
         dt: The interval, s.
     """
     revolution, turn = int(lidar.beams), wrap(now.theta - before.theta)
-    bias, sweeping, newest = bias_of(key, lidar), scene.ranges[0], scene.ranges[1]
+    bias, sweeping, newest = bias_of(key, lidar), scene.lidar.ranges[0], scene.lidar.ranges[1]
     rays = np.empty(ROOM) if is_plain() else compiled_scratch(ROOM)  # on the stack, without a call of the allocator
     # Plain Python warns about numbers left from before; compiled, np.zeros would be a function that nothing links.
     for k in range(ROOM if is_plain() else 0):
@@ -229,7 +236,7 @@ def measure(
     while first < last:  # in parts within one revolution
         begin = first % revolution
         n = min(min(last - first, revolution - begin), BLOCK)
-        beams = borrowed(scene.beams)
+        beams = borrowed(scene.lidar.beams)
         cosines, sines, least = beams[0, begin:], beams[1, begin:], beams[2, begin:]
         padded = whole_groups(n)
         for ray in range(padded):
@@ -252,5 +259,5 @@ def measure(
         if begin + n == revolution:
             for beam in range(revolution):
                 newest[beam] = sweeping[beam]
-            pool(newest, scene.spans, revolution, scene.sectors)
+            pool(newest, scene.lidar.spans, revolution, scene.lidar.sectors)
         first += n

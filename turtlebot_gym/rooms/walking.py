@@ -85,7 +85,7 @@ def _by_box(x: float, y: float, box: Any) -> tuple[float, float]:
 @kernel
 def _acceleration(scene: Scene, k: int, robot: Pose, vx: float, vy: float) -> tuple[float, float]:
     """Return the acceleration of a person, m/s^2; the robot moves at (vx, vy), m/s."""
-    circle, person, walls, wide = scene.circles[k], scene.people[k], scene.walls, _WALLS_WIDTH
+    circle, person, walls, wide = scene.room.circles[k], scene.room.people[k], scene.room.walls, _WALLS_WIDTH
     x, y = circle[0], circle[1]
     to_x, to_y = person[0] - x, person[1] - y
     far = max(sqrt(to_x * to_x + to_y * to_y), 1e-3)
@@ -94,11 +94,11 @@ def _acceleration(scene: Scene, k: int, robot: Pose, vx: float, vy: float) -> tu
     left, right = _decay(max(x - walls[0] + walls[2], 0.0) / wide), _decay(max(walls[0] + walls[2] - x, 0.0) / wide)
     below, above = _decay(max(y - walls[1] + walls[3], 0.0) / wide), _decay(max(walls[1] + walls[3] - y, 0.0) / wide)
     ax, ay = ax + _WALLS / wide * (left - right), ay + _WALLS / wide * (below - above)
-    for j in range(scene.counts[1]):
-        fx, fy = _by_box(x, y, scene.boxes[j])
+    for j in range(scene.room.counts[1]):
+        fx, fy = _by_box(x, y, scene.room.boxes[j])
         ax, ay = ax + fx, ay + fy
-    for j in range(scene.counts[0]):
-        other = scene.circles[j]
+    for j in range(scene.room.counts[0]):
+        other = scene.room.circles[j]
         if j != k:
             fx, fy = _seen(_repulsion(x - other[0], y - other[1], _STRIDE * other[3], _STRIDE * other[4]), to_x, to_y)
             ax, ay = ax + fx, ay + fy
@@ -111,8 +111,8 @@ def _acceleration(scene: Scene, k: int, robot: Pose, vx: float, vy: float) -> tu
 @kernel
 def _stroll(scene: Scene, robot: Pose, vx: float, vy: float, radius: float, dt: float) -> None:
     """Move people by a control interval; each walks back and forth between two places."""
-    for k in range(scene.counts[0]):
-        circle, person = scene.circles[k], scene.people[k]
+    for k in range(scene.room.counts[0]):
+        circle, person = scene.room.circles[k], scene.room.people[k]
         dx, dy, speed = person[0] - circle[0], person[1] - circle[1], circle[3] * circle[3] + circle[4] * circle[4]
         if dx * dx + dy * dy < _THERE * _THERE or speed < _STUCK * _STUCK:
             person[0], person[1], person[2], person[3] = person[2], person[3], person[0], person[1]
@@ -147,9 +147,9 @@ def walk(scene: Scene, before: Pose, robot: Pose, radius: float, rules: Any, dt:
     if rules.people:
         _stroll(scene, robot, (robot.x - before.x) / dt, (robot.y - before.y) / dt, radius, dt)
         return
-    walls, courtesy = scene.walls, rules.courtesy
-    for k in range(scene.counts[0]):
-        circle = scene.circles[k]
+    walls, courtesy = scene.room.walls, rules.courtesy
+    for k in range(scene.room.counts[0]):
+        circle = scene.room.circles[k]
         dx, dy, reach = before.x - circle[0], before.y - circle[1], circle[2] + courtesy
         if circle[3] * dx + circle[4] * dy > 0.0 and dx * dx + dy * dy < reach * reach:
             continue

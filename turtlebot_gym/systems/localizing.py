@@ -47,18 +47,20 @@ def _first_estimate(senses, p):
 @kernel
 def _estimate(estimate, before, senses, p, room, scene):
     """Move the belief as the wheels moved, and correct it where a scan is complete."""
-    at, lidar, q = int(estimate.moves) + 1, p.room.lidar, p.localizer
+    at, lidar, memory, q = int(estimate.moves) + 1, p.room.lidar, scene.memory, p.localizer
     odometry, was = senses.odometry, before.odometry
     moved = move(estimate, was.pose, odometry.pose, odometry.twist, drift_of(was.twist, p.tuning, p.dt), q)
     if odometry.measured:
-        remember(scene.trail, at * p.dt, odometry.pose)
+        remember(memory.trail, at * p.dt, odometry.pose)
     beams, done = int(lidar.beams), beams_by(at, lidar, p.dt)
     if done // beams > beams_by(at - 1, lidar, p.dt) // beams:
         last = time_of_beam(done // beams * beams - 1.0, lidar)
         interval = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
         timing = Timing(last, interval, lidar.x, lidar.y, lidar.range_max)
-        ranges = scene.ranges[1][:beams]
-        moved = correct_by_scan(moved, ranges, scene.beams, timing, scene.trail, scene.bank, scene.field, scene.field_frame, q)
+        ranges = scene.lidar.ranges[1][:beams]
+        moved = correct_by_scan(
+            moved, ranges, scene.lidar.beams, timing, memory.trail, memory.bank, memory.field, memory.field_frame, q
+        )
     return moved
 
 
@@ -78,11 +80,12 @@ def localizing(system: System) -> System:
         scenes, number = make_before(parameters), len(parameters)
         rules = [row.room.rules for row in parameters]
         rows, columns = extent(max(2.0 * rule.half_length for rule in rules), max(2.0 * rule.half_width for rule in rules))
-        return scenes._replace(
+        memory = scenes.memory._replace(
             field=np.zeros((number, rows, columns), np.float32),
             trail=np.zeros((number, max(map(_trail, parameters)), 4)),
             bank=np.zeros((number, ROWS, 4)),
         )
+        return scenes._replace(memory=memory)
 
     @kernel
     def lay_out(key, p, scene):
@@ -93,7 +96,7 @@ def localizing(system: System) -> System:
 
     @kernel
     def first_look(world, key, p, scene):
-        rest(scene.trail, 0.0, world.senses.odometry.pose)
+        rest(scene.memory.trail, 0.0, world.senses.odometry.pose)
         return first_look_before(world, key, p, scene)
 
     return system._replace(

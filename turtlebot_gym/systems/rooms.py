@@ -56,9 +56,9 @@ def _pose(world):
 def _first_look(world, key, p, scene):
     """Measure a revolution at rest, before the start."""
     pose, lidar = _pose(world), p.room.lidar
-    aim(scene.beams, lidar)
-    divide(scene.spans, lidar.yaw, int(lidar.beams))
-    leave_out_blind(scene.spans, scene.beams, int(lidar.beams))
+    aim(scene.lidar.beams, lidar)
+    divide(scene.lidar.spans, lidar.yaw, int(lidar.beams))
+    leave_out_blind(scene.lidar.spans, scene.lidar.beams, int(lidar.beams))
     measure(scene, pose, pose, -int(lidar.beams), 0, 0.0, sub_key(key, SCAN), lidar, p.dt)
     near = clearance(scene, pose.x, pose.y) - p.robot.radius
     return Around(pose, way_left(scene, pose.x, pose.y), near, near, 0.0, age_of_scan(0, lidar, p.dt), near < 0.0, 0.0)

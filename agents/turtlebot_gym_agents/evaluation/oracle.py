@@ -70,8 +70,8 @@ def _best_near(scene, row, column):
     best_row, best_column, best = row, column, UNREACHED - 1
     for near_row in range(max(row - 1, 0), min(row + 2, rows)):
         for near_column in range(max(column - 1, 0), min(column + 2, columns)):
-            if scene.ways[near_row, near_column] < best:
-                best_row, best_column, best = near_row, near_column, scene.ways[near_row, near_column]
+            if scene.room.ways[near_row, near_column] < best:
+                best_row, best_column, best = near_row, near_column, scene.room.ways[near_row, near_column]
     return best_row, best_column
 
 

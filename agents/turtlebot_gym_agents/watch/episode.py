@@ -95,7 +95,7 @@ def _hypotheses_of(world: Snapshot, scene: Scene | None, p: Parameters) -> NDArr
     if scene is None or not p.localizer:
         return np.empty((0, 4))
     located: Any = world.estimate
-    return followed(located, scene.bank, Pose(*scene.trail[0, 1:4].tolist()), p.localizer)
+    return followed(located, scene.memory.bank, Pose(*scene.memory.trail[0, 1:4].tolist()), p.localizer)
 
 
 def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator[_Row]:
@@ -106,7 +106,9 @@ def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator
         world: Snapshot = envs.unwrapped.snapshot(0)  # pyright: ignore[reportAttributeAccessIssue]
         fix = getattr(world.senses, "fix", None)
         arrived = {} if fix is None else {"fix": np.array([float(fix.arrived)])}
-        yield _Row(info | arrived, room, None if scene is None else scene.ranges[1].copy(), _hypotheses_of(world, scene, p))
+        yield _Row(
+            info | arrived, room, None if scene is None else scene.lidar.ranges[1].copy(), _hypotheses_of(world, scene, p)
+        )
 
 
 def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None, chart: GridMap | None) -> Drive:
@@ -152,11 +154,11 @@ def _scans(rows: Sequence[_Row], drive: Drive, p: Parameters) -> tuple[Seen, ...
 
 def _grid_of(scene: Scene | None) -> GridMap | None:
     """Return the map of a scene without its added border; None if there is none."""
-    if scene is None or scene.squares.shape[1] == 0:
+    if scene is None or scene.room.squares.shape[1] == 0:
         return None
     inside = slice(1, -1), slice(1, -1)
-    cells = np.where(scene.squares[0] == 0, OCCUPIED, np.where(scene.known > 0, FREE, UNKNOWN))[inside]
-    x, y, cosine, sine, resolution = scene.frame.tolist()
+    cells = np.where(scene.room.squares[0] == 0, OCCUPIED, np.where(scene.room.known > 0, FREE, UNKNOWN))[inside]
+    x, y, cosine, sine, resolution = scene.room.frame.tolist()
     return GridMap(cells=cells.astype(np.int8), resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))
 
 

@@ -64,7 +64,7 @@ def test_a_drawn_room_has_the_map_of_the_environments_localizer_anew_in_each_epi
     fields = []
     for _ in range(2):
         field = node.step(0.1, None)["map"].field()
-        np.testing.assert_array_equal(field, node._episode.scene.field)
+        np.testing.assert_array_equal(field, node._episode.scene.memory.field)
         assert "map" not in node.step(0.1, None)
         fields.append(field)
         node.reset()

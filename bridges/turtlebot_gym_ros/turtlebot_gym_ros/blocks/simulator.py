@@ -280,8 +280,8 @@ class TurtlebotSimulator:
         values: dict[str, Any] = {"goal": episode.world.course.reference, "clearance": Clearance(room.clearance)}
         if at == 0 or beams_by(at, lidar, dt) // lidar.beams > beams_by(at - 1, lidar, dt) // lidar.beams:
             beam_period = 1.0 / (lidar.rate * lidar.beams) if lidar.turning else 0.0
-            is_blind = np.isinf(episode.scene.beams[2, : lidar.beams])
-            ranges = np.where(is_blind, np.float32(np.nan), episode.scene.ranges[1, : lidar.beams])
+            is_blind = np.isinf(episode.scene.lidar.beams[2, : lidar.beams])
+            ranges = np.where(is_blind, np.float32(np.nan), episode.scene.lidar.ranges[1, : lidar.beams])
             scan = Scan(ranges, 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max, beam_period, 1.0 / lidar.rate)
             values["scan"] = Aged(as_sent(scan, self._driver, self._rng) if self._driver else scan, room.scan_age)
         if at % SHOWN_EVERY == 0:

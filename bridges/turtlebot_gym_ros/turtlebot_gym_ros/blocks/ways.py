@@ -34,7 +34,7 @@ class Ways:
             tolerance: Distance from the goal that will do, m.
         """
         where = f"the goal ({goal.x:.2f}, {goal.y:.2f})"
-        x, y, half_length, half_width = self._scene.walls
+        x, y, half_length, half_width = self._scene.room.walls
         if abs(goal.x - x) > half_length or abs(goal.y - y) > half_width:
             return Failure.OUTSIDE_MAP, f"{where} is outside of the map"
         place = self._nearest(goal, max(tolerance, RESOLUTION))
