@@ -1,88 +1,23 @@
-"""What `kernel` needs from numba's and LLVM's insides: single instructions, buffers, and kernels that exist only to be inlined.
+"""What `kernel` needs from numba and LLVM below Python: single instructions and buffers.
 
 Without numba this module cannot be imported; `kernel` then uses plain Python alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from llvmlite import ir
-from numba import _dynfunc, extending, float64, int64, typeof, types  # pyright: ignore[reportAttributeAccessIssue]
+from numba import extending, float64, int64, typeof, types
 from numba.core import cgutils, errors
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import register_pass
-from numba.core.typed_passes import NativeLowering
 from numba.np import arrayobj
 
 _intrinsic: Any = extending.intrinsic
 _TUPLE: Any = types.BaseTuple
 
 
-class _InlinedLibrary(JITCodeLibrary):
-    """The code of a kernel, as it is: the loop that inlines it links, optimizes and translates it as a part of the whole.
-
-    numba would do so for each kernel with all that it calls, level by level, which takes as long as everything else together
-    and makes the loop no faster.
-    """
-
-    def finalize(self) -> None:
-        for library in self._linking_libraries:
-            self._reload_init.update(library._reload_init)
-        self._finalized = True
-
-    def _get_module_for_linking(self) -> Any:
-        whole = super()._get_module_for_linking().clone()
-        for library in self._called():
-            inlined = isinstance(library, _InlinedLibrary)
-            module = super(_InlinedLibrary, library) if inlined else library
-            whole.link_in(module._get_module_for_linking(), preserve=True)
-        return whole
-
-    def _called(self) -> Iterator[Any]:
-        """Yield the libraries of all functions that this one reaches, each once."""
-        seen, ahead = {self}, list(self._linking_libraries)
-        while ahead:
-            library = ahead.pop()
-            if library not in seen:
-                seen.add(library)
-                ahead += library._linking_libraries if isinstance(library, _InlinedLibrary) else ()
-                yield library
-
-
-@register_pass(mutates_CFG=True, analysis_only=False)
-class _InlinedLowering(NativeLowering):
-    """numba's translation into LLVM's language, without machine code at its end."""
-
-    _name = "inlined_lowering"
-
-    def run_pass(self, state: Any) -> Literal[True]:
-        name = state.func_id.func_name
-        state.library = library = _InlinedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        state.flags.no_compile = True
-        super().run_pass(state)
-        library.finalize()
-        lowered = state.cr
-        # numba finds a compiled function by the object that Python would call; nobody calls this one, and its address is 0
-        known_by = _dynfunc.make_function(lowered.fndesc.lookup_module(), name, "", 0, lowered.env, (library,))
-        state.targetctx.insert_user_function(known_by, lowered.fndesc, [library])
-        state.cr = lowered._replace(cfunc=known_by)
-        return True
-
-
-class _InlinedCompiler(CompilerBase):
-    """numba's compiler, for functions that are only inlined."""
-
-    def define_pipelines(self) -> list[Any]:
-        manager: Any = DefaultPassBuilder.define_nopython_pipeline(self.state, "inlined")
-        manager.passes = [(_InlinedLowering if step is NativeLowering else step, why) for step, why in manager.passes]
-        manager.finalize()
-        return [manager]
-
-
-INLINED: dict[str, Any] = {"forceinline": True, "no_cfunc_wrapper": True, "pipeline_class": _InlinedCompiler}
+INLINED: dict[str, Any] = {"forceinline": True, "no_cfunc_wrapper": True}
 """Options of all functions that compiled loops inline."""
 
 
@@ -134,8 +69,6 @@ def _emit_scratch(typing_context, size):
 
 def _emit_wide(typing_context):
     def emit(context, builder, signature, arguments):
-        if isinstance(context.active_code_library, _InlinedLibrary):  # what inlines it has its own attributes
-            raise errors.UnsupportedError("prefer_wide() has no effect in a kernel: call it in the function that is compiled.")
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite does not support such attributes
         return context.get_dummy_value()
 

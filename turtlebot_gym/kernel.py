@@ -81,7 +81,7 @@ def borrowed(array: Any) -> Any:
 
 prefer_wide: Any = intrinsics.wide_vectors if HAS_NUMBA else None
 """``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it, and of the kernels that
-this function inlines; a kernel cannot call it."""
+this function inlines; in a kernel it has no effect."""
 compiled_scratch: Any = intrinsics.stack_array if HAS_NUMBA else None
 """``compiled_scratch(size)`` returns room for ``size`` numbers, a constant, until the calling compiled function ends."""
 

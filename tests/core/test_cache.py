@@ -18,7 +18,7 @@ from turtlebot_gym.compiled import loop, store
 from turtlebot_gym.compiled.cache import _fingerprint, compiled
 from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
 from turtlebot_gym.estimation.ekf import EXTENDED_KALMAN
-from turtlebot_gym.kernel import in_loops, kernel, prefer_wide
+from turtlebot_gym.kernel import in_loops, prefer_wide
 from turtlebot_gym.systems import Options, open_ground, system_of
 from turtlebot_gym.systems.special import GENERAL
 
@@ -142,27 +142,31 @@ print(len(addresses))
 """
 
 
-@kernel
-def widening(x):
-    prefer_wide()
-    return x
-
-
-def test_what_is_compiled_asks_for_wide_vectors_and_a_kernel_which_could_not_refuses(here):
+def test_what_is_compiled_asks_for_wide_vectors(here):
     def wide(x):
         prefer_wide()
         return x
 
-    def too_deep(x):
-        return widening(x)
-
     compiled_wide = compiled(wide, "wide")
     compiled_wide(1.0)
     assert all('"prefer-vector-width"="512"' in text for text in compiled_wide.inspect_llvm().values())
-    with pytest.raises(numba.core.errors.NumbaError, match="has no effect in a kernel"):
-        numba.njit(too_deep)(1.0)
     steps = loop.loops_of(open_ground(EXTENDED_KALMAN), GENERAL).step
     assert "prefer_wide" in steps.py_func.__code__.co_names
+
+
+LIKE_OTHER_NUMBA = f"""
+import sys
+sys.modules["turtlebot_gym.compiled.store"] = None
+from turtlebot_gym.compiled.threads import address_of
+{FUNCTION}
+print(address_of(loop, 3.0))
+"""
+
+
+def test_with_a_numba_of_other_insides_each_process_compiles_for_itself_and_loops_are_serial(tmp_path):
+    for _ in range(2):
+        assert start(tmp_path, LIKE_OTHER_NUMBA).communicate(timeout=300)[0].split()[-1] == "0"
+    assert not [*tmp_path.rglob("*.bin")]
 
 
 def test_functions_of_one_name_that_different_processes_have_compiled_have_different_addresses(tmp_path):

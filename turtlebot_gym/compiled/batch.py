@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.loop import loops_of
-from turtlebot_gym.compiled.packing import TILE, Results, aligned, as_tuple, flatten, layout_of
+from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, layout_of
 from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop, sizes_of
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.observations import History, size_of
@@ -70,7 +70,7 @@ class Batch:
         """Parts of the last step's tiles, each for a thread."""
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
         rows = layout.outcome.size - (0 if shares else len(self.system.rewards))
-        self._results = Results(num_envs, size_of(self.system.terms), rows)
+        self._shapes = (num_envs, size_of(self.system.terms)), (rows, num_envs)
         history = History(self.system.terms, num_envs)
         self._history = history if history else None  # a test for None takes a tenth of a microsecond less
         self._first = self._tiles[0]
@@ -218,16 +218,17 @@ class Batch:
     def _run(self, name: str, parts: int, *arguments: Any) -> None:
         """Run a loop over all tiles in some parts, each on a thread."""
         loop = getattr(self._loops, name)
-        if parts == 1:
+        if parts > 1 and name not in self._addresses:
+            self._addresses[name] = address_of(loop, *arguments)
+        if parts == 1 or not self._addresses[name]:
             loop(*arguments)
             return
-        if name not in self._addresses:
-            self._addresses[name] = address_of(loop, *arguments)
         parallel_loop(name, sizes_of(self.scenes))(self._addresses[name], parts, *arguments)
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""
-        return self._results.empty()
+        shape, shape_of_outcomes = self._shapes
+        return np.empty(shape, np.float32), np.empty(shape_of_outcomes)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Advance all environments by one step.
@@ -239,7 +240,7 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (m, N), with a row for each field of `Judgement` after one for the
             reward, and for each term's share if asked for. Both are new arrays.
         """
-        observations, outcomes = self._results.empty()
+        observations, outcomes = self.empty()
         if self.num_envs > 1 and not actions.flags.carray:  # the loop would be compiled anew for each kind of array
             actions = actions.copy()
         if not self._parallel or Threads.limit == 1 or Threads.count() == 1:

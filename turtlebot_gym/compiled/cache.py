@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -108,12 +109,12 @@ def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False)
         return function
     from numba import njit
 
-    from turtlebot_gym.compiled.store import Store
-
     identity = hashlib.sha256(f"{name} {_fingerprint(function)} {parallel} {_compilers()}".encode()).hexdigest()
     # numba numbers functions in each process anew: two from different processes could share a symbol, and so an address
     function.__qualname__ = f"{function.__name__}_{identity}"
     dispatcher: Any = njit(function, error_model="numpy", parallel=parallel)
-    dispatcher._cache = store = Store(name, identity)
-    dispatcher.compile = store.released(dispatcher.compile)
+    with suppress(ImportError, AttributeError):  # a numba whose insides differ: each process compiles for itself
+        from turtlebot_gym.compiled.store import keep
+
+        keep(dispatcher, name, identity)
     return dispatcher

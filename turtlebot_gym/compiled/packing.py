@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import sys
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import cache
@@ -40,45 +39,6 @@ def aligned(count: int) -> NDArray[np.float64]:
     room = np.zeros(count + LINE)
     start = -room.ctypes.data // room.itemsize % LINE
     return room[start : start + count]
-
-
-def _references() -> int:
-    """Return the reference count that `Results.empty` sees for an array that only it holds; this loop sees the same.
-
-    The count depends on the version of Python; one without a global lock may see too few, and then no array is reused.
-    """
-    if not getattr(sys, "_is_gil_enabled", lambda: True)():
-        return -1
-    for array, _ in [(np.empty(1), None)]:
-        return sys.getrefcount(array)
-    raise AssertionError
-
-
-_UNHELD = _references()
-
-
-class Results:
-    """Arrays for observations, shape (N, k), and outcomes, shape (m, N), of a step; freed ones are used again.
-
-    Freeing a large array returns its memory to the operating system, which would take up to a third of a step's time.
-    """
-
-    def __init__(self, num_envs: int, numbers: int, outcomes: int) -> None:
-        self._shapes = (num_envs, numbers), (outcomes, num_envs)
-        self._given: list[tuple[NDArray[np.float32], NDArray[np.float64]]] = []
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_given": []}
-
-    def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-        """Return uninitialized arrays: new, or old ones without other references."""
-        for observations, outcomes in self._given:
-            if sys.getrefcount(observations) == _UNHELD == sys.getrefcount(outcomes):
-                return observations, outcomes
-        shape, shape_of_outcomes = self._shapes
-        fresh = np.empty(shape, np.float32), np.empty(shape_of_outcomes)
-        self._given = [*self._given[-1:], fresh]
-        return fresh
 
 
 @cache

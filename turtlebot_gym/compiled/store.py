@@ -2,6 +2,9 @@
 
 A file holds one compiled function, and its name a hash of all that its machine code is made of. numba's own cache keeps files
 beside the sources, for each checkout its own, and forgets a function whenever its file changes.
+
+numba offers neither such a cache nor the address of a function to others: this module, and no other, uses names of numba that
+are not public. With a numba that lacks them each process compiles for itself, and loops run on one thread.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
+from numba import typeof
 from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
@@ -37,6 +41,31 @@ def folder() -> Path:
     """Return the folder of the cache: in NUMBA_CACHE_DIR if that is set, otherwise in the user's folder for caches."""
     parent = os.environ.get("NUMBA_CACHE_DIR")
     return Path(parent, "turtlebot_gym") if parent else Path(user_cache_dir("turtlebot_gym", appauthor=False))
+
+
+def keep(dispatcher: Any, name: str, identity: str) -> None:
+    """Let a function of numba load its machine code from the cache, and write there what it compiles.
+
+    Args:
+        dispatcher: The function.
+        name: What it does, for people.
+        identity: Hash of everything that its machine code is made of, except for types and processor.
+
+    Raises:
+        AttributeError: If this numba has no such function.
+    """
+    if not hasattr(dispatcher, "_cache"):
+        raise AttributeError("This numba keeps its cache elsewhere.")
+    store, compile_now = Store(name, identity), dispatcher.compile
+    dispatcher._cache, dispatcher.compile = store, store.released(compile_now)
+
+
+def address_of(function: Any, *arguments: Any) -> int:
+    """Return the address of a compiled function's machine code for the types of some arguments."""
+    kinds = tuple(map(typeof, arguments))
+    function.compile(kinds)
+    result = function.overloads[kinds]
+    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
 
 
 class Store:
