@@ -1,0 +1,248 @@
+"""The package's own terms: their kernels, and the observations that tasks have."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import PI, sincos
+from turtlebot_gym.observations.term import ObservationTerm
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.rooms.lidar import MAX_AGE, SECTORS
+from turtlebot_gym.values import Covariance, Pose, State
+
+
+class Observed(IntEnum):
+    """The robot's pose that a policy observes."""
+
+    EKF = 0
+    """The filter's estimate."""
+    ODOMETRY = 1
+    """The measured pose."""
+    TRUTH = 2
+    LOCATED = -1
+    """The estimate of a robot that localizes itself; the policy also observes how well the estimate fits."""
+
+
+OBSERVED = {observed.name.lower(): observed for observed in Observed}
+"""The observed poses by name."""
+
+
+class Observation(NamedTuple):
+    """The numbers of an observation on open ground; "believed" is what the environment observes."""
+
+    distance: float
+    """Believed distance to the goal, m."""
+    cos_bearing: float
+    """Cosine of the goal's bearing in the body frame; 1 at distance 0."""
+    sin_bearing: float
+    """Its sine."""
+    cos_turn: float
+    """Cosine of the remaining turn to the reference's heading."""
+    sin_turn: float
+    """Its sine."""
+    v: float
+    """Speed, as a share of the robot's limit."""
+    omega: float
+    """Turning rate, as a share of the robot's limit."""
+    std_position: float
+    """Stated standard deviation of the position (root of the trace), m."""
+    std_heading: float
+    """Stated standard deviation of the heading, rad."""
+    nis: float
+    """Normalized innovation squared of the last measurement."""
+    next_distance: float
+    """Distance to the waypoint after this one, m; to the goal again if there is none."""
+    cos_next: float
+    """Cosine of its bearing."""
+    sin_next: float
+    """Its sine."""
+
+
+MAX_DISTANCE, MAX_TWIST, MAX_STD_POSITION, MAX_STD_HEADING, MAX_NIS = 20.0, 2.0, 5.0, PI, 25.0
+
+
+@kernel
+def _towards(state: State, sine: float, cosine: float, to: Pose) -> tuple[float, float, float]:
+    """Return distance, and cosine and sine of the bearing, of a point seen from a pose."""
+    dx, dy = to.x - state.x, to.y - state.y
+    distance = sqrt(dx * dx + dy * dy)
+    scale = 1.0 / (distance if distance > 0.0 else 1.0)
+    ahead, left = (dx * cosine + dy * sine) * scale, (dy * cosine - dx * sine) * scale
+    return (
+        min(distance, MAX_DISTANCE), max(min(ahead, 1.0), -1.0) if distance > 0.0 else 1.0, max(min(left, 1.0), -1.0)
+    )  # fmt: skip
+
+
+@kernel
+def goal_from(state: State, reference: Pose) -> tuple[float, float, float, float, float]:
+    """Return the numbers of `GOAL` for a believed state."""
+    sine, cosine = sincos(state.theta)
+    distance, ahead, left = _towards(state, sine, cosine, reference)
+    sin_turn, cos_turn = sincos(reference.theta - state.theta)
+    return distance, ahead, left, cos_turn, sin_turn
+
+
+@kernel
+def next_goal_from(state: State, following: Pose) -> tuple[float, float, float]:
+    """Return the numbers of `NEXT_GOAL` for a believed state."""
+    sine, cosine = sincos(state.theta)
+    return _towards(state, sine, cosine, following)
+
+
+@kernel
+def twist_of(state: State, robot: Robot) -> tuple[float, float]:
+    """Return the numbers of `TWIST`."""
+    v, omega = state.v / robot.max_linear, state.omega / robot.max_angular
+    return max(min(v, MAX_TWIST), -MAX_TWIST), max(min(omega, MAX_TWIST), -MAX_TWIST)
+
+
+@kernel
+def uncertainty_of(std: tuple[float, float], nis: float) -> tuple[float, float, float]:
+    """Return the numbers of `UNCERTAINTY` for standard deviations of position and heading, m and rad."""
+    return min(std[0], MAX_STD_POSITION), min(std[1], MAX_STD_HEADING), min(nis, MAX_NIS)
+
+
+@kernel
+def stated_deviations(P: Covariance) -> tuple[float, float]:
+    """Return the standard deviations of position (root of the trace) and heading in a covariance; m, rad."""
+    return sqrt(P.xx + P.yy), sqrt(P.tt)
+
+
+def observe(state: State, std: tuple[float, float], nis: float, reference: Pose, following: Pose, robot: Robot) -> Observation:
+    """Return a policy's observation on open ground.
+
+    Args:
+        state: Believed pose and twist.
+        std: Standard deviations of position and heading; m, rad.
+        nis: Normalized innovation squared of the last measurement.
+        reference: The waypoint to reach.
+        following: The waypoint after it.
+        robot: Robot whose limits scale the twist.
+    """
+    goals = goal_from(state, reference), next_goal_from(state, following)
+    return Observation(*goals[0], *twist_of(state, robot), *uncertainty_of(std, nis), *goals[1])
+
+
+@kernel
+def evidence_of(theta: float, P: Covariance, fits: float, weight: float) -> tuple[float, float, float, float]:
+    """Return the numbers of `EVIDENCE`.
+
+    Args:
+        theta: Believed heading, rad.
+        P: Covariance of the belief.
+        fits: Share of the last scan's beams that end near a surface of the map.
+        weight: Weight of the best hypothesis of where the robot is; 1 while there is only one.
+
+    Returns:
+        Stated standard deviation of the position in the direction of the believed heading, m, which in a corridor without ends
+        grows; across it; the share; and the weight.
+    """
+    sine, cosine = sincos(theta)
+    cross = 2.0 * sine * cosine * P.xy
+    ahead = cosine * cosine * P.xx + cross + sine * sine * P.yy
+    aside = sine * sine * P.xx - cross + cosine * cosine * P.yy
+    return (
+        min(sqrt(max(ahead, 0.0)), MAX_STD_POSITION),
+        min(sqrt(max(aside, 0.0)), MAX_STD_POSITION),
+        max(min(fits, 1.0), 0.0),
+        max(min(weight, 1.0), 0.0),
+    )
+
+
+@kernel
+def _is_believed(p: Any) -> bool:
+    """Return whether the policy observes the filter's estimate.
+
+    In compiled code ``p.observed`` is a float, which compares with the value of an `Observed` only.
+    """
+    return (p.observed == Observed.EKF.value) | (p.observed == Observed.LOCATED.value)
+
+
+@kernel
+def observed_state(body: Any, senses: Any, estimate: Any, p: Any) -> State:
+    """Return the robot's state that the policy observes: the estimated one, the measured one or the true one."""
+    mean, z, u, truth = estimate.belief.mean, senses.odometry.pose, senses.odometry.twist, body.true_state
+    believed, measured = _is_believed(p), p.observed == Observed.ODOMETRY.value
+    return State(
+        mean.x if believed else (z.x if measured else truth.x),
+        mean.y if believed else (z.y if measured else truth.y),
+        mean.theta if believed else (z.theta if measured else truth.theta),
+        mean.v if believed else (u.v if measured else truth.v),
+        mean.omega if believed else (u.omega if measured else truth.omega),
+    )
+
+
+@kernel
+def _state(world, p):
+    return observed_state(world.body, world.senses, world.estimate, p)
+
+
+@kernel
+def _goal(world, p):
+    return goal_from(_state(world, p), world.course.reference)
+
+
+@kernel
+def _twist(world, p):
+    return twist_of(_state(world, p), p.robot)
+
+
+@kernel
+def _uncertainty(world, p):
+    position, heading = stated_deviations(world.estimate.belief.covariance)
+    believed, measured = _is_believed(p), p.observed == Observed.ODOMETRY.value
+    R = p.tuning.R
+    std = (
+        position if believed else (sqrt(R[0] + R[1]) if measured else 0.0),
+        heading if believed else (sqrt(R[2]) if measured else 0.0),
+    )
+    return uncertainty_of(std, world.estimate.nis if believed else 0.0)
+
+
+@kernel
+def _next_goal(world, p):
+    return next_goal_from(_state(world, p), world.course.following)
+
+
+@kernel
+def _evidence(world, p):
+    (mean, P), estimate = world.estimate.belief, world.estimate
+    return evidence_of(mean.theta, P, estimate.fits, estimate.weight)
+
+
+@kernel
+def _scan(scene):
+    return scene.lidar.sectors
+
+
+@kernel
+def _scan_age(world, p):
+    return min(world.room.scan_age, MAX_AGE)
+
+
+_POINT = ((0.0, -1.0, -1.0), (MAX_DISTANCE, 1.0, 1.0))
+GOAL = ObservationTerm("goal", _goal, (*_POINT[0], -1.0, -1.0), (*_POINT[1], 1.0, 1.0))
+"""The waypoint to reach: distance, m; cosine and sine of its bearing in the body frame, and of the heading still to turn."""
+TWIST = ObservationTerm("twist", _twist, (-MAX_TWIST,) * 2, (MAX_TWIST,) * 2)
+"""Speed and turning rate, as shares of the robot's limits."""
+UNCERTAINTY = ObservationTerm("uncertainty", _uncertainty, (0.0,) * 3, (MAX_STD_POSITION, MAX_STD_HEADING, MAX_NIS))
+"""Stated standard deviations of position and heading, m and rad, and the last measurement's normalized innovation squared."""
+NEXT_GOAL = ObservationTerm("next_goal", _next_goal, *_POINT)
+"""The waypoint after the one to reach, or the same one again: distance, m, and cosine and sine of its bearing."""
+EVIDENCE = ObservationTerm("evidence", _evidence, (0.0,) * 4, (MAX_STD_POSITION, MAX_STD_POSITION, 1.0, 1.0))
+"""How sure a localizer is, see `evidence_of`."""
+SCAN = ObservationTerm("scan", _scan, (0.0,) * SECTORS, (1.0,) * SECTORS, in_scene=True)
+"""Shortest range of the newest scan in each sector, from ahead to the left, as a share of 3.5 m."""
+SCAN_AGE = ObservationTerm("scan_age", _scan_age, 0.0, MAX_AGE, "s")
+"""Age of that scan, by its stamp."""
+
+OPEN_GROUND = GOAL, TWIST, UNCERTAINTY, NEXT_GOAL
+"""What a policy sees on open ground, 13 numbers: an `Observation`."""
+ROOM = *OPEN_GROUND, SCAN, SCAN_AGE
+"""What a policy sees in a room, 50 numbers."""
+LOCATED_ROOM = *OPEN_GROUND, EVIDENCE, SCAN, SCAN_AGE
+"""What a policy sees in a room in which the robot localizes itself, with ``observation="located"``: 54 numbers."""
+TERMS = {term.name: term for term in LOCATED_ROOM}
+"""The package's own terms by name."""

@@ -1,0 +1,119 @@
+"""The option ``observation``: from names to terms."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.observations.known import OBSERVED, TERMS
+from turtlebot_gym.observations.term import ObservationTerm
+from turtlebot_gym.own import load_object
+from turtlebot_gym.validation import did_you_mean, refusal, shown
+
+_HISTORY = re.compile(r"(.+?)\*(\d+)(?:@(\d+))?")
+
+
+def read_items(observation: Any) -> tuple[str, tuple[str, ...]]:
+    """Return the pose that a policy observes, a name in `OBSERVED`, and the names of terms beside it.
+
+    Args:
+        observation: The option: names with commas, or several names.
+
+    Raises:
+        ValueError: If it is something else, or names several poses.
+    """
+    given = observation.split(",") if isinstance(observation, str) else observation
+    if not isinstance(given, (list, tuple)) or not given or not all(isinstance(item, str) for item in given):
+        raise refusal("observation", "names of terms with commas, such as 'ekf,scan*2,MODULE:NAME'", observation)
+    items = tuple(item.strip() for item in given)
+    poses = [item for item in items if item in OBSERVED]
+    if len(poses) > 1:
+        raise ValueError(f"observation must name one pose, got {' and '.join(map(repr, poses))}.")
+    return (poses or ["ekf"])[0], items
+
+
+def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[ObservationTerm, ...]:
+    """Return the terms that an observation names.
+
+    Args:
+        items: Names: of a pose, for all of a system's own terms; of a term; "MODULE:NAME" of one's own; with "*N", the last N
+            values, or "*N@K", each K steps before the next. A history replaces the term that was named before it.
+        own: The system's own terms.
+
+    Raises:
+        ValueError: If there is no such term, or one is named twice.
+    """
+    terms: dict[str, ObservationTerm] = {}
+    for item in items:
+        match = _HISTORY.fullmatch(item)
+        name, length, every = match.groups() if match else (item, None, None)
+        found = list(own) if name in OBSERVED and not match else [_term(name, own)]
+        for term in found:
+            if (before := terms.get(term.name)) and not (match and before == term):
+                raise ValueError(f"observation has the term {term.name!r} twice: leave out one of them.")
+            terms[term.name] = term.over(int(length or 1), every=int(every or 1)) if match else term
+    if all(term.in_scene for term in terms.values()):
+        raise ValueError(f"observation must have a term beside {', '.join(map(repr, terms))}, such as 'goal'.")
+    return tuple(terms.values())
+
+
+def _term(name: str, own: Sequence[ObservationTerm]) -> ObservationTerm:
+    """Return a term of a system, of the package, or of one's own."""
+    known = TERMS | {term.name: term for term in own}
+    if ":" in name:
+        return own_term(name)
+    if name not in known:
+        raise ValueError(
+            f"observation has no term {shown(name)}: there are {', '.join((*OBSERVED, *known))}, and MODULE:NAME for one of "
+            f"your own.{did_you_mean(name, (*OBSERVED, *known))}"
+        )
+    return known[name]
+
+
+def own_term(source: str) -> ObservationTerm:
+    """Return a term of one's own.
+
+    Args:
+        source: "MODULE:NAME".
+
+    Raises:
+        ValueError: If there is none, or it has the name of one of the package's.
+    """
+    term = load_object(source)
+    if not isinstance(term, ObservationTerm):
+        raise refusal(f"observation {source!r}", "a turtlebot_gym.observations.ObservationTerm", term)
+    if term.name in TERMS or term.name in OBSERVED:
+        raise ValueError(f"observation {source!r}: the package has a term {term.name!r} already: give yours another name.")
+    if term.in_scene:
+        raise ValueError(f"observation {source!r}: in_scene is for the package's own terms: return numbers of the world.")
+    return _clipped(replace(term, source=source))
+
+
+@cache
+def _clipped(term: ObservationTerm) -> ObservationTerm:
+    """Return a term whose numbers are within its bounds; the kernel's attribute ``__wrapped__`` is the one before."""
+    of, bounds = term.of, tuple(zip(*term.bounds, strict=True))
+    if term.width == 1:
+        ((low, high),) = bounds
+        clipped: Any = kernel(lambda world, p: min(max(of(world, p), low), high))
+    else:
+        clip = _clip(term.width)
+        clipped = kernel(lambda world, p: clip(of(world, p), bounds))
+    clipped.__wrapped__ = of
+    return replace(term, of=clipped)
+
+
+def _clip(number: int) -> Callable[..., Any]:
+    """Return the kernel that clips so many numbers of a tuple, each to its own bounds."""
+    last = number - 1
+    before = _clip(last) if last else kernel(lambda numbers, bounds: ())
+
+    @kernel
+    def clip(numbers, bounds):
+        return before(numbers, bounds) + (min(max(numbers[last], bounds[last][0]), bounds[last][1]),)  # noqa: RUF005
+
+    return clip

@@ -1,0 +1,146 @@
+"""A term of an observation: its name, its numbers with their bounds and unit, and how a robot gets them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from turtlebot_gym.own import failure
+from turtlebot_gym.validation import POSITIVE, refusal, shown, whole
+
+MOST = 100
+"""Most numbers of a term, most values of it, and most steps from one to the next."""
+
+
+SOURCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", re.ASCII)
+"""What the source of a term is: "module:name"."""
+
+
+def _bounds(name: str, bound: Any) -> tuple[float, ...]:
+    """Return the bounds of a term's numbers.
+
+    Raises:
+        ValueError: If they are not from 1 to `MOST` numbers.
+    """
+    given = bound if isinstance(bound, (list, tuple, np.ndarray)) else (bound,)
+    try:
+        if 1 <= len(given) <= MOST:
+            return tuple(float(number) for number in given)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise refusal(f"a bound of the term {name!r}", f"a number, or up to {MOST} numbers", bound)
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationTerm:
+    """A term of an observation: one number, or several.
+
+    On a robot, the package itself computes its own terms; another one needs a ``topic`` that brings it there.
+    """
+
+    name: str
+    """Its name, by which policies and bundles ask for it."""
+    of: Callable[..., Any]
+    """``of(world, p)``, a kernel, returns its number, or a tuple of its numbers; it takes `systems.Snapshot` and
+    `systems.Parameters`. Of a term in a scene, ``of(scene)`` returns an array."""
+    low: float | tuple[float, ...]
+    """Lower bound of each number; it is clipped to the bounds."""
+    high: float | tuple[float, ...]
+    """Upper bounds."""
+    unit: str = ""
+    """Unit of its numbers, such as "m"; empty for shares and for several units."""
+    sensor: Any = None
+    """A `systems.Sensor` that the term reads, which the robot then has: ``world.senses`` holds its value under its name."""
+    topic: str = ""
+    """ROS topic that brings the term on a robot; empty if only the environment has it."""
+    message: str = ""
+    """Type of the topic's messages, such as "std_msgs/msg/Bool"."""
+    convert: Callable[[Any], Any] | None = None
+    """Function of a message that returns the number, or the numbers."""
+    lasts: float = 0.5
+    """Age from which a message counts as missing, s; the robot then stands."""
+    in_scene: bool = False
+    """Whether its numbers are an array of the scene: of a LiDAR, for example."""
+    length: int = 1
+    """How many values it shows: the present one, and before it those of earlier steps."""
+    every: int = 1
+    """Steps from one of them to the next."""
+    source: str = ""
+    """"module:name" of a term of one's own."""
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and self.name.isidentifier()):
+            raise refusal("ObservationTerm.name", "a name, such as 'bumper'", self.name)
+        low, high = (_bounds(self.name, bound) for bound in (self.low, self.high))
+        if len(low) != len(high) or not all(-math.inf < a < b < math.inf for a, b in zip(low, high, strict=True)):
+            raise ValueError(
+                f"ObservationTerm {self.name!r}: low must be below high, both finite, got {shown(low)} and {shown(high)}."
+            )
+        if bool(self.topic) != bool(self.message and self.convert):
+            raise ValueError(f"ObservationTerm {self.name!r}: topic, message and convert belong together.")
+        POSITIVE.check(f"ObservationTerm {self.name!r}: lasts", self.lasts)
+        for name in ("length", "every"):
+            whole(f"ObservationTerm {self.name!r}: {name}", getattr(self, name), 1, MOST)
+        object.__setattr__(self, "low", low)
+        object.__setattr__(self, "high", high)
+
+        if self.source and not SOURCE.fullmatch(self.source):
+            raise refusal(f"the source of the term {self.name!r}", "MODULE:NAME", self.source)
+
+    @property
+    def bounds(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Lower and upper bounds of the present numbers."""
+        return self.low, self.high  # type: ignore[return-value]
+
+    @property
+    def width(self) -> int:
+        """How many numbers it has at a time."""
+        return len(self.bounds[0])
+
+    @property
+    def size(self) -> int:
+        """How many numbers of an observation it is."""
+        return self.width * self.length
+
+    def over(self, length: int, *, every: int = 1) -> ObservationTerm:
+        """Return the term as a history: the present value, and earlier ones after it; before an episode, the first one."""
+        return replace(self, length=length, every=every)
+
+    def read(self, value: Any) -> tuple[float, ...]:
+        """Return numbers that were measured for the term, clipped to its bounds.
+
+        Raises:
+            ValueError: If they are not as many finite numbers as the term has.
+        """
+        try:
+            numbers = np.atleast_1d(np.asarray(value, np.float64))
+        except (TypeError, ValueError, OverflowError):
+            numbers = np.empty(0)
+        if numbers.shape != (self.width,) or not np.isfinite(numbers).all():
+            raise refusal(f"the term {self.name!r}", f"{self.width} finite number{'s' * (self.width > 1)}", value)
+        return tuple(np.clip(numbers, *self.bounds).tolist())
+
+    def example(self, world: Any, p: Any) -> Any:
+        """Return the value of a term in a world, before it is clipped.
+
+        Raises:
+            ValueError: If its kernel fails, or returns another number of numbers; the message is one line that says where.
+        """
+        try:
+            value = getattr(self.of, "__wrapped__", self.of)(world, p)
+        except Exception as error:
+            raise failure(self.source or self.name, error) from error
+        if (count := len(value) if isinstance(value, tuple) else 1) != self.width:
+            raise ValueError(f"the term {self.name!r} has bounds of {self.width} numbers, but its kernel returns {count}.")
+        return value
+
+    @property
+    def spelled(self) -> str:
+        """How the option ``observation`` names the term."""
+        history = "" if self.length == 1 else f"*{self.length}" + (f"@{self.every}" if self.every > 1 else "")
+        return (self.source or self.name) + history
