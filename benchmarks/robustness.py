@@ -21,11 +21,11 @@ from rich.table import Table
 
 from robustness_figure import draw
 from scenarios import BASELINES, NAV, POSE, SQUARE, Budget, evaluate_baselines, results_folder, run_all, trained, tuned
+from tune_baseline import best_of
 from turtlebot_gym import ROBOTS
-from turtlebot_gym_agents.evaluation.comparison import compare
+from turtlebot_gym_agents.evaluation.comparison import Outcome, compare
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import holm, mean, share
-from turtlebot_gym_agents.evaluation.tune_baseline import best_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json
 
@@ -105,7 +105,7 @@ def compared(config: Config, folder: Path, name: str) -> dict[str, Any]:
         },
         "baselines": [described(policy) for policy in baselines],
         "compared_with": best,
-        "ppo": compare([evaluate(bundle, **common) for bundle in bundles], baselines[best]),
+        "ppo": compare([Outcome.of(evaluate(bundle, **common)) for bundle in bundles], Outcome.of(baselines[best])),
         "commits": sorted({str(bundle.card.training["commit"]) for bundle in bundles}),
     }
 

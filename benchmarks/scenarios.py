@@ -16,11 +16,11 @@ from typing import Any
 from unittest.mock import patch
 
 from harness.study import each
+from tune_baseline import Try, best_of, tune_baseline
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym.files import replacing
 from turtlebot_gym.observations import size_of
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
-from turtlebot_gym_agents.evaluation.tune_baseline import Try, best_of, tune_baseline
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.named import bare
 from turtlebot_gym_agents.provenance import provenance

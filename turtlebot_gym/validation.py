@@ -264,7 +264,7 @@ def made(kind: type[T], value: Any, name: str) -> T:
     if isinstance(value, kind):
         return value
     assert is_dataclass(kind)
-    known = {item.name: item for item in fields(kind)}
+    known = {item.name: item for item in fields(kind) if item.init}
     if not isinstance(value, Mapping):
         raise refusal(name, f"a {kind.__name__} or a mapping of its fields ({', '.join(known)})", value)
     unknown = [" ".join(str(key).split()) for key in value if key not in known]

@@ -98,7 +98,6 @@ MISSPELT = [
     (["evaluate", "--env", ROOMS, "--world", "ofice"], "office"),
     (["evaluate", "--env", ROOMS, "--lidar", "lds1"], "lds01"),
     (["train", "--algo", "PPO"], "ppo"),
-    (["tune-baseline", "--policy", "bearin"], "bearing"),
 ]
 
 REFUSED = [
@@ -121,8 +120,6 @@ REFUSED = [
         "plant is a robot with a track of 0.16 m, so robot must be 'burger'",
     ),
     (["evaluate", "--policy", "nowhere.json"], "nowhere.json"),
-    (["tune-baseline", "--delay", "-1"], "delay"),
-    (["tune-baseline", "--out", "best.yaml"], "--out best.yaml: its name must end with .json"),
     (["estimate", "--runs", "0"], "runs must be a whole number of at least 1, got 0"),
     (["estimate", "--seconds", "nan"], "seconds must be a positive number from 1e-15 to 1e+09, got nan"),
     (["replay"], "At least one FILE"),
@@ -132,9 +129,9 @@ REFUSED = [
     (["calibrate", "straight.csv", "--odometry", "laser"], "straight.csv: kind must be one of 'pose', 'wheel', got 'laser'"),
     *((["watch", option, "nothing", "--html", "a.html"], "") for option in ("--policy", "--env", "--drive", "--noise")),
     (["train", "--wandb", "one", "two"], "wandb takes one project, got one, two."),
-    (["train", "--wandb", "--store", "kept"], "leave out --cluster and --store"),
-    (["evaluate", "--workers", "2"], "workers is an option of a cluster: add --cluster local."),
-    (["evaluate", "--cluster", "auto", "--workers", "2"], "workers is for the cluster 'local', not for 'auto'"),
+    (["train", "--wandb", "--cluster", "local"], "leave out --cluster"),
+    (["evaluate", "--workers", "2"], "workers is the number of processes on this machine: choose --cluster local."),
+    (["evaluate", "--cluster", "auto", "--workers", "2"], "choose --cluster local."),
     (["evaluate", "--cluster", "local", "--workers", "0"], "workers must be a whole number of at least 1, got 0."),
     (["benchmark", "--rounds", "0"], "rounds must be a whole number of at least 1, got 0."),
     (["benchmark", "--seconds", "nan"], "seconds must be a number above 0 and below 60, got nan."),
@@ -146,9 +143,6 @@ REFUSED = [
     ),
     (["benchmark", "--check", "no/such.json"], "no/such.json"),
     (["benchmark", "--check", "a.json", "--against", "."], "check and against exclude each other."),
-    (["tune-baseline", "--policy", "ppo-nav"], "policy must be one of 'proportional', 'bearing', 'corner', 'polar', "),
-    (["tune-baseline", "--env", "CartPole-v1"], "env must be one of"),
-    (["tune-baseline", "--tries", "0"], "tries must be a whole number of at least 1, got 0"),
     (["replay", "no/such/file.csv"], "no/such/file.csv"),
     (["video", "--fps", "30"], "fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50"),
     (["video", "--out", "a.mp4", "--fps", "0"], "fps must be a whole number of at least 1, got 0"),
@@ -221,7 +215,7 @@ def test_without_mujoco_the_command_says_what_to_install(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("seed", ["-1", str(2**63), str(2**80)])
-@pytest.mark.parametrize("name", ["evaluate", "video", "watch", "estimate", "replay", "train", "tune", "tune-baseline"])
+@pytest.mark.parametrize("name", ["evaluate", "video", "watch", "estimate", "replay", "train", "tune"])
 def test_an_invalid_seed_is_refused_by_name(name, seed, drive, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     more = {"replay": [str(drive)], "watch": ["--html", "a.html"], "estimate": ["--runs", "4"]}.get(name, [])
@@ -255,11 +249,10 @@ def test_a_command_takes_a_count_with_an_exponent(capsys):
     ("arguments", "message"),
     [
         (["train", "--out", "run"], "The same command with --resume continues from the last checkpoint in run."),
-        (["train", "--out", "run", "--store", "kept"], "The same command continues: finished trainings are in kept."),
-        (["evaluate"], "Nothing was kept; with --store FOLDER the same command continues where it was interrupted."),
-        (["evaluate", "--store", "kept"], "The same command continues: finished episodes are in kept."),
+        (["train", "--out", "run", "--cluster", "local"], "The same command continues: finished trainings are in run."),
+        (["evaluate"], "Nothing was kept; a study keeps what is finished: turtlebot-gym study FILE.yaml."),
+        (["study", "study.yaml", "--out", "run"], "The same command continues: finished jobs are in run."),
         (["tune", "--out", "run"], "The same command continues: finished trials are kept."),
-        (["tune-baseline", "--out", "b.json"], "The same command continues from the tries in b.json."),
         (["video"], ""),
     ],
 )

@@ -100,7 +100,6 @@ def test_neither_an_input_nor_another_output_is_overwritten_even_with_force(link
         (f"calibrate mine.json --json {target}", "it is an input of the same command"),
         ("calibrate bag --out bag/metadata.yaml", "it is an input of the same command"),
         (f"evaluate --policy bearing mine.json+safety --json {target}", f"--json {target}: it is an input"),
-        (f"tune-baseline --out mine.json --json {target}", "is the output of --"),
     ):
         assert main([*words.split(), "--force"]) == 2, words
         assert message in capsys.readouterr().err, words

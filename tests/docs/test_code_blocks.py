@@ -29,7 +29,6 @@ QUICK = {
     "replay": {"seeds": "2"},
     "train": {"steps": "2048", "evaluations": "1"},
     "tune": {"steps": "2048", "trials": "1"},
-    "tune-baseline": {"tries": "2", "episodes": "20"},
     "bringup": {"duration": "3"},
 }
 """Options that make the commands of the pages short; all others are left as they stand."""

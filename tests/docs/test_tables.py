@@ -162,17 +162,6 @@ def test_the_table_of_people_is_what_was_measured():
     assert gains["lds01"]["low"] > 0.0
 
 
-def test_the_plan_for_a_cluster_is_what_was_measured():
-    plan = measured("cluster")
-    page = (ROOT / "docs" / "howto" / "cluster.md").read_text(encoding="utf-8")
-    assert f"{plan['ratio_of_2_workers_to_1']:.2f} times what one does" in page
-    rows = rows_after("docs/howto/cluster.md", "## What it costs")
-    for workers, wanted, busy, *_ in rows:
-        row = plan["planned"]["by_workers"][workers.replace(",", "")]
-        assert (wanted, busy) == (f"{row['results_per_second_wanted']:,.0f}", f"{row['driver_busy']:.2f}"), workers
-    assert len(rows) == len(plan["planned"]["by_workers"])
-
-
 def shown(interval, form=".1%"):
     return format(Interval(**interval), form)
 

@@ -1,5 +1,4 @@
-"""Work split into units, which run here one after another or in parallel on a cluster, with the same results.
+"""Work of several jobs: evaluations, trainings, studies and searches, with the same results in one process, several, or on Ray.
 
-`units` runs units, and stores and reuses their results; `workers` are processes of this machine (joblib) or of a cluster (Ray).
-`drives`, `trainings`, `search` and `grid` are the kinds of work.
+`workers` runs jobs, `ledger` remembers what is finished; `drives`, `trainings`, `grid` and `search` are the kinds of work.
 """

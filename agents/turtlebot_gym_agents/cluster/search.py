@@ -1,12 +1,11 @@
 """Search for hyper-parameters with Optuna: resumable, with pruning of poor trials, one by one or in generations.
 
-A study's folder holds ``study.db`` (Optuna's sqlite storage, unless another is named; a study can be interrupted and resumed at
-any time, and several processes can share it) and ``best.yaml``, the best hyper-parameters so far in the form that training
-reads.
+A study's folder holds ``study.db`` (Optuna's sqlite storage, unless another is named) and ``best.yaml``, the best
+hyper-parameters so far in the form that training reads.
 
 The trials of a generation are drawn together and run in parallel. Its draws and its pruned trials depend on earlier generations
 only. So such a search depends on the size of a generation, but not on the number of workers, the order in which they finish, or
-an interruption.
+an interruption. One by one, several processes can share a study, and a trial depends on what is finished when it begins.
 """
 
 from __future__ import annotations
@@ -15,7 +14,8 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +24,14 @@ import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
-from optuna.trial import FrozenTrial, TrialState, create_trial
+from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
 from turtlebot_gym.validation import choose, whole
-from turtlebot_gym_agents.cluster.attachments import unpacked
-from turtlebot_gym_agents.cluster.trainings import Training
-from turtlebot_gym_agents.cluster.units import Result, Runner, complete
-from turtlebot_gym_agents.provenance import provenance
+from turtlebot_gym_agents.cluster.ledger import difference, origin
+from turtlebot_gym_agents.cluster.trainings import settings_of
+from turtlebot_gym_agents.cluster.workers import Run, results
+from turtlebot_gym_agents.provenance import plain
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.callbacks import EvaluationCallback
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -76,7 +76,7 @@ def tune(
     trials: int = 50,
     generation: int | None = None,
     storage: str | None = None,
-    runner: Runner = complete,
+    run: Run = results,
     progress: Callable[[int], None] = lambda ended: None,
 ) -> optuna.Study:
     """Search for the hyper-parameters with which the last evaluation's mean return is highest.
@@ -91,7 +91,7 @@ def tune(
         generation: Number of trials drawn together, which belongs to the study; None to draw and run them one by one.
         storage: URL of a database for SQLAlchemy, or a file (Optuna's journal), which may be on a network file system; None for
             ``study.db`` in the folder.
-        runner: Runs the trials of a generation; its store keeps their results until the generation is complete.
+        run: Runs the trials of a generation.
         progress: Called with the number of finished trials.
 
     Returns:
@@ -99,93 +99,82 @@ def tune(
 
     Raises:
         ValueError: If there is no search space for the algorithm, a number is out of its range, the folder holds a study of
-            another configuration, or the storage cannot be used.
+            another configuration or other code, or the storage cannot be used.
     """
     space = choose("algo", config.algo, SPACES)
     for name, number in (("trials", trials), ("generation", 1 if generation is None else generation)):
         whole(name, number, 1, 1_000_000)
-    study = _open_study(folder, storage, config, {} if generation is None else {"generation": generation})
+    study = _open_study(folder, storage, config, generation)
     while (finished := len(study.get_trials(states=_FINISHED))) < trials:
         progress(finished)
         if generation is None:
-            _try_next(study, config, space)
+            trial = _draw(study, config, space)
+            study.tell(trial, *_run_trial(trial, _with_parameters(config, trial.params)))
         else:
-            _try_generation(study, config, space, generation, trials, runner, progress)
+            drawn = _draw_generation(study, config, space, generation)
+            before = [trial for trial in study.trials if trial.number < drawn[0].number // generation * generation]
+            jobs = {
+                f"trial {trial.number}": partial(_run_alone, _with_parameters(config, trial.params), before)
+                for trial in drawn
+                if trial.number < trials
+            }
+            for name, (value, state, history) in run(jobs):
+                trial = next(trial for trial in drawn if name == f"trial {trial.number}")
+                _report(trial, history)
+                study.tell(trial, value, state)
+                progress(finished := finished + 1)
         if study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
             hyperparameters.save(folder / "best.yaml", config.env, _with_parameters(config, study.best_params).hyper)
     progress(finished)
     return study
 
 
-def _try_next(study: optuna.Study, config: TrainingConfig, space: Mapping[str, BaseDistribution]) -> None:
+def _draw(study: optuna.Study, config: TrainingConfig, space: Mapping[str, BaseDistribution]) -> optuna.Trial:
+    """Draw the next trial of a study; the draw depends on its number and the trials in the study."""
     trial = study.ask()
-    # One seed per trial, so that processes that share a study draw different hyper-parameters.
-    study.sampler = _Sampler([config.seed, trial.number], _starting_point(space, config.hyper))
+    # One seed per trial, so that a resumed search goes on as it would have, and processes that share a study differ.
+    seed = int(np.random.SeedSequence([config.seed, trial.number]).generate_state(1)[0])
+    study.sampler = optuna.samplers.TPESampler(seed=seed, multivariate=False)
     for name, distribution in space.items():
         if isinstance(distribution, CategoricalDistribution):
             trial.suggest_categorical(name, distribution.choices)
         elif isinstance(distribution, FloatDistribution):
             trial.suggest_float(name, distribution.low, distribution.high, log=distribution.log)
-    study.tell(trial, *_run_trial(trial, _with_parameters(config, trial.params)))
+    return trial
 
 
-def _try_generation(
-    study: optuna.Study,
-    config: TrainingConfig,
-    space: Mapping[str, BaseDistribution],
-    size: int,
-    trials: int,
-    runner: Runner,
-    progress: Callable[[int], None],
-) -> None:
-    """Run the missing trials of a generation, up to a total number of trials."""
-    finished = study.get_trials(states=_FINISHED)
-    number, done = divmod(len(finished), size)
-    before = sorted(finished, key=lambda trial: trial.number)[: number * size]
-    # An interrupted generation is drawn again from the same seed, and its finished trials are skipped.
-    sampler = _Sampler([config.seed, number], _starting_point(space, config.hyper))
-    again = optuna.create_study(direction="maximize", sampler=sampler)
-    again.add_trials(before)
-    drawn = [again.ask(dict(space)).params for _ in range(size)][done : done + trials - len(finished)]
-    earlier = tuple({"state": trial.state.name, "value": trial.value, "on_the_way": _on_the_way(trial)} for trial in before)
-    files = Training.of(config).files
-    trainings = [Training(config=_with_parameters(config, parameters), files=files) for parameters in drawn]
-    units = [Trial(training=training, earlier=earlier) for training in trainings]
-    results = runner(units, lambda ended: progress(len(finished) + ended))
-    for parameters, result in zip(drawn, results, strict=True):
-        study.add_trial(_restored(result.facts, params=parameters, distributions=space))
+def _draw_generation(
+    study: optuna.Study, config: TrainingConfig, space: Mapping[str, BaseDistribution], size: int
+) -> list[optuna.Trial]:
+    """Return the trials of the current generation that are not finished; all are drawn before the first one runs."""
+    waiting = study.get_trials(states=(TrialState.RUNNING,))
+    drawn = [optuna.Trial(study, trial._trial_id) for trial in waiting]
+    begun = len(study.get_trials(states=(*_FINISHED, TrialState.RUNNING)))
+    missing = -begun % size if drawn else size  # not 0 if the drawing was interrupted
+    return [*drawn, *(_draw(study, config, space) for _ in range(missing))]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """A trial of a search: a unit of work, see `units`."""
-
-    training: Training
-    """The training with the trial's hyper-parameters."""
-    earlier: tuple[Mapping[str, Any], ...] = ()
-    """Trials with which it is compared: state, value and intermediate values."""
-    memory = Training.memory
-    size = 1
-
-    def about(self) -> dict[str, Any]:
-        return {"trial": self.training.about(), "earlier": self.earlier}
-
-    def run(self) -> Result:
-        """Train until the end, or until the trial is pruned."""
-        optuna.logging.set_verbosity(optuna.logging.WARNING)
-        study = optuna.create_study(direction="maximize", pruner=_PRUNER)
-        study.add_trials([_restored(trial) for trial in self.earlier])
-        trial = study.ask()
-        with unpacked(self.training.files) as places:
-            value, state = _run_trial(trial, self.training.located(places))
-        facts = {"state": state.name, "value": value, "on_the_way": _on_the_way(study.trials[-1])}
-        return Result(facts | {"history": trial.user_attrs["history"]}, {}, {}, {})
+def _run_alone(
+    config: TrainingConfig, before: Sequence[FrozenTrial]
+) -> tuple[float | None, TrialState, list[dict[str, float]]]:
+    """Run a trial, compared with earlier ones only; return value, state and history."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study = optuna.create_study(direction="maximize", pruner=_PRUNER)
+    study.add_trials(before)
+    trial = study.ask()
+    value, state = _run_trial(trial, config)
+    return value, state, trial.user_attrs["history"]
 
 
-def _open_study(folder: Path, storage: str | None, config: TrainingConfig, more: Mapping[str, Any]) -> optuna.Study:
-    """Return a study, new if there is none; ``more`` holds further settings on which it depends."""
-    settings = {name: value for name, value in config.settings().items() if name != "device"}  # any device resumes it
-    about = {"config": settings, "hyperparameters": dict(config.hyper), **more}
+def _report(trial: optuna.Trial, history: Sequence[Mapping[str, float]]) -> None:
+    for number, figures in enumerate(history, 1):
+        trial.report(figures["return"], number)
+    trial.set_user_attr("history", list(history))
+
+
+def _open_study(folder: Path, storage: str | None, config: TrainingConfig, generation: int | None) -> optuna.Study:
+    """Return a study, which begins with the initial hyper-parameters if it is new."""
+    about = plain({**settings_of(config), "generation": generation, **origin()})
     folder.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:
@@ -198,11 +187,11 @@ def _open_study(folder: Path, storage: str | None, config: TrainingConfig, more:
         )
     except (OSError, ImportError, SQLAlchemyError, optuna.exceptions.OptunaError) as error:
         raise ValueError(f"storage must be a file or the URL of a database, got {storage!r}: {error}") from error
-    if study.user_attrs.get("about", about) != about:
-        raise ValueError(f"{storage or folder} holds a study of another configuration: choose another folder.")
     if "about" not in study.user_attrs:
         study.set_user_attr("about", about)
-        study.set_user_attr("provenance", provenance())
+        study.enqueue_trial(_starting_point(SPACES[config.algo], config.hyper), skip_if_exists=True)
+    elif other := difference(study.user_attrs["about"], about):
+        raise ValueError(f"{storage or folder} holds a study with {other}: choose another folder.")
     return study
 
 
@@ -212,21 +201,6 @@ def _storage(name: str) -> optuna.storages.BaseStorage | str:
         return name
     Path(name).parent.mkdir(parents=True, exist_ok=True)
     return JournalStorage(JournalFileBackend(name))
-
-
-class _Sampler(optuna.samplers.TPESampler):
-    """Optuna's tree-structured Parzen estimator, with some parameters of a study's first trial given."""
-
-    def __init__(self, seed: Sequence[int], given: Mapping[str, Any]) -> None:
-        super().__init__(seed=int(np.random.SeedSequence(seed).generate_state(1)[0]), multivariate=False)
-        self._given = given
-
-    def sample_independent(
-        self, study: optuna.Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
-    ) -> Any:
-        # Always drawn, so that later draws do not depend on what is given.
-        drawn = super().sample_independent(study, trial, param_name, param_distribution)
-        return drawn if trial.number else self._given.get(param_name, drawn)
 
 
 def _with_parameters(config: TrainingConfig, parameters: Mapping[str, Any]) -> TrainingConfig:
@@ -284,17 +258,3 @@ def _run_trial(trial: optuna.Trial, config: TrainingConfig) -> tuple[float | Non
     if judge.stopped:
         return None, TrialState.PRUNED
     return judge.history[-1]["return"], TrialState.COMPLETE
-
-
-def _on_the_way(trial: FrozenTrial) -> list[float]:
-    return [trial.intermediate_values[step] for step in sorted(trial.intermediate_values)]
-
-
-def _restored(facts: Mapping[str, Any], **drawn: Any) -> FrozenTrial:
-    return create_trial(
-        state=TrialState[facts["state"]],
-        value=facts["value"],
-        intermediate_values=dict(enumerate(facts["on_the_way"], start=1)),
-        user_attrs={"history": facts["history"]} if "history" in facts else {},
-        **drawn,
-    )

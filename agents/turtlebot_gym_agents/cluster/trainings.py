@@ -1,92 +1,75 @@
-"""Trainings of several seeds, or of several configurations, as units of work."""
+"""Trainings of several seeds as jobs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from turtlebot_gym.files import load, replacing
-from turtlebot_gym_agents.cluster.attachments import Attachments, attach, hashes, placed, unpacked
-from turtlebot_gym_agents.cluster.units import Result, Runner, complete
-from turtlebot_gym_agents.provenance import replace_json
+from turtlebot_gym.files import load
+from turtlebot_gym_agents.cluster.ledger import files_in, require_same
+from turtlebot_gym_agents.cluster.workers import Run, results
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.training.train import TrainingResult
 
-KEPT = ("policy.onnx", "best.zip", "config.json", "result.json")
-"""Files that return from a training's folder; checkpoints stay where they were made."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class Training:
-    """The training of a policy: a unit of work, see `units`."""
-
-    config: TrainingConfig
-    """Configuration of the training."""
-    files: Attachments = field(default_factory=dict)
-    """Files that the configuration names."""
-    memory = 1200 * 2**20
-    size = 1
-
-    @classmethod
-    def of(cls, config: TrainingConfig) -> Training:
-        """Return the unit of a training, with the files that its configuration names."""
-        return cls(config=config, files=attach(*config.options.values()))
-
-    def about(self) -> dict[str, Any]:
-        settings = self.config.settings()
-        config = {name: value for name, value in settings.items() if name not in ("config", "checkpoint_seconds")}
-        return {"training": config, "hyperparameters": dict(self.config.hyper), "files": hashes(self.files)}
-
-    def located(self, places: Mapping[str, str]) -> TrainingConfig:
-        """Return the configuration with the local paths of files that were sent along."""
-        options = {name: placed(value, places) for name, value in self.config.options.items()}
-        return replace(self.config, config=self.config.hyper, **options)
-
-    def run(self) -> Result:
-        from turtlebot_gym_agents.training.train import train
-
-        with unpacked(self.files) as places, TemporaryDirectory(prefix="turtlebot-gym-") as name:
-            folder = Path(name)
-            result = train(self.located(places), folder, progress=False)
-            record = load(folder / "config.json")
-            record["config"] = self.config.settings()  # with the files' original names, not the unpacked paths
-            replace_json(folder / "config.json", record)
-            files = {file: (folder / file).read_bytes() for file in KEPT}
-        facts = {"steps": result.steps, "best": dict(result.best), "history": result.history}
-        return Result(facts, {}, files, {"training": result.seconds, "steps_per_second": result.steps_per_second})
-
-
-def train_all(
-    configs: Sequence[TrainingConfig],
-    folders: Sequence[Path],
+def train_seeds(
+    config: TrainingConfig,
+    folders: dict[int, Path],
     *,
-    runner: Runner = complete,
+    run: Run = results,
     progress: Callable[[int], None] = lambda done: None,
-) -> Iterator[TrainingResult]:
-    """Train policies, and write the files of `training.train.train` except checkpoints and logs.
+) -> list[TrainingResult]:
+    """Train a policy with several seeds; repeated, it keeps finished trainings, and begins unfinished ones anew.
 
     Args:
-        configs: Configurations of the trainings.
-        folders: Folder for the files of each.
-        runner: Runs the units of work.
+        config: Configuration of the trainings, except the seed.
+        folders: Folder of each seed's run, all in one folder, which every machine of a cluster must share.
+        run: Runs the jobs.
         progress: Called with the number of finished trainings.
 
     Raises:
-        ValueError: As `training.train.train`, and if a folder holds a run that was trained here.
+        ValueError: As `training.train.train`, and if the folder holds trainings of other code or settings.
     """
-    from turtlebot_gym_agents.training.train import TrainingResult
+    shared = next(iter(folders.values())).parent / "settings.json"
+    if not shared.exists():
+        for folder in folders.values():
+            require_no_run(folder)
+    about = settings_of(config)
+    del about["seed"]
+    require_same(shared, about)
+    jobs = {
+        f"seed {seed}": partial(_train, replace(config, seed=seed, config=config.hyper), folder.resolve())
+        for seed, folder in folders.items()
+    }
+    done: dict[str, TrainingResult] = {}
+    for name, result in run(jobs):
+        done[name] = result
+        progress(len(done))
+    return [done[name] for name in jobs]
 
-    for folder in folders:
-        require_no_run(folder)
-    units = [Training.of(config) for config in configs]
-    for folder, result in zip(folders, runner(units, progress), strict=True):
-        for name, content in result.files.items():
-            with replacing(folder / name) as beside:
-                beside.write_bytes(content)
-        times = {"seconds": result.times["training"], "steps_per_second": result.times["steps_per_second"]}
-        yield TrainingResult(**result.facts, **times)
+
+def settings_of(config: TrainingConfig) -> dict[str, Any]:
+    """Return all on which a training depends, files included, as JSON types."""
+    settings = {
+        name: value for name, value in config.settings().items() if name not in ("config", "checkpoint_seconds", "device")
+    }
+    return {**settings, "hyperparameters": dict(config.hyper), **files_in([config.from_policy, *config.options.values()])}
+
+
+def _train(config: TrainingConfig, folder: Path) -> TrainingResult:
+    """Train, unless the folder holds a finished training. The folder appears when the training is finished."""
+    from turtlebot_gym_agents.training.train import TrainingResult, train
+
+    if (folder / "result.json").exists():
+        return TrainingResult(**load(folder / "result.json"))
+    unfinished = folder.with_name(f"{folder.name}.unfinished")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    result = train(config, unfinished, progress=False)
+    unfinished.replace(folder)
+    return result

@@ -38,9 +38,8 @@ from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import REGISTRY, flags, own_first
 from turtlebot_gym_agents.commands.learning import Train, Tune
 from turtlebot_gym_agents.commands.localize import Localize
-from turtlebot_gym_agents.commands.protocol import Entry
 from turtlebot_gym_agents.commands.recorded import Recorded
-from turtlebot_gym_agents.commands.study import Study, TuneBaseline
+from turtlebot_gym_agents.commands.study import Study
 from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
 
 if TYPE_CHECKING:
@@ -104,24 +103,21 @@ class Evaluate(Placement, Reporting, _SEVERAL, Driven):
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
-        if self.store is None:
-            return "Nothing was kept; with --store FOLDER the same command continues where it was interrupted."
-        return f"The same command continues: finished episodes are in {self.store}."
+        return "Nothing was kept; a study keeps what is finished: turtlebot-gym study FILE.yaml."
 
     def _here(self, requests: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
         from turtlebot_gym_agents.evaluation.evaluate import evaluate
 
-        self.require_cluster()
+        self.runner()  # refuses workers without a cluster
         return [
             evaluate(**request, progress=lambda ended, done=at * self.episodes: advance_to(done + ended))
             for at, request in enumerate(requests)
         ]
 
     def _spread(self, requests: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
-        from turtlebot_gym_agents.cluster.drives import DriveUnit, evaluate_all
+        from turtlebot_gym_agents.cluster.drives import evaluate_all
 
-        with self.place(memory=DriveUnit.memory) as runner:
-            return evaluate_all(requests, runner=runner, progress=advance_to)
+        return evaluate_all(requests, run=self.runner(), progress=advance_to)
 
     def _label(self, *names: str) -> str:
         choices = (self.policy, self.noise, self.observation)
@@ -223,11 +219,9 @@ COMMANDS: dict[str, type[_Command]] = {
     "calibrate": Calibrate,
     "train": Train,
     "tune": Tune,
-    "tune-baseline": TuneBaseline,
     "export": Export,
     "card": Card,
     "study": Study,
-    "protocol": Entry,
     "check": Check,
     "data": Data,
     "benchmark": Benchmark,

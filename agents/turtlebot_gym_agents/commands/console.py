@@ -16,14 +16,14 @@ import tyro
 from turtlebot_gym.extras import installing
 from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.commands.flags import OPTIONS, flags
-from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON
+from turtlebot_gym_agents.outputs import FIGURE, JSON
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from rich.table import Table
 
-    from turtlebot_gym_agents.cluster.units import Runner
+    from turtlebot_gym_agents.cluster.workers import Run
 
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 """An option that names a file to read."""
@@ -116,39 +116,18 @@ class Placement:
     cluster that this machine belongs to, or the ADDRESS of one, HOST:PORT."""
     workers: int | None = None
     """With --cluster local: number of workers."""
-    store: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER"), FOLDER] = None
-    """Folder for the result of each unit of work; units whose result is there are not repeated."""
 
     @property
     def spread(self) -> bool:
-        """Whether the work is split into units."""
-        return self.cluster is not None or self.store is not None
+        """Whether the work runs elsewhere than in this process."""
+        return self.cluster is not None
 
-    @contextmanager
-    def place(self, *, memory: int, store: Path | None = None) -> Iterator[Runner]:
-        """Provide `cluster.units.complete` with workers and store, for the duration of the block.
+    def runner(self) -> Run:
+        """Return the function that runs jobs; a ValueError refuses workers without a cluster."""
+        from turtlebot_gym_agents.cluster.workers import require_workers, results
 
-        Args:
-            memory: Memory of a unit, bytes.
-            store: Default folder for results.
-        """
-        from turtlebot_gym_agents.cluster.units import Store, complete
-
-        self.require_cluster()
-        folder = self.store or store
-        runner = partial(complete, store=None if folder is None else Store(folder))
-        if self.cluster is None:
-            yield runner
-            return
-        from turtlebot_gym_agents.cluster.workers import workers_on
-
-        with workers_on(self.cluster, workers=self.workers, memory=memory) as workers:
-            yield partial(runner, workers=workers)
-
-    def require_cluster(self) -> None:
-        """Raise ValueError if workers are given without a cluster."""
-        if self.workers is not None and self.cluster is None:
-            raise ValueError("workers is an option of a cluster: add --cluster local.")
+        require_workers(self.cluster, self.workers)
+        return partial(results, cluster=self.cluster, workers=self.workers)
 
     def settings(self) -> Mapping[str, Any]:
         """Return the options that results depend on."""

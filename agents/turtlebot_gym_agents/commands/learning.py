@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
     from rich.table import Table
 
+    from turtlebot_gym_agents.cluster.workers import Run
     from turtlebot_gym_agents.training.config import TrainingConfig
     from turtlebot_gym_agents.training.train import TrainingResult
 
@@ -69,10 +70,10 @@ class Train(Placement, _EVALUATED, _Learned):
 
         whole("seeds", self.seeds, 1)
         self._require_tracking()
-        self.require_cluster()
+        runner = self.runner()
         seeds = range(self.seed, self.seed + self.seeds)
         folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
-        for folder in folders if not self.resume else ():
+        for folder in folders if not (self.resume or self.spread) else ():
             require_no_run(folder)
         for folder in folders if self.resume else ():
             if (folder / "checkpoint.zip").exists() and not (folder / "policy.onnx").exists():
@@ -82,7 +83,7 @@ class Train(Placement, _EVALUATED, _Learned):
         with _loading(configs[0]), needs("agents"):
             from turtlebot_gym_agents.training.train import train
         if self.spread:
-            results = self._spread(configs, folders)
+            results = self._spread(configs[0], dict(zip(seeds, folders, strict=True)), runner)
         else:
             results = (
                 train(config, folder, resume=self.resume, callbacks=self._callbacks(config, folder))
@@ -101,16 +102,16 @@ class Train(Placement, _EVALUATED, _Learned):
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
         if self.spread:
-            return f"The same command continues: finished trainings are in {self.store or self.out / 'units'}."
+            return f"The same command continues: finished trainings are in {self.out}."
         return f"The same command with --resume continues from the last checkpoint in {self.out}."
 
-    def _spread(self, configs: list[TrainingConfig], folders: list[Path]) -> Iterator[TrainingResult]:
-        from turtlebot_gym_agents.cluster.trainings import Training, train_all
+    def _spread(self, config: TrainingConfig, folders: dict[int, Path], runner: Run) -> list[TrainingResult]:
+        from turtlebot_gym_agents.cluster.trainings import train_seeds
 
-        if self.resume:
-            raise ValueError("resume continues from a checkpoint; with units of work, finished trainings are in the store.")
-        with progress(len(configs)) as advance_to, self.place(memory=Training.memory, store=self.out / "units") as runner:
-            yield from train_all(configs, folders, runner=runner, progress=advance_to)
+        if self.resume or self.seeds == 1:
+            raise ValueError("cluster trains several seeds at once, from their beginning: add --seeds, leave out --resume.")
+        with progress(self.seeds) as advance_to:
+            return train_seeds(config, folders, run=runner, progress=advance_to)
 
     def _callbacks(self, config: TrainingConfig, folder: Path) -> list[Any]:
         """Return the callbacks that show the policy and send its curves, if requested."""
@@ -131,7 +132,7 @@ class Train(Placement, _EVALUATED, _Learned):
         if self.wandb is None:
             return
         if self.spread:
-            raise ValueError("wandb follows trainings in this process: leave out --cluster and --store.")
+            raise ValueError("wandb follows trainings in this process: leave out --cluster.")
         if len(self.wandb) > 1:
             raise ValueError(f"wandb takes one project, got {', '.join(self.wandb)}.")
         if find_spec("wandb") is None:
@@ -160,37 +161,31 @@ class Tune(Placement, _Learned):
     def run(self) -> None:
         config = self.training()
         with _loading(config), needs("agents"):
-            from turtlebot_gym_agents.cluster.search import Trial, tune
+            from turtlebot_gym_agents.cluster.search import tune
+        from optuna.trial import TrialState
         from rich.console import Console
 
-        self.require_cluster()
-        console = Console(stderr=True)
+        generation = 8 if self.generation is None and self.spread else self.generation
+        runner, console = self.runner(), Console(stderr=True)
         with console.status("") as status:
 
             def show(ended: int) -> None:
                 status.update(f"{ended} of {self.trials} trials")
 
-            common = {"trials": self.trials, "storage": self.storage, "progress": show}
-            generation = self._generation()
-            if generation is None:
-                study = tune(config, self.out, **common)
-            else:
-                with self.place(memory=Trial.memory, store=self.out / "units") as runner:
-                    study = tune(config, self.out, generation=generation, runner=runner, **common)
-        title = f"{self.env}, {self.algo}: the best of {len(study.trials)}"
-        print_tables(_search_table(study.trials, title=title))
-        trials = [
+            common = {"storage": self.storage, "run": runner, "progress": show}
+            study = tune(config, self.out, trials=self.trials, generation=generation, **common)
+        trials = study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
+        title = f"{self.env}, {self.algo}: the best of {len(trials)}"
+        print_tables(_search_table(trials, title=title))
+        rows = [
             {"number": trial.number, "state": trial.state.name, "return": trial.value, "parameters": trial.params}
-            for trial in study.trials
+            for trial in trials
         ]
-        self.report({"trials": trials}, {**self.settings(), "generation": generation})
+        self.report({"trials": rows}, {**self.settings(), "generation": generation})
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
         return "The same command continues: finished trials are kept."
-
-    def _generation(self) -> int | None:
-        return 8 if self.generation is None and self.spread else self.generation
 
 
 @contextmanager
@@ -242,7 +237,7 @@ def _search_table(trials: Sequence[FrozenTrial], *, title: str) -> Table:
     from rich.table import Table
 
     table = Table("trial", "return", "hyper-parameters", title=title)
-    complete = sorted((trial for trial in trials if trial.value is not None), key=lambda trial: -(trial.value or 0.0))
+    complete = sorted((trial for trial in trials if trial.state.name == "COMPLETE"), key=lambda trial: -(trial.value or 0.0))
     for trial in complete[:SHOWN]:
         table.add_row(str(trial.number), f"{trial.value:.3f}", ", ".join(f"{k} {v}" for k, v in trial.params.items()))
     return table

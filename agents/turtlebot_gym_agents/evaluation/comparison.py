@@ -7,7 +7,7 @@ training and a column per episode, and both are random effects: value = mean + t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,26 +95,48 @@ def share(table: ArrayLike) -> Interval:
     return metrics.wilson(result.value, min(result.value * (1.0 - result.value) / error**2, n), result.margin() / error)
 
 
-def compare(learned: Sequence[Evaluation], baseline: Evaluation) -> dict[str, Any]:
+class Outcome(NamedTuple):
+    """What comparisons need of an evaluation; arrays of shape (n,), one value per episode."""
+
+    seed: int
+    """Seed of the first episode."""
+    times: NDArray[np.float64]
+    """Time, s; a failure counts as the limit."""
+    success: NDArray[np.bool_]
+    false_arrival: NDArray[np.bool_]
+    """Whether the first belief of having arrived was false."""
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> Outcome:
+        episodes = evaluation.episodes
+        return cls(int(episodes.seed[0]), evaluation.times(), episodes.success, episodes.false_arrival)
+
+    @classmethod
+    def read(cls, content: Mapping[str, Any]) -> Outcome:
+        """Return an outcome from what `json` returned."""
+        return cls(content["seed"], *(np.array(content[name]) for name in cls._fields[1:]))
+
+    def json(self) -> dict[str, Any]:
+        """Return the outcome as JSON types, without loss."""
+        return {"seed": self.seed, **{name: getattr(self, name).tolist() for name in self._fields[1:]}}
+
+
+def compare(learned: Sequence[Outcome], baseline: Outcome) -> dict[str, Any]:
     """Return metrics of trainings and their differences from a baseline; a failure counts as the time limit.
 
     Args:
-        learned: An evaluation of each training.
-        baseline: An evaluation of the baseline with the same seeds.
+        learned: The outcome of each training.
+        baseline: The outcome of a baseline with the same seeds.
 
     Raises:
         ValueError: If the seeds are not the same.
     """
-    if not all(np.array_equal(evaluation.episodes.seed, baseline.episodes.seed) for evaluation in learned):
+    if any((outcome.seed, len(outcome.times)) != (baseline.seed, len(baseline.times)) for outcome in learned):
         raise ValueError("Evaluations can be compared in pairs only if they have the same seeds.")
-
-    def table(name: str) -> NDArray[Any]:
-        return np.array([getattr(evaluation.episodes, name) for evaluation in learned])
-
-    times = np.array([evaluation.times() for evaluation in learned])
-    difference = spread(times - baseline.times())
-    shares = {name: share(table(name)) for name in ("success", "false_arrival")}
-    base = {name: metrics.share(getattr(baseline.episodes, name)) for name in shares}
+    times = np.array([outcome.times for outcome in learned])
+    difference = spread(times - baseline.times)
+    shares = {name: share(np.array([getattr(outcome, name) for outcome in learned])) for name in ("success", "false_arrival")}
+    base = {name: metrics.share(getattr(baseline, name)) for name in shares}
     return {
         "trainings": len(learned),
         "episodes": times.shape[1],

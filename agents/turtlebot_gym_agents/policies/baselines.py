@@ -44,7 +44,7 @@ def default_numbers(name: str) -> dict[str, float]:
 
 
 def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> Policy:
-    """Load a baseline from a file written by `turtlebot-gym tune-baseline`.
+    """Load a baseline from a file written by `benchmarks/tune_baseline.py`.
 
     Args:
         path: The file.

@@ -1,6 +1,6 @@
 """Reactive policies that cross a room by the current observation only, with which every learned policy is compared.
 
-All of them drive forwards only, use the inputs of `sight.look`, and can be tuned by `turtlebot-gym tune-baseline`. Their
+All of them drive forwards only, use the inputs of `sight.look`, and can be tuned by `benchmarks/tune_baseline.py`. Their
 defaults are the best of 30 tries each in the world "dense", with the LiDAR "lds01" and the noise "tutorial".
 """
 

@@ -3,168 +3,91 @@
 import importlib.util
 import os
 import signal
-import socket
 import subprocess
 import sys
+import threading
 import time
-import uuid
+from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-if importlib.util.find_spec("ray") is None:  # it is not imported here: it reads the environment then
+if importlib.util.find_spec("ray") is None:
     pytest.skip("needs the extra [cluster]", allow_module_level=True)
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # helpers, which workers import too
-import processes
+import jobs
 
-from turtlebot_gym_agents.cluster.drives import drives
-from turtlebot_gym_agents.cluster.units import Store, complete
-from turtlebot_gym_agents.cluster.workers import workers_on
-from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.cluster import workers
+from turtlebot_gym_agents.cluster.workers import results
 
 pytestmark = [
     pytest.mark.cluster,
     pytest.mark.filterwarnings("ignore"),  # Ray's own, of sockets and processes that it leaves to the collector
 ]
+COMMAND = [sys.executable, "-m", "turtlebot_gym_agents", "evaluate", "--policy", "bearing", "--episodes", "1000"]
+RAY = [sys.executable, "-m", "ray.scripts.scripts"]
 
 
-def refused(address):
-    """Return the one-line error of a refused command, which takes less than 25 s."""
-    begun = time.monotonic()
-    arguments = ["evaluate", "--policy", "bearing", "--episodes", "500", "--cluster", address]
-    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2, done.stderr
-    assert not done.stdout
-    (line,) = done.stderr.splitlines()
-    assert time.monotonic() - begun < 25.0
-    return line
-
-
-COMMAND = [sys.executable, "-m", "turtlebot_gym_agents"]
-
-
-class Cluster:
-    """Nodes on this machine, as `ray start` starts them."""
-
-    def __init__(self, variables, folder):
-        self._variables, self._folder, self._nodes = variables, folder, []
-        with socket.create_server(("0.0.0.0", 0)) as free:
-            self.port = free.getsockname()[1]
-        self.host = socket.gethostbyname(socket.gethostname())
-        self.address = ""
-
-    def start(self, *options, **variables):
-        """Start a node."""
-        log = (self._folder / f"node-{len(self._nodes)}").open("w")
-        ray = [sys.executable, "-m", "ray.scripts.scripts", "start", "--block", "--disable-usage-stats"]
-        ray += ["--object-store-memory", "100000000", *options]
-        self._nodes.append(
-            subprocess.Popen(ray, env={**self._variables, **variables}, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
-        )
-
-    def head(self, *options, **variables):
-        """Start the first node, and wait until it prints its address."""
-        self.start("--head", "--port", str(self.port), "--include-dashboard", "false", *options, **variables)
-        log = self._folder / "node-0"
-        assert processes.wait_until(lambda: "ray start --address=" in log.read_text()), log.read_text()
-        self.address = log.read_text().partition("ray start --address='")[2].partition("'")[0]
-
-    def stop(self):
-        for node in reversed(self._nodes):
-            processes.end(node)
-
-
-@pytest.fixture
-def cluster(tmp_path, monkeypatch):
-    """Return a cluster without nodes; their processes are found by a mark in their environment, and end with the test."""
-    mark = f"MARK{uuid.uuid4().hex}"
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), *filter(None, sys.path)]))
-    monkeypatch.setenv("RAY_AUTH_MODE", "token")  # as the page has it
-    monkeypatch.setenv("RAY_AUTH_TOKEN", uuid.uuid4().hex * 2)
-    made = Cluster({**os.environ, "TURTLEBOT_GYM_TEST": mark}, tmp_path)
-    yield made
-    made.stop()
-    assert processes.wait_until(lambda: not processes.marked(mark), 30.0), processes.marked(mark)
-
-
-def test_a_cluster_of_two_nodes_writes_the_same_file(cluster, tmp_path):
-    cluster.head("--num-cpus", "1")
-    cluster.start("--address", cluster.address, "--num-cpus", "1")
-    second = tmp_path / "node-1"
-    assert processes.wait_until(lambda: "Ray runtime started" in second.read_text()), second.read_text()
-    paths = tmp_path / "cluster.json", tmp_path / "plain.json"
-    arguments = ["evaluate", "--policy", "bearing", "--episodes", "5000", "--json"]
-    command = [*COMMAND, *arguments, str(paths[0]), "--cluster", cluster.address, "--store", str(tmp_path / "store")]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert main([*arguments, str(paths[1])]) == 0
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-    store = Store(tmp_path / "store")
-    times = [store.get(path.stem).times for path in (tmp_path / "store").iterdir()]
-    assert len({unit["process"] for unit in times}) == 2  # one core on each node
-
-
-def test_a_killed_worker_changes_no_number(cluster):
-    cluster.head("--num-cpus", "2")
-    units = drives("bearing", env="turtlebot_gym/TurtleBotNav-v0", episodes=3000, seed=0)
-    expected, killings = complete(units), []
-
-    def kill(done):
-        if done and not killings:
-            killings.append(os.kill(process, signal.SIGKILL))
-
-    with workers_on(cluster.address) as workers:
-        process = complete(units[:1], workers=workers)[0].times["process"]
-        results = complete(units, workers=workers, progress=kill)
-    assert killings
-    for result, other in zip(results, expected, strict=True):
-        assert {name: value.tobytes() for name, value in result.arrays.items()} == {
-            name: value.tobytes() for name, value in other.arrays.items()
-        }
-
-
-ABSENT = """
-import sys
-class Absent:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "turtlebot_gym_agents":
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-sys.meta_path.insert(0, Absent())
-"""
-OTHER = """
-import numpy
-import importlib.metadata as m
-v = m.version
-m.version = lambda name: '1.0' if name == 'numpy' else v(name)
-"""
-
-
-@pytest.mark.parametrize(
-    ("code", "options", "message"),
-    [
-        ("", ["--memory", "100000000"], "too little memory: a worker needs 524 MB, and its largest node gives 100 MB."),
-        ("", None, "it asks for a token: set RAY_AUTH_MODE=token"),
-        (ABSENT, [], "lacks a module, 'turtlebot_gym_agents': install the extra [cluster]"),
-        (OTHER, [], f"has numpy 1.0, here it is {np.__version__}: results could differ."),
-    ],
-    ids=["memory", "token", "package", "version"],
-)
-def test_a_cluster_that_cannot_do_the_work_is_refused_in_one_line(cluster, tmp_path, monkeypatch, code, options, message):
-    (tmp_path / "sitecustomize.py").write_text(code)
-    there = {"PYTHONPATH": f"{tmp_path}{os.pathsep}{os.environ['PYTHONPATH']}"} if code else {}
-    cluster.head("--num-cpus", "1", *(options or ()), **there)
-    if options is None:
-        for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN"):
-            monkeypatch.delenv(name)
-    assert message in refused(cluster.address)
+@pytest.fixture(scope="module")
+def address(tmp_path_factory):
+    """Return the address of a cluster of one node with two cores, as `ray start` starts it."""
+    log = tmp_path_factory.mktemp("ray") / "log"
+    path = os.pathsep.join([str(HERE), *filter(None, sys.path)])
+    options = ["--head", "--port", "0", "--num-cpus", "2", "--include-dashboard", "false", "--block", "--disable-usage-stats"]
+    with log.open("w") as file:
+        environment = {**os.environ, "PYTHONPATH": path}
+        node = subprocess.Popen([*RAY, "start", *options], env=environment, stdout=file, stderr=file)
+    while "ray start --address='" not in log.read_text():
+        assert node.poll() is None, log.read_text()
+        time.sleep(0.1)
+    yield log.read_text().partition("ray start --address='")[2].partition("'")[0]
+    node.send_signal(signal.SIGTERM)
+    node.wait(60)
 
 
 def test_without_a_cluster_there_is_one_line():
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        address = f"127.0.0.1:{silent.getsockname()[1]}"
-        assert f"There is no cluster at {address}: nothing answers." in refused(address)
-    assert f"There is no cluster at {address}: " in refused(address)
-    assert "Ray is not running on this machine" in refused("auto")
+    """This test comes first: it needs a machine without a cluster."""
+    done = subprocess.run([*COMMAND, "--cluster", "auto"], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr.startswith("turtlebot-gym: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_cluster_writes_the_same_file(address, tmp_path):
+    for name, options in (("plain", []), ("cluster", ["--cluster", address])):
+        done = subprocess.run([*COMMAND, "--json", str(tmp_path / f"{name}.json"), *options], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "plain.json").read_bytes() == (tmp_path / "cluster.json").read_bytes()
+
+
+def test_a_killed_worker_loses_no_job(address, tmp_path):
+    def kill():
+        while not jobs.begun(tmp_path):
+            time.sleep(0.01)
+        os.kill(jobs.begun(tmp_path)[0][1], signal.SIGKILL)
+        (tmp_path / "go").touch()
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    work = {str(number): partial(jobs.logged, number, str(tmp_path), holds=True) for number in range(4)}
+    assert sorted(results(work, cluster=address)) == [(str(number), number) for number in range(4)]
+    thread.join()
+
+
+@pytest.mark.parametrize(
+    ("job", "message"),
+    [(partial(jobs.failing, ValueError("no good")), "a: no good"), (partial(jobs.deadly, "/tmp"), "has failed: ")],
+    ids=["error", "death"],
+)
+def test_a_failure_is_one_line(address, job, message, tmp_path):
+    with pytest.raises((ValueError, OSError), match=message) as failure:
+        list(results({"a": job}, cluster=address))
+    assert "\n" not in str(failure.value)
+
+
+def test_a_node_with_other_code_is_refused(address, monkeypatch):
+    monkeypatch.setattr(workers, "origin", lambda: {"numpy": "1.0"})
+    with pytest.raises(OSError, match=r"The node .* has another .*: results could differ\."):
+        list(results({"a": int}, cluster=address))

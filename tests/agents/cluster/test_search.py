@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import optuna
@@ -13,14 +12,12 @@ import pytest
 import yaml
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
+from optuna.trial import TrialState
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster import search as module
-from turtlebot_gym_agents.cluster import units
-from turtlebot_gym_agents.cluster.search import SPACES, Trial, _starting_point, _with_parameters, tune
-from turtlebot_gym_agents.cluster.trainings import Training
-from turtlebot_gym_agents.cluster.units import Result, Store, complete, run
+from turtlebot_gym_agents.cluster.search import SPACES, _run_alone, _starting_point, _with_parameters, tune
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -63,7 +60,7 @@ def test_a_search_continues_with_a_third_trial(tmp_path):
     assert set(content) == {config.env}
     assert best == _with_parameters(falling, again.best_params).hyper
     assert best["learning_rate"] == f"lin_{again.best_params['learning_rate']:.6g}"
-    with pytest.raises(ValueError, match="another configuration"):
+    with pytest.raises(ValueError, match="holds a study with another noise, 'tutorial', here it is 'rough'"):
         tune(replace(falling, noise="rough"), tmp_path / "study", trials=3)
 
 
@@ -83,115 +80,118 @@ def test_the_shipped_hyperparameters_lie_in_the_search_space(algo):
     assert _with_parameters(shipped, inside).hyper == shipped.hyper
 
 
-def rate_of(unit):
-    return unit.training.config.hyper["learning_rate"]
-
-
 class Imagined:
-    """Workers that run trials without training: their value follows from their learning rate."""
+    """Runs trials without training: their value follows from their learning rate."""
 
     def __init__(self, *, backwards=False, limit=99):
-        self.seen, self._backwards, self._limit = [], backwards, limit
+        self.done, self._backwards, self._limit = 0, backwards, limit
 
-    def __call__(self, units):
-        for name, unit in sorted(units, key=lambda item: rate_of(item[1]), reverse=self._backwards):
-            if len(self.seen) == self._limit:
+    def __call__(self, jobs):
+        for name, job in sorted(jobs.items(), reverse=self._backwards):
+            if self.done == self._limit:
                 raise KeyboardInterrupt
-            self.seen.append(unit)
-            value = -abs(rate_of(unit) - 0.003)
-            state = "PRUNED" if rate_of(unit) > 0.009 else "COMPLETE"
-            facts = {"state": state, "value": value if state == "COMPLETE" else None, "on_the_way": [value], "history": []}
-            yield name, Result(facts, {}, {}, {})
-
-
-def imagined(*, store=None, **options):
-    return partial(complete, workers=Imagined(**options), store=store)
+            self.done += 1
+            rate = job.args[0].hyper["learning_rate"]
+            value = -abs(rate - 0.003)
+            pruned = rate > 0.009
+            yield name, (None if pruned else value, TrialState.PRUNED if pruned else TrialState.COMPLETE, [{"return": value}])
 
 
 def trials_of(study):
-    return [(trial.number, trial.state.name, trial.value, trial.params) for trial in study.trials]
+    finished = study.get_trials(states=module._FINISHED)
+    return [(trial.number, trial.state.name, trial.value, trial.params) for trial in finished]
 
 
 def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption(tmp_path):
     common = {"trials": 14, "generation": 4}
-    expected = tune(config, tmp_path / "one", **common, runner=imagined())
-    assert [trial.number for trial in expected.trials] == list(range(14))
-    assert expected.trials[0].params["learning_rate"] == 0.001  # where the search starts
-    assert len({str(trial.params) for trial in expected.trials}) == 14
-    assert trials_of(tune(config, tmp_path / "two", **common, runner=imagined(backwards=True))) == trials_of(expected)
+    expected = trials_of(tune(config, tmp_path / "one", **common, run=Imagined()))
+    assert [number for number, *_ in expected] == list(range(14))
+    assert expected[0][3]["learning_rate"] == 0.001  # where the search starts
+    assert len({str(params) for *_, params in expected}) == 14
+    assert trials_of(tune(config, tmp_path / "two", **common, run=Imagined(backwards=True))) == expected
 
-    store = Store(tmp_path / "units")
     with pytest.raises(KeyboardInterrupt):
-        tune(config, tmp_path / "three", **common, runner=imagined(limit=6, store=store))
+        tune(config, tmp_path / "three", **common, run=Imagined(limit=6))
     later = Imagined()
-    resuming = partial(complete, workers=later, store=store)
-    tune(config, tmp_path / "three", trials=9, generation=4, runner=resuming)
-    assert trials_of(tune(config, tmp_path / "three", **common, runner=resuming)) == trials_of(expected)
-    assert len(later.seen) == 14 - 6
+    tune(config, tmp_path / "three", trials=9, generation=4, run=later)
+    study = tune(config, tmp_path / "three", **common, run=later)
+    assert trials_of(study) == expected
+    assert later.done == 14 - 6
     content = hyperparameters.load("ppo", config.env, tmp_path / "three" / "best.yaml")
-    assert content["learning_rate"] == expected.best_params["learning_rate"]
+    assert content["learning_rate"] == study.best_params["learning_rate"]
 
 
-def test_the_size_of_a_generation_belongs_to_the_study(tmp_path):
-    tune(config, tmp_path, trials=2, generation=2, runner=imagined())
-    with pytest.raises(ValueError, match="another configuration"):
-        tune(config, tmp_path, trials=4, generation=4, runner=imagined())
-    with pytest.raises(ValueError, match="generation must be a whole number from 1"):
-        tune(config, tmp_path, trials=4, generation=0)
+def test_an_interruption_while_trials_are_drawn_changes_nothing(tmp_path, monkeypatch):
+    expected = trials_of(tune(config, tmp_path / "one", trials=4, generation=4, run=Imagined()))
+    draw = module._draw
+
+    def interrupted(study, *arguments):
+        if len(study.trials) == 2:
+            raise KeyboardInterrupt
+        return draw(study, *arguments)
+
+    monkeypatch.setattr(module, "_draw", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        tune(config, tmp_path / "two", trials=4, generation=4, run=Imagined())
+    monkeypatch.setattr(module, "_draw", draw)
+    assert trials_of(tune(config, tmp_path / "two", trials=4, generation=4, run=Imagined())) == expected
 
 
-def test_an_algorithm_without_a_search_space_is_refused(tmp_path):
+def test_generation_and_code_belong_to_the_study(tmp_path, monkeypatch):
+    tune(config, tmp_path, trials=2, generation=2, run=Imagined())
+    with pytest.raises(ValueError, match="holds a study with another generation, 2, here it is 4"):
+        tune(config, tmp_path, trials=4, generation=4, run=Imagined())
+    monkeypatch.setattr(module, "origin", lambda: {"code": "0"})
+    with pytest.raises(ValueError, match=r"holds a study with another code, '.*', here it is '0'"):
+        tune(config, tmp_path, trials=4, generation=2, run=Imagined())
+
+
+def test_invalid_searches_are_refused(tmp_path):
     hyper = {name: TINY[name] for name in ("n_envs", "n_timesteps", "policy")}
     with pytest.raises(ValueError, match="algo must be one of 'ppo', 'sac', 'td3'"):
         tune(TrainingConfig(algo="ddpg", config=hyper), tmp_path / "study")
-    with pytest.raises(ValueError, match="trials must be a whole number from 1"):
-        tune(config, tmp_path / "study", trials=0)
-
-
-def test_a_trial_trains_and_is_pruned_if_earlier_ones_were_better():
-    trial = Trial(training=Training.of(replace(config, evaluations=2, steps=1024)))
-    alone = run(trial).facts
-    assert alone["state"] == "COMPLETE"
-    assert alone["value"] == alone["on_the_way"][-1] == alone["history"][-1]["return"]
-    assert len(alone["on_the_way"]) == 2
-    assert run(trial).facts == alone
-    better = {"state": "COMPLETE", "value": 99.0, "on_the_way": [99.0, 99.0, 99.0]}
-    behind = run(replace(trial, earlier=(better,) * 5)).facts
-    assert behind["state"] == "PRUNED"
-    assert behind["value"] is None
-    assert run(replace(trial, earlier=(better,) * 4)).facts == alone  # too few to compare with
-
-
-def test_processes_that_share_a_journal_draw_other_parameters(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "turtlebot_gym_agents.cluster.search._run_trial",
-        lambda trial, config: (config.hyper["learning_rate"], optuna.trial.TrialState.COMPLETE),
-    )
-    journal = str(tmp_path / "deep" / "study.journal")
-    first = trials_of(tune(config, tmp_path / "one", trials=3, storage=journal))
-    both = tune(config, tmp_path / "two", trials=6, storage=journal)
-    assert trials_of(both)[:3] == first
-    assert len({str(trial.params) for trial in both.trials}) == 6
-    assert (tmp_path / "two" / "best.yaml").is_file()
-    assert trials_of(tune(config, tmp_path / "three", trials=6, storage=f"sqlite:///{tmp_path / 'other.db'}")) == trials_of(
-        both
-    )
+    for name in ("trials", "generation"):
+        with pytest.raises(ValueError, match=f"{name} must be a whole number from 1"):
+            tune(config, tmp_path / "study", **{name: 0})
     with pytest.raises(ValueError, match="storage must be a file or the URL of a database"):
         tune(config, tmp_path / "one", trials=1, storage="nothing://at/all")
 
 
+def test_a_trial_of_a_generation_is_pruned_if_earlier_ones_were_better():
+    longer = replace(config, evaluations=2, steps=1024)
+    alone = _run_alone(longer, [])
+    value, state, history = alone
+    assert state == TrialState.COMPLETE
+    assert value == history[-1]["return"]
+    assert len(history) == 2
+    better = optuna.trial.create_trial(value=99.0, intermediate_values={1: 99.0, 2: 99.0, 3: 99.0})
+    assert _run_alone(longer, [better] * 5)[:2] == (None, TrialState.PRUNED)
+    assert _run_alone(longer, [better] * 4) == alone  # too few to compare with
+
+
+def test_processes_that_share_a_journal_draw_other_parameters(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_run_trial", lambda trial, config: (config.hyper["learning_rate"], TrialState.COMPLETE))
+    journal = str(tmp_path / "deep" / "study.journal")
+    first = trials_of(tune(config, tmp_path / "one", trials=3, storage=journal))
+    both = trials_of(tune(config, tmp_path / "two", trials=6, storage=journal))
+    assert both[:3] == first
+    assert len({str(params) for *_, params in both}) == 6
+    assert (tmp_path / "two" / "best.yaml").is_file()
+    assert trials_of(tune(config, tmp_path / "three", trials=6, storage=f"sqlite:///{tmp_path / 'other.db'}")) == both
+
+
 def test_the_command_records_the_size_of_a_generation(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(units, "complete", imagined())
+    monkeypatch.setattr("turtlebot_gym_agents.cluster.workers.results", lambda jobs, **place: Imagined()(jobs))
     hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
     arguments = ["--config", str(tmp_path / "tiny.yaml"), "--trials", "2", "--out", str(tmp_path)]
     arguments += ["--json", str(tmp_path / "out.json"), "--force"]
     assert main(["tune", *arguments, "--generation", "2"]) == 0
     content = json.loads((tmp_path / "out.json").read_text())
     assert content["config"]["generation"] == 2
-    assert not {"json", "out.json", "cluster", "workers", "store", "storage"} & set(content["config"])
+    assert not {"json", "out.json", "cluster", "workers", "storage"} & set(content["config"])
     assert [trial["number"] for trial in content["trials"]] == [0, 1]
     assert main(["tune", *arguments, "--workers", "2"]) == 2
-    assert "add --cluster local" in capsys.readouterr().err
+    assert "choose --cluster local" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -1,15 +1,13 @@
-"""Workers of this machine: the same files with any number of them, and nothing lost or repeated when they are killed."""
+"""Workers: the same results with any number of them, and nothing is lost when one is killed or the command is interrupted."""
 
-import contextlib
 import json
 import os
-import random
 import signal
 import subprocess
 import sys
 import threading
 import time
-import uuid
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,16 +16,17 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # helpers, which workers import too
-import killed
-import processes
+import jobs
 
+from turtlebot_gym.extras import installing
 from turtlebot_gym_agents import provenance
-from turtlebot_gym_agents.cluster.drives import drives
-from turtlebot_gym_agents.cluster.units import Store, complete
-from turtlebot_gym_agents.cluster.workers import workers_on
+from turtlebot_gym_agents.cluster.drives import evaluate_all
+from turtlebot_gym_agents.cluster.workers import RETRIES, results
 from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate
+from turtlebot_gym_agents.provenance import plain
 
-NAV = "turtlebot_gym/TurtleBotNav-v0"
+NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
 YAML = """default:
   n_envs: 32
   n_timesteps: 1024
@@ -53,14 +52,6 @@ COMMANDS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def environment(monkeypatch):
-    """Let workers import what this process can, and return a mark that identifies them and their children."""
-    mark = f"MARK{uuid.uuid4().hex}"
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), *filter(None, sys.path)]))
-    return mark
-
-
 def written(command, folder, monkeypatch, *options):
     """Return the file that a command writes, except its times."""
     folder.mkdir()
@@ -74,161 +65,107 @@ def written(command, folder, monkeypatch, *options):
     return json.dumps(content, indent=1)
 
 
-@pytest.mark.parametrize(
-    ("command", "counts"),
-    [("evaluate", (2,)), *(pytest.param(name, (1, 2, 4), marks=pytest.mark.nightly) for name in COMMANDS)],
-)
-def test_any_number_of_workers_writes_the_same_file_as_none(command, counts, tmp_path, monkeypatch):
+@pytest.mark.parametrize("command", ["evaluate", *(pytest.param(name, marks=pytest.mark.nightly) for name in COMMANDS)])
+def test_two_workers_write_the_same_file_as_none(command, tmp_path, monkeypatch):
     expected = written(command, tmp_path / "plain", monkeypatch)
-    for workers in counts:
-        content = written(command, tmp_path / str(workers), monkeypatch, "--cluster", "local", "--workers", str(workers))
-        assert content == expected, workers
+    assert written(command, tmp_path / "two", monkeypatch, "--cluster", "local", "--workers", "2") == expected
 
 
-class Counting(Store):
-    """A store that counts what is put into it."""
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"policy": "bearing", "env": NAV, "episodes": 51, "seed": 7},
+        {"policy": "ppo-nav", "env": NAV, "episodes": 50, "seed": 0, "noise": "documented"},
+        {"policy": "corner", "env": SQUARE, "episodes": 11, "seed": 0, "arrival": "belief"},
+        {"policy": "gap", "env": ROOMS, "episodes": 9, "seed": 0, "world": "clutter"},
+    ],
+    ids=["bearing", "bundle", "with memory of the course", "room"],
+)
+@pytest.mark.parametrize("chunk", [25, 2])
+def test_an_evaluation_does_not_depend_on_how_it_is_split(request_, chunk):
+    expected, counts = evaluate(**request_), []
+    (split,) = evaluate_all([request_], chunk=chunk, progress=counts.append)
+    assert counts[-1] == request_["episodes"]
+    assert plain({"config": split.config, "summary": split.summary()}) == plain(
+        {"config": expected.config, "summary": expected.summary()}
+    )
+    assert split.times().tobytes() == expected.times().tobytes()
+    assert split.episodes.path.tobytes() == expected.episodes.path.tobytes()
+    assert split.trajectory.true_state.tobytes() == expected.trajectory.true_state.tobytes()
 
-    def __init__(self, folder):
-        super().__init__(folder)
-        self.counts = {}
 
-    def put(self, key, result):
-        self.counts[key] = self.counts.get(key, 0) + 1
-        super().put(key, result)
+def test_no_batch_has_a_single_episode_unless_there_is_no_other():
+    expected = {1: [(0, 1)], 10: [(0, 5), (5, 5)], 11: [(0, 5), (5, 6)], 12: [(0, 5), (5, 5), (10, 2)]}
+    assert {episodes: batches(episodes, 5) for episodes in expected} == expected
 
 
-@pytest.mark.parametrize("kills", [1, pytest.param(20, marks=pytest.mark.nightly)])
-def test_a_killed_worker_repeats_only_running_units(kills, tmp_path):
-    """In each run one of two workers is killed in the middle of a unit, and the other one is in the middle of one, too."""
-    random.seed(7)
-    with workers_on("local", workers=2) as workers:
-        for number in range(kills):
-            folder, after = tmp_path / str(number), random.randrange(1, 6)
-            store, running = Counting(folder / "store"), {}
-            units = [killed.Logged(number=unit, folder=str(folder), holds=unit >= after) for unit in range(8)]
+def test_a_killed_worker_loses_no_job(tmp_path):
+    """Of two workers that are in the middle of a job, one is killed."""
 
-            def kill(done, folder=folder, running=running, after=after):
-                if done < after or running:
-                    return
-                while len(running) < 2:  # these units do not end
-                    log = killed.read(folder)
-                    ended = {unit for event, unit, _ in log if event == "end"}
-                    running |= {unit: process for event, unit, process in log if event == "begin" and unit not in ended}
-                (folder / "go").touch()
-                os.kill(running[random.choice(sorted(running))], signal.SIGKILL)
+    def kill():
+        while len(jobs.begun(tmp_path)) < 5:
+            time.sleep(0.01)
+        os.kill(dict(jobs.begun(tmp_path))[4], signal.SIGKILL)
+        (tmp_path / "go").touch()
 
-            results = complete(units, workers=workers, store=store, progress=kill)
-            assert [result.facts["number"] for result in results] == list(range(8))  # nothing lost
-            assert list(store.counts.values()) == [1] * 8  # nothing stored twice
-            begun = [unit for event, unit, _ in killed.read(folder) if event == "begin"]
-            assert sorted(begun) == sorted([*range(8), *running])
+    thread = threading.Thread(target=kill)
+    thread.start()
+    work = {str(number): partial(jobs.logged, number, str(tmp_path), holds=number >= 3) for number in range(8)}
+    assert sorted(results(work, cluster="local", workers=2)) == [(str(number), number) for number in range(8)]
+    thread.join()
+    again = [number for number, _ in jobs.begun(tmp_path)]
+    assert set(again) == set(range(8))
+    assert again.count(4) == 2  # the killed one
 
 
 def test_workers_that_die_again_and_again_end_the_work(tmp_path):
-    with workers_on("local", workers=2) as workers, pytest.raises(OSError, match="Workers have died 4 times: "):
-        complete([killed.Deadly(folder=str(tmp_path))], workers=workers)
-    assert len(killed.read(tmp_path)) == 4
+    with pytest.raises(OSError, match=f"Workers have died {1 + RETRIES} times: "):
+        list(results({"deadly": partial(jobs.deadly, str(tmp_path))}, cluster="local", workers=2))
+    assert len(jobs.begun(tmp_path)) == 1 + RETRIES
 
 
-def test_an_error_of_a_unit_is_that_of_the_command(capsys):
+@pytest.mark.parametrize("place", [{}, {"cluster": "local", "workers": 1}], ids=["here", "local"])
+@pytest.mark.parametrize(
+    ("error", "kind", "message"),
+    [
+        (ValueError("no good"), ValueError, "the third: no good"),
+        (FileNotFoundError(2, "No such file", "a.yaml"), ValueError, "the third: .* No such file: 'a.yaml'"),
+        (KeyError("speed"), RuntimeError, "the third: KeyError: 'speed'"),
+    ],
+)
+def test_an_error_names_its_job(error, kind, message, place):
+    with pytest.raises(kind, match=message):
+        list(results({"the third": partial(jobs.failing, error)}, **place))
+
+
+def test_a_command_ends_with_the_error_of_a_job_in_one_line(capsys):
     assert main(["evaluate", "--policy", "nobody", "--episodes", "20", "--cluster", "local", "--workers", "2"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "policy must be one of" in line
+    assert line.startswith("turtlebot-gym: evaluation 1 of 1, nobody, from seed 0: policy must be one of")
 
 
-@pytest.mark.parametrize(
-    "group", [pytest.param(False, marks=pytest.mark.nightly, id="one process"), pytest.param(True, id="all")]
-)
-def test_an_interrupt_ends_all_processes_and_the_work_resumes(group, tmp_path, environment):
-    store, out = tmp_path / "store", tmp_path / "out.json"
-    arguments = ["evaluate", "--policy", "bearing", "--episodes", "8000", "--json", str(out)]
-    command = [sys.executable, "-m", "turtlebot_gym_agents", *arguments, "--cluster", "local", "--workers", "2"]
-    command += ["--store", str(store)]
-    variables = {**os.environ, "TURTLEBOT_GYM_TEST": environment}
-    interruptible = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731  # a shell's background job ignores it
-    process = subprocess.Popen(
-        command, env=variables, stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=interruptible
+@pytest.mark.parametrize("address", ["everywhere", ":6379", "ray://10.0.0.1:10001", "host:port", "127.0.0.1:1"])
+def test_an_address_without_a_cluster_is_refused(address, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", type(sys)("ray"))
+    errors = type(sys)("ray.exceptions")
+    errors.RayError = errors.RayTaskError = Exception
+    monkeypatch.setitem(sys.modules, "ray.exceptions", errors)
+    with pytest.raises((ValueError, OSError), match=r"cluster must be 'local', 'auto' or HOST:PORT|There is no cluster at"):
+        list(results({"a": int}, cluster=address))
+
+
+@pytest.mark.parametrize(("cluster", "library", "extra"), [("local", "joblib", "agents"), ("auto", "ray", "cluster")])
+def test_without_its_library_the_command_says_what_to_install(cluster, library, extra, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, library, None)
+    assert main(["evaluate", "--policy", "bearing", "--episodes", "20", "--cluster", cluster]) == 2
+    assert f"needs {library}: {installing(extra)}." in capsys.readouterr().err
+
+
+def test_nothing_of_ray_or_joblib_is_imported_without_a_cluster(tmp_path):
+    (tmp_path / "study.yaml").write_text("policies: [bearing]\nepisodes: 2\n")
+    script = (
+        "import sys; from turtlebot_gym_agents.commands.cli import main; import turtlebot_gym_agents.cluster.workers;"
+        "code = main(['study', 'study.yaml', '--out', 'out']);"
+        "sys.exit(code or 'ray' in sys.modules or 'joblib' in sys.modules)"
     )
-    assert processes.wait_until(lambda: len([*store.glob("*.npz")]) >= 2)
-    (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert err.strip() == f"turtlebot-gym: interrupted. The same command continues: finished episodes are in {store}."
-    assert processes.wait_until(lambda: not processes.marked(environment), 20.0), processes.marked(environment)
-    assert not out.exists()
-    before = {path: path.stat().st_mtime_ns for path in store.glob("[0-9a-f]*.npz")}
-    assert 2 <= len(before) < 32
-    done = subprocess.run(command, env=variables, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert all(path.stat().st_mtime_ns == changed for path, changed in before.items())  # none was run again
-    plain = tmp_path / "plain.json"
-    assert main([*arguments[:-1], str(plain)]) == 0
-    assert plain.read_bytes() == out.read_bytes()
-
-
-def test_an_interrupted_pool_ends_without_a_traceback(tmp_path, monkeypatch):
-    """Here, while the pool's thread, slowed down, has a unit to put into its pipe."""
-    from joblib.externals.loky import process_executor
-
-    thread, failures = process_executor._ExecutorManagerThread, []
-    fast = thread.process_result_item
-    monkeypatch.setattr(thread, "process_result_item", lambda self, item: (fast(self, item), time.sleep(0.2)))
-    monkeypatch.setattr(threading, "excepthook", failures.append)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
-    with workers_on("local", workers=2) as workers:
-        results = workers([(str(unit), killed.Logged(number=unit, folder=str(tmp_path))) for unit in range(8)])
-        next(results)
-        threading.Timer(0.1, signal.pthread_kill, [threading.get_ident(), signal.SIGINT]).start()
-        with pytest.raises(KeyboardInterrupt):
-            list(results)
-    signal.signal(signal.SIGINT, before)
-    assert not failures
-
-
-def test_an_interrupt_reaches_no_worker_not_even_one_that_starts(tmp_path, environment, monkeypatch, capfd):
-    monkeypatch.setenv("TURTLEBOT_GYM_TEST", environment)
-    done = threading.Event()
-
-    def interrupt():
-        while not done.wait(0.01):
-            for process in processes.marked(environment):
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(process, signal.SIGINT)
-
-    thread = threading.Thread(target=interrupt)
-    thread.start()
-    units = [(str(unit), killed.Logged(number=unit, folder=str(tmp_path))) for unit in range(4)]
-    with workers_on("local", workers=2) as workers:
-        assert sorted(name for name, _ in workers(units)) == ["0", "1", "2", "3"]
-    done.set()
-    thread.join()
-    assert capfd.readouterr().err == ""
-
-
-FIRST = """
-import killed
-from turtlebot_gym_agents.cluster.workers import workers_on
-
-with workers_on("local", workers=2) as workers:
-    units = [(str(unit), killed.Logged(number=unit, folder=".")) for unit in range(4)]
-    print({result.facts["hears"] for _, result in workers(units)})
-"""
-
-
-def test_the_first_workers_of_a_process_hear_no_interrupt_either(tmp_path):
-    """With them starts the tracker of multiprocessing, which unblocks the signal."""
-    done = subprocess.run([sys.executable, "-c", FIRST], cwd=tmp_path, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("{False}\n", "")
-
-
-def test_workers_listen_nowhere(environment, monkeypatch):
-    monkeypatch.setenv("TURTLEBOT_GYM_TEST", environment)
-    before = processes.addresses([os.getpid()])
-    with workers_on("local", workers=2) as workers:
-        for _ in workers(
-            [(str(seed), unit) for seed in range(2) for unit in drives("bearing", env=NAV, episodes=4, seed=seed)]
-        ):
-            family = processes.marked(environment)
-            assert len(family) >= 1
-            assert processes.addresses(family) == []
-            assert processes.addresses([os.getpid()]) == before
+    subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, cwd=tmp_path)

@@ -14,11 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
 
 from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.validation import Range, choose, whole
+from turtlebot_gym_agents.commands.console import Setting
+from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
 from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers
 from turtlebot_gym_agents.policies.fit import describe_robot
@@ -145,3 +148,29 @@ def _share(span: Range, value: float) -> float:
     if span.log:
         return math.log(value / span.low) / math.log(span.high / span.low)
     return (value - span.low) / (span.high - span.low)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(Setting):
+    """Tune a baseline for a scenario, and write the best numbers to a file for ``turtlebot-gym evaluate --policy``."""
+
+    policy: str = "bearing"
+    """The baseline's name."""
+    tries: int = 40
+    """Total number of tries, earlier ones included; the first one has the baseline's defaults."""
+    episodes: int = 2000
+    """Episodes per try."""
+    out: Path = Path("baseline.json")
+    """File for the tuned baseline, with all tries; an existing search in it is resumed."""
+
+
+def main() -> None:
+    """Tune, and print the fastest try."""
+    config = tyro.cli(Config, description=__doc__, registry=REGISTRY)
+    budget = {"tries": config.tries, "episodes": config.episodes, "seed": config.seed}
+    tries = tune_baseline(config.policy, config.out, env=config.env, **budget, **config.options(), progress=print)
+    print(f"{config.out}: {best_of(tries)}, with defaults {tries[0].time:.3f} s")
+
+
+if __name__ == "__main__":
+    main()

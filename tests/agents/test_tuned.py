@@ -1,0 +1,85 @@
+"""Tuned baselines: a stopped search resumes; its file is a policy, or is refused with the reason."""
+
+import json
+
+import pytest
+
+from tune_baseline import tune_baseline
+from turtlebot_gym_agents.policies import BearingPolicy, make_policy
+from turtlebot_gym_agents.policies.baselines import load_baseline
+
+ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
+SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
+FIRST = 549_755_813_888  # 2^39: the tries' first seed
+SMALL = {"tries": 4, "episodes": 20}
+
+
+@pytest.fixture
+def tuned(tmp_path):
+    """A tuned baseline, as a file and as the content that a test may spoil."""
+    path = tmp_path / "bearing.json"
+    tune_baseline("bearing", path, **SMALL)
+    return path
+
+
+def test_a_stopped_search_resumes_as_if_nothing_had_happened(tmp_path):
+    whole = tune_baseline("bearing", tmp_path / "whole.json", tries=6, episodes=10)
+
+    def stop(ended):
+        if ended == 4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        tune_baseline("bearing", tmp_path / "parts.json", tries=6, episodes=10, progress=stop)
+    assert len(json.loads((tmp_path / "parts.json").read_text())["tries"]) == 4
+    counts = []
+    assert tune_baseline("bearing", tmp_path / "parts.json", tries=6, episodes=10, progress=counts.append) == whole
+    assert counts == [4, 5, 6]
+    with pytest.raises(ValueError, match="another configuration"):
+        tune_baseline("bearing", tmp_path / "parts.json", tries=6, episodes=10, noise="rough")
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"[]", b"{}", b'{"tries": 3}', b"\x00", b"\xff\xfe\x00", b"null", b"{", b'{"format": 1}']
+)
+def test_a_file_that_is_not_a_tuned_baseline_is_refused_and_not_changed(content, tmp_path):
+    path = tmp_path / "odd.json"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"odd\.json is not a tuned baseline"):
+        make_policy(str(path))
+    with pytest.raises(ValueError, match="is not a tuned baseline: choose another file"):
+        tune_baseline("bearing", path, **SMALL)
+    assert path.read_bytes() == content
+
+
+def test_a_tuned_baseline_is_refused_for_another_robot_or_rate(tuned):
+    assert isinstance(make_policy(str(tuned)), BearingPolicy)
+    assert isinstance(load_baseline(tuned), BearingPolicy)
+    for options, wanted in (({"dt": 0.05}, "20 Hz burger"), ({"robot": "waffle"}, "10 Hz waffle")):
+        with pytest.raises(ValueError, match=f"made for 10 Hz burger, asked for {wanted}"):
+            make_policy(str(tuned), **options)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "turtlebot-gym-baseline/2"}, "but this version reads"),
+        ({"policy": "ppo"}, "policy must be one of"),
+        ({"policy": None}, "policy must be one of"),
+        ({"numbers": {"speed": 3.0}}, "bearing has no numbers speed"),
+        ({"numbers": {"gain": "fast"}}, "is not a tuned baseline"),
+        ({"numbers": {"gain": None}}, "is not a tuned baseline"),
+        ({"numbers": {"gain": -1.0}}, "gain must be a positive number"),
+        ({"numbers": {"gain": float("nan")}}, "gain must be a positive number"),
+        ({"numbers": 3}, "is not a tuned baseline"),
+        ({"robot": {"name": "x"}}, "is not a tuned baseline"),
+        ({"robot": {"name": "x", "max_linear": -1.0, "max_angular": 1.0}}, "must be a positive number"),
+        ({"robot": None}, "is not a tuned baseline"),
+        ({"dt": float("nan")}, "dt must be a positive number"),
+        ({"dt": "0.1"}, "is not a tuned baseline"),
+    ],
+)
+def test_a_spoilt_file_is_refused_with_the_reason(change, message, tuned):
+    tuned.write_text(json.dumps(json.loads(tuned.read_text()) | change))
+    with pytest.raises(ValueError, match=message):
+        make_policy(str(tuned))
