@@ -14,17 +14,14 @@ try:
         warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
         import rosidl_generator_py  # noqa: F401
         from hostile_messages import healthy, hostile
-        from rclpy.serialization import serialize_message
 except ImportError:
     pytest.skip("needs the extra [ros]", allow_module_level=True)
 
 from turtlebot_gym.parameters import is_covariance
 from turtlebot_gym.values import Fix, Pose
-from turtlebot_gym_ros.node import cdr
 from turtlebot_gym_ros.node.convert import CONVERSIONS, conversion
 from turtlebot_gym_ros.node.places import FARTHEST
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # serialize_message, of a part of rclpy
 KINDS = {kind.__name__: way for kind, way in CONVERSIONS.items()}
 
 
@@ -43,8 +40,6 @@ def test_a_message_is_read_or_refused_in_one_line(name, number):
     way, taken, before = KINDS[name], 0, peak()
     for message in hostile(lambda: healthy(way.message), number, random.Random(number)):
         began = time.process_time()
-        if way.message in cdr.KINDS:
-            message = cdr.read(way.message, bytes(serialize_message(message)))
         refusal = None
         try:
             value = way.read(message)

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from types import SimpleNamespace
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -40,7 +39,6 @@ from turtlebot_gym.validation import LARGEST, LEAST, shown
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.node.block import Correction, Disagreement, Input, Nis, Resume
-from turtlebot_gym_ros.node.cdr import blank
 from turtlebot_gym_ros.node.geometry import FASTEST, Conversion, read_pose, read_twist, unread, write_pose, write_twist
 from turtlebot_gym_ros.node.places import finite, place
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
@@ -127,7 +125,7 @@ def _state_of(message: Odometry) -> State:
 
 
 def _state_to_message(state: State, header: Header) -> Odometry:
-    message = blank(Odometry, header)
+    message = Odometry(header=header)
     write_pose(message.pose.pose, state[:3])
     write_twist(message.twist.twist, state.v, state.omega)
     return message
@@ -240,7 +238,7 @@ def _located_to_message(located: Located, header: Header) -> PoseWithCovarianceS
 
 
 def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
-    message = blank(TwistStamped, header)
+    message = TwistStamped(header=header)
     write_twist(message.twist, *command)
     return message
 
@@ -267,21 +265,19 @@ def _nis_of(message: DiagnosticArray) -> Nis:
     return Nis(*map(numbers.get, _NIS))  # type: ignore[arg-type]
 
 
-def _nis_to_message(nis: Nis, header: Any) -> Any:
+def _nis_to_message(nis: Nis, header: Header) -> DiagnosticArray:
     value = float(nis.value)
     numbers = {name: float(number) for name, number in zip(_NIS, nis, strict=True) if number is not None}
     finite("the NIS", tuple(numbers.values()))
     surprising = value > SURPRISING
-    kinds: Any = DiagnosticArray, DiagnosticStatus, KeyValue
-    array, part, pair = (SimpleNamespace,) * 3 if isinstance(header, SimpleNamespace) else kinds
-    status = part(
+    status = DiagnosticStatus(
         level=DiagnosticStatus.WARN if surprising else DiagnosticStatus.OK,
         name="innovation",
         message=f"above {SURPRISING}, as one in a thousand is" if surprising else "as expected",
         hardware_id=header.frame_id,
-        values=[pair(key=name, value=repr(number)) for name, number in numbers.items()],
+        values=[KeyValue(key=name, value=repr(number)) for name, number in numbers.items()],
     )
-    return array(header=header, status=[status])
+    return DiagnosticArray(header=header, status=[status])
 
 
 _UNSTAMPED = Conversion(Twist, read_twist, _command_to_message, False)

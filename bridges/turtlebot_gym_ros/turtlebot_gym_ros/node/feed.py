@@ -19,7 +19,6 @@ from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
 from turtlebot_gym_ros.base.swift import Swift, Unawaited, take
-from turtlebot_gym_ros.node import cdr
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import Conversion
@@ -98,7 +97,6 @@ class Feed:
             LATCHED if self.declared.latched else (LOCK_STEP if self._lock_step else qos),
             callback_group=Unawaited() if self._waits_for_others else self._group and self._group(),
             qos_overriding_options=overridable(),
-            raw=kind in cdr.KINDS,
         )
         self.poll = partial(take, self._subscription, node) if self._waits_for_others else lambda: None
         self.topic: str = self._subscription.topic_name
@@ -111,10 +109,6 @@ class Feed:
             return self.stamp
         step, newest = self._newest or (None, None)
         return step if newest == self.stamp else None
-
-    def open(self, message: Any) -> Any:
-        """Return a message that may still be bytes; raise `ValueError` if it cannot be read."""
-        return cdr.read(self.conversion.message, message) if isinstance(message, bytes) else message
 
     def age(self, message: Any, info: Mapping[str, Any], steady: float) -> Age:
         """Return a message's age at a steady time, s, if ages count.

@@ -85,7 +85,6 @@ class Inputs:
             for other in self.feeds.values():
                 other.poll()
         try:
-            message = feed.open(message)
             at = message.header.stamp if hasattr(message, "header") else None
             stamp = at.sec * SECOND + at.nanosec if at else drive.present()
             if stamp < 0:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
-from types import SimpleNamespace
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -20,7 +19,6 @@ from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.base.frames import Common, Mount
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
-from turtlebot_gym_ros.node import cdr
 from turtlebot_gym_ros.node.block import Aged, Output
 from turtlebot_gym_ros.node.convert import NO_TF, conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint
@@ -91,9 +89,7 @@ class Outputs:
         frame = self._common.fixed(self._declared[key].frame) if way.in_world else body
         rests = is_command and not self._common.lock_step
         at = self._time() if rests else stamp
-        is_light = way.message in cdr.KINDS and key not in self._transforms and key not in self._tellers
-        header = cdr.header(at, frame) if is_light else Header(stamp=Time(nanoseconds=at).to_msg(), frame_id=frame)
-        message = way.write(value, header)
+        message = way.write(value, Header(stamp=Time(nanoseconds=at).to_msg(), frame_id=frame))
         if hasattr(message, "child_frame_id"):
             message.child_frame_id = self._common.body
         for transform in getattr(message, "transforms", ()):
@@ -106,8 +102,7 @@ class Outputs:
         """Publish messages in the order of the declared outputs."""
         for key, publisher in self._publishers.items():
             if key in messages:
-                is_light = isinstance(message := messages[key], SimpleNamespace)
-                publisher.publish(cdr.write(self._ways[key].message, message) if is_light else message)
+                publisher.publish(messages[key])
 
     def publish_answer(self, messages: Mapping[str, Any], stamp: int) -> None:
         """Publish the messages of a step, which may have to be repeated, and which messages are the newest."""
