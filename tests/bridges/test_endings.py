@@ -41,7 +41,7 @@ def test_a_motion_is_in_force_for_half_a_second_at_most_after_every_end(way, whe
 
 def test_the_same_without_the_watch_on_waits_is_noticed(wheels, clock, tmp_path):
     """The emulated clock holds up a wait, as the kernel's does: else the test above would prove nothing."""
-    program = f"{sys.executable} -c 'from turtlebot_gym_ros.base import swift; swift.OVERDUE = 60.0; {{main}}' --ros-args"
+    program = f"{sys.executable} -c 'from turtlebot_gym_ros.base import executor; executor.OVERDUE = 60.0; {{main}}' --ros-args"
     main = "from turtlebot_gym_ros.robot.{0} import main; main()"
     guard, standby = (program.format(main=main.format(name)) for name in ("guard", "standby"))
     script = f"{guard} & echo $! > guard\n{standby} & echo $! > standby\nwait"

@@ -14,8 +14,8 @@ from std_msgs.msg import Header
 
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Command, State
+from turtlebot_gym_ros.base.executor import FastGroup, PolledGroup, take
 from turtlebot_gym_ros.base.sent import Age, SystemClock
-from turtlebot_gym_ros.base.swift import Swift, Unawaited, take
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed, resting_on
@@ -25,7 +25,7 @@ class FakeNode:
     """A node as far as an input knows it: it notes what is subscribed to, in a namespace."""
 
     def __init__(self):
-        self.hears, self.publishers = {}, 1
+        self.hears, self.publishers, self.default_callback_group = {}, 1, None
 
     def create_subscription(self, kind, topic, hear, qos, *, callback_group, qos_overriding_options=None, raw=False):
         self.kind, self.hear, self.qos = kind, hear, qos
@@ -34,7 +34,7 @@ class FakeNode:
         return SimpleNamespace(topic_name=f"/robot/{topic}", get_publisher_count=lambda: self.publishers)
 
 
-def unconnected(kind=State, *, lock_step=False, headers=True, group=Swift, mount=lambda frame: None, **options):
+def unconnected(kind=State, *, lock_step=False, headers=True, group=None, mount=lambda frame: None, **options):
     """Return an input on a machine whose system and steady clocks agree."""
     clock = SystemClock()
     clock.look(system=0.0, steady=0.0)
@@ -73,18 +73,19 @@ def test_what_is_lost_is_sent_again_where_that_is_asked_for(lock_step, reliable,
 @pytest.mark.parametrize(
     ("lock_step", "group", "wakes", "kind"),
     [
-        (False, Swift, True, Swift),
-        (True, Swift, True, Swift),
-        (True, Swift, False, Swift),  # in lock-step a step waits for each of its inputs
-        (False, Swift, False, Unawaited),
+        (False, FastGroup, True, FastGroup),
+        (True, FastGroup, True, FastGroup),
+        (True, FastGroup, False, FastGroup),  # in lock-step a step waits for each of its inputs
+        (False, FastGroup, False, PolledGroup),
         (False, None, True, type(None)),  # by a simulated clock
     ],
 )
 def test_messages_on_which_steps_depend_do_not_wait_for_others_and_some_wake_nobody(lock_step, group, wakes, kind):
-    feed, node = unconnected(lock_step=lock_step, group=group, wakes=wakes), FakeNode()
+    node = FakeNode()
+    feed = unconnected(lock_step=lock_step, group=group and group(node), wakes=wakes)
     feed.connect(node, "hear", "told")
     assert type(node.group) is kind
-    assert (getattr(feed.poll, "func", None) is take) == (kind is Unawaited)
+    assert (getattr(feed.poll, "func", None) is take) == (kind is PolledGroup)
 
 
 def test_a_message_in_another_frame_is_refused():

@@ -23,11 +23,11 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from turtlebot_gym_ros.base.discovery import prepare
+from turtlebot_gym_ros.base.executor import best_executor
 from turtlebot_gym_ros.base.parameters import words_of
 from turtlebot_gym_ros.base.reports import sturdy
 from turtlebot_gym_ros.base.session import ENDINGS, LIFELINE, SUSPENSIONS, counts, lifeline
 from turtlebot_gym_ros.base.session import listening as _endings_wait
-from turtlebot_gym_ros.base.swift import SwiftExecutor
 
 LAST_WORD = 4.0
 """Time after which a process that was asked to end is terminated, s; launch files escalate at 5 s."""
@@ -46,7 +46,7 @@ class Runner:
     Args:
         arguments: Command line, whose part after ``--ros-args`` applies to all its nodes.
         domain: ROS domain; None for that of the environment.
-        executor: Type of the executor.
+        executor: Type of the executor; None for `executor.best_executor`.
         local: Whether discovery stays on this machine unless the environment says otherwise.
         beside: Another runner, whose context, with its arguments and domain, it shares and leaves open. On a busy machine the
             nodes of a new context hear nothing for up to 3 s, those of a known one after milliseconds.
@@ -57,7 +57,7 @@ class Runner:
         arguments: Sequence[str] = (),
         *,
         domain: int | None = None,
-        executor: type[Executor] = SwiftExecutor,
+        executor: type[Executor] | None = None,
         local: bool = True,
         beside: Runner | None = None,
     ) -> None:
@@ -68,7 +68,7 @@ class Runner:
             # rclpy's own signal handlers end the context first, and then no zeros can be sent.
             options = SignalHandlerOptions.NO
             rclpy.init(args=list(arguments), context=self.context, domain_id=domain, signal_handler_options=options)
-        self._executor = executor(context=self.context)
+        self._executor = (executor or best_executor())(context=self.context)
         self._running: list[Any] = []
         self._closing = False
         self._thread = Thread(target=self._spin, name="executor", daemon=True)

@@ -27,8 +27,8 @@ from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Command, Odometry, Pose, State
+from turtlebot_gym_ros.base.executor import FastGroup
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
-from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
 from turtlebot_gym_ros.node.triggers import SECOND
@@ -94,7 +94,7 @@ class Recorder:
         self._tell = self.node.create_publisher(Header, "recorded", LOCK_STEP)
         for topic, kind in {**topics, **(ROOM_TOPICS if room else {})}.items():
             way = conversion(kind, stamped=stamped)
-            qos, group = (LOCK_STEP, Swift()) if lock_step else (SENSOR, None)
+            qos, group = (LOCK_STEP, FastGroup(self.node)) if lock_step else (SENSOR, None)
             hear = self._hear(topic, way.read)
             self._heard.append(self.node.create_subscription(way.message, topic, hear, qos, callback_group=group))
         if room:

@@ -19,7 +19,6 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 
 from turtlebot_gym_ros.base.qos import LOCK_STEP, STREAM
-from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.block import Block, Every, On
 from turtlebot_gym_ros.node.chain import Chain
 from turtlebot_gym_ros.node.feed import Feed
@@ -38,8 +37,8 @@ class Hands:
     node: Node
     feeds: Mapping[str, Feed]
     outputs: Outputs
-    group: type[CallbackGroup] | None
-    """Type of the callback group of its timers."""
+    group: CallbackGroup | None
+    """The callback group of its timers."""
     now: Callable[[], float]
     """The steady clock, s."""
     step: Callable[[int], bool]
@@ -122,8 +121,8 @@ class _ByClock(Scheduler):
         self._watch = steady if self.sets_clock else ros
         simulated = hands.node.get_parameter("use_sim_time").value and not self.sets_clock
         timer = ros if simulated else steady  # the system clock may be set back
-        group = hands.group and hands.group()
-        hands.node.create_timer(trigger.period / (trigger.speed or 1.0), self._tick, clock=timer, callback_group=group)
+        period = trigger.period / (trigger.speed or 1.0)
+        hands.node.create_timer(period, self._tick, clock=timer, callback_group=hands.group)
 
     def present(self) -> int:
         """Return the current time of the grid, ns."""
@@ -230,10 +229,10 @@ class _AsPlant(Scheduler):
         self._started = False
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
-        self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=Swift())
+        self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=hands.group)
         self._later.cancel()
         if trigger.witness:
-            hands.node.create_subscription(Header, trigger.witness, self._witness, LOCK_STEP, callback_group=Swift())
+            hands.node.create_subscription(Header, trigger.witness, self._witness, LOCK_STEP, callback_group=hands.group)
 
     def present(self) -> int:
         """Return the stamp of the step that awaits its answer, ns."""

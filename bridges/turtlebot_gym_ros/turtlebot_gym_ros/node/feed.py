@@ -14,11 +14,11 @@ from sensor_msgs.msg import TimeReference
 
 from turtlebot_gym.validation import shown
 from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.base.executor import PolledGroup, take
 from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
-from turtlebot_gym_ros.base.swift import Swift, Unawaited, take
 from turtlebot_gym_ros.node.block import Aged, Input
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import Conversion
@@ -36,7 +36,7 @@ class Feed:
         conversion: Conversion of its values.
         lock_step: Whether stamps are used instead of ages by the steady clock.
         clock: This computer's clock.
-        group: Type of the callback group of its messages.
+        group: The callback group of its messages; None for the node's default one.
         mount: Returns the pose of a frame on the robot, if it is known; raises `ValueError` if it is refused.
         headers: Whether the headers' stamps are by a system clock, not by a simulated one.
     """
@@ -49,7 +49,7 @@ class Feed:
         lock_step: bool,
         clock: SystemClock,
         headers: bool = True,
-        group: type[CallbackGroup] | None = Swift,
+        group: CallbackGroup | None = None,
         mount: Callable[[str], Pose | None] = lambda frame: None,
     ) -> None:
         self.declared = replace(declared, max_age=None) if lock_step else declared
@@ -89,13 +89,13 @@ class Feed:
                 newest_told()
 
             topic = f"{self.declared.topic}/newest"
-            self._teller = node.create_subscription(TimeReference, topic, tell, LOCK_STEP, callback_group=Swift())
+            self._teller = node.create_subscription(TimeReference, topic, tell, LOCK_STEP, callback_group=self._group)
         self._subscription = node.create_subscription(
             kind,
             self.declared.topic,
             hear,
             LATCHED if self.declared.latched else (LOCK_STEP if self._lock_step else qos),
-            callback_group=Unawaited() if self._waits_for_others else self._group and self._group(),
+            callback_group=PolledGroup(node) if self._waits_for_others else self._group,
             qos_overriding_options=overridable(),
         )
         self.poll = partial(take, self._subscription, node) if self._waits_for_others else lambda: None

@@ -29,7 +29,7 @@ class Inputs:
         declared: The block's inputs.
         common: Frames, and whether velocities are stamped.
         headers: Whether the headers' stamps are by a system clock, not by a simulated one.
-        group: Type of the callback group of the messages.
+        group: The callback group of the messages; None for the node's default one.
         now: The steady clock, s.
     """
 
@@ -40,7 +40,7 @@ class Inputs:
         common: Common,
         *,
         headers: bool,
-        group: type[CallbackGroup] | None,
+        group: CallbackGroup | None,
         now: Callable[[], float],
     ) -> None:
         self._node, self._common, self._now, self._clock = node, common, now, SystemClock()

@@ -23,12 +23,12 @@ from std_srvs.srv import Empty as Call
 from std_srvs.srv import Trigger
 
 from turtlebot_gym_ros.base import process
+from turtlebot_gym_ros.base.executor import FastGroup
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
 from turtlebot_gym_ros.base.sent import read_clocks
-from turtlebot_gym_ros.base.swift import Swift
 from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
 from turtlebot_gym_ros.node.drives import Hands, make_drive
@@ -109,7 +109,8 @@ class Shell:
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
         headers = not node.get_parameter("use_sim_time").value
         # With a simulated clock no topic is slow, /clock least of all.
-        group = Swift if lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0)) else None
+        is_fast = lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0))
+        group = FastGroup(node) if is_fast else None
         declared = {key: item for key, item in block.inputs.items() if not (lock_step and item.lock_step == "absent")}
         self.inputs = Inputs(node, declared, self.common, headers=headers, group=group, now=self._now)
         self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)

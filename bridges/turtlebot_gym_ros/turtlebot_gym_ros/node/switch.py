@@ -38,7 +38,7 @@ class Switch:
         restart: Called when it is enabled, to restart the block.
         blocked: Longest duration of a step, s; a longer one is a fault. Infinite for no limit.
         sees: Whether the block sees obstacles, of which whoever enables it is warned.
-        group: Type of the callback group of the emergency stop.
+        group: The callback group of the emergency stop; None for the node's default one.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Switch:
         restart: Callable[[], None],
         blocked: float,
         sees: bool,
-        group: type[CallbackGroup] | None = None,
+        group: CallbackGroup | None = None,
     ) -> None:
         self.safety = Safety(enabled=enabled, blocked=blocked)
         self._clock = SystemClock()
@@ -63,8 +63,8 @@ class Switch:
         node.create_service(SetBool, "~/enable", self._serve)
         hear: Any = self._hear_emergency  # also takes the message's times, which rclpy supports but its types do not show
         promptly: Any = partial(hear, prompt=True)
-        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, EVERY, callback_group=group and group())
-        self._promptly = node.create_subscription(Bool, "emergency_stop", promptly, PROMPT, callback_group=group and group())
+        self._buttons = node.create_subscription(Bool, "emergency_stop", hear, EVERY, callback_group=group)
+        self._promptly = node.create_subscription(Bool, "emergency_stop", promptly, PROMPT, callback_group=group)
         self._tell()
 
     def enable(self) -> str | None:

@@ -34,11 +34,11 @@ from rosbags.interfaces import Connection
 
 from turtlebot_gym.validation import Names, Range, typed
 from turtlebot_gym.values import Command, Pose, State
+from turtlebot_gym_ros.base.executor import PolledGroup, waiting
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.reports import ERROR, OK, report
-from turtlebot_gym_ros.base.swift import Unawaited, waiting
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.recording.bag import Bag
 
@@ -111,7 +111,7 @@ class DataLogger(Node):
         self._ended: str | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._collected = Unawaited()
+        self._collected = PolledGroup(self)
         for period, work in ((COLLECT_PERIOD, self._collect), (0.1, self._discover), (1.0, self._commit)):
             self.create_timer(period, partial(self._unless_full, work), clock=steady)
         self.create_timer(1.0, self._report, clock=steady)

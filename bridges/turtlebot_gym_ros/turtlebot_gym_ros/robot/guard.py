@@ -68,13 +68,13 @@ from std_srvs.srv import SetBool
 
 from turtlebot_gym.models.angles import yaw_of_rotation
 from turtlebot_gym.values import STOP, Command, Pose
+from turtlebot_gym_ros.base.executor import waiting
 from turtlebot_gym_ros.base.flood import MOST
 from turtlebot_gym_ros.base.mounts import TOPIC, hear_mounts
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import precede, run
 from turtlebot_gym_ros.base.qos import EVERY, LATCHED, LATEST, PROMPT
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, read_clocks
-from turtlebot_gym_ros.base.swift import waiting
 from turtlebot_gym_ros.robot.arbiter import Arbiter
 from turtlebot_gym_ros.robot.collision import RawScan
 from turtlebot_gym_ros.robot.parameters import Parameters

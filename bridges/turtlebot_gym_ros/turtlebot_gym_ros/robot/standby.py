@@ -35,12 +35,12 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Empty
 
 from turtlebot_gym.validation import typed
+from turtlebot_gym_ros.base.executor import PolledGroup, waiting
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import precede, run
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, OK, log, report
 from turtlebot_gym_ros.base.session import leave
-from turtlebot_gym_ros.base.swift import Unawaited, waiting
 
 SILENCE = 0.18
 """Silence of a guard that moves the robot after which zeros follow, s: three of its repetitions."""
@@ -112,7 +112,9 @@ class CmdVelStandby(Node):
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
         self._alive = self.create_publisher(Empty, "~/alive", QoSProfile(depth=1))
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
-        self._guard = self.create_subscription(self._type, "cmd_vel", lambda message: None, STREAM, callback_group=Unawaited())
+        self._guard = self.create_subscription(
+            self._type, "cmd_vel", lambda message: None, STREAM, callback_group=PolledGroup(self)
+        )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PERIOD, self._look, clock=steady)
         self.create_timer(0.1, self._live, clock=steady)
