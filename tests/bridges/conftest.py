@@ -137,10 +137,10 @@ def hangs_up():
     signal.signal(signal.SIGHUP, before)
 
 
-def benchmark(name):
-    """Return a module of the benchmarks."""
-    path = Path(__file__).parents[2] / "benchmarks" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(f"benchmark_{name}", path)
+def script(name):
+    """Return a script of the repository as a module: "benchmarks/faults"."""
+    path = Path(__file__).parents[2] / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name.replace("/", "_"), path)
     module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -149,7 +149,7 @@ def benchmark(name):
 @pytest.fixture(scope="session")
 def compare():
     """The benchmark's comparison of the live graph with the environment, as a module."""
-    return benchmark("lockstep_drives")
+    return script("benchmarks/lockstep_drives")
 
 
 @pytest.fixture(scope="session")
@@ -161,15 +161,19 @@ def busy():
 
 
 @pytest.fixture(scope="session")
-def interfaces(tmp_path_factory):
-    """The environment variables by which a process has nav2_msgs and tf2_msgs, built as a user builds them, and kept."""
+def builder():
+    """The script that builds nav2_msgs and tf2_msgs, as a module."""
+    return script("tools/build_nav2_msgs")
+
+
+@pytest.fixture(scope="session")
+def interfaces(tmp_path_factory, builder):
+    """The environment variables by which a process has nav2_msgs and tf2_msgs, built as a user builds them."""
     if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
         return {}
-    from turtlebot_gym_ros.interfaces import build
-
     try:
-        wheel = build()
-    except ValueError as error:
+        wheel = builder.build(tmp_path_factory.mktemp("wheel"))
+    except (ValueError, OSError, subprocess.CalledProcessError) as error:
         pytest.skip(f"nav2_msgs and tf2_msgs cannot be built: {error}")
     folder = tmp_path_factory.mktemp("interfaces")
     install = ("-m", "pip", "install", "-q", "--no-deps", "--disable-pip-version-check", "--prefix", str(folder), str(wheel))

@@ -28,8 +28,8 @@ class StandInNavigateToPose:
             super().__init__(current_pose=PoseStamped(), number_of_recoveries=0)
 
     class Result(SimpleNamespace):
-        def __init__(self):
-            super().__init__(error_code=0)
+        def __init__(self, *, error_code, error_msg):
+            super().__init__(error_code=error_code, error_msg=error_msg)
 
 
 class StandInServer:
@@ -118,7 +118,8 @@ def test_a_cancelled_goal_and_one_that_failed_end_as_such_each_with_its_own_clie
     door._server.cancel(second)
     door.look()
     assert (first.heard, second.heard) == (["execute", "abort"], ["execute", "canceled"])
-    assert [result.error_code for result in door._server.results] == [Failure.OTHER, 0]
+    results = [(result.error_code, result.error_msg) for result in door._server.results]
+    assert results == [(Failure.OTHER, "another goal took its place"), (0, "")]
 
 
 CLIENT = Path(__file__).with_name("navigate_client.py")

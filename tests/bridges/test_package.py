@@ -30,7 +30,7 @@ IN_GAZEBO = PACKAGE / "launch" / "gazebo.launch.xml"
 """It starts no node of its own, and includes the robot's."""
 IN_SIMULATION = {"enable_stamped_cmd_vel": "true", "require_emergency_stop": "false", "start_enabled": "true"}
 """What is otherwise there than on a robot."""
-PROGRAMS = {"bringup", "watch", "status", "field_test", "interfaces"}
+PROGRAMS = {"bringup", "watch", "status", "field_test"}
 """Programs without parameters of nodes."""
 RVIZ = PACKAGE / "rviz" / "turtlebot.rviz"
 SHELLS = {name: load(name) for name in BLOCKS}

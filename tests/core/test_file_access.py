@@ -49,7 +49,6 @@ ALLOWED = {
     "turtlebot_gym_ros/field/report.py": "a file of the package",
     "turtlebot_gym_ros/field/steps.py": "into a temporary folder",
     "turtlebot_gym_ros/graph/bringup.py": "replaced as a whole",
-    "turtlebot_gym_ros/interfaces.py": "what ROS's generators need, in the cache",
     "turtlebot_gym_ros/recording/bag.py": "a recording that grows, which must survive as far as it came",
     "turtlebot_gym_ros/recording/logger.py": "a recording that grows, which must survive as far as it came",
 }

@@ -170,7 +170,7 @@ def test_formulas_are_mathml(site):
 
 def test_the_reference_is_complete(site, ros):
     html = {path.stem: Html(path).ids for path in (site / "reference").glob("*.html")}
-    assert {name for name in NODES if name not in ("bringup", "watch", "status", "field_test", "interfaces")} <= html["ros"]
+    assert {name for name in NODES if name not in ("bringup", "watch", "status", "field_test")} <= html["ros"]
     assert {f"turtlebot-gym-{name}" for name in FLAGS} <= html["commands"]
     presets = (site / "reference" / "presets.html").read_text()
     assert all(f"<code>{name}</code>" in presets for name in turtlebot_gym.NOISES)

@@ -73,9 +73,6 @@ NODES = {
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer"),
     "watch": Entry("graph.watch:main", "shows the running graph in a browser", "viewer"),
     "field_test": Entry("field.program:main", "guides a person through the first afternoon with a robot", "field test"),
-    "interfaces": Entry(
-        "interfaces:main", "builds nav2_msgs and tf2_msgs, which PyPI lacks, into this environment", "messages",
-    ),
     "status": Entry("graph.status:main", "prints which node waits for what", "status"),
 }  # fmt: skip
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}

@@ -51,8 +51,8 @@ _NIS = ("nis", "fits", "weight")
 SURPRISING = 16.27
 """NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
 NO_TF = (
-    "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or build it with python -m turtlebot_gym_ros "
-    "interfaces."
+    "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or build it with tools/build_nav2_msgs.py of the "
+    "repository."
 )
 """Refusal of a node that would publish on ``/tf``."""
 

@@ -21,7 +21,7 @@ from turtlebot_gym_ros.node.geometry import write_pose
 NAME = "navigate_to_pose"
 MISSING = (
     f"the action {NAME} is not offered, since nav2_msgs is missing: install it with ROS (ros-DISTRO-nav2-msgs), or build it "
-    "into this environment with python -m turtlebot_gym_ros interfaces."
+    "with tools/build_nav2_msgs.py of the repository."
 )
 """Remark of a node that would offer the action."""
 
@@ -57,7 +57,7 @@ class NavigateToPose:
     """The server of the action, ``nav2_msgs/action/NavigateToPose``.
 
     A goal that is refused is accepted and aborted at once, since a rejection has no reason: the result carries the code of Nav2
-    for it, in later distributions than Jazzy also the text, which the node logs in any case.
+    for it, and the text, which the node logs, too.
 
     Args:
         node: The node.
@@ -114,11 +114,7 @@ class NavigateToPose:
 
     def _end(self, errand: Errand, handle: Any) -> Any:
         {"reached": handle.succeed, "failed": handle.abort, "cancelled": handle.canceled}[errand.state]()
-        result = self._action.Result()
-        for name, value in (("error_code", int(errand.code)), ("error_msg", errand.reason)):
-            if hasattr(result, name):  # by distribution
-                setattr(result, name, value)
-        return result
+        return self._action.Result(error_code=int(errand.code), error_msg=errand.reason)
 
     def close(self) -> None:
         """Withdraw the action."""
