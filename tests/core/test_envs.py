@@ -6,7 +6,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import RecordVideo
-from gymnasium.wrappers.vector import RecordVideo as RecordVectorVideo
 
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
@@ -154,9 +153,11 @@ def test_the_first_rows_are_drawn_the_smaller_where_they_are_many(rows, number, 
     assert [(picture.shape, picture.dtype) for picture in pictures] == [(shape, np.uint8)] * number
 
 
-@pytest.mark.parametrize("record", [RecordVideo, RecordVectorVideo])
+@pytest.mark.parametrize("record", [RecordVideo, getattr(gym.wrappers.vector, "RecordVideo", None)])
 def test_gymnasium_records_videos(tmp_path, record):
     pytest.importorskip("moviepy")
+    if record is None:
+        pytest.skip("this Gymnasium has no RecordVideo for vectors of environments")
     env = gym.make(NAV, render_mode="rgb_array", max_episode_steps=4) if record is RecordVideo else square(3)
     env = record(env, str(tmp_path / "films"), episode_trigger=lambda episode: True)
     env.reset(seed=0)
