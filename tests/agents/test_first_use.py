@@ -1,13 +1,10 @@
 """What the command line imports: little for its help, torch only to train."""
 
-import gc
 import json
 import subprocess
 import sys
 
 import pytest
-
-from turtlebot_gym_agents.__main__ import THRESHOLDS, main
 
 HEAVY = "torch", "stable_baselines3", "numba", "scipy", "matplotlib", "rich", "yaml", "onnx", "onnxruntime", "optuna", "mujoco"
 
@@ -32,15 +29,6 @@ except SystemExit:
     pass
 """
     assert loaded(script) == []
-
-
-def test_a_command_searches_for_garbage_rarely_and_leaves_a_callers_process_as_it_was(monkeypatch):
-    during = []
-    monkeypatch.setattr("turtlebot_gym_agents.commands.cli.main", lambda argv: during.append(gc.get_threshold()) or 0)
-    before = gc.get_threshold()
-    assert main(["train"]) == 0
-    assert (during, gc.get_threshold()) == ([THRESHOLDS], before)
-    assert before < THRESHOLDS
 
 
 def test_a_training_is_configured_without_torch():
