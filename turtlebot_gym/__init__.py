@@ -1,21 +1,14 @@
 """A TurtleBot that navigates on what a Kalman filter believes: Gymnasium environments, filter and odometry models.
 
-Importing this package registers the environments' ids where gymnasium is installed, as by the extra ``gym``.
+Importing this package registers the environments' ids where gymnasium is installed, as by the extra ``gym``, and changes
+nothing else in the process.
 Without it and numba, as on a robot, the filter, the models and the tasks still work.
 """
 
-import os
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from turtlebot_gym.lazy import lazy_names
-
-# Threads that spin while they wait burn a core each, and on a busy machine they wait long: with the default spin a step of 512
-# environments took 5 ms of CPU instead of 0.06, and a policy with small products of matrices more than twice the CPU. Without,
-# a parallel loop takes 5 microseconds longer at worst. OpenMP and OpenBLAS read this when they are loaded; if torch has loaded
-# OpenMP earlier, `compiled.threads.Pace` notices what that costs.
-os.environ.setdefault("GOMP_SPINCOUNT", "0")
-os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 
 if TYPE_CHECKING:
     from turtlebot_gym.estimation.ekf import Estimate

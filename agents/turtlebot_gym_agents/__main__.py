@@ -5,14 +5,16 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from turtlebot_gym import __version__
-from turtlebot_gym.extras import installing
-from turtlebot_gym_agents.outputs import ending_quietly
+from turtlebot_gym_agents.process import ending_quietly, let_threads_sleep
 
 
 @ending_quietly
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a subcommand, and return the exit status."""
+    let_threads_sleep()  # the imports below load numpy
+    from turtlebot_gym import __version__
+    from turtlebot_gym.extras import installing
+
     if [*(sys.argv[1:] if argv is None else argv)] == ["--version"]:
         print(f"turtlebot-gym {__version__}")
         return 0

@@ -9,17 +9,12 @@ missing output folder is left to the command. Devices and pipes, such as ``/dev/
 from __future__ import annotations
 
 import os
-import select
-import signal
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
-from functools import wraps
 from itertools import chain, combinations
 from pathlib import Path
-from typing import Any, NamedTuple, ParamSpec, get_type_hints
-
-P = ParamSpec("P")
+from typing import Any, NamedTuple, get_type_hints
 
 
 class Output(NamedTuple):
@@ -135,26 +130,6 @@ def _paths_in(value: object) -> Iterator[Path]:
     elif isinstance(value, (list, tuple)):
         for part in value:
             yield from _paths_in(part)
-
-
-def ending_quietly(main: Callable[P, int]) -> Callable[P, int]:
-    """Let a program end silently, with a shell's status for SIGPIPE, if its output is closed early, as by ``| head``."""
-
-    @wraps(main)
-    def run(*args: P.args, **kwargs: P.kwargs) -> int:
-        try:
-            status = main(*args, **kwargs)
-            print(end="", flush=True)
-        except (BrokenPipeError, SystemExit):
-            poll = select.poll()
-            poll.register(1, 0)
-            if not any(event & select.POLLERR for _, event in poll.poll(0)):
-                raise
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # where Python flushes what is left at exit
-            return 128 + signal.SIGPIPE
-        return status
-
-    return run
 
 
 def _same(path: Path, other: Path) -> bool:

@@ -79,17 +79,19 @@ def test_the_environment_variable_sets_the_limit_and_is_checked(value, run):
             limit()
 
 
-ENTRIES = ["turtlebot_gym", "turtlebot_gym_agents.__main__", "turtlebot_gym_ros.__main__"]
-
-
 @pytest.mark.parametrize("given", [{}, {"OPENBLAS_THREAD_TIMEOUT": "20"}], ids=["default", "the user's"])
-@pytest.mark.parametrize("entry", ENTRIES)
-def test_how_long_threads_spin_is_set_before_numpy_reads_it_unless_the_user_has_said_so(entry, given, run):
+@pytest.mark.parametrize("entry", ["turtlebot_gym_agents.__main__", "turtlebot_gym_ros.__main__"])
+def test_commands_and_nodes_let_threads_sleep_before_numpy_is_loaded_unless_the_user_says_otherwise(entry, given, run):
     look = "def find_spec(name, *_): name == 'numpy' and seen.append(os.environ['OPENBLAS_THREAD_TIMEOUT'])"
     program = f"import os, sys; seen = []\n{look}\nsys.meta_path.insert(0, sys.modules[__name__])\n"
-    assert run(f"{program}import {entry}\nimport numpy; print(seen[0])", **given) == int(
-        given.get("OPENBLAS_THREAD_TIMEOUT", 4)
-    )
+    program += f"from {entry} import main\nmain(['--version'])\nprint(seen[0])"
+    assert run(program, **given) == int(given.get("OPENBLAS_THREAD_TIMEOUT", 4))
+
+
+@pytest.mark.parametrize("package", ["turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros"])
+def test_importing_a_package_leaves_the_environment_of_the_process_as_it_was(package, run):
+    program = f"import json, os; before = dict(os.environ); import {package}; print(json.dumps(os.environ == before))"
+    assert run(program) is True
 
 
 def paced(pace, cost, steps):

@@ -259,7 +259,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("turtlebot-gym: there is not enough memory for this request.", file=sys.stderr)
         return 2
     except BrokenPipeError:
-        raise  # see `outputs.ending_quietly`
+        raise  # see `process.ending_quietly`
     except (ValueError, OSError, ImportError) as error:
         print(f"turtlebot-gym: {' '.join(str(error).split())}", file=sys.stderr)
         return 2

@@ -29,8 +29,9 @@ EXTRAS = {"rclpy": "ros", "rosbags": "deploy", "matplotlib": "gym", "PIL": "gym"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a node, and return its exit code."""
-    from turtlebot_gym_agents.outputs import ending_quietly  # slow to import, as the others below
+    from turtlebot_gym_agents.process import ending_quietly, let_threads_sleep
 
+    let_threads_sleep()
     return ending_quietly(_run)(argv)
 
 
