@@ -3,7 +3,7 @@
 Formulas become MathML, which browsers draw without a script; a link to a section of a notebook that is a paragraph by itself
 becomes that section's equations, so that each equation stands in one place; links to ``reference/PACKAGE.md#NAME`` find the
 page that describes the name; links to notebooks find their pages; the API's pages enter the navigation; and each picture gets
-its size, a link to itself and a box as wide as the page at most. The page that builds commands gets its choices.
+its size, a link to itself and a box as wide as the page at most.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from builder import choices
 from layout import Page, pages
 from math_core import LatexToMathML
 from mkdocs.exceptions import PluginError
@@ -36,7 +35,6 @@ CELL = re.compile(
 )
 """A cell of a table that holds a number, with its interval and its unit."""
 TITLE = re.compile(r' title="([^"]*)"')
-BUILDER = "<form data-builder"
 IMG = re.compile(r'<img [^>]*?src="([^"#]+)[^>]*>')
 
 
@@ -90,8 +88,6 @@ def on_page_content(content: str, *, page: Any, config: Any, files: Any) -> str:
     """Turn formulas into MathML, mark the numbers of tables, and give pictures their boxes."""
     content = INLINE.sub(lambda found: mathml(html.unescape(found[1]), display=False), content)
     content = DISPLAY.sub(lambda found: f'<div class="formula">{mathml(html.unescape(found[1]), display=True)}</div>', content)
-    if BUILDER in content:
-        content = content.replace(BUILDER, f'{BUILDER} data-choices="{html.escape(json.dumps(choices()), quote=True)}"')
     content = CELL.sub(r'<td class="number"\1>\2</td>', content)
     folder = Path(page.file.abs_dest_path).parent
     sources = {file.abs_dest_path: file.abs_src_path for file in files if file.abs_src_path}

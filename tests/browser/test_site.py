@@ -9,14 +9,12 @@ import http.server
 import json
 import os
 import re
-import shlex
 import threading
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
 import pytest
-import tyro
 
 ROOT = Path(__file__).parents[2]
 
@@ -317,45 +315,6 @@ def test_the_drive_on_the_first_page_is_touched(visitor, width, scheme):
     assert visitor.page.locator("iframe.view").content_frame.locator(".map canvas").first.bounding_box()["height"] > 200
     assert not visitor.errors
     assert not [url for url in visitor.asked if visitor._outside(url)]
-
-
-@pytest.mark.parametrize("width", WIDTHS.values())
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_builder_makes_the_commands_that_are_copied(visitor, width, scheme):
-    from turtlebot_gym_agents.commands.cli import COMMANDS
-    from turtlebot_gym_agents.commands.flags import REGISTRY
-
-    page = visitor.page
-    visitor.open("builder.html")
-    page.set_viewport_size({"width": width, "height": HEIGHT})
-    page.emulate_media(color_scheme=scheme)
-    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
-    chosen = {
-        "task": "turtlebot_gym/TurtleBotRooms-v0",
-        "world": "office",
-        "policy": "vfh",
-        "noise": "wheel",
-        "filter": "scale",
-    }
-    for name, value in chosen.items():
-        page.select_option(f"form[data-builder] select[name={name}]", value)
-    for name in ("evaluate", "train", "watch", "bringup"):
-        block = page.locator(".highlight", has=page.locator(".filename", has_text=name)).first
-        block.hover()
-        block.locator("button[data-clipboard-target], .md-clipboard").first.click()
-        words = shlex.split(page.evaluate("navigator.clipboard.readText()").replace("\\\n", ""))
-        if name == "bringup":
-            assert words[:4] == ["python", "-m", "turtlebot_gym_ros", "bringup"]
-            asked = {option: chosen[option[2:]] for option in ("--noise", "--filter", "--world", "--policy")}
-            assert dict(zip(words[4::2], words[5::2], strict=True)) == asked
-            continue
-        command = tyro.extras.subcommand_cli_from_dict(dict(COMMANDS), args=words[1:], registry=REGISTRY)
-        assert words[:2] == ["turtlebot-gym", name]
-        assert (command.env, command.world) == (chosen["task"], "office")
-    page.select_option("form[data-builder] select[name=task]", "turtlebot_gym/TurtleBotPose-v0")
-    assert page.locator("select[name=world]").is_disabled()
-    assert "choose the square" in page.locator(".highlight", has=page.locator(".filename", has_text="bringup")).inner_text()
-    assert not visitor.errors
 
 
 def test_tables_of_results_are_folded_and_open(visitor):
