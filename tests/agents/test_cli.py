@@ -102,7 +102,7 @@ MISSPELT = [
 
 REFUSED = [
     (["evaluate", "--robot", "roomba"], "robot must be one of 'burger', "),
-    (["fly"], "command must be one of 'evaluate', 'video', "),
+    (["fly"], "command must be one of 'evaluate', 'watch', "),
     *((arguments, f"Did you mean {meant!r}?") for arguments, meant in MISSPELT),
     (["evaluate", "--policy", "vfh"], f"vfh: it steers by a LiDAR, which {NAV} does not have: choose --env {ROOMS}."),
     (["evaluate", "--policy", "gap+safety", "--allow-mismatch"], f"choose --env {ROOMS}."),
@@ -144,10 +144,6 @@ REFUSED = [
     (["benchmark", "--check", "no/such.json"], "no/such.json"),
     (["benchmark", "--check", "a.json", "--against", "."], "check and against exclude each other."),
     (["replay", "no/such/file.csv"], "no/such/file.csv"),
-    (["video", "--fps", "30"], "fps of a GIF must be one of 1, 2, 4, 5, 10, 20, 25, 50"),
-    (["video", "--out", "a.mp4", "--fps", "0"], "fps must be a whole number of at least 1, got 0"),
-    (["video", "--speed", "nan"], "speed must be a positive number from 1e-15 to 1e+09, got nan"),
-    (["video", "--width", "641"], "width must be an even whole number from 160 to 640, got 641"),
 ]
 
 
@@ -215,7 +211,7 @@ def test_without_mujoco_the_command_says_what_to_install(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("seed", ["-1", str(2**63), str(2**80)])
-@pytest.mark.parametrize("name", ["evaluate", "video", "watch", "estimate", "replay", "train", "tune"])
+@pytest.mark.parametrize("name", ["evaluate", "watch", "estimate", "replay", "train", "tune"])
 def test_an_invalid_seed_is_refused_by_name(name, seed, drive, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     more = {"replay": [str(drive)], "watch": ["--html", "a.html"], "estimate": ["--runs", "4"]}.get(name, [])
@@ -253,7 +249,6 @@ def test_a_command_takes_a_count_with_an_exponent(capsys):
         (["evaluate"], "Nothing was kept; a study keeps what is finished: turtlebot-gym study FILE.yaml."),
         (["study", "study.yaml", "--out", "run"], "The same command continues: finished jobs are in run."),
         (["tune", "--out", "run"], "The same command continues: finished trials are kept."),
-        (["video"], ""),
     ],
 )
 def test_an_interrupted_command_says_how_to_continue(arguments, message, capsys, tmp_path, monkeypatch):

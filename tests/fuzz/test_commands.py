@@ -38,7 +38,6 @@ BASES: dict[str, list[str]] = {
     "estimate": ["--runs", "4", "--seconds", "0.3", "--filter", "matched"],
     "calibrate": ["binary.csv"],
     "localize": ["binary.csv", "--map", "mine.yaml"],
-    "video": ["--policy", "nope.json", "--out", "a.gif"],
     "watch": ["--drive", "binary.csv", "--html", "a.html"],
     "train": ["--config", "list.yaml", "--out", "run"],
     "tune": ["--config", "broken.yaml", "--out", "search"],

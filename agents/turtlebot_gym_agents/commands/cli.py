@@ -127,50 +127,6 @@ class Evaluate(Placement, Reporting, _SEVERAL, Driven):
 
 @own_first
 @dataclass(frozen=True, kw_only=True)
-class Video(Writing, Driven):
-    """Drive one episode, and write it as a GIF or an MP4: true pose, estimate with its ellipse, odometry and waypoints."""
-
-    policy: str = "bearing"
-    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), tuned ones
-    (FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square), bundles (FILE.onnx), or module:callable for
-    one of your own; NAME+safety drives within a safety layer."""
-    out: Annotated[Path, Output((".gif", ".mp4"))] = Path("episode.gif")
-    """Output file: *.gif, or *.mp4, which needs imageio-ffmpeg."""
-    seed: int = 0
-    """Seed of the episode."""
-    speed: float = 4.0
-    """Playback speed, as a multiple of real time."""
-    fps: int = 20
-    """Frames per second; for a GIF 1, 2, 4, 5, 10, 20, 25 or 50."""
-    width: int = 640
-    """Width of the frames, pixels: even, from 160 to 640."""
-    dark: bool = False
-    """Draw on dark paper, for slides and dark pages."""
-
-    def run(self) -> None:
-        from turtlebot_gym_agents.commands.video import record
-
-        with progress(100) as advance_to:
-            video = record(
-                self.policy,
-                self.out,
-                env=self.env,
-                seed=self.seed,
-                speed=self.speed,
-                fps=self.fps,
-                width=self.width,
-                dark=self.dark,
-                progress=lambda steps, limit: advance_to(100 * steps // limit),
-                **self.options(),
-            )
-        print(
-            f"{self.out}: {video.duration:.1f} s, {video.size[0]} x {video.size[1]} pixels, {self.out.stat().st_size:,} bytes; "
-            f"the episode took {video.time:.1f} s and ended {'in' if video.success else 'without'} success."
-        )
-
-
-@own_first
-@dataclass(frozen=True, kw_only=True)
 class Watch(Writing, Recorded, Driven):
     """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
 
@@ -211,7 +167,6 @@ class Watch(Writing, Recorded, Driven):
 
 COMMANDS: dict[str, type[_Command]] = {
     "evaluate": Evaluate,
-    "video": Video,
     "watch": Watch,
     "estimate": Estimate,
     "replay": Replay,
