@@ -19,9 +19,8 @@ from turtlebot_gym_ros import Input, On, Output, Shell
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks.simulator import FIX_OUTPUTS, MAP_OUTPUTS, ROOM_OUTPUTS
-from turtlebot_gym_ros.graph.diagram import _says
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.nodes import BLOCKS
+from turtlebot_gym_ros.nodes import BLOCKS, load
 
 
 def node(name, *parameters, words=()):
@@ -68,7 +67,7 @@ def wait_for(what, patience=PATIENCE):
 
 def said_types():
     """Return the type of each topic that a block publishes, in a room and with fixes, as the graph writes it."""
-    kinds = {f"/{topic}": kind for name in BLOCKS for topic, kind in _says(name, guarded=False).items()}
+    kinds = {f"/{output.topic}": output.type for name in BLOCKS for output in load(name).outputs.values()}
     kinds |= {
         f"/{output.topic}": output.type for output in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values(), *FIX_OUTPUTS.values())
     }

@@ -1,7 +1,7 @@
 """The nodes of the package: the only list of them.
 
 This is plain data without ROS; a node's code is loaded when it is needed. The command line, the ROS package's executables, the
-graph's modes, the diagnostics, the diagram, the reference and the tests read it.
+graph's modes, the diagnostics, the reference and the tests read it.
 """
 
 from __future__ import annotations
@@ -17,14 +17,8 @@ class Entry(NamedTuple):
     """Its block, or the function that runs it: "module:name" inside this package."""
     summary: str
     """One line of help."""
-    word: str
-    """Plain name of the node."""
     modes: tuple[str, ...] = ()
     """Modes of the graph to which it belongs."""
-    place: tuple[int, int] | None = None
-    """Column and row in the diagram of the loop, which runs clockwise; None for pure listeners."""
-    guarded: str | None = None
-    """Topic of its commands, instead of ``cmd_vel``, if there is a guard."""
 
     @property
     def is_block(self) -> bool:
@@ -35,46 +29,33 @@ class Entry(NamedTuple):
 BOTH = ("autonomous", "teleoperation")
 NODES = {
     "waypoint_generator": Entry(
-        "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference", "waypoints",
-        modes=("autonomous",), place=(0, 1),
+        "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference", modes=("autonomous",)
     ),
     "velocity_controller": Entry(
-        "blocks.controller:VelocityController", "drives by a policy: /estimate and /reference to /cmd_vel", "controller",
-        modes=("autonomous",), place=(1, 1), guarded="cmd_vel_in",
+        "blocks.controller:VelocityController",
+        "drives by a policy: /estimate and /reference to /cmd_vel",
+        modes=("autonomous",),
     ),
     "turtlebot_simulator": Entry(
-        "blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state", "robot",
-        modes=BOTH, place=(2, 0),
+        "blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state", modes=BOTH
     ),
-    "kalman_filter": Entry(
-        "blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate", "filter", modes=BOTH, place=(1, 0)
-    ),
+    "kalman_filter": Entry("blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate", modes=BOTH),
     "localizer": Entry(
-        "blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate and /amcl_pose", "localizer",
-        place=(0, 0),
+        "blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate and /amcl_pose"
     ),
-    "simulated_teleop": Entry(
-        "blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel", "person",
-        place=(2, 2), guarded="cmd_vel_teleop",
-    ),
+    "simulated_teleop": Entry("blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
     "calibration_drive": Entry(
-        "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel", "calibration",
-        place=(1, 2), guarded="cmd_vel_in",
+        "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel"
     ),
-    "cmd_vel_guard": Entry(
-        "robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", "guard",
-        place=(2, 1),
-    ),
-    "cmd_vel_standby": Entry(
-        "robot.standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives", "standby",
-    ),
-    "data_logger": Entry("recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV", "recorder"),
-    "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers", "display"),
-    "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure", "observer"),
-    "watch": Entry("graph.watch:main", "shows the running graph in a browser", "viewer"),
-    "field_test": Entry("field.program:main", "guides a person through the first afternoon with a robot", "field test"),
-    "status": Entry("graph.status:main", "prints which node waits for what", "status"),
-}  # fmt: skip
+    "cmd_vel_guard": Entry("robot.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops"),
+    "cmd_vel_standby": Entry("robot.standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives"),
+    "data_logger": Entry("recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV"),
+    "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers"),
+    "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
+    "watch": Entry("graph.watch:main", "shows the running graph in a browser"),
+    "field_test": Entry("field.program:main", "guides a person through the first afternoon with a robot"),
+    "status": Entry("graph.status:main", "prints which node waits for what"),
+}
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
 BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
