@@ -28,7 +28,6 @@ from turtlebot_gym_agents.policies.fit import parameters_of, require_terms
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, shown
 from turtlebot_gym_agents.training.callbacks import Callback, mean_actions
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.optimizer import Adam
 
 CLONING_SEED = 2**43
 """Seed of the environments in which a policy is cloned, separate from others."""
@@ -77,7 +76,7 @@ def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: in
     assert isinstance(network, ActorCriticPolicy)
     with torch.no_grad():
         network.log_std.fill_(float(np.log(DEVIATION)))
-    optimizer = Adam([*_actor(network)], lr=RATE)
+    optimizer = torch.optim.Adam([*_actor(network)], lr=RATE)
     random = np.random.default_rng(seed)
     observations, _ = envs.reset(seed=seed)
     over = np.ones(envs.num_envs, np.bool_)

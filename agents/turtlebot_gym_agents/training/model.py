@@ -26,6 +26,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
+from stable_baselines3.common.utils import LinearSchedule
 
 from turtlebot_gym.files import SMALL, in_bounds, read_arrays, replacing, require_small
 from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
@@ -34,7 +35,6 @@ from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.policies.policy import shown
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
-from turtlebot_gym_agents.training.optimizer import EPS, Adam, Linear
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
@@ -100,8 +100,6 @@ def make_model(
         "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
     }
     keywords = arguments(config.hyper)
-    if config.algo == "ppo":
-        normalization |= {"optimizer_class": Adam, "optimizer_kwargs": {"eps": EPS}}
     adapter = Sb3VecEnv(envs)
     model = ALGORITHMS[config.algo](
         config.hyper["policy"],
@@ -137,7 +135,7 @@ def arguments(hyper: Mapping[str, Any]) -> dict[str, Any]:
 
 def _made(value: Any) -> Any:
     if isinstance(value, str) and value.startswith("lin_"):
-        return Linear(float(value.removeprefix("lin_")))
+        return LinearSchedule(float(value.removeprefix("lin_")), end=0.0, end_fraction=1.0)
     return tuple(value) if isinstance(value, list) else value
 
 
