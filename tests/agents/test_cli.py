@@ -5,7 +5,9 @@ import os
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -128,8 +130,7 @@ REFUSED = [
     (["calibrate", "straight.csv", "--columns", "speed=v"], "columns must name time, v, omega"),
     (["calibrate", "straight.csv", "--odometry", "laser"], "straight.csv: kind must be one of 'pose', 'wheel', got 'laser'"),
     *((["watch", option, "nothing", "--html", "a.html"], "") for option in ("--policy", "--env", "--drive", "--noise")),
-    (["train", "--wandb", "one", "two"], "wandb takes one project, got one, two."),
-    (["train", "--wandb", "--cluster", "local"], "leave out --cluster"),
+    (["train", "--wandb", "mine", "--cluster", "local"], "leave out --cluster"),
     (["evaluate", "--workers", "2"], "workers is the number of processes on this machine: choose --cluster local."),
     (["evaluate", "--cluster", "auto", "--workers", "2"], "choose --cluster local."),
     (["evaluate", "--cluster", "local", "--workers", "0"], "workers must be a whole number of at least 1, got 0."),
@@ -273,3 +274,23 @@ def test_results_are_printed_whatever_the_terminal_can_show(variable, value, exp
     assert done.returncode == 0, done.stderr
     assert expected in done.stdout
     assert done.stdout.splitlines()[-1].endswith(".")
+
+
+def test_weights_and_biases_gets_the_configuration_and_reads_tensorboards_curves(tmp_path, monkeypatch, capsys):
+    begun = []
+
+    def init(**options):
+        begun.append(options)
+        return nullcontext()
+
+    short = ["train", "--steps", "1", "--evaluations", "1", "--wandb", "mine"]
+    monkeypatch.setitem(sys.modules, "wandb", SimpleNamespace(init=init))
+    assert main([*short, "--out", str(tmp_path / "run")]) == 0
+    (options,) = begun
+    assert options.items() >= {"project": "mine", "dir": tmp_path / "run", "resume": "auto", "sync_tensorboard": True}.items()
+    recorded = json.loads((tmp_path / "run" / "config.json").read_text())
+    assert options["config"].items() <= recorded.items()
+    monkeypatch.setitem(sys.modules, "wandb", None)
+    assert main([*short, "--out", str(tmp_path / "other")]) == 2
+    assert f"wandb is not installed: {installing('wandb')}." in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()

@@ -5,15 +5,13 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, fields
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym.extras import installing
 from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.commands.console import Placement, Reporting, Setting, needs, print_tables, progress
 from turtlebot_gym_agents.commands.flags import flags, own_first
@@ -62,15 +60,16 @@ class Train(Placement, _EVALUATED, _Learned):
     """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
     watch: bool = False
     """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [watch]."""
-    wandb: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[PROJECT]")] = None
-    """Send configuration and curves to Weights & Biases; needs the extra [wandb]."""
+    wandb: Annotated[str | None, tyro.conf.arg(metavar="PROJECT")] = None
+    """Send configuration and TensorBoard's curves to this project of Weights & Biases; needs the extra [wandb]."""
 
     def run(self) -> None:
         from turtlebot_gym_agents.training.config import require_no_run
 
         whole("seeds", self.seeds, 1)
-        self._require_tracking()
         runner = self.runner()
+        if self.wandb is not None and self.spread:
+            raise ValueError("wandb follows trainings in this process: leave out --cluster.")
         seeds = range(self.seed, self.seed + self.seeds)
         folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
         for folder in folders if not (self.resume or self.spread) else ():
@@ -85,10 +84,10 @@ class Train(Placement, _EVALUATED, _Learned):
         if self.spread:
             results = self._spread(configs[0], dict(zip(seeds, folders, strict=True)), runner)
         else:
-            results = (
-                train(config, folder, resume=self.resume, callbacks=self._callbacks(config, folder))
-                for config, folder in zip(configs, folders, strict=True)
-            )
+            results = []
+            for config, folder in zip(configs, folders, strict=True):
+                with self._tracked(config, folder):
+                    results.append(train(config, folder, resume=self.resume, callbacks=self._callbacks(config)))
         trained = list(zip(seeds, folders, results, strict=True))
         runs, times = [], []
         for seed, folder, result in trained:
@@ -113,30 +112,24 @@ class Train(Placement, _EVALUATED, _Learned):
         with progress(self.seeds) as advance_to:
             return train_seeds(config, folders, run=runner, progress=advance_to)
 
-    def _callbacks(self, config: TrainingConfig, folder: Path) -> list[Any]:
-        """Return the callbacks that show the policy and send its curves, if requested."""
-        callbacks: list[Any] = []
-        if self.watch:
-            with needs("watch"):
-                from turtlebot_gym_agents.training.watching import WatchCallback
-            callbacks.append(WatchCallback(config))
-        if self.wandb is not None:
-            with needs("wandb"):
-                from turtlebot_gym_agents.training.tracking import PROJECT, WandbCallback
+    def _callbacks(self, config: TrainingConfig) -> list[Any]:
+        """Return the callback that shows the policy, if requested."""
+        if not self.watch:
+            return []
+        with needs("watch"):
+            from turtlebot_gym_agents.training.watching import WatchCallback
+        return [WatchCallback(config)]
 
-                callbacks.append(WandbCallback(config, folder, project=next(iter(self.wandb), PROJECT)))
-        return callbacks
-
-    def _require_tracking(self) -> None:
-        """Check what Weights & Biases needs before anything is trained."""
+    def _tracked(self, config: TrainingConfig, folder: Path) -> Any:
+        """Return the context of a run of Weights & Biases, if requested, which reads what goes to TensorBoard."""
         if self.wandb is None:
-            return
-        if self.spread:
-            raise ValueError("wandb follows trainings in this process: leave out --cluster.")
-        if len(self.wandb) > 1:
-            raise ValueError(f"wandb takes one project, got {', '.join(self.wandb)}.")
-        if find_spec("wandb") is None:
-            raise ImportError(f"wandb is not installed: {installing('wandb')}.")
+            return nullcontext()
+        with needs("wandb"):
+            import wandb  # pyright: ignore[reportMissingImports]
+        folder.mkdir(parents=True, exist_ok=True)
+        return wandb.init(
+            project=self.wandb, name=config.title, dir=folder, config=config.record(), resume="auto", sync_tensorboard=True
+        )
 
 
 @own_first

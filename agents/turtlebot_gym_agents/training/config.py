@@ -21,6 +21,8 @@ from turtlebot_gym_agents.training.randomization import randomized
 
 STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
+NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
+"""Algorithms of Stable-Baselines3 that train here, in lower case."""
 ON_POLICY = ("ppo", "a2c")
 """Algorithms with a critic of the current policy, which can begin with the network of a known policy."""
 _FREE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
@@ -69,7 +71,7 @@ class TrainingConfig(Options):
     threads: Annotated[int, Range(1, 4096, whole=True)] = 1
     """Threads of torch and of the compiled loop; small networks gain nothing from more."""
     hyper: Mapping[str, Any] = field(init=False, repr=False)
-    """The checked hyper-parameters, which ``config`` names."""
+    """The hyper-parameters, which ``config`` names; Stable-Baselines3 checks them when the training makes its model."""
 
     def __post_init__(self) -> None:
         typed(self, "")
@@ -78,6 +80,7 @@ class TrainingConfig(Options):
             ids = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]
             error = refusal("env", f"one of {', '.join(map(repr, ids))}, or another id with their arguments", self.env)
             raise ValueError(f"{error}{did_you_mean(self.env, ids)}")
+        choose("algo", self.algo, dict.fromkeys(NAMES))
         object.__setattr__(self, "hyper", hyperparameters.load(self.algo, self.env, self.config))
         if self.from_policy is not None and self.algo not in ON_POLICY:
             raise ValueError(f"from_policy needs an algorithm among {', '.join(ON_POLICY)}, got {self.algo!r}.")

@@ -9,8 +9,9 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import deepcopy
+from inspect import signature
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -30,20 +31,21 @@ from stable_baselines3.common.utils import LinearSchedule
 
 from turtlebot_gym.files import SMALL, in_bounds, read_arrays, replacing, require_small
 from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
+from turtlebot_gym.validation import did_you_mean, refusal
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.policies.policy import shown
-from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.config import NAMES, TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {
-    name: getattr(stable_baselines3, name.upper()) for name in ("a2c", "ddpg", "ppo", "sac", "td3")
-}
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {name: getattr(stable_baselines3, name.upper()) for name in NAMES}
 """The algorithms of Stable-Baselines3 by their names in lower case."""
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this, separate from others."""
+_OURS = ("policy", "env", "seed", "device", "tensorboard_log", "_init_setup_model")
+"""Arguments of the algorithms that are options of a training, or set here."""
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -86,7 +88,7 @@ def make_model(
         checkpoint: A file by `save_checkpoint`.
 
     Raises:
-        ValueError: If the checkpoint is not one of this configuration.
+        ValueError: If Stable-Baselines3 refuses the hyper-parameters, or the checkpoint is not one of this configuration.
     """
     parameters = parameters_of(envs)
     terms: tuple[ObservationTerm, ...] = envs.unwrapped.observation_terms  # pyright: ignore[reportAttributeAccessIssue]
@@ -99,16 +101,20 @@ def make_model(
         "features_extractor_class": NormalizedObservation,
         "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
     }
-    keywords = arguments(config.hyper)
+    keywords, device = arguments(config.algo, config.hyper), _choose_device(config.device, config.algo)
     adapter = Sb3VecEnv(envs)
-    model = ALGORITHMS[config.algo](
-        config.hyper["policy"],
-        adapter,
-        seed=config.seed,
-        device=_choose_device(config.device, config.algo),
-        tensorboard_log=None if tensorboard is None else str(tensorboard),
-        **{**keywords, "policy_kwargs": normalization | keywords["policy_kwargs"]},
-    )
+    try:
+        model = ALGORITHMS[config.algo](
+            config.hyper["policy"],
+            adapter,
+            seed=config.seed,
+            device=device,
+            tensorboard_log=None if tensorboard is None else str(tensorboard),
+            **{**keywords, "policy_kwargs": normalization | keywords["policy_kwargs"]},
+        )
+    except (TypeError, ValueError, AssertionError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"Stable-Baselines3 refuses the hyper-parameters of {config.algo}, see --config: {reason}") from error
     if checkpoint is not None:
         _restore(model, checkpoint)
     # Making the model has set the model's own seed there. A resumed training must not repeat its first episodes.
@@ -118,24 +124,40 @@ def make_model(
     return model
 
 
-def arguments(hyper: Mapping[str, Any]) -> dict[str, Any]:
+def arguments(algo: str, hyper: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keyword arguments of an algorithm: schedules, activations and exploration noise made from their names.
 
     Args:
+        algo: A name in `ALGORITHMS`.
         hyper: Hyper-parameters by `hyperparameters.load`.
+
+    Raises:
+        ValueError: If the algorithm has no such argument, or a value is of another kind than the argument's default.
     """
     made: dict[str, Any] = {key: _made(value) for key, value in hyper.items() if key not in ("n_envs", "n_timesteps", "policy")}
     network = dict(hyper["policy_kwargs"])
     if "activation_fn" in network:
-        network["activation_fn"] = getattr(torch.nn, network["activation_fn"])
-    if made.pop("noise_type", None) is not None:
-        made["action_noise"] = NormalActionNoise(np.zeros(2), np.full(2, made.pop("noise_std")))
+        if not hasattr(torch.nn, name := str(network["activation_fn"])):
+            raise refusal("policy_kwargs.activation_fn", "a module of torch.nn, such as ReLU", name)
+        network["activation_fn"] = getattr(torch.nn, name)
+    if made.get("noise_type") == "normal":
+        del made["noise_type"]
+        made["action_noise"] = NormalActionNoise(np.zeros(2), np.full(2, made.pop("noise_std", 0.0)))
+    known = {name: item.default for name, item in signature(ALGORITHMS[algo]).parameters.items() if name not in _OURS}
+    for name, value in made.items():
+        if name in ("env", "seed", "device"):
+            raise ValueError(f"{name} is no hyper-parameter: use the option --{name}.")
+        if name not in known:
+            raise ValueError(f"{algo} has no hyper-parameter {name!r}; it has {', '.join(known)}.{did_you_mean(name, known)}")
+        if isinstance(known[name], (int, float)) and not (isinstance(value, (int, float, tuple)) or callable(value)):
+            raise refusal(name, f"a value such as {known[name]!r}", value)
     return {**made, "policy_kwargs": network}
 
 
 def _made(value: Any) -> Any:
     if isinstance(value, str) and value.startswith("lin_"):
-        return LinearSchedule(float(value.removeprefix("lin_")), end=0.0, end_fraction=1.0)
+        with suppress(ValueError):  # another text stays one, and is refused
+            return LinearSchedule(float(value.removeprefix("lin_")), end=0.0, end_fraction=1.0)
     return tuple(value) if isinstance(value, list) else value
 
 
