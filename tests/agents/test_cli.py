@@ -6,17 +6,20 @@ import re
 import subprocess
 import sys
 from contextlib import nullcontext
+from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from turtlebot_gym import Options
 from turtlebot_gym.extras import installing
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym_agents.commands.cli import COMMANDS, main
-from turtlebot_gym_agents.commands.flags import read_whole
+from turtlebot_gym_agents.commands.flags import Environment, Learning, OfDrive, read_whole
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.training.config import TrainingConfig
 
 NAV, ROOMS = (f"turtlebot_gym/TurtleBot{task}-v0" for task in ("Nav", "Rooms"))
 
@@ -294,3 +297,25 @@ def test_weights_and_biases_gets_the_configuration_and_reads_tensorboards_curves
     assert main([*short, "--out", str(tmp_path / "other")]) == 2
     assert f"wandb is not installed: {installing('wandb')}." in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize(
+    ("part", "owner"), [(Environment, Options), (OfDrive, Options), (Learning, TrainingConfig)], ids=lambda each: each.__name__
+)
+def test_a_flag_has_the_name_and_the_default_of_its_option(part, owner):
+    defaults = {item.name: item.default for item in fields(owner)}
+    for item in fields(part):
+        assert item.default == defaults[item.name], item.name
+    if owner is Options:
+        flags = {item.name for each in (Environment, OfDrive) for item in fields(each)}
+        assert {*defaults} - flags == {"task", "waypoints", "reward", "dt", "integrator"}  # in Python only
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_flag_has_a_text_in_the_help(name, capsys):
+    with pytest.raises(SystemExit):
+        main([name, "--help"])
+    entries = [entry.replace("│", " ") for entry in re.split(r"\n│ (?=\S)", capsys.readouterr().out)]
+    flags = [" ".join(entry.split()).partition("(default")[0] for entry in entries if entry.startswith("--")]
+    for flag in flags:
+        assert len(re.sub(r"--[\w-]+,?|\{None\}|[A-Z|.\[\]]{3,}", "", flag).split()) > 1, flag

@@ -38,7 +38,6 @@ ALLOWED = {
     "turtlebot_gym_agents/commands/console.py": "replaced as a whole",
     "turtlebot_gym_agents/commands/course.py": "an exercise of the package",
     "turtlebot_gym_agents/commands/data.py": "replaced as a whole",
-    "turtlebot_gym_agents/commands/flags.py": "source code of the package",
     "turtlebot_gym_agents/outputs.py": "whether an output can be written",
     "turtlebot_gym_agents/policies/bundle.py": "replaced as a whole",
     "turtlebot_gym_agents/process.py": "/dev/null",

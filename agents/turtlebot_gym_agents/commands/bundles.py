@@ -10,15 +10,11 @@ import tyro
 
 from turtlebot_gym.files import write_text
 from turtlebot_gym_agents.commands.console import Writing, needs
-from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.outputs import Output
 
-_TRAINED = flags(robot=None, noise=None, filter=None, observation=None)
 
-
-@own_first
 @dataclass(frozen=True, kw_only=True)
-class Export(Writing, _TRAINED):
+class Export(Writing):
     """Convert a model saved by Stable-Baselines3 into a policy bundle, and check that both return the same actions.
 
     The settings of its training are read from the config.json beside it; without that file, give them as options.
@@ -32,6 +28,14 @@ class Export(Writing, _TRAINED):
     """Confirm that you trust the zip file: loading it can run any code in it."""
     env: str | None = None
     """The environment's id."""
+    robot: str | None = None
+    """Robot of the training: a preset, or a file of your own (FILE.yaml)."""
+    noise: str | None = None
+    """Noise of the training: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
+    filter: str | None = None
+    """Filter of the training: matched, calibrated, tutorial, gated, mixture, slip, scale, gyro, or your own (MODULE:NAME)."""
+    observation: str | None = None
+    """What the policy observed: ekf, odometry, truth or located, with terms after it, see train --help."""
     rate: float | None = None
     """Commands per second; by default 10 unless config.json says otherwise."""
 

@@ -13,7 +13,6 @@ import tyro
 
 from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym_agents.commands.console import FigureFile, File, Reporting, print_tables, progress, save_figure
-from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.commands.recorded import Placed, Recorded
 from turtlebot_gym_agents.outputs import Output
 
@@ -26,7 +25,6 @@ PARTS = 4
 """Most steps of a calibration, for its progress bar: alignment and fit, of motion and measurements, or twice by a map."""
 
 
-@own_first
 @dataclass(frozen=True, kw_only=True)
 class Calibrate(Reporting, Placed, Recorded):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.

@@ -35,7 +35,7 @@ from turtlebot_gym_agents.commands.console import (
 from turtlebot_gym_agents.commands.course import Check
 from turtlebot_gym_agents.commands.data import Data
 from turtlebot_gym_agents.commands.filters import Estimate, Replay
-from turtlebot_gym_agents.commands.flags import REGISTRY, flags, own_first
+from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.commands.learning import Train, Tune
 from turtlebot_gym_agents.commands.localize import Localize
 from turtlebot_gym_agents.commands.recorded import Recorded
@@ -52,12 +52,8 @@ class _Command(Protocol):
     def run(self) -> None: ...
 
 
-_SEVERAL = flags(several=("noise", "observation"))
-
-
-@own_first
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Placement, Reporting, _SEVERAL, Driven):
+class Evaluate(Placement, Reporting, Driven):
     """Drive policies on the same seeds and compare how well they do.
 
     Evaluates every combination of policy, noise and observation.
@@ -68,6 +64,10 @@ class Evaluate(Placement, Reporting, _SEVERAL, Driven):
     (FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or
     module:callable for one of your own. In rooms also oracle, which knows the map, NAME+safety, within a safety layer, and
     NAME+yield, which stops for people."""
+    noise: tuple[str, ...] = ("tutorial",)  # pyright: ignore[reportIncompatibleVariableOverride]
+    """Noises: clean, tutorial, documented, wheel, rough, or files of your own (FILE.yaml)."""
+    observation: tuple[str, ...] = ("ekf",)  # pyright: ignore[reportIncompatibleVariableOverride]
+    """What the policy observes: ekf, odometry, truth or located, with terms after it, see train --help."""
     episodes: int = 1000
     """Episodes of each combination; episode i has the seed SEED + i."""
     details: bool = False
@@ -125,7 +125,6 @@ class Evaluate(Placement, Reporting, _SEVERAL, Driven):
         return ", ".join(varied or names[:1])
 
 
-@own_first
 @dataclass(frozen=True, kw_only=True)
 class Watch(Writing, Recorded, Driven):
     """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.

@@ -15,7 +15,7 @@ import tyro
 
 from turtlebot_gym.extras import installing
 from turtlebot_gym.files import replacing
-from turtlebot_gym_agents.commands.flags import OPTIONS, flags
+from turtlebot_gym_agents.commands.flags import Environment, OfDrive
 from turtlebot_gym_agents.outputs import FIGURE, JSON
 from turtlebot_gym_agents.provenance import write_json
 
@@ -60,11 +60,6 @@ class Reporting(Writing):
             write_json(self.json, result, config=self.settings() if config is None else config)
 
 
-_OF_A_DRIVE = ("switch", "laps", "plant")
-_IN_PYTHON = ("task", "waypoints", "reward", "dt", "integrator")
-_ENVIRONMENT = flags(*(name for name in OPTIONS if name not in (*_OF_A_DRIVE, *_IN_PYTHON)))
-
-
 @dataclass(frozen=True, kw_only=True)
 class _Episodes:
     env: str = "turtlebot_gym/TurtleBotNav-v0"
@@ -75,20 +70,17 @@ class _Episodes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting(_ENVIRONMENT, _Episodes):
+class Setting(Environment, _Episodes):
     """Environment, filter, robot and seeds of a command."""
 
     def options(self) -> dict[str, Any]:
         """Return the keyword arguments of the environment."""
-        names = (name for name in OPTIONS if hasattr(self, name))
+        names = [item.name for part in (Environment, OfDrive) for item in fields(part) if hasattr(self, item.name)]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
 
-_DRIVE = flags(*_OF_A_DRIVE)
-
-
 @dataclass(frozen=True, kw_only=True)
-class Driven(_DRIVE, Setting):
+class Driven(OfDrive, Setting):
     """Environment, task and robot of a drive."""
 
     friction: float | None = None

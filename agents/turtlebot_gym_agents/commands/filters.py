@@ -11,15 +11,11 @@ import tyro
 
 from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.commands.console import FigureFile, Reporting, print_tables, progress, save_figure
-from turtlebot_gym_agents.commands.flags import flags, own_first
 from turtlebot_gym_agents.commands.recorded import Recorded
 
-_ESTIMATED = flags("noise", "robot", "dt", "integrator")
 
-
-@own_first
 @dataclass(frozen=True, kw_only=True)
-class Estimate(Reporting, _ESTIMATED):
+class Estimate(Reporting):
     """Compare filters with the best that any filter could do, and with their own stated uncertainty.
 
     All filters see the same short drives, whose commands do not depend on the estimate.
@@ -27,6 +23,14 @@ class Estimate(Reporting, _ESTIMATED):
 
     filter: tuple[str, ...] = ("matched", "gated", "mixture", "slip")
     """Filters: matched, calibrated, tutorial, gated, mixture, slip, scale, or of your own (MODULE:NAME)."""
+    noise: str = "tutorial"
+    """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
+    robot: str = "burger"
+    """Robot: a preset, or a file of your own (FILE.yaml). An unknown name lists the presets."""
+    dt: float = 0.1
+    """Control interval, s."""
+    integrator: str = "euler"
+    """Integrator of the motion: euler or midpoint."""
     runs: int = 2000
     """Number of drives; drive i has the seed SEED + i. The default determines an RMSE to 3 %, 20000 drives to 1 %."""
     seconds: float = 3.0
@@ -55,12 +59,8 @@ class Estimate(Reporting, _ESTIMATED):
             save_figure(report.estimation_figure(result), self.plot)
 
 
-_REPLAYED = flags("filter", noise="documented", integrator="midpoint")
-
-
-@own_first
 @dataclass(frozen=True, kw_only=True)
-class Replay(Reporting, Recorded, _REPLAYED):
+class Replay(Reporting, Recorded):
     """Run the filter over recorded drives with known truth.
 
     The filter predicts with the recorded wheel odometry, and is corrected by measured poses generated from the true ones with a
@@ -69,6 +69,12 @@ class Replay(Reporting, Recorded, _REPLAYED):
 
     files: tyro.conf.Positional[tuple[Path, ...]]
     """Recordings with truth: bags, logs of CARMEN or MRCLAM, or tables with named columns."""
+    filter: str = "matched"
+    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, or one of your own (MODULE:NAME)."""
+    noise: str = "documented"
+    """Noise of the measured poses: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
+    integrator: str = "midpoint"
+    """Integrator of the motion: euler or midpoint."""
     seed: int = 0
     """The first seed of the noise."""
     seeds: int = 20

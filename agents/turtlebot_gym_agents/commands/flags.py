@@ -1,96 +1,98 @@
-"""Flags of commands, made from the options of environments and trainings: one declaration of name, default and text for both.
+"""Flags that several commands share: options of environments and of trainings, with a text for the command line.
 
-The declarations are read as text: importing them takes numba, which ``--help`` need not wait for.
+Importing `turtlebot_gym.Options` takes numba, which ``--help`` need not wait for; a test compares names and defaults.
 """
 
 from __future__ import annotations
 
-import ast
-import inspect
-import re
-from collections.abc import Sequence
-from dataclasses import field, make_dataclass
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
-from types import NoneType
-from typing import Annotated, Any, NamedTuple, TypeVar, Union
+from typing import Annotated, Any
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-import turtlebot_gym
-from turtlebot_gym import parameters
 
-T = TypeVar("T")
+@dataclass(frozen=True, kw_only=True)
+class Environment:
+    """Options of environments."""
 
-
-def own_first(cls: type[T]) -> type[T]:
-    """Put a dataclass's own fields and its `flags` before other inherited ones, for its --help."""
-    made: Any = cls  # tyro takes the fields in the order in which the class has them
-    every = made.__dataclass_fields__
-    first = [
-        name
-        for part in (cls, *cls.__bases__)
-        if part is cls or part.__name__ == "Flags"
-        for name in inspect.get_annotations(part)
-    ]
-    made.__dataclass_fields__ = {name: every[name] for name in dict.fromkeys([*first, *every])}
-    return cls
-
-
-def flags(*names: str, several: Sequence[str] = (), **defaults: Any) -> Any:
-    """Return a base class for commands whose fields are options of environments or trainings.
-
-    Args:
-        *names: The options.
-        several: Options for which the command takes several values.
-        **defaults: Further options, with another default than the declared one.
-    """
-    made = []
-    for name in (*several, *names, *defaults):
-        kinds, usual, text = (OPTIONS | TRAINING)[name]
-        default: Any = defaults.get(name, usual)
-        kind: Any = tuple[kinds[0], ...] if name in several else Union[(*kinds, *([NoneType] if default is None else []))]
-        default = (default,) if name in several else default
-        made.append((name, Annotated[kind, tyro.conf.arg(help=text, **_SHOWN.get(name, {}))], field(default=default)))
-    return make_dataclass("Flags", made, frozen=True, kw_only=True)
-
-
-class _Declared(NamedTuple):
-    kinds: tuple[type, ...]
-    """Types that a command line can give."""
-    default: Any
-    text: str
-    """The text under it, up to the part about Python only."""
+    robot: str = "burger"
+    """Robot: a preset, or a file of your own (FILE.yaml). An unknown name lists the presets."""
+    noise: str = "tutorial"
+    """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
+    filter: str = "matched"
+    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, gyro with --imu, or your own (MODULE:NAME)."""
+    observation: str = "ekf"
+    """What the policy observes. The task's terms, from the robot's pose: ekf (the estimated one), odometry or truth; or
+    located, a localizer's, and with it how uncertain it is ahead and aside, and whether its last scan fits. After it, with
+    commas, or alone, terms by name, or of your own (MODULE:NAME): "ekf,scan*2"."""
+    fix: str | None = None
+    """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
+    file of your own (FILE.yaml)."""
+    imu: str | None = None
+    """Gyro, which the filter "gyro" reads: mpu9250, calibrated, or a file of your own (FILE.yaml)."""
+    world: str | None = None
+    """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, people, a Gazebo world (FILE.world,
+    FILE.sdf) or a map (FILE.yaml)."""
+    lidar: str | None = None
+    """Rooms only: lds01 (the default), lds02, a1, urg04lx or ideal."""
+    localizer: str | None = None
+    """Localizer, which corrects the belief by scans in the room's map; rooms with wheel odometry only: match, robot, or a file
+    of your own (FILE.yaml)."""
+    start: str | None = None
+    """With a localizer only: known, the localizer begins at the first measurement, or unknown, it looks for the robot in the
+    whole map; by default the task's own, which is known."""
+    goals: int | None = None
+    """Missions only: most goals that are drawn in turn, with a minute for each: one that the robot does not reach by then is
+    given up. By default as many as the time allows."""
+    arrival: str | None = None
+    """Pose that decides on arrival: truth, or belief, the pose that the policy observes, as on a robot; by default the task's
+    own, which is truth but in missions."""
+    delay: int = 0
+    """Delay of commands in steps, 0 to 3."""
+    system: str | None = None
+    """Kernels of a step of your own (MODULE:NAME): a turtlebot_gym.System, or a function of the parameters that returns one."""
 
 
-def _declared(source: Path, owner: str) -> dict[str, _Declared]:
-    """Return the fields of a class in a file."""
-    (body,) = (
-        node.body
-        for node in ast.parse(source.read_text(encoding="utf-8")).body
-        if isinstance(node, ast.ClassDef) and node.name == owner
-    )
-    declared = {}
-    # A field is followed by its text; a computed one, with a call instead of a default, is not an option.
-    for line, below in pairwise(body):
-        if not isinstance(line, ast.AnnAssign) or isinstance(line.value, ast.Call):
-            continue
-        if isinstance(line.target, ast.Name) and isinstance(below, ast.Expr):
-            names = re.sub(r"Annotated\[([^,]*),.*", r"\1", ast.unparse(line.annotation)).split(" | ")
-            kinds = tuple(kind for kind in (str, int, float, bool) if kind.__name__ in names) or (Path,)
-            text = " ".join(inspect.cleandoc(ast.literal_eval(below.value)).split())
-            usual: Any = line.value
-            default = getattr(parameters, usual.id) if isinstance(usual, ast.Name) else ast.literal_eval(usual)
-            declared[line.target.id] = _Declared(kinds, default, text.partition("; in Python")[0].rstrip(".") + ".")
-    return declared
+@dataclass(frozen=True, kw_only=True)
+class OfDrive:
+    """Options of environments for a drive."""
+
+    switch: str | None = None
+    """Square only: the next waypoint becomes current on arrival, or after a time of 15 s, reached or not."""
+    laps: int | None = None
+    """Square only: number of rounds through the waypoints."""
+    plant: str = "unicycle"
+    """Model that moves the robot: unicycle, or on open ground mujoco, a Burger with wheels that creep and slip, which needs
+    the extra [mujoco]."""
 
 
-OPTIONS = _declared(Path(turtlebot_gym.__file__).parent / "systems" / "options.py", "Options")
-"""The options of environments."""
-TRAINING = _declared(Path(__file__).parents[1] / "training" / "config.py", "TrainingConfig")
-"""Those of trainings."""
-_SHOWN: dict[str, Any] = {"from_policy": {"name": "from", "metavar": "POLICY"}, "config": {"metavar": "FILE"}}
+@dataclass(frozen=True, kw_only=True)
+class Learning:
+    """Options of trainings."""
+
+    algo: str = "ppo"
+    """Algorithm: ppo, sac or td3; others of Stable-Baselines3, in lower case, with a FILE of hyper-parameters."""
+    from_policy: Annotated[str | None, tyro.conf.arg(name="from", metavar="POLICY")] = None
+    """Begin with a network that was fitted to this policy, such as bearing, or vfh in rooms; for ppo and a2c."""
+    randomize: bool = False
+    """Randomize noise, speed scale and delay (in rooms also world and LiDAR) per environment; those given then apply to the
+    evaluation."""
+    speed_error: float = 0.02
+    """With --randomize: largest error of the executed speed, as a share of it, unknown to the filter. On a slippery floor
+    wheels lose a tenth."""
+    turn_error: float = 0.0
+    """With --randomize: largest further error of the executed turning rate, as a share of it, such as that of a wrong track."""
+    veer: float = 0.0
+    """With --randomize: largest turn per metre driven, rad/m, such as that of unequal wheels."""
+    config: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package."""
+    steps: int | None = None
+    """Environment steps; by default n_timesteps of the hyper-parameters."""
+    device: str = "cpu"
+    """Device of the network: cpu, cuda, or auto, which uses a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
+
 
 REGISTRY = ConstructorRegistry()
 """How the command line reads whole numbers: 1000000, 1_000_000 or 1e6."""

@@ -14,7 +14,7 @@ import tyro
 
 from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.commands.console import Placement, Reporting, Setting, needs, print_tables, progress
-from turtlebot_gym_agents.commands.flags import flags, own_first
+from turtlebot_gym_agents.commands.flags import Learning
 from turtlebot_gym_agents.outputs import FOLDER
 
 if TYPE_CHECKING:
@@ -30,12 +30,8 @@ SHOWN = 5
 """Trials in the table of a search, the best first."""
 
 
-_TRAINING = flags("algo", "from_policy", "randomize", "speed_error", "turn_error", "veer", "config", "steps", "device")
-
-
-@own_first
 @dataclass(frozen=True, kw_only=True)
-class _Learned(Reporting, _TRAINING, Setting):
+class _Learned(Learning, Reporting, Setting):
     def training(self, **changes: Any) -> TrainingConfig:
         from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -44,16 +40,14 @@ class _Learned(Reporting, _TRAINING, Setting):
         return TrainingConfig(**options | changes)
 
 
-_EVALUATED = flags("evaluations")
-
-
-@own_first
 @dataclass(frozen=True, kw_only=True)
-class Train(Placement, _EVALUATED, _Learned):
+class Train(Placement, _Learned):
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
     out: Annotated[Path, FOLDER] = Path("runs/nav")
     """Folder of the run; each of several seeds has a folder seed-N in it."""
+    evaluations: int = 8
+    """Number of evaluations during training."""
     seeds: int = 1
     """Number of seeds to train."""
     resume: bool = False
@@ -132,7 +126,6 @@ class Train(Placement, _EVALUATED, _Learned):
         )
 
 
-@own_first
 @dataclass(frozen=True, kw_only=True)
 class Tune(Placement, _Learned):
     """Search for hyper-parameters with Optuna, and write the best as OUT/best.yaml for train --config.

@@ -11,7 +11,6 @@ import numpy as np
 import tyro
 
 from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Reporting, print_tables, save_figure
-from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.commands.recorded import Placed, Recorded
 
 if TYPE_CHECKING:
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.localize import Course
 
 
-@own_first
 @dataclass(frozen=True, kw_only=True)
 class Localize(Reporting, Placed, Recorded):
     """Localize a recorded drive in a map by its odometry and scans, and compare with its truth, if it has one."""

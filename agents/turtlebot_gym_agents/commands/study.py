@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym_agents.commands.console import Placement, Reporting, print_tables, progress
-from turtlebot_gym_agents.commands.flags import own_first
 from turtlebot_gym_agents.outputs import FOLDER
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 
-@own_first
 @dataclass(frozen=True, kw_only=True)
 class Study(Placement, Reporting):
     """Compare policies and trainings in every combination of settings that a YAML file names.

@@ -34,7 +34,7 @@ class TrainingConfig(Options):
     """Configuration of a training run, which says everything that its result depends on.
 
     The options of the environments are fields of it. With ``randomize`` those of noise, filter, delay, world and LiDAR are for
-    the evaluation. The commands' flags are made from the fields (`commands.flags`).
+    the evaluation. `commands.flags` has the flags of commands.
     """
 
     env: str = "turtlebot_gym/TurtleBotNav-v0"
