@@ -36,8 +36,14 @@ from turtlebot_gym.observations.known import (
     UNCERTAINTY,
     Observation,
     Observed,
+    evidence_of,
+    goal_from,
+    next_goal_from,
     observe,
     observed_state,
+    stated_deviations,
+    twist_of,
+    uncertainty_of,
 )
 from turtlebot_gym.observations.reading import own_term, read_items, read_terms
 from turtlebot_gym.observations.term import SOURCE, ObservationTerm
@@ -64,6 +70,9 @@ __all__ = [
     "SceneColumns",
     "bounds_of",
     "columns_of",
+    "evidence_of",
+    "goal_from",
+    "next_goal_from",
     "observe",
     "observed_state",
     "observing",
@@ -74,4 +83,7 @@ __all__ = [
     "runs_of",
     "size_of",
     "slices_of",
+    "stated_deviations",
+    "twist_of",
+    "uncertainty_of",
 ]
