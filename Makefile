@@ -267,9 +267,6 @@ liars: $(READY)  ## 14 lies of a driver, ten times each: time and way until the 
 planted: $(READY)  ## defects planted in copies: whether the faults, or a test, notice each (half an hour; --named: 15 minutes)
 	$(RUN)python benchmarks/faults_planted.py --json benchmarks/faults_planted.json
 
-capabilities: $(READY)  ## run what the CHANGELOG says that there is, command by command, into out/capabilities.md (15 minutes)
-	$(RUN)python benchmarks/capabilities.py --data $(DATA) --markdown $(OUT)/capabilities.md
-
 ##@ Package
 build: $(READY)  ## build wheel and source distribution into dist
 	rm -rf dist && $(RUN)python -m build --quiet

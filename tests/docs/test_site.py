@@ -186,7 +186,7 @@ def test_the_reference_is_complete(site, ros):
 def test_the_release_notes_are_the_changelog(site):
     html = (site / "releases.html").read_text(encoding="utf-8")
     entries = [token for token in parsed(ROOT / "CHANGELOG.md") if token.type == "list_item_open"]
-    assert len(entries) > 50
+    assert len(entries) > 10
     assert html.count("<li>") >= len(entries)
     assert "Release notes" in html
     assert 'href="howto/fix.html"' in html

@@ -15,7 +15,7 @@ GONE = {
     "exports.turtlebot_gym.World",
     *(f"commands.replay.--columns.{name}" for name in ("time", "v", "omega", "x", "y", "theta")),
 }
-"""What has gone on purpose; CHANGELOG says what takes its place."""
+"""What has gone on purpose."""
 
 
 def paths(value, path=""):
