@@ -99,13 +99,12 @@ test-clients: $(READY)  ## train with every RL library, each in an environment o
 	$(RUN)python tests/clients/environments.py $(CLIENTS)
 	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
 
-check: $(READY)  ## style, types, the direction of imports, spelling and English
+check: $(READY)  ## style, types, the direction of imports, and spelling
 	$(RUN)ruff check
 	$(RUN)ruff format --check
 	$(RUN)pyright --pythonpath $(RUN)python
 	$(RUN)lint-imports
 	$(RUN)codespell
-	$(RUN)python tests/docs/prose.py
 
 ##@ Measure speed, and how much the tests notice
 mutants: $(READY)  ## change the code at random places, and count which changes the tests notice (an hour)
