@@ -106,10 +106,7 @@ check: $(READY)  ## style, types, the direction of imports, and spelling
 	$(RUN)lint-imports
 	$(RUN)codespell
 
-##@ Measure speed, and how much the tests notice
-mutants: $(READY)  ## change the code at random places, and count which changes the tests notice (an hour)
-	$(RUN)python benchmarks/mutants.py --json benchmarks/mutants.json
-
+##@ Measure speed
 SPEED ?= $(OUT)/speed
 
 bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, alone and beside busy processes (4 minutes)
