@@ -399,27 +399,6 @@ def table_with_long_cells(folder, rng):
 
 
 @kind
-def carmen_with_many_beams(folder, rng):
-    beams = large(rng, 4.0, 6.7)
-    line = f"FLASER {beams} " + "1 " * beams + "0 0 0 0 0 0 1 host 1\n"
-    return partial(read, written(folder / "a.log", line * max(1, int(2e7 / len(line)))))
-
-
-@kind
-def carmen_with_many_lines(folder, rng):
-    line = str(
-        rng.choice(["ODOM 0 0 0 0 0 0 1 h 1\n", "FLASER 1 1 0 0 0 0 0 0 1 h 1\n", "ODOM\n", "TRUEPOS 1 1 1 1 1 1 1 h 1\n"])
-    )
-    return partial(read, written(folder / "a.log", "# CARMEN\n" + line * (large(rng, 5.5, 7.0) // len(line))))
-
-
-@kind
-def mrclam_with_many_numbers(folder, rng):
-    content = "1 2 3\n" * 3 + "1 " * large(rng, 5.0, 7.3) + "\n" + "1 2 3\n" * large(rng, 3.0, 6.0)
-    return partial(read, written(folder / "Robot1_Odometry.dat", content))
-
-
-@kind
 def legs_of_a_tape(folder, rng):
     content = str(
         rng.choice(

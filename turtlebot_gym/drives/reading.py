@@ -11,11 +11,10 @@ import numpy as np
 
 from turtlebot_gym.drives.alignment import headings, interpolated
 from turtlebot_gym.drives.bags import is_bag, read_bag
-from turtlebot_gym.drives.carmen import is_carmen, is_carmen_arrays, read_carmen, read_carmen_arrays
 from turtlebot_gym.drives.clocks import judged
 from turtlebot_gym.drives.contradictions import contradiction
 from turtlebot_gym.drives.drive import Drive
-from turtlebot_gym.drives.mrclam import is_mrclam, read_mrclam
+from turtlebot_gym.drives.laser import is_laser_arrays, read_laser_arrays
 from turtlebot_gym.drives.tables import is_table, read_poses, read_table
 from turtlebot_gym.files import in_bounds
 from turtlebot_gym.topics import Topics
@@ -48,15 +47,8 @@ FORMATS = (
         "PoseWithCovarianceStamped, TransformStamped, PointStamped or `/tf`", is_bag, read_bag, ("topics", "lidar"),
     ),
     Format(
-        "CARMEN log", "text: `ODOM`, `FLASER`, `ROBOTLASER1`, `TRUEPOS`",
-        "odometry, scans, truth if there is one or a mapper has corrected the poses", is_carmen, read_carmen, (), False,
-    ),
-    Format(
-        "CARMEN arrays", "`.npz`: `time`, `odometry`, `ranges_cm`, `reference_row`, `reference`",
-        "odometry, scans, the reference as truth", is_carmen_arrays, read_carmen_arrays, (), False,
-    ),
-    Format(
-        "MRCLAM", "text: `Robot3_Odometry.dat` beside `Robot3_Groundtruth.dat`", "twist and truth", is_mrclam, read_mrclam
+        "laser arrays", "`.npz`: `time`, `odometry`, `ranges_cm`, `reference_row`, `reference`",
+        "odometry, scans, the reference as truth", is_laser_arrays, read_laser_arrays, (), False,
     ),
     Format(
         "table", "text with named columns, or `.npz` with an array for each", "twist, measured and true poses",

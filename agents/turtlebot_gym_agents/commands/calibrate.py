@@ -37,7 +37,7 @@ class Calibrate(Reporting, Placed, Recorded):
     """
 
     log: tyro.conf.Positional[Path]
-    """A bag of ROS 2 or ROS 1, a log of CARMEN or MRCLAM, or a table with named columns."""
+    """A bag of ROS 2 or ROS 1, laser arrays, or a table with named columns."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
     imu_out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None

@@ -68,7 +68,7 @@ class Replay(Reporting, Recorded):
     """
 
     files: tyro.conf.Positional[tuple[Path, ...]]
-    """Recordings with truth: bags, logs of CARMEN or MRCLAM, or tables with named columns."""
+    """Recordings with truth: bags, laser arrays, or tables with named columns."""
     filter: str = "matched"
     """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, or one of your own (MODULE:NAME)."""
     noise: str = "documented"

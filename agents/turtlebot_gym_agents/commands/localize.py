@@ -26,7 +26,7 @@ class Localize(Reporting, Placed, Recorded):
     """Localize a recorded drive in a map by its odometry and scans, and compare with its truth, if it has one."""
 
     file: tyro.conf.Positional[Path]
-    """Recording with odometry and scans: a bag, or a log of CARMEN."""
+    """Recording with odometry and scans: a bag, or laser arrays."""
     map: Path
     """Map, as map_server takes it (FILE.yaml)."""
     json: JsonFile = None
