@@ -1,8 +1,7 @@
 """Drive rooms by a LiDAR that sees a part of the circle, or measures in another unit, and count true contacts.
 
 Each drive is one of a policy on its own sensors (`turtlebot_gym_agents.Deployment`), with and without its safety layer, in an
-unseen room. It ends on contact by the true pose, at the goal, when a scan is refused, or after some time. `make bench-blind`
-runs it and writes `blind.json`.
+unseen room. It ends on contact by the true pose, at the goal, when a scan is refused, or after some time.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The simulator is plain NumPy: two wheels with their own radii and a track, noise on the twist, marker and clock of the truth. It
 drives with {Euler, midpoint} x {measured poses, wheel odometry} x {exact truth, truth with noise of 1 mm and 1 mrad}, at 5 to
-100 rows a second in turn. `make bench-calibration-intervals` counts how often the 95 % intervals contain the known values.
+100 rows a second in turn. It counts how often the 95 % intervals contain the known values.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ import tyro
 from numpy.typing import NDArray
 from scipy import stats
 
-from harness.study import each, finished
+from harness.study import each, finished, write_summary
 from turtlebot_gym.calibration import Calibration, calibrate
 from turtlebot_gym.drives import Drive
-from turtlebot_gym_agents.provenance import settings_of, write_json
 
 SETTINGS = tuple(itertools.product(("euler", "midpoint"), ("pose", "wheel"), ("exact", "noisy")))
 """Integrator, kind of odometry, and truth."""
@@ -225,7 +224,7 @@ def main() -> None:
     chosen = ["-".join(setting) for setting in SETTINGS if config.only in "-".join(setting)]
     result = summaries(judged, chosen, config)
     if config.results is not None:
-        write_json(config.results, {"coverage": result}, config=settings_of(config))
+        write_summary(config.results, {"coverage": result}, config, ("bias", "spread", "right"))
 
 
 if __name__ == "__main__":

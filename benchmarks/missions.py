@@ -1,7 +1,6 @@
 """Drive missions on wheels, localized, and on the truth: ten minutes of goals in turn, in rooms of held-out seeds.
 
-A goal counts as reached if the robot believes that it is there, and is. `make bench-missions` runs it and writes
-`missions.json`.
+A goal counts as reached if the robot believes that it is there, and is.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ has. All drive the same new episodes. The intervals include the variation betwee
 p-values are corrected for the number of scenarios (Holm). A tuned baseline is a single policy, so its interval covers episodes
 only.
 
-`make study` runs it. Finished work is kept under `out/`, by commit, so an interrupted run resumes.
+Finished work is kept under `out/`, by commit, so an interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -16,10 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
-from robustness_figure import draw
+from harness.study import write_summary
+from harness.tables import table
 from scenarios import BASELINES, NAV, POSE, SQUARE, Budget, evaluate_baselines, results_folder, run_all, trained, tuned
 from tune_baseline import best_of
 from turtlebot_gym import ROBOTS
@@ -57,6 +56,16 @@ SCENARIOS: dict[str, dict[str, Any]] = {
 }
 """Arguments of environments by name. The default robot is the burger."""
 LEVEL = 0.05
+UNREAD = ("options", "seeds", "numbers", "commits")
+"""Parts of the results that no page shows."""
+COLUMNS = {
+    "scenario": "{scenario}",
+    "baseline": "{compared_with}",
+    "tuned, s": "{baselines[0][time].value:.2f}",
+    "PPO minus it, s": "{ppo[difference]:+.2f}",
+    "p (Holm)": "{p_holm:.2g}",
+    "": "{verdict}",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +83,7 @@ class Config(Budget):
     runs: Path | None = None
     """Folder of trainings and tunings; by default out/study/COMMIT."""
     out: Path = Path("out/study")
-    """Folder for robustness.json and robustness.png."""
+    """Folder for robustness.json, whose summary goes beside this script."""
 
 
 def compared(config: Config, folder: Path, name: str) -> dict[str, Any]:
@@ -123,29 +132,6 @@ def verdict(row: dict[str, Any]) -> str:
     return "PPO faster" if row["ppo"]["difference"].value < 0.0 else "PPO slower"
 
 
-def table(rows: list[dict[str, Any]], config: Config) -> Table:
-    """Return the comparisons as a table for the terminal."""
-    drawn = Table(
-        "scenario", "baseline", "untuned, s", "tuned, s", "PPO, s", "PPO - tuned, s", "p (Holm)", "success, %", "",
-        title=f"{config.seeds} trainings, {config.episodes} episodes, 95 % intervals",
-    )  # fmt: skip
-    for row in rows:
-        base, ppo = row["baselines"][0], row["ppo"]
-        difference = ppo["difference"]
-        drawn.add_row(
-            row["scenario"],
-            row["compared_with"],
-            f"{base['time_untuned'].value:.2f}",
-            f"{base['time'].value:.2f}",
-            f"{ppo['time'].value:.2f}",
-            f"{difference:+.2f}",
-            f"{row['p_holm']:.2g}",
-            f"{100.0 * base['success'].value:.1f}, {100.0 * ppo['success'].value:.1f}",
-            row["verdict"],
-        )
-    return drawn
-
-
 def main() -> None:
     """Run the study, and write its results and its figure."""
     config = tyro.cli(Config, description=__doc__)
@@ -169,8 +155,8 @@ def main() -> None:
     noises = ("tutorial", "documented", "wheel", "rough")
     results = {"comparisons": rows, "false_arrivals": [false_arrivals(config, noise) for noise in noises]}
     write_json(config.out / "robustness.json", results, config=settings_of(config))
-    draw(plain(results)["comparisons"]).savefig(config.out / "robustness.png", dpi=120)
-    Console(width=180).print(table(rows, config))
+    write_summary(Path("benchmarks/robustness.json"), results, config, UNREAD)
+    print(table(plain(rows), COLUMNS))
 
 
 if __name__ == "__main__":

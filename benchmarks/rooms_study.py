@@ -1,4 +1,4 @@
-"""The study of rooms: policies, worlds, LiDARs and pose estimates; it also makes `ppo-rooms` and its card.
+"""The study of rooms: policies, worlds, LiDARs and pose estimates; it also makes `ppo-rooms`.
 
 PPO is trained with several seeds, on worlds, LiDARs and noise that differ between environments. The best training on the
 trainings' own evaluation seeds is the policy shipped with the package. Every policy drives the same held-out rooms of each
@@ -6,7 +6,7 @@ setting, on seeds that neither trainings nor tunings use. The baselines have the
 trainings together form one row, whose intervals include the variance between trainings. With ``--keep`` the package keeps the
 policy that it has, and that one drives.
 
-`make study-rooms` runs it. Trainings and drives are kept under `out/`, by commit, so an interrupted run resumes.
+Trainings and drives are kept under `out/`, by commit, so an interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -20,26 +20,24 @@ from typing import Any
 
 import numpy as np
 import tyro
-from rich.table import Table
 
-from harness.tables import markdown
-from rooms import hall
-from scenarios import best_of_trainings, described, kept, name_of, results_folder, run_all, slug, trainings
+from harness.study import write_summary
+from harness.tables import table
+from scenarios import best_of_trainings, kept, name_of, results_folder, run_all, slug, trainings
+from turtlebot_gym.rooms.grid import OCCUPIED, GridMap
 from turtlebot_gym.rooms.lidar import DRIVERS
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS
-from turtlebot_gym_agents.commands.console import print_tables
 from turtlebot_gym_agents.evaluation import comparison, metrics
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.fit import ROOMS
-from turtlebot_gym_agents.policies.named import SAFETY, pretrained_folder
-from turtlebot_gym_agents.provenance import settings_of, write_json
+from turtlebot_gym_agents.policies.named import SAFETY
+from turtlebot_gym_agents.provenance import plain, settings_of, write_json
 
 MAP = "map"
-"""Setting whose world is the map of a hall, see `rooms.hall`."""
+"""Setting whose world is the map of a hall, see `hall`."""
 ELSEWHERE = ("office", "cellular", "corridor", "crowd")
 """Worlds besides "dense" that are driven with other LiDARs too."""
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -59,6 +57,16 @@ SETTINGS: dict[str, dict[str, Any]] = {
 COMPARED_WITH = "vfh"
 """Baseline with whose success the others are compared."""
 SHIPPED = "ppo-rooms"
+UNREAD = ("barn", "clearance_5th", "collision_difference", "spl", "timeout")
+"""Parts of the results that no page shows."""
+COLUMNS = {
+    "setting": "{setting}",
+    "policy": "{policy}",
+    "success, %": "{success:.1%}",
+    f"minus {COMPARED_WITH}, points": "{success_difference:.1%}",
+    "collisions, %": "{collision:.1%}",
+    "time, s": "{time.value:.2f}",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +102,19 @@ class Config:
     runs: Path | None = None
     """Folder of trainings and drives; by default out/pretrained/COMMIT."""
     out: Path = Path("out/rooms")
-    """Folder for policy, card and rooms_study.json."""
+    """Folder for the policy and all results."""
+    json: Path = Path("benchmarks/rooms_study.json")
+    """File for their summary."""
+
+
+def hall(seed: int = 0) -> GridMap:
+    """Return a map of 20 m by 20 m at 5 cm: walls around, shelves and pillars."""
+    random, cells = np.random.default_rng(seed), np.zeros((400, 400), np.int8)
+    for _ in range(120):
+        i, j, height, width = *random.integers(0, 390, 2), *random.integers(2, 25, 2)
+        cells[i : i + height, j : j + width] = OCCUPIED
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    return GridMap(cells=cells, resolution=0.05)
 
 
 def drive(folder: Path, policy: str, name: str, config: Config) -> Evaluation:
@@ -172,50 +192,6 @@ def later(protected: Evaluation, bare: Evaluation) -> Interval:
     return metrics.mean((with_layer.time - without.time)[with_layer.success & without.success])
 
 
-def card(bundle: Path, rows: Sequence[Mapping[str, Any]], config: Config) -> str:
-    """Return the card of the shipped policy in Markdown, with the settings in which geometry beats it first."""
-    policy = BundlePolicy(bundle)
-    seed, mine = policy.card.training["config"]["seed"], [row for row in rows if row["policy"] == SHIPPED]
-    listed = [row for row in rows if row["policy"] in (SHIPPED, SHIPPED + SAFETY, COMPARED_WITH, "oracle")]
-    count = "some earlier" if config.keep else config.seeds
-    lines = [
-        f"# {SHIPPED}",
-        "",
-        *_verdicts(mine),
-        "",
-        *described(bundle, policy, "worlds, LiDARs, noise, speed (2 %) and delay (0 or 1 step)", count),
-        "",
-        f"Train it again: `turtlebot-gym train --env {policy.card.env} --randomize --seed {seed}`, which gives",
-        "another policy on a processor of another kind.",
-        f"Use it: `--policy {SHIPPED}`; on a robot rather `--policy {SHIPPED + SAFETY}`.",
-        "",
-        f"{config.episodes} rooms of each setting, on seeds from {config.first_seed:,}, 95 % intervals. `{COMPARED_WITH}` was",
-        "tuned for `dense`; the oracle knows the map and its true pose. All policies and all trainings are in",
-        "`benchmarks/rooms_study.json`.",
-        "",
-    ]
-    cells = []
-    for row in listed:
-        shares = (f"{row[key]:.1%}" for key in ("success", "collision", "timeout"))
-        cells.append((row["setting"], row["policy"], *shares, f"{row['spl'].value:.3f}"))
-    titles = ("setting", "policy", "success, %", "collisions, %", "time-outs, %", "SPL")
-    return "\n".join((*lines, markdown(titles, cells))) + "\n"
-
-
-def _verdicts(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a line for each outcome, losses first, with the settings in which the whole interval is on one side."""
-    lines = []
-    for part, side, words in (
-        ("collision", 1, "Collides more often than"),
-        ("success", -1, "Succeeds less often than"),
-        ("collision", -1, "Collides less often than"),
-        ("success", 1, "Succeeds more often than"),
-    ):
-        names = [f"`{row['setting']}`" for row in rows if metrics.side(row[f"{part}_difference"]) == side]
-        lines += [f"{words} `{COMPARED_WITH}` in {', '.join(names)}."] if names else []
-    return lines
-
-
 def main() -> None:
     """Train, drive, print a table, and write policy, card and results."""
     config = tyro.cli(Config, description=__doc__)
@@ -223,22 +199,12 @@ def main() -> None:
     runs = run_all(trainings(folder, config.steps, config.seeds, ROOMS), "trainings", config.processes)
     shipped = SHIPPED if config.keep else (str(best_of_trainings(runs) / "policy.onnx") if runs else None)
     rows = study(config, folder, runs, shipped)
-    shown = Table("", "policy", "success, %", f"minus {COMPARED_WITH}, points", "collision, %", "time-out, %", "SPL", "time, s")
-    for name in dict.fromkeys(row["setting"] for row in rows):
-        shown.add_section()
-        for line in (line for line in rows if line["setting"] == name):
-            cells = [f"{line[key]:.1%}" for key in ("success", "success_difference", "collision", "timeout")]
-            shown.add_row(name, line["policy"], *cells, f"{line['spl'].value:.3f}", f"{line['time'].value:.2f}")
-    print_tables(shown)
-    config.out.mkdir(parents=True, exist_ok=True)
-    bundle, text = config.out / f"{SHIPPED}.onnx", config.out / f"{SHIPPED}.md"
-    if config.keep:
-        bundle = pretrained_folder() / bundle.name
-    elif shipped is not None:
-        copyfile(shipped, bundle)
-    if shipped is not None:
-        text.write_text(card(bundle, rows, config), encoding="utf-8")
+    print(table(plain(rows), COLUMNS))
+    if shipped is not None and not config.keep:
+        config.out.mkdir(parents=True, exist_ok=True)
+        copyfile(shipped, config.out / f"{SHIPPED}.onnx")
     write_json(config.out / "rooms_study.json", {"rows": rows}, config=settings_of(config))
+    write_summary(config.json, {"rows": rows}, config, UNREAD)
 
 
 if __name__ == "__main__":

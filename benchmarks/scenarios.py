@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -19,9 +19,7 @@ from harness.study import each
 from tune_baseline import Try, best_of, tune_baseline
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym.files import replacing
-from turtlebot_gym.observations import size_of
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
-from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.named import bare
 from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -122,25 +120,6 @@ def trained(folder: Path, seed: int, steps: int | None, **options: Any) -> Path:
 def trainings(folder: Path, steps: int | None, seeds: int, env: str) -> list[Callable[[], Path]]:
     """Return the randomized trainings of a policy that is shipped; each returns its folder, and runs if that is missing."""
     return [partial(trained, folder, seed, steps, env=env, randomize=True) for seed in range(seeds)]
-
-
-def described(bundle: Path, policy: BundlePolicy, randomized: str, count: int | str) -> list[str]:
-    """Return the lines of a shipped policy's card about its training.
-
-    Args:
-        bundle: Its file.
-        policy: The loaded bundle.
-        randomized: What differed from environment to environment.
-        count: Number of trainings of which it is the best.
-    """
-    training: Mapping[str, Any] = policy.card.training
-    return [
-        f"PPO on `{policy.card.env}`, robot `burger`, 10 Hz, observation `ekf`, {size_of(policy.terms)} numbers;",
-        f"{bundle.stat().st_size / 1000:.0f} kB, sha256 `{policy.sha256[:16]}`, commit `{short(training['commit'])}`.",
-        f"Trained with {randomized} that differ from environment to environment:",
-        f"{training['steps']:,} steps in {training['seconds']:.0f} s, with seed {training['config']['seed']};",
-        f"of {count} trainings the best on the training's own evaluation seeds.",
-    ]
 
 
 def best_of_trainings(runs: Sequence[Path]) -> Path:

@@ -5,8 +5,7 @@ Actions are sampled beforehand, infos are the default ones, and all returned arr
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -20,7 +19,6 @@ NAV = "turtlebot_gym/TurtleBotNav-v0"
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 CARTPOLE = "CartPole-v1"
 SIZES = (4096, 65_536)
-FEW_AND_MANY = (1, 64, 4096)
 OURS, GYMNASIUM = "turtlebot_gym", "gymnasium"
 
 
@@ -82,48 +80,6 @@ def _vector(
     actions = [envs.action_space.sample() for _ in range(16)]
     step = timed(lambda k: envs.step(actions[k % 16]), one_thread) if threads else timed(lambda k: envs.step(actions[k % 16]))
     return Contender(run=step, size=size, base=base_of(size), by=by, threads=threads, key=key)
-
-
-def python_of_a_step(size: int, *, rounds: int = 50, seconds: float = 0.005) -> float:
-    """Return what a vector step on one thread takes outside its compiled loops, in microseconds.
-
-    The loops are timed within the same steps, those that begin the next episodes too. A step at 4096 environments is nearly
-    all loops, so that the difference of two measurements would tell nothing.
-
-    Args:
-        size: Number of environments.
-        rounds: Number of turns; the least counts, as other programs only add to it.
-        seconds: Length of a turn, s: so short that others do not interrupt each.
-    """
-    envs: Any = gym.make_vec(NAV, num_envs=size, vectorization_mode="vector_entry_point")
-    envs.reset(seed=0)
-    actions = [envs.action_space.sample() for _ in range(16)]
-    batch, inside = envs.unwrapped._batch, 0.0
-
-    def clocked(loop: Callable[..., None]) -> Callable[..., None]:
-        def run(*arguments: Any) -> None:
-            nonlocal inside
-            start = time.perf_counter()
-            loop(*arguments)
-            inside += time.perf_counter() - start
-
-        return run
-
-    def turn(steps: int) -> float:
-        nonlocal inside
-        inside, start = 0.0, time.perf_counter()
-        for k in range(steps):
-            envs.step(actions[k % 16])
-        return (time.perf_counter() - start - inside) / steps
-
-    loops = batch._loops
-    batch._loops = loops._replace(step=clocked(loops.step), reset=clocked(loops.reset))
-    with one_thread():
-        turn(400)  # compile, and let the episodes' ends spread
-        start = time.perf_counter()
-        turn(100)
-        steps = max(1, round(100 * seconds / (time.perf_counter() - start)))
-        return 1e6 * min(turn(steps) for _ in range(rounds))
 
 
 def contenders(sizes: Sequence[int] = SIZES) -> dict[str, Contender]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import subprocess
@@ -108,16 +107,3 @@ def busy(processes: int) -> Iterator[None]:
             process.kill()
         for process in started:
             process.wait()
-
-
-def in_child(program: str, *options: object) -> Any:
-    """Run a part of a program in a process of its own, and return the JSON value in the last line that it prints.
-
-    Raises:
-        RuntimeError: If it fails.
-    """
-    command = [sys.executable, program, *map(str, options)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise RuntimeError(f"{' '.join(command)} failed: {done.stderr}")
-    return json.loads(done.stdout.splitlines()[-1])

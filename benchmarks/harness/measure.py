@@ -10,10 +10,9 @@ from typing import Any
 
 from harness import check, environments, learning, pairs, report
 from harness.machine import busy, cores, machine
-from harness.peers import peers
-from harness.turns import Contender, grouped, take_turns
+from harness.turns import Contender, take_turns
 from turtlebot_gym_agents.commands.benchmark import Benchmark
-from turtlebot_gym_agents.commands.console import print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json
 
 TRAININGS = 3
@@ -36,8 +35,6 @@ def run(config: Benchmark) -> None:
     print_tables(*report.tables(result))
     if config.json is not None:
         write_json(config.json, result, config=settings_of(config))
-    if config.plot is not None:
-        save_figure(report.figure(result), config.plot)
 
 
 def _measure(config: Benchmark) -> dict[str, Any]:
@@ -45,10 +42,6 @@ def _measure(config: Benchmark) -> dict[str, Any]:
     result: dict[str, Any] = {"machine": machine()}
     with ExitStack() as stack:
         contenders = environments.contenders(config.num_envs)
-        if config.peers is not None:
-            present = stack.enter_context(peers(config.peers, config.num_envs))
-            contenders = grouped(contenders | present.contenders)
-            result["peers"] = present.versions
         key = {name: contender for name, contender in contenders.items() if contender.key}
         trainings = min(TRAININGS, config.rounds) * config.training
         sittings = [len(contenders) * config.rounds + trainings]
@@ -73,7 +66,6 @@ def _sitting(
         done = len(contenders) * config.rounds
         if usual:
             result["adapter_ns"] = learning.adapter(rounds=config.rounds)
-            result["python_us"] = {str(size): environments.python_of_a_step(size) for size in environments.FEW_AND_MANY}
         result["training"] = learning.training(
             rounds=min(TRAININGS, config.rounds), usual=usual, progress=lambda trained: advance_to(done + trained)
         )

@@ -1,30 +1,45 @@
 """This clone and another one of the repository, in pairs of turns: the ratio of their speeds by CPU seconds.
 
-Each clone runs in a process of its own, by the same program, `harness.peer`. The two take turns one directly after the other,
+Each clone runs in a process of its own, by the same program, `harness.clone`. The two take turns one directly after the other,
 first the one and then the other, so that a disturbance meets both.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import statistics
+import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from harness import peer
-from harness.peers import Entry, Process
-from harness.turns import calls_for
+from harness import clone
+from harness.turns import Turn, calls_for
 
 HERE = Path(__file__).parents[2]
 PACKAGES = (".", "agents", "bridges/turtlebot_gym_ros")
 """Folders of a clone from which its packages are imported."""
 TOLERANCE = 0.03
 """Tolerated loss of speed, as a share of it."""
+
 NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
+
+
+class Entry(NamedTuple):
+    """Environment of a comparison."""
+
+    env_id: str
+    """Environment."""
+    size: int
+    """Number of environments stepped together."""
+    form: str
+    """Form of a call, see `harness.clone`."""
+
+
 ENTRIES = {
     "scalar": Entry(NAV, 1, "scalar"),
     "vector of 4096": Entry(NAV, 4096, "vector"),
@@ -46,6 +61,55 @@ class Pair(NamedTuple):
     """Number of rounds."""
 
 
+class Process:
+    """A clone's process, which waits for its turns.
+
+    Args:
+        command: Command that starts the process.
+        log: File for its standard error.
+        options: Passed on to `subprocess.Popen`.
+
+    Raises:
+        ChildProcessError: If the process ends before it is ready.
+    """
+
+    def __init__(self, command: Sequence[str], log: Path, **options: Any) -> None:
+        self._log = log
+        with log.open("w", encoding="utf-8") as errors:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, **options
+            )  # fmt: skip
+        try:
+            self.versions: dict[str, str] = self._read("ready")
+        except BaseException:
+            self.stop()
+            raise
+
+    def turn(self, calls: int) -> Turn:
+        """Make a number of calls."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(f"{calls}\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            pass  # the process has ended, which reading detects
+        return Turn(*self._read("turn"))
+
+    def stop(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.communicate()
+
+    def _read(self, word: str) -> Any:
+        """Return the rest of the line that starts with a word; libraries may print other lines."""
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.startswith(f"{word} "):
+                return json.loads(line.removeprefix(word))
+        last = self._log.read_text(encoding="utf-8", errors="replace").strip().rpartition("\n")[2] or "there was no output."
+        raise ChildProcessError(f"The clone has ended with status {self._process.wait()}: {last}")
+
+
 def environment_of(folder: Path) -> dict[str, str]:
     """Return the environment variables with which Python imports a clone's packages, on one thread."""
     paths = os.pathsep.join(str(folder / package) for package in PACKAGES)
@@ -59,7 +123,7 @@ def start(folder: Path, entry: Entry, log: Path) -> Process:
         ValueError: If it imports the package from elsewhere.
         ChildProcessError: If it ends before it is ready.
     """
-    program = [sys.executable, peer.__file__, "turtlebot_gym", *map(str, entry)]
+    program = [sys.executable, clone.__file__, *map(str, entry)]
     process = Process(program, log, env=environment_of(folder), cwd=log.parent)
     if not Path(process.versions["file"]).is_relative_to(folder):
         process.stop()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 import json
-import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +16,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from turtlebot_gym.files import write_text
 from turtlebot_gym_agents.commands.console import print_tables
-from turtlebot_gym_agents.provenance import plain, settings_of, write_json
+from turtlebot_gym_agents.provenance import plain, provenance, settings_of
 
 Results = Mapping[str, Any]
 Unit = TypeVar("Unit")
@@ -49,7 +50,7 @@ def run(
     results, tables = measure(config)
     print_tables(*tables)
     if config.json is not None and results is not None:
-        write_json(config.json, results, config=settings_of(config))
+        write_summary(config.json, results, config)
     return config, results
 
 
@@ -58,11 +59,26 @@ def each(units: Iterable[Unit], label: str, number: int | None = None) -> Iterab
     return track(units, label, number, console=Console(stderr=True))
 
 
-def measured(parts: Mapping[str, Callable[[], dict[str, Any]]]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield each part's results, with the load of the machine before and after it (1 min average)."""
-    for name, part in parts.items():
-        before = os.getloadavg()[0]
-        yield name, part() | {"load": [before, os.getloadavg()[0]]}
+def write_summary(path: Path, results: Results, config: Any, unread: Container[str] = ()) -> None:
+    """Write what pages and tests read of results, with provenance: numbers keep six digits, and an interval is one line.
+
+    Args:
+        path: File.
+        results: Results by name.
+        config: Dataclass of the study's options.
+        unread: Names in mappings that are left out.
+    """
+
+    def read(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: read(part) for name, part in value.items() if name not in unread}
+        if isinstance(value, list):
+            return [read(part) for part in value]
+        return float(f"{value:.6g}") if isinstance(value, float) else value
+
+    whole = {"config": plain(settings_of(config)), **provenance(), **read(plain(results))}
+    text = json.dumps(whole, indent=1, allow_nan=False)
+    write_text(path, re.sub(r"[{][^][{}]*[}]", lambda found: " ".join(found[0].split()), text) + "\n")
 
 
 def finished(

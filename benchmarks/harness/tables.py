@@ -1,44 +1,38 @@
-"""Tables of results in Markdown, and of figures with their limits."""
+"""Tables of results in Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any
 
-from rich.table import Table
-
-
-class Figure(NamedTuple):
-    """A result."""
-
-    name: str
-    value: float
-    unit: str
-    limit: float | None = None
-    """Limit that it must keep; None if it is only reported."""
+from turtlebot_gym_agents.evaluation.metrics import Interval
 
 
-def markdown(titles: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a table in Markdown."""
-    head = "".join(f" {title} |" if title else " |" for title in titles)
-    return "\n".join([f"|{head}", f"{'|---' * len(titles)}|", *(f"| {' | '.join(row)} |" for row in rows)])
-
-
-def figures_table(
-    figures: Iterable[Figure], kept: Literal["below", "at most", "at least"], *, title: str | None = None
-) -> Table:
-    """Return a table that says whether each figure keeps its limit.
+def table(rows: Iterable[Mapping[str, Any]], columns: Mapping[str, str]) -> str:
+    """Return a Markdown table of results as they stand in a JSON file.
 
     Args:
-        figures: What was measured.
-        kept: On which side of its limit a figure must stay.
-        title: Title of the table.
+        rows: Results by name.
+        columns: Format of the cells by title, such as ``"{success:.1%}"`` or ``"{baselines[0][time]:.2f} s"``. An object with
+            value, low and high is an `Interval`. A cell that names what a row lacks stays empty.
     """
-    table = Table("figure", "", kept, "met", title=title)
-    for name, value, unit, limit in figures:
-        if limit is None:
-            table.add_row(name, f"{value:.3g} {unit}")
-            continue
-        is_met = {"below": value < limit, "at most": value <= limit, "at least": value >= limit}[kept]
-        table.add_row(name, f"{value:.3g} {unit}", f"{limit:g}", "yes" if is_met else "NO")
-    return table
+    lines = [[*columns], ["---"] * len(columns)]
+    for row in rows:
+        fields = {name: _with_intervals(value) for name, value in row.items()}
+        lines.append([_cell(text, fields) for text in columns.values()])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def _with_intervals(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        if value.keys() == {"value", "low", "high"}:
+            return Interval(**value)
+        return {name: _with_intervals(part) for name, part in value.items()}
+    return [_with_intervals(part) for part in value] if isinstance(value, list) else value
+
+
+def _cell(text: str, fields: Mapping[str, Any]) -> str:
+    try:
+        return text.format(**fields)
+    except (KeyError, IndexError, TypeError):  # an absent field, or None in its place
+        return ""

@@ -35,9 +35,7 @@ class Contender:
     base: str
     """Name of the contender with which it is compared; its own name if it is a base."""
     by: str
-    """Library of the environment: turtlebot_gym, gymnasium or a peer."""
-    steps: int = 1
-    """Steps of each environment per call."""
+    """Library of the environment: turtlebot_gym or gymnasium."""
     threads: int | None = None
     """Limit on the number of threads; None for no limit."""
     key: bool = False
@@ -94,12 +92,6 @@ def timed(step: Callable[[int], Any], limit: Callable[[], Any] = nullcontext) ->
     return run
 
 
-def grouped(contenders: Mapping[str, Contender]) -> dict[str, Contender]:
-    """Return contenders grouped by base, in the order in which the bases first appear."""
-    bases = list(dict.fromkeys(contender.base for contender in contenders.values()))
-    return dict(sorted(contenders.items(), key=lambda each: bases.index(each[1].base)))
-
-
 def calls_for(run: Callable[[int], Turn], seconds: float) -> int:
     """Return the number of calls that a contender makes in about ``seconds`` of wall time; the first calls compile."""
     run(1)
@@ -148,9 +140,7 @@ def rows_of(
         turns: The turns of each, in the order of the rounds.
     """
     rates = {
-        name: [
-            Turn(*(calls[name] * contender.size * contender.steps / max(spent, 1e-9) for spent in turn)) for turn in turns[name]
-        ]
+        name: [Turn(*(calls[name] * contender.size / max(spent, 1e-9) for spent in turn)) for turn in turns[name]]
         for name, contender in contenders.items()
     }
     rows = {}

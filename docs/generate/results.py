@@ -1,6 +1,6 @@
-"""The results' findings and tables, from the files that the study, the trainings and the live graph have left."""
+"""The tables of the page of results, from the benchmarks' files; the words around them stand in `docs/results.md`."""
 
-import io
+import json
 import re
 import sys
 from pathlib import Path
@@ -8,122 +8,113 @@ from pathlib import Path
 import mkdocs_gen_files
 
 sys.path.insert(0, "benchmarks")
-import belief_text
-import buildings_text
-import findings_text
-import speed_text
-from harness.tables import markdown
-from robustness_text import conditions, summary
-from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.policies.named import SAFETY
+from harness.tables import table
 
-TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
+SPEED = {
+    "environment": "{name}",
+    "steps/s": "{steps_per_second:,.0f}",
+    "times CartPole": "{ratio:.2f}",
+    "steps/CPU s": "{steps_per_cpu_second:,.0f}",
+    "times CartPole by CPU s": "{cpu_ratio:.2f}",
+}
+
+
+def read(name):
+    """Return the results of a benchmark."""
+    return json.loads(Path("benchmarks", f"{name}.json").read_text(encoding="utf-8"))
+
+
+def named(mapping):
+    """Return rows with their names."""
+    return [{"name": name, **row} for name, row in mapping.items()]
+
+
+TABLES = {
+    "open_ground": lambda: table(
+        read("robustness")["comparisons"],
+        {
+            "scenario": "{scenario}",
+            "PPO, s": "{ppo[time]:.2f}",
+            "baseline": "{baselines[0][policy]}",
+            "tuned, s": "{baselines[0][time]:.2f}",
+            "untuned, s": "{baselines[0][time_untuned].value:.2f}",
+            "PPO minus it, s": "{ppo[difference]:+.2f}",
+            "p (Holm)": "{p_holm:.2g}",
+            "PPO succeeds, %": "{ppo[success]:.1%}",
+            "it succeeds, %": "{baselines[0][success]:.1%}",
+        },
+    ),
+    "rooms": lambda: table(
+        read("rooms_study")["rows"],
+        {
+            "setting": "{setting}",
+            "policy": "{policy}",
+            "success, %": "{success:.1%}",
+            "minus `vfh`, points": "{success_difference:+.1%}",
+            "collisions, %": "{collision:.1%}",
+            "time, s": "{time.value:.1f}",
+        },
+    ),
+    "barn": lambda: table(
+        named(read("barn")["mean"]),
+        {
+            "policy": "{name}",
+            "success, %": "{success:.1%}",
+            "collisions, %": "{collision:.1%}",
+            "time-outs, %": "{timeout:.1%}",
+            "score, at most 0.5": "{barn.value:.3f}",
+        },
+    ),
+    "belief": lambda: table(
+        read("belief")["rows"],
+        {
+            "setting": "{setting}",
+            "policy, or trained on": "{policy}",
+            "reached an hour": "{an_hour:.0f}",
+            "more than on truth": "{minus_truth:+.0f}",
+            "more than `vfh`": "{minus_vfh:+.0f}",
+            "reached, %": "{goals:.1%}",
+            "falsely, %": "{false_goals:.1%}",
+            "lost, %": "{lost:.1%}",
+            "contacts, %": "{collision:.1%}",
+        },
+    ),
+    "buildings": lambda: table(
+        [{"building": name, **row} for name, rows in read("buildings")["buildings"].items() for row in named(rows)],
+        {
+            "building": "{building}",
+            "condition": "{name}",
+            "median, m": "{median:.3f}",
+            "95 %, m": "{quantile95:.3f}",
+            "worst, m": "{worst:.3f}",
+            "lost": "{lost:.1%}",
+            "says so": "{declared_lost:.1%}",
+            "NEES": "{nees:.1f}",
+        },
+    ),
+    "graph": lambda: table(
+        [{"part": name, **row} for name, part in read("ros")["parts"].items() for row in part["figures"]],
+        {"part": "{part}", "figure": "{name}", "measured": "{value:.3g} {unit}", "limit": "{limit:g}"},
+    ),
+    "speed": lambda: table(named(read("speed")["environments"]), SPEED),
+    "busy": lambda: table(named(read("speed")["busy"]["environments"]), SPEED),
+}
 
 
 def folded(text):
-    """Return Markdown with each table in a box that is closed at first."""
-
-    def box(found):
-        titles, _, *rows = found[0].strip().splitlines()
-        named = "; ".join(filter(None, map(str.strip, titles.replace("`", "").split("|"))))
-        return f'<details markdown="1">\n<summary>{len(rows)} rows: {named}</summary>\n\n{found[0]}\n</details>\n'
-
-    return TABLE.sub(box, text)
+    """Return a table in a box that is closed at first."""
+    titles, _, *rows = text.strip().splitlines()
+    summary = "; ".join(filter(None, map(str.strip, titles.replace("`", "").split("|"))))
+    return f'<details markdown="1">\n<summary>{len(rows)} rows: {summary}</summary>\n\n{text}\n</details>'
 
 
-def compared(study):
-    """Return the rows of the study on open ground."""
-    for row in study["comparisons"]:
-        ppo = row["ppo"]
-        times, shares = f"{Interval(**ppo['time']):.2f}", f"{Interval(**ppo['success']):.1%}"
-        yield row["scenario"], f"PPO, {ppo['trainings']} trainings", times, "", "", "", shares
-        for baseline in row["baselines"]:
-            beside = baseline["policy"] == row["compared_with"]
-            cells = (f"{Interval(**ppo['difference']):+.2f}", f"{row['p_holm']:.2g}") if beside else ("", "")
-            times = f"{Interval(**baseline['time']):.2f}", f"{baseline['time_untuned']['value']:.2f}"
-            yield "", baseline["policy"], *times, *cells, f"{Interval(**baseline['success']):.1%}"
+def cards():
+    """Return the cards of the policies that come with the package, as sections of the page."""
+    texts = [path.read_text(encoding="utf-8") for path in sorted(Path("agents/pretrained").glob("ppo-*.md"))]
+    return re.sub(r"(?:^\|.*\n)+", lambda found: folded(found[0]) + "\n", "\n".join(texts).replace("# ", "### "), flags=re.M)
 
 
-def layered(rows):
-    """Return the rows of policies without and within the safety layer."""
-    cells = {(row["setting"], row["policy"]): row for row in rows}
-    for (setting, policy), row in cells.items():
-        if "later" in row:
-            pair = cells[setting, policy.removesuffix(SAFETY)], row
-            shares = (f"{100.0 * side[part]['value']:.1f}" for part in ("collision", "success") for side in pair)
-            yield setting, policy.removesuffix(SAFETY), *shares, f"{Interval(**row['later']):+.2f}"
-
-
-def in_rooms(rows):
-    """Return the rows of the study in rooms."""
-    for row in rows:
-        shares = (f"{Interval(**row[name]):.1%}" for name in ("success", "success_difference", "collision", "timeout"))
-        yield row["setting"], row["policy"], *shares, f"{row['spl']['value']:.3f}", f"{row['time']['value']:.1f}"
-
-
-def in_barn(mean):
-    """Return the rows of the worlds of BARN."""
-    for policy, cells in mean.items():
-        shares = (f"{Interval(**cells[name]):.1%}" for name in ("success", "collision", "timeout"))
-        yield policy, *shares, f"{cells['barn']['value']:.3f}"
-
-
-def lived(parts):
-    """Return the rows of the live graph."""
-    for part, result in parts.items():
-        for figure in result["figures"]:
-            limit = "" if figure["limit"] is None else f"{figure['limit']:g}"
-            yield f"{part}: {figure['name']}", f"{figure['value']:.3g} {figure['unit']}", limit
-
-
-STUDY, ROOMS, BARN, LIVE = (findings_text.read(name) for name in ("robustness", "rooms_study", "barn", "ros"))
-page = io.StringIO()
-print("\n## Findings\n", file=page)
-print(findings_text.findings(), file=page)
-print("\nIntervals are 95 %; tables are folded, and open by a click.\n", file=page)
-print("## All comparisons\n", file=page)
-print("![PPO minus the tuned baseline by scenario, and what tuning it is worth](benchmarks/robustness.png)\n", file=page)
-print(f"{conditions(STUDY)}\n", file=page)
-print('<details markdown="1">\n<summary>The findings with their numbers</summary>\n', file=page)
-print("\n".join(summary(STUDY)), file=page)
-print("\n</details>\n", file=page)
-print("Times are means over episodes; a failed episode counts as the time limit. The first baseline of each", file=page)
-print("scenario was the fastest one after tuning, and PPO is compared with it.\n", file=page)
-titles = "scenario", "policy", "time, s", "untuned, s", "PPO minus it, s", "p (Holm)", "success, %"
-print(markdown(titles, compared(STUDY)), file=page)
-episodes, first = ROOMS["config"]["episodes"], ROOMS["config"]["first_seed"]
-print("## Rooms\n", file=page)
-print(
-    f"`make study-rooms`: {episodes} held-out rooms of each setting, on seeds from {first:,}. LiDAR `lds01`, noise",
-    "`tutorial` and the filter's estimate where the setting does not say otherwise. `ppo-rooms` is the best of the",
-    "trainings, by its evaluation seeds.\n",
-    sep="\n",
-    file=page,
-)
-titles = "setting", "policy", "success, %", "minus `vfh`, points", "collisions, %", "time-outs, %", "SPL", "time, s"
-print(markdown(titles, in_rooms(ROOMS["rows"])), file=page)
-print("### What the safety layer costs\n", file=page)
-print(
-    "Each policy without and with the layer, in the same rooms. The last column is the delay in rooms that it crosses",
-    "either way, with its 95 % interval. This is the layer before it had a way out, which only reduced the speed.\n",
-    sep="\n",
-    file=page,
-)
-titles = "setting", "policy", "collisions, %", "within", "success, %", "within", "later, s"
-print(markdown(titles, layered(ROOMS["rows"])), file=page)
-print("## The 200 worlds of the BARN challenge\n", file=page)
-print(f"`make bench-barn`: {BARN['config']['episodes']} drives through each world; intervals are over worlds.\n", file=page)
-print(
-    markdown(("policy", "success, %", "collisions, %", "time-outs, %", "score, at most 0.5"), in_barn(BARN["mean"])), file=page
-)
-print(belief_text.section(findings_text.read("belief")), file=page)
-print(buildings_text.section(findings_text.read("buildings")), file=page)
-print("\n## The live graph\n", file=page)
-print(f"`make bench-ros`, on {LIVE['cores']} cores; one process per node, over real DDS.\n", file=page)
-print(markdown(("figure", "measured", "limit"), lived(LIVE["parts"])), file=page)
-print(speed_text.section(findings_text.read("speed"), findings_text.read("speed_zen5")), file=page)
-print("\n## The policies that come with the package\n", file=page)
-for card in sorted(Path("agents/pretrained").glob("ppo-*.md")):
-    print(card.read_text(encoding="utf-8").replace("# ", "### ", 1), file=page)
-with mkdocs_gen_files.open("results.md", "a") as results:
-    results.write(folded(page.getvalue()))
+text = Path("docs/results.md").read_text(encoding="utf-8")
+text = re.sub(r"<!-- table: (\w+) -->", lambda found: folded(TABLES[found[1]]()), text)
+with mkdocs_gen_files.open("results.md", "w") as page:
+    page.write(text.replace("<!-- cards -->", cards()))

@@ -1,13 +1,15 @@
 """The guard of speed: two clones in pairs, whose turns alternate; which ratio counts, and how much of it may be lost."""
 
+import io
 import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from harness import check, measure, pairs, peer
-from harness.peers import Entry
+from harness import check, clone, measure, pairs
+from harness.pairs import Entry, Process
 from harness.turns import Row, Turn
 from turtlebot_gym_agents.commands.cli import main
 
@@ -73,9 +75,46 @@ def test_a_loss_is_measured_twice_and_ends_in_status_1(ratio, status, monkeypatc
     assert json.loads((tmp_path / "pairs.json").read_text())["pairs"]["scalar"]["ratio"] == ratio
 
 
+STAND_IN = """
+import json, sys
+print("a library says hello")
+print("ready", json.dumps({"python": "3"}), flush=True)
+for line in sys.stdin:
+    print("noise\\nturn", json.dumps([int(line) * 0.5, int(line) * 2.0]), flush=True)
+    if int(line) > 99:
+        sys.exit("it broke")
+"""
+
+
+def process(tmp_path, program=STAND_IN):
+    return Process([sys.executable, "-I", "-c", program], tmp_path / "log.txt")
+
+
+def test_a_process_answers_each_turn_and_one_that_ends_says_why(tmp_path):
+    stand_in = process(tmp_path)
+    assert stand_in.versions == {"python": "3"}
+    assert [stand_in.turn(calls) for calls in (3, 100)] == [(1.5, 6.0), (50.0, 200.0)]
+    with pytest.raises(ChildProcessError, match="ended with status 1: it broke"):
+        stand_in.turn(1)
+    stand_in.stop()
+    with pytest.raises(ChildProcessError, match="ended with status 1: ModuleNotFoundError: No module named 'nothing_such'"):
+        process(tmp_path, "import nothing_such")
+
+
+def test_the_program_makes_as_many_calls_as_it_is_asked_for(monkeypatch, capsys):
+    made = []
+    monkeypatch.setattr(clone, "clone_calls", lambda *given: made.append(given) or made.append)
+    monkeypatch.setattr(sys, "stdin", io.StringIO("3\n1\n"))
+    clone.main(pairs.NAV, "8", "vector")
+    assert made == [(pairs.NAV, 8, "vector"), 0, 0, 1, 2, 0]
+    ready, *turns = capsys.readouterr().out.splitlines()
+    assert json.loads(ready.removeprefix("ready"))["numpy"] == np.__version__
+    assert [min(json.loads(turn.removeprefix("turn"))) >= 0.0 for turn in turns] == [True, True]
+
+
 def test_a_process_that_imports_another_clone_is_refused(monkeypatch, tmp_path):
     stand_in = f'print("ready {{\\"file\\": \\"{ROOT}/turtlebot_gym/__init__.py\\"}}", flush=True); input()'
-    monkeypatch.setattr(peer, "__file__", str(tmp_path / "stand_in.py"))
+    monkeypatch.setattr(clone, "__file__", str(tmp_path / "stand_in.py"))
     (tmp_path / "stand_in.py").write_text(stand_in)
     entry = Entry(pairs.NAV, 1, "scalar")
     pairs.start(ROOT, entry, tmp_path / "log").stop()
@@ -85,10 +124,10 @@ def test_a_process_that_imports_another_clone_is_refused(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize(("form", "size"), [("scalar", 1), ("vector", 2), ("rough", 2)])
 def test_a_clone_steps_its_environments(form, size):
-    step = peer.clone_calls(pairs.NAV, size, form)
+    step = clone.clone_calls(pairs.NAV, size, form)
     for k in range(3):
         step(k)
-    assert Path(peer.versions_of(())["file"]) == Path(sys.modules["turtlebot_gym"].__file__)
+    assert Path(clone.versions()["file"]) == Path(sys.modules["turtlebot_gym"].__file__)
 
 
 def row(ratio, cpu_ratio, *, by="turtlebot_gym", size=4096, threads=None):

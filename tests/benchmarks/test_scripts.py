@@ -1,4 +1,4 @@
-"""Every benchmark can be imported, so what it takes from the package is still there; and a quick one is run."""
+"""Every benchmark can be imported, so what it takes from the package is still there."""
 
 from importlib import import_module
 from pathlib import Path
@@ -14,10 +14,3 @@ SCRIPTS = sorted(path.stem for path in (Path(__file__).parents[2] / "benchmarks"
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_it_can_be_imported(name):
     import_module(name)
-
-
-def test_rules_of_arrival_are_compared_on_drives_that_do_not_end():
-    arrival = import_module("arrival")
-    rules = arrival.compare("tutorial", arrival.Config(drives=20))
-    assert rules.keys() == arrival.RULES.keys()
-    assert rules["within 0.15 m"]["later"].value == 0.0 < rules["within 0.08 m"]["later"].value

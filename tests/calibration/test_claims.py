@@ -1,4 +1,4 @@
-"""What is claimed of calibration is what was measured: the files that `make bench-calibration` leaves."""
+"""What is claimed of calibration is what was measured."""
 
 import json
 from pathlib import Path

@@ -83,6 +83,8 @@ def check(line, ros):
             pass
         case ["wandb", "sync", run]:
             assert run.startswith("runs/offline/wandb/")
+        case ["docker", "build", "--tag", "turtlebot-gym", "."]:
+            pass
         case ["docker", "run", *rest]:
             check(shlex.join(rest[rest.index("turtlebot-gym") + 1 :]), ros)
         case ["ray", "start", *given]:

@@ -14,7 +14,7 @@ MEASURED = {
     "`rough`, no slip": "rough without slip",
     "`rough`": "rough",
 }
-"""Settings of `benchmarks/estimation.py`, as the page of the belief calls them."""
+"""Settings of `benchmarks/estimation.json`, as the page of the belief calls them."""
 
 
 def with_margin(interval, digits):
@@ -40,7 +40,7 @@ def test_the_tables_of_filters_and_of_fixes_are_what_was_measured():
 def test_the_table_of_arrivals_is_what_was_measured():
     rules = measured("arrival")["rules"]
     page, rows = (ROOT / "docs" / "concepts" / "tasks.md").read_text(encoding="utf-8"), 0
-    names, *lines = [line for line in page.partition("`make bench-arrival`")[2].splitlines() if line.startswith("|")]
+    names, *lines = [line for line in page.partition("`benchmarks/arrival.json`")[2].splitlines() if line.startswith("|")]
     noises = [cell.strip(" `") for cell in names.strip("|").split("|")[1:]]
     for line in lines[1:]:
         rule, *cells = (cell.strip() for cell in line.strip("|").split("|"))
@@ -286,7 +286,7 @@ def percent(interval):
 
 def test_the_table_of_rooms_by_a_robots_messages_is_what_was_measured():
     arms = measured("as_robot")
-    for name, *cells in rows_after("docs/concepts/rooms.md", "`make bench-as-robot`"):
+    for name, *cells in rows_after("docs/concepts/rooms.md", "For `benchmarks/as_robot.json`"):
         arm = arms[name]
         if name.startswith("difference"):
             assert cells == ["", percent(arm), "", ""], name

@@ -8,16 +8,17 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+from building import chart, load
+
 from turtlebot_gym import make_noise
 from turtlebot_gym.drives import read
 from turtlebot_gym.drives.drive import heading_error, position_error
 from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.localization.localizer import LOST
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.evaluation.localize import KNOWN, Place, localize, recorded_of
-
-buildings = pytest.importorskip("buildings")
+from turtlebot_gym_agents.evaluation.localize import KNOWN, Place, errors_of, localize, recorded_of
 
 RECORDING = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces.npz"
 FRAMES, ROWS = 60, 300
@@ -30,13 +31,12 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def stretch():
     """The first key frames of a building, the drive over them, and their map."""
-    whole = buildings.load(RECORDING)
-    part = whole._replace(rows=whole.rows[:FRAMES], reference=whole.reference[:FRAMES])
-    drive = buildings.driven(part, buildings.CONDITIONS[0])
+    whole = load(RECORDING)
+    drive = whole._replace(rows=whole.rows[:FRAMES], reference=whole.reference[:FRAMES])
     end = int(drive.rows[-1]) + 1
     recorded = drive.recorded
     cut = recorded._replace(**{name: getattr(recorded, name)[:end] for name in ("time", "odometry", "rows", "last", "ranges")})
-    return drive._replace(recorded=cut), buildings.chart(part, 0.05)
+    return drive._replace(recorded=cut), chart(drive, 0.05)
 
 
 def follow(stretch, start, recorded=None):
@@ -47,12 +47,12 @@ def follow(stretch, start, recorded=None):
 def test_the_belief_stays_with_the_reference(stretch):
     drive, _ = stretch
     course = follow(stretch, Pose(*drive.reference[0]))
-    figures = buildings.figures(course, drive, slice(None), 0.0)
-    assert figures["median"] < 0.045
-    assert figures["worst"] < 0.3
-    assert figures["declared_lost"] == 0.0
+    errors = errors_of(course, drive.rows, drive.reference)
+    assert errors["median"] < 0.045
+    assert errors["worst"] < 0.3
+    assert not (course.states == LOST).any()
     wheels = follow(stretch, Pose(*drive.reference[0]), drive.recorded._replace(rows=np.zeros(0, np.int64)))
-    assert buildings.figures(wheels, drive, slice(None), 0.0)["median"] > 0.2  # it is the scans that do it
+    assert errors_of(wheels, drive.rows, drive.reference)["median"] > 0.2  # it is the scans that do it
 
 
 def test_time_stamps_of_complete_scans_change_nothing(stretch):

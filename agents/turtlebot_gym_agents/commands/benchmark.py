@@ -14,8 +14,7 @@ import tyro
 
 from turtlebot_gym.extras import installing
 from turtlebot_gym.validation import Range, whole
-from turtlebot_gym_agents.commands.console import FigureFile, File, JsonFile, Writing, print_tables, progress
-from turtlebot_gym_agents.outputs import FOLDER
+from turtlebot_gym_agents.commands.console import File, JsonFile, Writing, print_tables, progress
 
 _BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 _PROGRAM = _BENCHMARKS / "harness" / "measure.py"
@@ -38,8 +37,6 @@ class Benchmark(Writing):
     """Whether to measure training too; it needs the extra [agents]."""
     busy: int = 0
     """Measure the most important rows again beside this many busy processes."""
-    peers: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER"), FOLDER] = None
-    """Measure other libraries too: gymnax and EnvPool, which are installed into virtual environments in this folder."""
     check: File = None
     """Instead, compare this package's ratios with those in this file from --json; the exit status is 1 if one got worse."""
     against: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
@@ -49,8 +46,6 @@ class Benchmark(Writing):
     """Largest accepted loss, as a share: by default 0.25 with --check, and 0.03 with --against."""
     json: JsonFile = None
     """Write the results here."""
-    plot: FigureFile = None
-    """Draw the rates here."""
 
     def run(self) -> None:
         if not _PROGRAM.is_file():
