@@ -1,6 +1,6 @@
 # For machines without Linux: environments, training, viewer and the ROS nodes, from PyPI alone.
 #
-#     make image
+#     docker build --tag turtlebot-gym .
 #     docker run --rm -it -v "$PWD/runs:/home/robot/runs" turtlebot-gym turtlebot-gym train --out runs/nav
 #     docker run --rm -p 127.0.0.1:5006:5006 turtlebot-gym turtlebot-gym watch --policy bearing ppo-nav --host 0.0.0.0
 #
