@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +22,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from harness.study import each, finished, write_summary
-from turtlebot_gym.calibration import Calibration, calibrate
+from harness.tables import table
+from turtlebot_gym.calibration import calibrate
 from turtlebot_gym.drives import Drive
 
 SETTINGS = tuple(itertools.product(("euler", "midpoint"), ("pose", "wheel"), ("exact", "noisy")))
@@ -138,66 +138,28 @@ def _integrated(twist: NDArray[np.float64], dt: float, integrator: str) -> NDArr
 
 
 def judged(seed: int, setting: str) -> dict[str, Any]:
-    """Return what was detected of a drive, and for each parameter its error and whether the interval contains the truth."""
-    integrator, kind, truth = setting.split("-")
-    drive, values = simulated(seed, integrator, kind, truth)
-    fitted = calibrate(drive)
-    true = {name: values[name] for name in fitted.estimates}
-    return {"seed": seed, "setting": setting, **judgement(fitted, true, kind, integrator)}
-
-
-def judgement(fitted: Calibration, true: Mapping[str, float], kind: str, integrator: str) -> dict[str, Any]:
-    """Return what a fit has detected rightly, and its estimates beside the true values."""
+    """Return for each parameter of a drive its error, and whether the interval contains the truth."""
+    drive, values = simulated(seed, *setting.split("-"))
     rows = {}
-    for name, value in true.items():
-        estimate = fitted.estimates[name]
-        ends = {"low": estimate.low, "high": estimate.high, "holds": estimate.low <= value <= estimate.high}
-        rows[name] = {"true": value, "value": estimate.value, **ends}
-    right = {"kind": fitted.kind == kind, "integrator": fitted.integrator == integrator, "described": fitted.verdict.is_good}
-    return {"right": right, "estimates": rows}
+    for name, estimate in calibrate(drive).estimates.items():
+        true = values[name]
+        rows[name] = {"error": estimate.value - true, "holds": estimate.low <= true <= estimate.high}
+    return {"seed": seed, "setting": setting, "estimates": rows}
 
 
 def summary(drives: list[dict[str, Any]]) -> dict[str, Any]:
     """Return the coverage of each parameter, with its 99 % interval, and of all together."""
-    names = list(dict.fromkeys(name for drive in drives for name in drive["estimates"]))
     parameters, hits, count = {}, 0, 0
-    for name in names:
+    for name in dict.fromkeys(name for drive in drives for name in drive["estimates"]):
         estimates = [drive["estimates"][name] for drive in drives if name in drive["estimates"]]
-        errors = np.array([estimate["value"] - estimate["true"] for estimate in estimates])
-        if np.abs(errors).max() < CERTAIN:
+        if max(abs(estimate["error"]) for estimate in estimates) < CERTAIN:
             continue
-        holds = [estimate["holds"] for estimate in estimates]
-        interval = stats.binomtest(sum(holds), len(holds)).proportion_ci(0.99)
-        parameters[name] = {
-            "drives": len(holds), "coverage": float(np.mean(holds)), "interval": [float(interval.low), float(interval.high)],
-            "bias": float(np.mean(errors)), "spread": float(np.std(errors)),
-        }  # fmt: skip
-        hits, count = hits + sum(holds), count + len(holds)
-    right = {key: float(np.mean([drive["right"][key] for drive in drives])) for key in drives[0]["right"]}
-    return {"drives": len(drives), "all": hits / count, "right": right, "parameters": parameters}
-
-
-def summaries(judge: Any, names: Sequence[str], config: Any) -> dict[str, dict[str, Any]]:
-    """Return and print the summary of each setting; finished drives are not judged again."""
-    wanted = [(seed, name) for seed in range(config.seed, config.seed + config.drives) for name in names]
-    with ProcessPoolExecutor(config.processes) as pool:
-        drives = list(each(finished(judge, wanted, config.kept, ("seed", "setting"), pool), "drives", len(wanted)))
-    drives.sort(key=lambda drive: drive["seed"])
-    result = {name: summary([drive for drive in drives if drive["setting"] == name]) for name in names}
-    for name, row in result.items():
-        show(name, row)
-    return result
-
-
-def show(name: str, row: dict[str, Any]) -> None:
-    """Print the summary of a setting."""
-    print(f"{name}: {row['all']:.4f}, right {row['right']}")
-    for key, parameter in row["parameters"].items():
-        low, high = parameter["interval"]
-        mark = "" if low <= 0.95 <= high else "   <- not 95 %"
-        # A single drive that determines the parameter has no spread.
-        bias = f", bias {parameter['bias'] / parameter['spread']:+.2f} sd" if parameter["spread"] > 0.0 else ""
-        print(f"    {key:20} {parameter['coverage']:.3f} of {parameter['drives']}{bias}{mark}")
+        held, number = sum(estimate["holds"] for estimate in estimates), len(estimates)
+        interval = stats.binomtest(held, number).proportion_ci(0.99)
+        ends = [float(interval.low), float(interval.high)]
+        parameters[name] = {"drives": number, "coverage": held / number, "interval": ends}
+        hits, count = hits + held, count + number
+    return {"drives": len(drives), "all": hits / count, "parameters": parameters}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,9 +184,16 @@ def main() -> None:
     """Judge all settings, print, and write the results."""
     config = tyro.cli(Config, description=__doc__)
     chosen = ["-".join(setting) for setting in SETTINGS if config.only in "-".join(setting)]
-    result = summaries(judged, chosen, config)
+    wanted = [(seed, name) for seed in range(config.seed, config.seed + config.drives) for name in chosen]
+    with ProcessPoolExecutor(config.processes) as pool:
+        drives = list(each(finished(judged, wanted, config.kept, ("seed", "setting"), pool), "drives", len(wanted)))
+    result = {name: summary([drive for drive in drives if drive["setting"] == name]) for name in chosen}
+    for name, row in result.items():
+        parameters = [{"name": key, **parameter} for key, parameter in row["parameters"].items()]
+        print(f"\n{name}: {row['all']:.4f}\n")
+        print(table(parameters, {"parameter": "{name}", "held": "{coverage:.3f}", "drives": "{drives}"}))
     if config.results is not None:
-        write_summary(config.results, {"coverage": result}, config, ("bias", "spread", "right"))
+        write_summary(config.results, {"coverage": result}, config)
 
 
 if __name__ == "__main__":

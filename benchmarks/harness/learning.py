@@ -12,7 +12,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import gymnasium as gym
-from gymnasium.vector import AutoresetMode
 
 from harness.environments import NAV
 from turtlebot_gym.compiled.threads import limited
@@ -29,26 +28,6 @@ class Trained(NamedTuple):
     """Steps per second of the usual route."""
     ratio: float | None = None
     """Ratio of the two rates in the same round."""
-
-
-def adapter(*, num_envs: int = 512, rounds: int = 7, steps: int = 500) -> float:
-    """Return the overhead of `Sb3VecEnv` per step of the vector environment, in ns for each environment."""
-    from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
-
-    envs = gym.make_vec(NAV, num_envs=num_envs, autoreset_mode=AutoresetMode.SAME_STEP)
-    adapted = Sb3VecEnv(envs)
-    adapted.reset()
-    actions = [envs.action_space.sample() for _ in range(16)]
-
-    def elapsed(step: Callable[[Any], Any]) -> float:
-        start = time.perf_counter()
-        for k in range(steps):
-            step(actions[k % 16])
-        return time.perf_counter() - start
-
-    elapsed(adapted.step)
-    added = [elapsed(adapted.step) - elapsed(envs.step) for _ in range(rounds)]
-    return statistics.median(added) / steps / num_envs * 1e9
 
 
 def training(

@@ -27,8 +27,6 @@ def machine() -> dict[str, Any]:
         "llvm_cpu": binding.get_host_cpu_name(),
         "cores": cores(),
         "numba_threads": get_num_threads(),
-        "caches": _caches(Path("/sys/devices/system/cpu/cpu0/cache")),
-        "memory_gib": _memory(),
         "system": f"{platform.system()} {platform.release()}",
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         **{name: version(name) for name in ("numba", "llvmlite", "numpy", "gymnasium")},
@@ -48,25 +46,6 @@ def _cpu() -> str:
         lines = []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
-
-
-def _caches(folder: Path) -> dict[str, str] | None:
-    """Return the size of each cache of a core by name, as Linux reports it."""
-    caches = {}
-    try:
-        for index in sorted(folder.glob("index*")):
-            level, kind, size = ((index / name).read_text(encoding="utf-8").strip() for name in ("level", "type", "size"))
-            caches[f"L{level}{'' if kind == 'Unified' else kind[0].lower()}"] = size
-    except OSError:
-        return None
-    return caches or None
-
-
-def _memory() -> float | None:
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2.0**30
-    except (AttributeError, ValueError, OSError):
-        return None
 
 
 class Watch:

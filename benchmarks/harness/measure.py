@@ -64,8 +64,6 @@ def _sitting(
     result: dict[str, Any] = sitting._asdict()
     if config.training:
         done = len(contenders) * config.rounds
-        if usual:
-            result["adapter_ns"] = learning.adapter(rounds=config.rounds)
         result["training"] = learning.training(
             rounds=min(TRAININGS, config.rounds), usual=usual, progress=lambda trained: advance_to(done + trained)
         )

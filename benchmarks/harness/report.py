@@ -33,9 +33,8 @@ def conditions(result: Mapping[str, Any]) -> str:
 
 
 def processor(machine: Mapping[str, Any]) -> str:
-    """Describe the cores of a machine, and their caches if they are known."""
-    caches = "".join(f", {name} {size}" for name, size in (machine.get("caches") or {}).items())
-    return f"{machine['cores']} cores, {machine['cpu']} ({machine['llvm_cpu']}{caches})"
+    """Describe the cores of a machine."""
+    return f"{machine['cores']} cores, {machine['cpu']} ({machine['llvm_cpu']})"
 
 
 def beside(processes: int) -> str:
@@ -67,7 +66,7 @@ def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> 
 def _training_table(result: Mapping[str, Any]) -> Table:
     """Return a table of the speed of PPO with CPU seconds, also beside busy processes if measured."""
     trained = result["training"]
-    table = Table("training with PPO", "", title=f"the adapter adds {result['adapter_ns']:.0f} ns a step")
+    table = Table("training with PPO", "", title="one thread")
     table.add_row("Sb3VecEnv over the vector environment, steps/s", f"{trained['steps_per_second']:,.0f}")
     table.add_row("DummyVecEnv over 64 scalar environments, steps/s", f"{trained['dummy_vec_env']:,.0f}")
     table.add_row("ratio", f"{trained['ratio']:.1f}")

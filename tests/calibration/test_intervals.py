@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, show, simulated, summary
+from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated, summary
 from turtlebot_gym.calibration import Estimate, calibrate, detect_kind
 from turtlebot_gym.calibration.calibrate import _capped
 from turtlebot_gym.calibration.coordinates import value_of
@@ -42,10 +42,15 @@ def test_intervals_hold_the_truth_in_95_of_100_cases_and_others_do_not(fits, fac
     assert (low <= (fits < factor).sum() <= high) == holds
 
 
-def test_the_summary_of_a_single_drive_has_no_bias(capsys):
-    estimate = {"true": 1.0, "value": 1.1, "low": 0.8, "high": 1.3, "holds": True}
-    show("euler", summary([{"right": {"kind": True}, "estimates": {"scale": estimate}}]))
-    assert capsys.readouterr().out.splitlines()[-1] == "    scale                1.000 of 1"
+def test_a_summary_counts_what_is_held_and_leaves_out_what_is_certain():
+    drives = [
+        {"estimates": {"scale": {"error": 0.1, "holds": held}, "marker_x": {"error": 1e-6, "holds": True}}}
+        for held in (True, True, False, True)
+    ]
+    row = summary(drives)
+    assert (row["drives"], row["all"]) == (4, 0.75)
+    assert [*row["parameters"]] == ["scale"]
+    assert row["parameters"]["scale"]["coverage"] == 0.75
 
 
 @pytest.mark.parametrize("integrator", ["euler", "midpoint"])
