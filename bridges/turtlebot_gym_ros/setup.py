@@ -28,5 +28,8 @@ setup(
     ],
     install_requires=["setuptools"],
     zip_safe=False,
-    entry_points={"console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node in NODES]},
+    entry_points={
+        "console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node, entry in NODES.items() if not entry.guards],
+        "cmd_vel_guard.robots": [f"turtlebot_gym = {NAME}.guarded:numbers_of"],
+    },
 )

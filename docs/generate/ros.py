@@ -15,14 +15,15 @@ import mkdocs_gen_files
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+from cmd_vel_guard import guard, robots, standby
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import type_name
+from turtlebot_gym_ros.guarded import numbers_of
 from turtlebot_gym_ros.node.block import Every
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, load
 from turtlebot_gym_ros.recording import logger
-from turtlebot_gym_ros.robot import guard, standby
 
 DOMAIN = 101
 """A ROS domain where nobody listens: a guard's first messages are zeros."""
@@ -30,7 +31,7 @@ PACKAGE = Path("bridges/turtlebot_gym_ros")
 ROS_OWN = ("/rosout", "/parameter_events", "/clock", "parameter", "type_description")
 """What every ROS node has, and the page leaves out."""
 
-source = griffe.load("turtlebot_gym_ros", search_paths=[PACKAGE])
+sources = {name: griffe.load(name, search_paths=[f"bridges/{name}"]) for name in ("turtlebot_gym_ros", "cmd_vel_guard")}
 
 
 def told(item):
@@ -68,7 +69,8 @@ def parameters_of(node, classes):
     for name, (field, owner) in declared.items():
         assert node.has_parameter(name), name
         default = field.default if field.default_factory is MISSING else field.default_factory()
-        meaning = told(source[f"{owner.__module__}.{owner.__qualname__}.{name}".partition(".")[2]])
+        package, _, place = f"{owner.__module__}.{owner.__qualname__}.{name}".partition(".")
+        meaning = told(sources[package][place])
         yield f"| `{name}` | {type(default).__name__} | `{default!r}` | {meaning} |"
 
 
@@ -94,6 +96,7 @@ def write(page, node, description, classes, block=None):
 
 
 prepare()
+robots.SOURCES.append(numbers_of)
 with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryDirectory() as folder:
     print(
         "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as "
@@ -103,7 +106,8 @@ with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryD
         file=page,
     )
     context = Context()
-    context.init(["--ros-args", "--log-level", "warn", "-p", f"data_logger:output:={folder}/bag"], domain_id=DOMAIN)
+    words = ["-p", f"data_logger:output:={folder}/bag", "-p", "cmd_vel_guard:robot:=burger"]
+    context.init(["--ros-args", "--log-level", "warn", *words], domain_id=DOMAIN)
     for name in BLOCKS:
         block = load(name)
         shell = Shell(block, block.Params, name=name, context=context)

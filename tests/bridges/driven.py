@@ -5,12 +5,12 @@ import random
 from collections import deque
 from dataclasses import dataclass
 
+from cmd_vel_guard.moved import Moved
 from turtlebot_gym.models.odometry import measure
 from turtlebot_gym.models.unicycle import advance, execute, limit, slips
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.values import STOP, Command, Pose
-from turtlebot_gym_ros.robot.moved import Moved
 
 DT = 0.05
 BURGER = ROBOTS["burger"]

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 from guard_judge import EPSILON
+from guarded import Parameters
 
+from cmd_vel_guard import arbiter, sent
 from turtlebot_gym.values import Command, State
-from turtlebot_gym_ros.base import sent
 from turtlebot_gym_ros.node import feed
 from turtlebot_gym_ros.node.block import Input
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.robot import arbiter
 
 TICK = 0.02
 COMMANDS = [(0.1, 0.2), (0.15, 0.0), (-0.1, 0.0), (0.0, 1.0), (9.0, -3.0), (0.0, 0.0), (math.nan, 0.1), (0.0, 1e9)]
@@ -83,6 +83,7 @@ class Relay:
         self.look()
         declared = Input(topic="chain", type=State)
         self.feed = feed.Feed(declared, conversion(State), lock_step=False, clock=self.clock)
+        self.feed.ages = sent.Ages(self.clock)  # equal to its own, so that a planted defect is in both
 
     def look(self):
         self.clock.look(system=self.world.system("chain"), steady=self.world.t)
@@ -127,7 +128,7 @@ class World:
         self.radio_until, self.in_the_air, self.came = -math.inf, 0, {True: -math.inf, False: -math.inf}
         """Until when a lost message holds up the buttons' next ones, and how many of the prompt ones are lost;
         when the last prompt and the last other one came."""
-        parameters = arbiter.Parameters(**parameters)
+        parameters = Parameters(**parameters)
         self.clock = sent.SystemClock()
         self.look()
         self.laptop, self.drift, self.set_at, self.chain_on_laptop, self.losing = 0.0, 0.0, self.t, False, 0

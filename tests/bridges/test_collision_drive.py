@@ -10,7 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from guarded import Parameters
 
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.collision import RawScan
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.robots import ROBOTS
@@ -19,8 +22,6 @@ from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import Command, Pose
-from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import RawScan
 
 DT = 0.02
 T = 100.0

@@ -41,8 +41,8 @@ def test_a_motion_is_in_force_for_half_a_second_at_most_after_every_end(way, whe
 
 def test_the_same_without_the_watch_on_waits_is_noticed(wheels, clock, tmp_path):
     """The emulated clock holds up a wait, as the kernel's does: else the test above would prove nothing."""
-    program = f"{sys.executable} -c 'from turtlebot_gym_ros.base import executor; executor.OVERDUE = 60.0; {{main}}' --ros-args"
-    main = "from turtlebot_gym_ros.robot.{0} import main; main()"
+    program = f"{sys.executable} -c 'from cmd_vel_guard import executor; executor.OVERDUE = 60.0; {{main}}' --ros-args"
+    main = 'from turtlebot_gym_ros.nodes import load; import sys; load("cmd_vel_{0}")(sys.argv[1:])'
     guard, standby = (program.format(main=main.format(name)) for name in ("guard", "standby"))
     script = f"{guard} & echo $! > guard\n{standby} & echo $! > standby\nwait"
     row = endings.end("clock -3600 s", wheels, tmp_path, clock=clock, wait=0.5, commands=True, script=script)

@@ -16,14 +16,12 @@ from guard_world import World
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from turtlebot_gym.robots import Robot
+from cmd_vel_guard import arbiter, sent
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.emergency import EmergencyStop, _Stream
+from cmd_vel_guard.sent import Age, Ages, SystemClock, _Sender
 from turtlebot_gym.values import STOP
-from turtlebot_gym_ros.base import sent
-from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock, _Sender
 from turtlebot_gym_ros.node import feed
-from turtlebot_gym_ros.robot import arbiter
-from turtlebot_gym_ros.robot.arbiter import Arbiter
-from turtlebot_gym_ros.robot.emergency import EmergencyStop, _Stream
 
 KINDS = [
     "send", "teleop", "drive", "drive", "flood", "silence", "button", "end", "press", "release", "enable", "disable", "suspend",
@@ -281,7 +279,7 @@ DEFECTS = {
 
 
 def wheelless(robot):
-    return Robot(max_linear=robot.max_linear, max_angular=robot.max_angular, wheel_separation=0.16, max_wheel=math.inf)
+    return robot._replace(wheel_separation=0.16, max_wheel=math.inf)
 
 
 def twice_as_old(original):

@@ -14,8 +14,6 @@ import pytest
 from bench import node
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.time import Time
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
@@ -32,7 +30,6 @@ from turtlebot_gym_ros.graph import bringup
 from turtlebot_gym_ros.graph.watch import View, Watcher
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import NODES
-from turtlebot_gym_ros.robot.standby import CmdVelStandby
 
 POLICIES = """
 import time
@@ -264,16 +261,6 @@ def test_a_drive_of_nothing_is_an_error(monkeypatch, capsys):
     monkeypatch.setattr(bringup, "be_interruptible", lambda: None)
     assert bringup.main([]) == 2
     assert capsys.readouterr().err == f"error: {bringup.NOTHING}\n"
-
-
-def test_the_clock_of_a_node_that_runs_cannot_be_changed(runner, peer):
-    runner.add(CmdVelStandby(runner.context))
-    for value, changes in ((True, True), (False, False)):
-        parameter = Parameter("use_sim_time", value=value).to_parameter_msg()
-        request = SetParameters.Request(parameters=[parameter])
-        (result,) = peer.ask("cmd_vel_standby/set_parameters", SetParameters, request).results
-        assert result.successful is not changes
-        assert ("read when the node starts" in result.reason) is changes
 
 
 def test_a_blocked_policy_stops_the_robot_and_holds_up_no_end(launch, world, tmp_path):

@@ -6,16 +6,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from geometry_msgs.msg import Transform, TransformStamped
+from guarded import Parameters
 from std_msgs.msg import Header
 
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.collision import RawScan
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.mounts import StaticFrames
 from turtlebot_gym.rooms import scan as rooms
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import VelocityController
 from turtlebot_gym_ros.node.block import Aged
-from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import RawScan
 
 PRESET, OTHER = Pose(-0.032, 0.0, 0.0), Pose(0.05, -0.04, 2.0)
 """Where a Burger's LiDAR is, and where somebody else mounted it."""

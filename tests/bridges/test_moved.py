@@ -10,14 +10,14 @@ from dataclasses import replace
 import pytest
 from drawing import recorded
 from driven import BURGER, DT, KINDS, NOISES, Driver, Kind, alarms
+from guarded import Parameters
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from cmd_vel_guard import moved
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.moved import BLOCKED, DEAD, EXTRA, REVERSED, Moved
 from turtlebot_gym.values import STOP, Command, Pose
-from turtlebot_gym_ros.robot import moved
-from turtlebot_gym_ros.robot.arbiter import Arbiter
-from turtlebot_gym_ros.robot.moved import BLOCKED, DEAD, EXTRA, REVERSED, Moved
-from turtlebot_gym_ros.robot.parameters import Parameters
 
 AHEAD, SPIN, ARC = Command(0.21, 0.0), Command(0.0, 1.0), Command(0.15, 0.7)
 

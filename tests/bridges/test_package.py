@@ -15,11 +15,12 @@ import yaml
 from rclpy.node import Node
 
 import turtlebot_gym
+from cmd_vel_guard import parameters, standby
+from cmd_vel_guard.declare import declare as declare_guard
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
 from turtlebot_gym_ros.recording import logger
-from turtlebot_gym_ros.robot import arbiter, standby
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"
@@ -56,10 +57,10 @@ def declared(name, context, config):
         names = {*shell.node.list_parameters([], 0).names}
         shell.close()
     else:
-        modules = {"cmd_vel_guard": arbiter, "cmd_vel_standby": standby, "data_logger": logger}
+        modules = {"cmd_vel_guard": parameters, "cmd_vel_standby": standby, "data_logger": logger}
         params = modules[name].Parameters
         node = Node(name, context=context, cli_args=arguments, automatically_declare_parameters_from_overrides=True)
-        declare(node, params)
+        (declare_guard if NODES[name].guards else declare)(node, params)
         names = {*node.list_parameters([], 0).names}
         node.destroy_node()
     return {name for name in names if not name.startswith("qos_overrides.")} - ROS_OWN
@@ -100,7 +101,7 @@ def test_launch_starts_nodes_that_exist_with_parameters_that_exist(launch_file):
     for node in launch_file.iter("node"):
         if node.get("pkg") == "rviz2":
             continue
-        assert node.get("pkg") == "turtlebot_gym_ros"
+        assert node.get("pkg") == ("cmd_vel_guard" if NODES[node.get("name")].guards else "turtlebot_gym_ros")
         assert node.get("exec") == node.get("name")
         assert node.get("exec") in NODES
         params = node.findall("param")
@@ -274,7 +275,7 @@ def test_package_depends_on_the_ros_packages_that_it_imports():
     ros = {name for name in imported if name.startswith(("rcl", "ament_")) or name.endswith(("_msgs", "_srvs", "_interfaces"))}
     root = ElementTree.parse(PACKAGE / "package.xml").getroot()
     depends = {element.text for element in root.iter("exec_depend")}
-    assert ros == depends - {"python3-numpy", "python3-yaml", "ros2launch", "ros2service"}
+    assert ros == depends - {"cmd_vel_guard", "python3-numpy", "python3-yaml", "ros2launch", "ros2service"}
 
 
 def files_of(folder):
@@ -296,7 +297,9 @@ def test_colcon_builds_the_package(tmp_path):
     share = prefix / "share" / "turtlebot_gym_ros"
     for path in (*CONFIGS, *LAUNCHES, RVIZ, *sorted((PACKAGE / "layouts").iterdir()), PACKAGE / "package.xml"):
         assert (share / path.relative_to(PACKAGE)).read_bytes() == path.read_bytes()
-    assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {*NODES}
+    assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {
+        name for name, entry in NODES.items() if not entry.guards
+    }
     (library,) = prefix.glob("lib/python*/site-packages")
     installed = files_of(library / "turtlebot_gym_ros")
     assert {path.relative_to(library) for path in installed} == {path.relative_to(PACKAGE) for path in files_of(SOURCES)}
@@ -306,11 +309,11 @@ def test_colcon_builds_the_package(tmp_path):
         f"import turtlebot_gym_ros; assert turtlebot_gym_ros.__file__.startswith({str(library)!r})\n"
         "runpy.run_path(sys.argv[0], run_name='__main__')"
     )
-    executable = prefix / "lib" / "turtlebot_gym_ros" / "cmd_vel_guard"
-    arguments = [sys.executable, "-c", program, str(executable), "--ros-args", "-p", "max_age:=9.0"]
+    executable = prefix / "lib" / "turtlebot_gym_ros" / "kalman_filter"
+    arguments = [sys.executable, "-c", program, str(executable), "--ros-args", "-p", "period:=-9.0"]
     ran = subprocess.run(arguments, capture_output=True, text=True, timeout=60)
     assert ran.returncode == 2
-    assert ran.stderr == "error: max_age must be a number above 0 and at most 0.5 s, got 9.0.\n"
+    assert ran.stderr.startswith("error: period must be ")
 
 
 def test_the_wheel_holds_the_package(tmp_path):

@@ -13,11 +13,9 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.nodes import BLOCKS, load
 from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
-from turtlebot_gym_ros.robot.arbiter import Parameters as GuardParameters
 
 BLOCK = {name: load(name) for name in BLOCKS}
 CLASSES = {name: block.Params for name, block in BLOCK.items()} | {
-    "cmd_vel_guard": GuardParameters,
     "data_logger": LoggerParameters,
 }
 RULES = {name: rules(kind) for name, kind in CLASSES.items()}
@@ -86,9 +84,9 @@ def test_what_a_block_cannot_do_is_refused(node, given, said):
 
 def test_parameters_are_frozen_and_take_keywords_only():
     with pytest.raises(FrozenInstanceError):
-        GuardParameters().rate = 100.0
+        LoggerParameters().snapshot_period = 100.0
     with pytest.raises(TypeError):
-        GuardParameters("waffle")
+        LoggerParameters("bags")
 
 
 # As parameters of a ROS node.

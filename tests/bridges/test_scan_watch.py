@@ -5,7 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from guarded import Parameters
 
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.collision import RawScan
+from cmd_vel_guard.motion import Motion
+from cmd_vel_guard.scan_watch import ScanWatch
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.robots import ROBOTS
@@ -14,10 +19,6 @@ from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import STOP, Command, Pose
-from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import RawScan
-from turtlebot_gym_ros.robot.motion import Motion
-from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
 BURGER = ROBOTS["burger"]
 T, DT = 100.0, 0.1

@@ -7,18 +7,19 @@ import numpy as np
 import pytest
 from bench import over_the_wire
 from drawing import recorded
+from guarded import Parameters
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.collision import RawScan as MonitorScan
 from turtlebot_gym.rooms.lidar import DRIVERS, LIDARS, SECTORS, SIGHT
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, as_sent
 from turtlebot_gym.rooms.sectors import NARROW, NEAR, Pooling
 from turtlebot_gym.values import Command
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.robot.arbiter import Arbiter, Parameters
-from turtlebot_gym_ros.robot.collision import RawScan as MonitorScan
 
 WAY = conversion(Scan)
 INF, NAN = np.float32(np.inf), np.float32(np.nan)

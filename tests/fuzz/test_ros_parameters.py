@@ -24,8 +24,6 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.nodes import BLOCKS, load
 from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
-from turtlebot_gym_ros.robot.arbiter import Arbiter
-from turtlebot_gym_ros.robot.arbiter import Parameters as GuardParameters
 
 prepare()
 (FOLDER / "waypoints.yaml").write_text("- [1.0, 0.0, 0.0]\n- {x: 1, y: [2]}\n")
@@ -82,7 +80,6 @@ def node_with(given):
 
 KINDS = {
     **{name: ((Common, block.Params), lambda params, block=block: block(params)) for name, block in CLASSES.items()},
-    "guard": ((GuardParameters,), lambda params: Arbiter(params, 100.0)),
     "logger": ((LoggerParameters,), lambda params: params),
 }
 """Of each block and node: the classes of its parameters, and what makes it of the last one."""

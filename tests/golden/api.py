@@ -48,19 +48,18 @@ def nodes_of() -> dict[str, dict[str, Any]]:
     from turtlebot_gym_ros import Shell
     from turtlebot_gym_ros.nodes import BLOCKS, load
     from turtlebot_gym_ros.recording.logger import DataLogger
-    from turtlebot_gym_ros.robot.guard import CmdVelGuard
 
     interface = {}
     with tempfile.TemporaryDirectory() as folder:
         context = Context()
         context.init(["--ros-args", "--log-level", "warn", "-p", f"data_logger:output:={folder}/bag"])
-        for name in (*BLOCKS, "cmd_vel_guard", "data_logger"):
+        for name in (*BLOCKS, "data_logger"):
             if name in BLOCKS:
                 block = load(name)
                 shell = Shell(block, block.Params, name=name, context=context)
                 node, end = shell.node, shell.close
             else:
-                node = (CmdVelGuard if name == "cmd_vel_guard" else DataLogger)(context)
+                node = DataLogger(context)
                 end = node.destroy_node
             ends = [*node.publishers, *node.subscriptions]
             parameters = node.get_parameters(sorted(node.list_parameters([], 0).names))

@@ -45,10 +45,8 @@ def of_nodes() -> dict[str, Any]:
     """Return the same for the parameters of all nodes."""
     from turtlebot_gym_ros.nodes import BLOCKS, load
     from turtlebot_gym_ros.recording import logger
-    from turtlebot_gym_ros.robot import arbiter, standby
 
-    modules = {"cmd_vel_guard": arbiter, "cmd_vel_standby": standby, "data_logger": logger}
-    classes = {name: load(name).Params for name in BLOCKS} | {name: module.Parameters for name, module in modules.items()}
+    classes = {name: load(name).Params for name in BLOCKS} | {"data_logger": logger.Parameters}
     return {name: of_class(kind) for name, kind in classes.items()}
 
 

@@ -48,7 +48,7 @@ def _run(argv: Sequence[str] | None) -> int:
     if name not in NODES:
         print(f"error: {unknown(name)}", file=sys.stderr)
         return 2
-    prepare(local=not NODES[name].target.startswith("robot."))  # what runs on the robot serves the network
+    prepare(local=not NODES[name].guards)  # what runs on the robot serves the network
     try:
         entry = load(name)
         if not hasattr(entry, "Params"):

@@ -134,12 +134,6 @@ def refuse(error: BaseException) -> int:
     return 2
 
 
-def precede(priority: int) -> None:
-    """Let this process run before ordinary ones and those of a lower priority, where the system permits it (``ulimit -r``)."""
-    with suppress(OSError):  # inherited by the threads of DDS, which begin later
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
-
-
 def be_interruptible() -> None:
     """Let signals that end a process raise KeyboardInterrupt, and note it: one that is raised within a destructor is lost."""
     shown = sys.unraisablehook
@@ -166,12 +160,10 @@ def run(
     *,
     in_thread: bool = False,
     local: bool = True,
-    lifelines: Sequence[int] = (),
 ) -> int:
     """Run a node until a signal ends it. Call it in the main thread.
 
-    A node that moves a robot sends zeros first, also before it is suspended. If the node has a ``may_end``, it is asked all the
-    time whether the process may end, and told whether it was asked to.
+    A node that moves a robot sends zeros first, also before it is suspended.
 
     Args:
         make: Makes the node in a context; a ValueError, TypeError, OSError, ImportError or RuntimeError refuses its arguments.
@@ -179,7 +171,6 @@ def run(
         in_thread: Whether callbacks run in a thread of their own, so that even a stuck one does not keep the process from
             ending; else in this one.
         local: Whether discovery stays on this machine unless the environment says otherwise.
-        lifelines: Files at whose end the process is asked to end, besides that of the process that started it, see `session`.
 
     Returns:
         The exit code 2, with one line on stderr, if the arguments were refused. Otherwise the process ends: with code 0, or 1
@@ -187,7 +178,7 @@ def run(
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     failures: list[int] = []
-    with _endings_wait([*lifeline(), *lifelines]) as wait:
+    with _endings_wait(lifeline()) as wait:
         try:
             runner = Runner(arguments, local=local)
         except Exception as error:  # rclpy raises a RuntimeError of its own for each kind of bad argument
@@ -196,7 +187,7 @@ def run(
             # Arguments before --ros-args would be taken as remappings in an old syntax, or ignored.
             for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
                 raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
-            runner.add(node := make(runner.context))
+            runner.add(make(runner.context))
         except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
             runner.close()
             return refuse(error)
@@ -216,9 +207,8 @@ def run(
             runner.start()
             asked()
         else:
-            may_end, ends = getattr(node, "may_end", bool), False
             try:
-                while not may_end(ends := asked(0.0) or ends):
+                while not asked(0.0):
                     runner.spin_once()
             except BaseException:
                 traceback.print_exc()

@@ -8,11 +8,10 @@ from __future__ import annotations
 import os
 import select
 import signal
-import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-LIFELINE = "TURTLEBOT_GYM_LIFELINE"
+LIFELINE = "NODE_LIFELINE"
 """Environment variable with the number of the file that ends with the process that started this one."""
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end a process: Ctrl-C, ``kill``, a closed terminal, and Ctrl with a backslash."""
@@ -69,30 +68,3 @@ def listening(lifelines: Sequence[int] = ()) -> Iterator[Callable[..., int | Non
             signal.signal(number, handler)
         os.close(noted)
         os.close(note)
-
-
-def leave() -> list[int]:
-    """Move this process to a session of its own, and return files that end when its old process group is ended.
-
-    The signals of a terminal, and those to a group, then reach only a child process that stays in the group and ends at the
-    first one. The leader of a group cannot move, and need not: a signal to its group is meant for it.
-    """
-    if os.getpgrp() == os.getpid():
-        return []
-    here, there = socket.socketpair()
-    if os.fork() == 0:
-        here.close()
-        _end_at_a_signal(there)
-    there.close()
-    os.setsid()
-    return [here.detach()]
-
-
-def _end_at_a_signal(other: socket.socket) -> None:
-    """End at the first signal, or with the process at the other end."""
-    try:
-        for number in filter(counts, ENDINGS):
-            signal.signal(number, lambda *_: os._exit(0))
-        other.recv(1)
-    finally:
-        os._exit(0)

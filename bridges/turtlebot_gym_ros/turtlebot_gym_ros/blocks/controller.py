@@ -21,8 +21,8 @@ from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, shown, typed
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents import Deployment
+from turtlebot_gym_ros.base.scan_watch import ScanWatch
 from turtlebot_gym_ros.node.block import HALT, Aged, Input, Nis, On, Output
-from turtlebot_gym_ros.robot.scan_watch import ScanWatch
 
 PLACE, AT_PLACE = (-0.032, 0.0), 0.05
 """Place of the LiDAR that policies are trained with, and distance up to which another is taken for it, m: in training the

@@ -1,0 +1,157 @@
+"""The guard's parameters, and the collision monitor for which they ask. Does not depend on ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated
+
+from cmd_vel_guard.checks import Names, Range, check
+from cmd_vel_guard.collision import Footprint, Limits
+from cmd_vel_guard.monitor import Monitor, Timing
+from cmd_vel_guard.robots import numbers_of
+from cmd_vel_guard.values import Mount, Pose, Robot
+
+SPEED = Range(0.0, 100.0)
+PLACE = Range(-1.0, 1.0, unit="m")
+"""Places on a robot."""
+LIMITS = ("max_linear", "max_angular", "max_wheel", "wheel_separation", "radius")
+"""Numbers of a robot that are positive where they are known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameters:
+    """Parameters of ``cmd_vel_guard``; none changes while it runs."""
+
+    robot: str = ""
+    """A robot that an installed package knows, see `robots`: its numbers hold where a parameter below is 0. If empty, the
+    parameters must state all numbers."""
+    max_linear: Annotated[float, SPEED] = 0.0
+    """Highest speed, m/s; 0 for that of ``robot``."""
+    max_angular: Annotated[float, SPEED] = 0.0
+    """Highest turning rate, rad/s; 0 for that of ``robot``."""
+    max_wheel: Annotated[float, SPEED] = 0.0
+    """Highest speed of a wheel at its rim, m/s; 0 for that of ``robot``, or none."""
+    wheel_separation: Annotated[float, Range(0.0, 10.0, unit="m")] = 0.0
+    """Distance between the wheels' tracks, m; 0 for that of ``robot``."""
+    reverse: bool = True
+    """Whether the robot may drive backwards, if ``robot`` may."""
+    enable_stamped_cmd_vel: bool = True
+    """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; Twist if false."""
+    body_frame: str = "base_footprint"
+    """The robot's frame in the commands."""
+    frame_prefix: str = ""
+    """Prefix of the robot's and the scans' frame, such as "robot1/" for robot1/base_scan; other scans are then refused."""
+    start_enabled: bool = True
+    """Whether commands pass from the start; if not, ``~/enable`` is needed after every (re)start."""
+    require_emergency_stop: bool = False
+    """Whether a live button is needed to enable; commands then never pass from the start, even if ``start_enabled`` is true."""
+    require_standby: bool = False
+    """Whether the robot stands unless ``cmd_vel_standby`` is alive, which stops it if the guard dies."""
+    max_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
+    """Age from which a command no longer counts, s; at most 0.5. It counts from when the command was sent."""
+    measured_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.5
+    """Age from which a command no longer counts, s, since the measurement on which it rests: its header's stamp."""
+    rate: Annotated[float, Range(50.0, 200.0, unit="Hz")] = 50.0
+    """Rate at which ages are checked, and highest rate of commands, Hz; 50 to 200."""
+    max_acceleration: Annotated[float, Range(0.0, 1000.0, open_low=True, unit="m/s^2")] = 2.5
+    """Limit of each wheel's acceleration at the rim, m/s^2. It never delays a stop."""
+    speed_scale: Annotated[float, Range(0.0, 1.0, open_low=True)] = 1.0
+    """Factor on every command, at most 1."""
+    geofence: Annotated[float, Range(0.0, 1e6, unit="m")] = 0.0
+    """Radius around the origin of the pose's frame beyond which only a person may drive, m; 0 for no fence."""
+    geofence_topic: Annotated[str, Names(("odom", "estimate"))] = "odom"
+    """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
+    geofence_frame: str = "odom"
+    """Frame of the pose for the geofence, without a prefix; a pose in another one does not count."""
+    motion_check: bool = True
+    """Whether the robot stands when it does not move as commanded by ``odom``, or has lost it; see `moved`."""
+    heed_disagreement: bool = False
+    """Whether a cause on ``disagreement``, published by the filter, stops the robot until it is enabled."""
+    collision_monitor: bool = False
+    """Whether obstacles on ``scan`` limit every command, including a person's; without a fresh scan the robot then stands."""
+    collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05
+    """Width of the stop zone around the footprint, m."""
+    collision_time: Annotated[float, Range(0.5, 10.0, unit="s")] = 1.0
+    """Time to collision below which a command is slowed down, s."""
+    escape_speed: Annotated[float, Range(0.0, 0.1, unit="m/s")] = 0.05
+    """Speed at which a robot may creep away from obstacles in its stop zone, m/s; with 0 it stands."""
+    scan_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
+    """Age from which a scan no longer counts, s. It counts from when the scan was sent."""
+    scan_period: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
+    """Time of one revolution of the LiDAR, s."""
+    scan_error: Annotated[float, Range(0.0, 0.5)] = 0.085
+    """Relative error of a range, by which the stop zone grows; for an LDS-01, 5 % plus twice 1.75 %."""
+    scan_returns: Annotated[float, Range(0.0, 1.0)] = 0.02
+    """Least share of a scan's beams that return something; with less for 0.5 s the robot stands: a covered LiDAR looks like
+    one in a hall larger than its range. With 0 the robot drives in such halls, and a cover is not noticed."""
+    reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
+    """Longest delay of wheels and LiDAR driver, s."""
+    radius: Annotated[float, Range(0.0, 10.0, unit="m")] = 0.0
+    """Radius of the footprint, m; 0 for that of ``robot``."""
+    scan_mount: Annotated[str, Names(("robot", "given"))] = "robot"
+    """Whether to use the footprint's centre of ``robot``, and the mount of ``/tf_static`` or else of ``robot``, or the five
+    parameters below, which ``/tf_static`` must not contradict. Without a ``robot`` they count unless ``/tf_static`` differs."""
+    footprint_x: Annotated[float, PLACE] = 0.0
+    """Centre of the footprint ahead of the axle, m."""
+    scan_x: Annotated[float, PLACE] = 0.0
+    """Position of the LiDAR ahead of the axle, m."""
+    scan_y: Annotated[float, PLACE] = 0.0
+    """Position of the LiDAR to the left, m."""
+    scan_yaw: Annotated[float, Range(-2.0 * math.pi, 2.0 * math.pi, unit="rad")] = 0.0
+    """Direction of the scan's angle 0 in the robot's frame, rad."""
+    scan_frame: str = "base_scan"
+    """Frame of the scans, without a prefix; scans of other frames are refused."""
+
+    def __post_init__(self) -> None:
+        check(self)
+        robot = self.numbers
+        for name in ("max_linear", "max_angular", "wheel_separation", *(["radius"] if self.collision_monitor else [])):
+            if not 0.0 < getattr(robot, name) < math.inf:
+                raise ValueError(
+                    f"{name} must be a positive number, or robot one that states it, got {getattr(robot, name):g}."
+                )
+        if self.collision_monitor and not robot.lidar.frame:
+            raise ValueError(f"scan_mount must be 'given' for a robot that has no lidar, got {self.scan_mount!r}.")
+
+    @property
+    def numbers(self) -> Robot:
+        """The robot's numbers, without the prefix of its frames.
+
+        Raises:
+            ValueError: If nobody knows ``robot``.
+        """
+        known = dict(numbers_of(self.robot)) if self.robot else {}
+        if not known or self.scan_mount == "given":
+            known |= {name: getattr(self, name) for name in ("footprint_x", "scan_frame", "scan_x", "scan_y", "scan_yaw")}
+        known |= {name: value for name in LIMITS if (value := getattr(self, name))}
+        return Robot(
+            max_linear=known.get("max_linear", 0.0),
+            max_angular=known.get("max_angular", 0.0),
+            max_wheel=known.get("max_wheel", math.inf),
+            wheel_separation=known.get("wheel_separation", 0.0),
+            reverse=self.reverse and known.get("reverse", True),
+            radius=known.get("radius", 0.0),
+            footprint_x=known["footprint_x"],
+            lidar=Mount(known["scan_frame"], known["scan_x"], known["scan_y"], known["scan_yaw"]),
+        )
+
+
+def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]) -> Monitor | None:
+    """Return the collision monitor, if it is switched on.
+
+    Args:
+        p: The guard's parameters.
+        now: Current steady time, s.
+        mount_of: See `Monitor`.
+    """
+    if not p.collision_monitor:
+        return None
+    robot, timing = p.numbers, Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
+    body = Footprint(robot.radius, robot.footprint_x, robot.lidar._replace(frame=p.frame_prefix + robot.lidar.frame))
+    limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
+    return Monitor(
+        body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now,
+        given=p.scan_mount == "given", mount_of=mount_of,
+    )  # fmt: skip

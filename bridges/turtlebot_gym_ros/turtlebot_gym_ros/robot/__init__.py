@@ -1,1 +1,0 @@
-"""Software on the robot itself, between commands and wheels."""

@@ -1,0 +1,19 @@
+"""A TurtleBot3 Burger's numbers, as anybody would state them."""
+
+from functools import partial
+
+from cmd_vel_guard import parameters
+
+NUMBERS = {
+    "max_linear": 0.2108,
+    "max_angular": 2.635,
+    "max_wheel": 0.2097,
+    "wheel_separation": 0.16,
+    "radius": 0.105,
+    "footprint_x": -0.024,
+    "scan_x": -0.032,
+}
+Parameters = partial(parameters.Parameters, **NUMBERS)
+"""The guard's parameters of a Burger."""
+WORDS = [word for name, value in NUMBERS.items() for word in ("-p", f"{name}:={value}")]
+"""The same as words of a ROS command line."""

@@ -1,0 +1,518 @@
+"""What the guard decides, without ROS, beyond the law of `test_law`: each protection with a sabotage that it notices."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from burger import Parameters
+
+from cmd_vel_guard import parameters, robots
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.values import STOP, Command
+
+TICK = 0.02
+T = 100.0
+"""When all begins: not at 0."""
+AHEAD = Command(0.1, 0.2)
+
+
+def new(**parameters):
+    return Arbiter(Parameters(**parameters), now=T)
+
+
+def drive(arbiter, start, duration, command=None, source="program", every=5):
+    """Tick the arbiter at 50 Hz while a source commands at 10 Hz; return what was published."""
+    published = []
+    for k in range(round(start / TICK), round((start + duration) / TICK)):
+        if command is not None and k % every == 0:
+            arbiter.hear(source, command, T + k * TICK)
+            published.append(arbiter.step(T + k * TICK))
+        published.append(arbiter.step(T + k * TICK))
+    return [command for command in published if command is not None]
+
+
+# A law is a protection; beside it stands the sabotage that switches the protection off, which the law must notice.
+
+
+def starts_with_zeros(arbiter):
+    published = drive(arbiter, 0.0, 3.0)
+    assert set(published) == {STOP}
+    assert drive(arbiter, 3.0, 1.0) == []
+
+
+def silent_after_zeros(arbiter):
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    assert drive(arbiter, 1.0, 1.5)[-1] == STOP
+    assert drive(arbiter, 2.5, 5.0) == []  # zeros until 2.3 s
+
+
+def a_start_keeps_its_curvature(arbiter):
+    steps = drive(arbiter, 0.0, 1.0, Command(0.4, 2.0))  # twice too fast: limits and the ramp both act
+    assert len(set(steps)) > 3
+    for out in steps:
+        assert out.omega == pytest.approx(5.0 * out.v)
+
+
+def stops_are_not_ramped(arbiter):
+    assert drive(arbiter, 0.0, 1.0, Command(0.2, 0.0))[-1].v == 0.2
+    assert set(drive(arbiter, 1.0, 0.5, STOP)) == {STOP}
+
+
+def a_person_wins(arbiter):
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    arbiter.hear("teleop", Command(-0.05, 0.0), T + 1.0)
+    assert drive(arbiter, 1.0, 0.38, AHEAD)[-1] == Command(-0.05, 0.0)
+    assert drive(arbiter, 1.42, 1.0, AHEAD)[-1] == AHEAD  # and hands back when fresh no longer
+
+
+def buttons(arbiter, start, duration, pressed=False, number=1):
+    """Let a button speak at 10 Hz while a program commands; return what was published."""
+    published = []
+    for k in range(round(duration / 0.1)):
+        arbiter.hear_emergency(pressed, T + start + 0.1 * k, number=number + k)
+        published += drive(arbiter, start + 0.1 * k, 0.1, AHEAD)
+    return published
+
+
+def disabling_is_never_refused(arbiter):
+    buttons(arbiter, 0.0, 1.0, pressed=True)
+    assert arbiter.enable(False, T + 1.0) == ""
+    assert not arbiter.enabled
+    assert arbiter.emergency  # and forgets no emergency stop
+    buttons(arbiter, 1.0, 1.0, number=11)
+    assert arbiter.enable(True, T + 2.0) == ""
+    assert buttons(arbiter, 2.0, 0.5, number=21)[-1] == AHEAD
+
+
+def outside_the_fence_only_a_person_drives(arbiter):
+    assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}  # no pose yet
+    arbiter.locate(1.0, 1.0, T + 1.0)
+    assert drive(arbiter, 1.0, 0.4, AHEAD)[-1] == AHEAD
+    arbiter.locate(1.5, 1.5, T + 1.4)
+    assert set(drive(arbiter, 1.4, 0.4, AHEAD)) == {STOP}
+    assert drive(arbiter, 1.8, 0.2, AHEAD, "teleop")[-1] == AHEAD
+    arbiter.locate(math.nan, 0.0, T + 3.0)
+    assert set(drive(arbiter, 3.0, 0.2, AHEAD)) == {STOP}
+
+
+def a_stale_pose_is_outside(arbiter):
+    arbiter.locate(0.0, 0.0, T + 0.0)
+    assert drive(arbiter, 0.0, 0.5, AHEAD)[-1] == AHEAD
+    assert set(drive(arbiter, 0.54, 1.0, AHEAD)) == {STOP}
+
+
+def speed_is_scaled(arbiter):
+    assert drive(arbiter, 0.0, 1.0, Command(0.5, 0.0))[-1].v == pytest.approx(0.10485)  # half of 0.2097
+    assert drive(arbiter, 1.0, 1.0, Command(0.0, 1.0))[-1].omega == pytest.approx(0.5)
+
+
+def a_process_that_was_suspended_for_long_stops_first(arbiter):
+    assert drive(arbiter, 0.0, 1.0, AHEAD)[-1] == AHEAD  # which the wheels hold from then on
+    arbiter.hear("program", AHEAD, T + 10.0, sent=T + 9.99)  # young enough, as it proves
+    assert arbiter.step(T + 10.0) == STOP
+    assert drive(arbiter, 10.02, 0.2)[-1] == AHEAD
+
+
+def after_a_gap_every_button_is_heard_first(arbiter):
+    assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
+    arbiter.hear("program", AHEAD, T + 1.25)  # 0.27 s without a look: a press may be on its way
+    assert arbiter.step(T + 1.25) == STOP
+    arbiter.hear_emergency(False, T + 1.26, sent=T + 1.24, number=11)
+    assert arbiter.step(T + 1.26) in (STOP, None)
+    arbiter.hear_emergency(False, T + 1.3, sent=T + 1.27, number=12)
+    assert arbiter.step(T + 1.3) != STOP
+    assert not arbiter.emergency
+
+
+def after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second(arbiter):
+    buttons(arbiter, 0.0, 1.0)  # the last message came at 0.9 s
+    assert STOP not in drive(arbiter, 1.0, 0.38, AHEAD)
+    assert set(drive(arbiter, 1.42, 0.5, AHEAD)) == {STOP}
+    assert set(buttons(arbiter, 1.94, 0.48, number=11)) == {STOP}
+    assert not arbiter.emergency
+    assert buttons(arbiter, 2.44, 0.2, number=16)[-1] == AHEAD
+
+
+def after_a_gap_in_which_a_button_was_silent_too_it_goes_on(arbiter):
+    buttons(arbiter, 0.0, 1.0)  # the last command and message came at 0.9 s
+    assert arbiter.step(T + 1.45) == STOP  # it was suspended itself, for 0.47 s
+    arbiter.hear_emergency(False, T + 1.46, number=11)
+    assert not arbiter.emergency
+    arbiter.step(T + 1.5)
+    assert set(buttons(arbiter, 1.54, 0.4, number=12)) == {STOP}
+    assert buttons(arbiter, 1.94, 0.2, number=16)[-1] == AHEAD
+
+
+def one_who_did_not_listen_for_long_may_have_missed_a_press(arbiter):
+    buttons(arbiter, 0.0, 1.0)
+    arbiter.step(T + 1.6)
+    assert set(buttons(arbiter, 1.6, 2.0, number=11)) == {STOP}
+    assert arbiter.enable(True, T + 3.6) == ""
+
+
+def a_required_button_must_be_heard_to_start(arbiter):
+    assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
+    assert "no emergency stop is heard" in arbiter.enable(True, T + 1.0)
+    assert set(buttons(arbiter, 1.02, 0.3)) <= {STOP}
+    assert arbiter.enable(True, T + 1.33) == ""
+    assert buttons(arbiter, 1.34, 0.3, number=4)[-1] == AHEAD
+
+
+def without_a_required_standby_the_robot_stands(arbiter):
+    assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
+    arbiter.hear_standby(T + 1.02, sent=T + 1.0)
+    assert drive(arbiter, 1.02, 0.46, AHEAD)[-1] == AHEAD
+    assert set(drive(arbiter, 1.52, 1.0, AHEAD)) == {STOP}
+    assert not arbiter.emergency
+
+
+def a_flood_is_a_stop(arbiter):
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    for k in range(300):
+        arbiter.count("cmd_vel_in", k, T + 1.0 + k * 0.001)
+        arbiter.hear("program", AHEAD, T + 1.0 + k * 0.001)
+        out = arbiter.step(T + 1.0 + k * 0.001)
+        assert k < 51 or out in (STOP, None)
+    assert arbiter.flooded(T + 1.3) == ["cmd_vel_in"]
+    assert set(drive(arbiter, 1.32, 0.4, AHEAD)) == {STOP}
+    assert drive(arbiter, 1.9, 0.4, AHEAD)[-1] == AHEAD
+
+
+def a_robot_that_joins_at_the_start_stands_first(arbiter):
+    arbiter.hear("program", AHEAD, T)
+    arbiter.greet(T)
+    assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
+    assert drive(arbiter, 1.02, 0.3, AHEAD)[-1] == AHEAD
+
+
+def a_motion_in_force_is_repeated(arbiter):
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    arbiter.hear("program", AHEAD, T + 1.0)
+    times = [at for k in range(1, 20) if arbiter.step(at := T + 1.0 + TICK * k) == AHEAD]
+    assert len(times) > 4
+    assert max(b - a for a, b in pairwise(times)) < 0.07
+
+
+def a_new_robot_is_told_to_stop(arbiter):
+    drive(arbiter, 0.0, 3.0)
+    arbiter.greet(T + 3.0)
+    assert set(drive(arbiter, 3.0, 0.5)) == {STOP}
+
+
+def sabotage(name, replacement):
+    def apply(arbiter):
+        setattr(arbiter, name, replacement(arbiter))
+
+    return apply
+
+
+def parameter(name, value):
+    return lambda arbiter: object.__setattr__(arbiter._p, name, value)
+
+
+def deaf(arbiter):
+    return lambda *_, **options: None
+
+
+def latches_silence(arbiter):
+    buttons = arbiter.buttons
+    buttons.lost = lambda now: "silent" if buttons._alive(now) < buttons._expected else ""
+
+
+def deaf_to_gaps(arbiter):
+    arbiter.buttons.wake = lambda gap, now: None
+
+
+def only_news(arbiter):
+    step = arbiter.step
+    return lambda now: out if (news := bool(arbiter._news), out := step(now)) and (news or out == STOP) else None
+
+
+def asks_before_disabling(arbiter):
+    return lambda on, now: arbiter.buttons.refusal(now, 0) or Arbiter.enable(arbiter, on, now)
+
+
+def never_blind(arbiter):
+    def wake(now):
+        Arbiter._wake(arbiter, now)
+        arbiter._blind_until = now
+
+    return wake
+
+
+def nothing_instead_of_stop(arbiter):
+    step = arbiter.step
+    return lambda now: None if (out := step(now)) == STOP else out
+
+
+def stop_for_ever(arbiter):
+    step = arbiter.step
+    return lambda now: step(now) or STOP
+
+
+def ramps_stops(arbiter):
+    return lambda target, dt: Arbiter._ramp(arbiter, Command(target.v + 1e-12, target.omega), dt)
+
+
+def forget_no_command(arbiter):
+    def enable(on, now, **options):
+        arbiter.enabled = on
+        return ""
+
+    return enable
+
+
+LAWS = [
+    (starts_with_zeros, {}, sabotage("step", nothing_instead_of_stop)),
+    (silent_after_zeros, {}, sabotage("step", stop_for_ever)),
+    (a_start_keeps_its_curvature, {}, parameter("max_acceleration", math.inf)),
+    (stops_are_not_ramped, {}, sabotage("_ramp", ramps_stops)),
+    (a_person_wins, {}, sabotage("hear", lambda arbiter: lambda s, c, t: Arbiter.hear(arbiter, "program", c, t))),
+    (disabling_is_never_refused, {}, sabotage("enable", asks_before_disabling)),
+    (after_a_gap_every_button_is_heard_first, {}, sabotage("_wake", never_blind)),
+    (after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second, {}, latches_silence),
+    (after_a_gap_in_which_a_button_was_silent_too_it_goes_on, {}, latches_silence),
+    (outside_the_fence_only_a_person_drives, {"geofence": 2.0}, parameter("geofence", 0.0)),
+    (a_stale_pose_is_outside, {"geofence": 2.0}, parameter("geofence", 0.0)),
+    (speed_is_scaled, {"speed_scale": 0.5}, parameter("speed_scale", 1.0)),
+    (a_process_that_was_suspended_for_long_stops_first, {}, parameter("max_age", 1e6)),
+    (a_new_robot_is_told_to_stop, {}, sabotage("greet", deaf)),
+    (a_robot_that_joins_at_the_start_stands_first, {}, sabotage("greet", deaf)),
+    (one_who_did_not_listen_for_long_may_have_missed_a_press, {}, deaf_to_gaps),
+    (a_required_button_must_be_heard_to_start, {"require_emergency_stop": True}, sabotage("enable", forget_no_command)),
+    (without_a_required_standby_the_robot_stands, {"require_standby": True}, parameter("require_standby", False)),
+    (a_flood_is_a_stop, {}, sabotage("count", deaf)),
+    (a_motion_in_force_is_repeated, {}, sabotage("step", only_news)),
+]
+
+
+@pytest.mark.parametrize(("law", "parameters", "sabotage"), LAWS, ids=[law.__name__ for law, *_ in LAWS])
+def test_law(law, parameters, sabotage):
+    law(new(**parameters))
+    broken = new(**parameters)
+    sabotage(broken)
+    with pytest.raises(AssertionError):
+        law(broken)
+
+
+def test_one_that_starts_disabled_says_zeros_at_its_rate_for_a_second_like_any_other():
+    for arbiter in (new(), new(start_enabled=False)):
+        assert arbiter.state == "stopped"
+        assert arbiter.step(T) == STOP
+        assert arbiter.step(T + 0.001) is None
+    arbiter = new()
+    assert drive(arbiter, 0.0, 1.0)[-1] == STOP
+    assert arbiter.step(T + 1.0) is None
+    assert arbiter.state == "silent"
+    arbiter = new(start_enabled=False)
+    assert set(drive(arbiter, 0.0, 2.0, AHEAD)) == {STOP}
+    arbiter.enable(True, T + 2.0)
+    assert drive(arbiter, 2.0, 1.0, AHEAD)[-1] == AHEAD
+
+
+def test_a_turn_starts_gently_too():
+    arbiter = new()
+    drive(arbiter, 0.0, 0.5)
+    turning = drive(arbiter, 0.5, 0.2, Command(0.0, 2.6))
+    assert turning[0] == (0.0, pytest.approx(0.625))  # 2.5 m/s^2 for 20 ms at a wheel 0.08 m from the middle
+    assert turning[1] == (0.0, pytest.approx(1.25))
+
+
+def test_ages_count_with_their_end():
+    arbiter = new(max_age=0.5, geofence=0.5)
+    arbiter.locate(0.3, 0.4, T)  # on the fence
+    arbiter.hear("program", AHEAD, T)
+    for k in range(1, 9):
+        arbiter.step(T + 0.0625 * k)
+        assert arbiter.state == "program"
+        assert not arbiter.outside(T + 0.0625 * k)
+    assert arbiter.outside(T + 0.5625)
+    assert arbiter.step(T + 0.5625) == STOP
+    assert arbiter.state == "stopped"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"frame": "map"}, "its frame is 'map', not 'r/odom'"),
+        ({"frame": "odom"}, "its frame is 'odom', not 'r/odom'"),
+        ({"publishers": 2}, "2 nodes publish it"),
+        ({"x": math.nan}, "it is at (nan, 0)"),
+        ({"x": 0.3, "y": 0.41}, ""),  # half a metre is a fence
+    ],
+)
+def test_a_pose_of_another_frame_of_two_sources_or_too_far_away_proves_nothing(wrong, said):
+    assert not new().outside(T)
+    arbiter = new(geofence=0.5, frame_prefix="r/")
+    right = {"x": 0.0, "y": 0.0, "frame": "r/odom", "publishers": 1}
+    arbiter.locate(now=T, **right)
+    assert (arbiter.outside(T), arbiter.lost) == (False, "")
+    arbiter.locate(now=T, **{**right, **wrong})
+    assert (arbiter.outside(T), arbiter.lost) == (True, said)
+    arbiter.locate(now=T, **right)
+    assert (arbiter.outside(T), arbiter.lost) == (False, "")
+
+
+def test_a_pose_is_as_old_as_what_was_sent():
+    arbiter = new(geofence=0.5)
+    assert arbiter.outside(T)  # nothing is known
+    arbiter.locate(0.0, 0.0, T, sent=T - 0.375)
+    assert not arbiter.outside(T + 0.125)
+    assert arbiter.outside(T + 0.1875)
+    arbiter.locate(0.0, 0.0, T + 1.0, sent=T + 5.0)  # not in the future
+    assert arbiter.outside(T + 1.5625)
+
+
+def test_a_motion_in_force_is_repeated_each_twentieth_of_a_second_however_high_the_rate():
+    arbiter = new(rate=200.0)
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    arbiter.hear("program", AHEAD, T + 1.0)
+    times = [at for k in range(1, 80) if arbiter.step(at := T + 1.0 + 0.005 * k) == AHEAD]
+    assert np.diff(times) == pytest.approx(0.0525, abs=0.003)
+
+
+@pytest.mark.parametrize("speed", [0.1, -0.1])
+def test_the_rate_holds_back_everything_but_a_stop(speed):
+    arbiter = new()
+    drive(arbiter, 0.0, 1.0, Command(speed, 0.0))
+    arbiter.hear("program", Command(0.9 * speed, 0.0), T + 1.0)
+    assert arbiter.step(T + 1.0) == (0.9 * speed, 0.0)
+    arbiter.hear("program", Command(0.8 * speed, 0.0), T + 1.001)
+    assert arbiter.step(T + 1.001) is None
+    arbiter.hear("program", STOP, T + 1.002)
+    assert arbiter.step(T + 1.002) == STOP
+
+
+@pytest.mark.parametrize("v", [0.1, math.nan, -math.inf])
+@pytest.mark.parametrize("omega", [math.nan, math.inf, 0.2])
+def test_a_command_is_a_stop_unless_both_of_its_numbers_are_finite(v, omega):
+    arbiter, is_command = new(), math.isfinite(v) and math.isfinite(omega)
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    arbiter.hear("program", Command(v, omega), T + 1.0)
+    assert arbiter.step(T + 1.0) == (AHEAD if is_command else STOP)
+    assert arbiter.refused["not finite"] == (not is_command)
+
+
+def test_a_command_may_come_half_a_period_early():
+    arbiter = new(rate=64.0)  # half a period is 1/128 s
+    drive(arbiter, 0.0, 1.0, AHEAD)
+    for at, passes in ((1.0, True), (1.0077, False), (1.0078125, True)):
+        arbiter.hear("program", Command(0.1, 0.2 - 0.1 * at), T + at)
+        assert (arbiter.step(T + at) is not None) is passes
+
+
+def test_of_two_commands_that_were_sent_at_the_same_time_the_later_one_counts():
+    arbiter = new(max_age=0.5)
+    drive(arbiter, 0.0, 1.0)
+    arbiter.hear("program", AHEAD, T + 1.0, sent=T + 0.5)
+    assert arbiter.refused["too old"] == 0
+    arbiter.hear("program", AHEAD, T + 1.0, sent=T + 0.75)
+    assert arbiter.step(T + 1.0).v > 0.0
+    arbiter.hear("program", STOP, T + 1.0, sent=T + 0.75)
+    assert arbiter.step(T + 1.0) == STOP
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda arbiter, now: arbiter.hear("program", AHEAD, now),
+        lambda arbiter, now: arbiter.hear_emergency(False, now),
+        lambda arbiter, now: arbiter.locate(0.0, 0.0, now),
+        lambda arbiter, now: arbiter.enable(True, now),
+        lambda arbiter, now: arbiter.step(now),
+    ],
+)
+def test_whoever_calls_the_guard_is_awake(call):
+    arbiter = new()
+    call(arbiter, T + 0.0625)
+    arbiter.hear("teleop", AHEAD, T + 0.125, dated=False)
+    assert arbiter.refused["undated after a gap"] == 0
+
+
+def test_more_than_a_tenth_of_a_second_without_a_call_is_a_gap():
+    arbiter = new()
+    arbiter.hear_emergency(False, T + 0.0625, dated=False)  # no gap
+    assert arbiter.buttons.trouble(T + 0.0625) == ""
+    arbiter = Arbiter(Parameters(), now=0.0)  # the machine has just started
+    arbiter.hear_emergency(False, 0.125, dated=False)  # it may have waited, and proves nothing
+    assert arbiter.buttons.trouble(0.125) == "the emergency stop is silent"
+    arbiter = new()
+    arbiter.hear("program", AHEAD, T + 0.125, dated=False)
+    assert arbiter.refused["undated after a gap"] == 1
+
+
+def test_a_gap_is_longer_than_a_tenth_of_a_second_and_one_longer_than_a_commands_age_stops():
+    arbiter = Arbiter(Parameters(), now=0.0)
+    arbiter.hear("program", AHEAD, 0.1, dated=False)
+    assert arbiter.refused["undated after a gap"] == 0
+    arbiter = new(max_age=0.5)
+    arbiter.hear("program", AHEAD, T)
+    assert arbiter.step(T + 0.5).v > 0.0
+    assert arbiter.step(T + 1.0625) == STOP
+
+
+def test_an_undated_message_counts_from_half_a_second_after_a_gap():
+    for at, counts in ((10.4375, False), (10.5, True)):
+        arbiter = new()
+        arbiter.step(T + 10.0)
+        for k in range(1, 8):
+            arbiter.step(T + 10.0 + 0.0625 * k)
+        arbiter.hear("program", AHEAD, T + at, dated=False)
+        arbiter.hear_emergency(False, T + at, dated=False)
+        assert arbiter.refused["undated after a gap"] == (0 if counts else 1)
+        assert (arbiter.buttons.trouble(T + at) == "") is counts
+
+
+def test_it_says_what_it_does():
+    arbiter = new()
+    for at, state, act in (
+        (0.0, "stopped", lambda: None),
+        (0.1, "program", lambda: arbiter.hear("program", AHEAD, T + 0.1)),
+        (0.2, "teleop", lambda: arbiter.hear("teleop", AHEAD, T + 0.2)),
+        (1.9, "silent", lambda: drive(arbiter, 0.22, 1.68)),
+        (2.0, "stopped", lambda: arbiter.enable(False, T + 2.0)),
+        (3.1, "disabled", lambda: drive(arbiter, 2.02, 1.08)),
+        (3.2, "emergency", lambda: arbiter.hear_emergency(True, T + 3.2)),
+    ):
+        act()
+        arbiter.step(T + at)
+        assert arbiter.state == state
+
+
+def test_the_limits_of_a_robot_by_its_name_hold_where_no_parameter_states_others(monkeypatch):
+    numbers = {"max_linear": 0.07, "max_angular": 0.5, "wheel_separation": 0.16, "radius": 0.2, "footprint_x": 0.0}
+    numbers |= {"scan_frame": "", "scan_x": 0.0, "scan_y": 0.0, "scan_yaw": 0.0}
+    monkeypatch.setattr(robots, "SOURCES", [lambda name: None, lambda name: numbers if name == "own" else None])
+    arbiter = Arbiter(parameters.Parameters(robot="own"), T)
+    assert max(drive(arbiter, 0.0, 1.0, Command(1.0, 0.0))) == Command(0.07, 0.0)
+    mount = {"collision_monitor": True, "scan_mount": "given", "scan_x": 0.1}
+    assert Arbiter(parameters.Parameters(robot="own", radius=0.3, **mount), T).monitor._body.radius == 0.3
+    with pytest.raises(ValueError, match="scan_mount must be 'given' for a robot that has no lidar"):
+        parameters.Parameters(robot="own", collision_monitor=True)
+    with pytest.raises(ValueError, match="robot must be one that an installed package knows, got 'other'"):
+        parameters.Parameters(robot="other")
+
+
+@pytest.mark.parametrize("name", ["max_linear", "max_angular", "wheel_separation", "radius"])
+def test_a_robot_whose_numbers_nobody_states_is_refused(name):
+    with pytest.raises(ValueError, match=f"^{name} must be a positive number, or robot one that states it, got 0.$"):
+        Parameters(collision_monitor=True, **{name: 0.0})
+
+
+@pytest.mark.parametrize(("sent", "measured"), [(0.35, 0.35), (0.0, 0.45)])
+def test_a_command_is_obeyed_while_it_is_fresh_by_both_of_its_ages(sent, measured):
+    arbiter = new()
+    drive(arbiter, 0.0, 2.0)
+    arbiter.hear("program", AHEAD, T + 2.0, sent=T + 2.0 - sent, measured=T + 2.0 - measured)
+    assert arbiter.step(T + 2.02) not in (STOP, None)
+    assert arbiter.step(T + 2.08) == STOP
+
+
+def test_the_end_of_a_button_is_a_stop_at_once():
+    arbiter = new()
+    arbiter.count_buttons(1, T)
+    assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
+    arbiter.count_buttons(0, T + 1.0)
+    arbiter.hear("program", AHEAD, T + 1.02)
+    assert arbiter.step(T + 1.02) == STOP

@@ -1,0 +1,669 @@
+"""The collision monitor's mathematics against an oracle of its own, and its laws over drawn scans and commands."""
+
+import math
+
+import numpy as np
+import pytest
+from burger import Parameters
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cmd_vel_guard import collision
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.beams import beams_of, gaps_of
+from cmd_vel_guard.collision import (
+    SLOWEST,
+    Footprint,
+    Limits,
+    RawScan,
+    gaps,
+    limited,
+    narrow_gap,
+    times_to_contact,
+    view_of,
+)
+from cmd_vel_guard.monitor import Monitor, Timing
+from cmd_vel_guard.motion import into, moved, out_of
+from cmd_vel_guard.values import STOP, Command, Mount
+
+MOUNT = Mount("base_scan", 0.0, 0.0, 0.0)
+BODY = Footprint(0.1, 0.0, MOUNT)
+LIMITS = Limits(margin=0.05, error=0.1, time=1.0, escape_speed=0.04)
+TIMING = Timing(age=0.4, period=0.2, reaction=0.2)
+T = 100.0
+
+
+NOISE = np.random.default_rng(5)
+
+
+def hall():
+    """A scan of a round hall, never the same to the bit: a LiDAR that repeats itself is frozen."""
+    return scan(2.0 + NOISE.normal(0.0, 1e-4, 36))
+
+
+def scan(ranges, **changes):
+    ranges = np.asarray(ranges, np.float32)
+    step = 2.0 * math.pi / max(len(ranges), 1)
+    return RawScan(ranges, 0.0, step, 0.12, 3.5, "base_scan")._replace(**changes)
+
+
+def measured_anew(scan, k):
+    """A scan whose ranges differ in their last places, as those of a LiDAR at work do."""
+    return scan._replace(ranges=np.asarray(scan.ranges, np.float32) * np.float32(1.0 + 1e-6 * (k % 7)))
+
+
+def wall(distance, direction=0.0, beams=360, **changes):
+    """A scan of one straight wall."""
+    angles = 2.0 * math.pi * np.arange(beams) / beams
+    cosine = np.cos(angles - direction)
+    with np.errstate(divide="ignore"):
+        ranges = np.where(cosine > 0.0, distance / cosine, np.inf)
+    return scan(np.where(ranges <= 3.5, ranges, np.inf), **changes)
+
+
+def points(*rows):
+    return np.array(rows, np.float64).reshape(-1, 3).T
+
+
+def seen_by(scan, body=BODY, limits=LIMITS, reach=10.0):
+    return view_of(scan, body, limits, reach=reach, narrow=narrow_gap(body, limits, 0.3)).seen
+
+
+# When a circle on an arc touches a point.
+
+
+def touches(point, command, center_x):
+    """The same by search: where the circle's centre is, by the rotation about the arc's centre, and bisection."""
+    (x, y, radius), (v, omega) = point, command
+    end = 2.0 * math.pi / abs(omega) if omega else 1000.0
+    times = np.linspace(0.0, end, 50_001)
+
+    def gap(t):
+        theta = omega * t
+        forward, aside = (v * np.sin(theta) / omega, v * (1.0 - np.cos(theta)) / omega) if omega else (v * t, 0.0 * t)
+        return np.hypot(forward + center_x * np.cos(theta) - x, aside + center_x * np.sin(theta) - y) - radius
+
+    (first,) = np.nonzero(gap(times) <= 0.0)
+    if not first.size:
+        return math.inf
+    low, high = times[first[0] - 1], times[first[0]]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if gap(middle) <= 0.0 else (middle, high)
+    return high
+
+
+def test_the_time_to_contact_is_that_of_a_search_along_the_arc():
+    rng, met = np.random.default_rng(0), 0
+    for case in range(300):
+        command = Command(rng.uniform(-0.3, 0.3) * rng.integers(0, 2), rng.uniform(-3.0, 3.0) * 10.0 ** -rng.integers(0, 4))
+        center_x, radius = rng.uniform(-0.2, 0.1), rng.uniform(0.05, 0.25)
+        away, direction = radius + rng.uniform(0.001, 0.4), rng.uniform(-math.pi, math.pi)
+        point = (center_x + away * math.cos(direction), away * math.sin(direction), radius)
+        if case % 3 == 0:  # exactly abeam, where the distance has an extremum
+            center_x, point = 0.0, (0.0, math.copysign(away, direction), radius)
+        (found,), expected = times_to_contact(points(point), command, center_x), touches(point, command, center_x)
+        assert found == pytest.approx(expected, rel=1e-6, abs=1e-6), (point, command, center_x)
+        met += math.isfinite(expected)
+    assert 40 < met < 260
+
+
+@pytest.mark.parametrize("omega", [0.0, 1e-300, 1e-12, 1.9e-9, 2.1e-9, 1e-7, 1e-5])
+def test_an_arc_may_be_as_straight_as_it_likes_and_what_moves_across_or_not_at_all_meets_nothing(omega):
+    near = points((1.0, 0.0, 0.2), (1.0, 0.1, 0.2), (1.0, 0.3, 0.2), (-1.0, 0.0, 0.2), (0.0, 1.0, 0.2))
+    for sign in (1.0, -1.0):
+        ahead = times_to_contact(near, Command(0.2, sign * omega), -0.05)
+        assert ahead[:2] == pytest.approx([4.25, (1.05 - math.sqrt(0.03)) / 0.2], rel=1e-4)
+        assert (ahead[2:] > 1e4).all()
+        back = times_to_contact(near, Command(-0.2, sign * omega), 0.0)
+        assert back[3] == pytest.approx(4.0, rel=1e-4)
+        assert times_to_contact(points((0.0, 0.3, 0.15)), Command(sign * 0.2, 0.0), 0.0) == [math.inf]
+    outside = points((0.3, 0.0, 0.15), (0.0, 0.3, 0.15), (-0.2, -0.2, 0.15))
+    assert (times_to_contact(outside, STOP, 0.0) == math.inf).all()
+    assert (times_to_contact(outside, Command(0.0, 1.0), 0.0) == math.inf).all()
+
+
+@pytest.mark.parametrize("depth", [0.05, 0.0], ids=["inside", "at the edge"])
+def test_from_inside_only_what_comes_nearer_is_contact(depth):
+    near = points((0.15 - depth, 0.0, 0.15))
+    commands = {0.0: [(0.1, 0.0), (0.1, 1.0)], math.inf: [(-0.1, 0.0), (-0.1, 1.0), (0.0, 1.0), (0.0, 0.0)]}
+    for time, turns in commands.items():
+        assert [float(times_to_contact(near, Command(*command), 0.0)[0]) for command in turns] == [time] * len(turns)
+    # A footprint behind the axle swings to the side where the robot turns on the spot.
+    beside = points((-0.1, 0.15 - depth, 0.15))
+    assert times_to_contact(beside, Command(0.0, 1.0), -0.1) == [math.inf]
+    assert times_to_contact(beside, Command(0.0, -1.0), -0.1) == [0.0]
+
+
+# What a scan says.
+
+
+def test_points_are_where_the_mount_puts_them_and_grow_with_their_range():
+    body = Footprint(0.1, -0.05, Mount("base_scan", 0.2, -0.1, math.pi / 2.0))
+    expected = [(0.2, 0.9, 0.25), (-1.8, -0.1, 0.35), (0.2, -0.6, 0.2)]
+    seen = seen_by(scan([1.0, 2.0, 0.5, np.inf], range_min=0.0), body)
+    np.testing.assert_allclose(seen, points(*expected), atol=1e-7)
+    turned = scan([1.0, 2.0, 0.5, np.inf], angle_min=0.3, angle_increment=-math.pi / 2.0)
+    x, y, _ = seen_by(turned)
+    np.testing.assert_allclose(np.arctan2(y, x), [0.3, 0.3 - math.pi / 2.0, 0.3 - math.pi], atol=1e-7)
+
+
+def test_points_out_of_reach_are_left_out_by_their_stop_zone():
+    body, far = BODY._replace(center_x=-0.5), scan([1.0] * 4, range_min=0.0)
+    assert seen_by(far, body, reach=0.251)[:2] == pytest.approx(np.array([[-1.0], [0.0]]), abs=1e-6)
+    assert seen_by(far, body, reach=0.249).shape == (3, 0)
+
+
+def test_what_returned_nothing_is_free_and_what_is_too_near_counts():
+    x, y, _ = seen_by(scan([np.inf, 0.0, -np.inf, 3.6, -0.0]))
+    np.testing.assert_allclose(np.hypot(x, y), [0.12], rtol=1e-6)
+
+
+BAD = [
+    (scan([], angle_increment=1.0), "the scan has no ranges"),
+    (scan([np.nan, -1.0, 0.1] * 4), "none of the scan's 12 beams says anything"),
+    (scan([1.0] * 720, angle_increment=0.0174), "are more than a whole turn"),
+    *((scan([1.0] * 12, angle_increment=value), "angle_increment must be") for value in (0.0, math.nan, math.inf, -math.inf)),
+    *((scan([1.0] * 12, angle_min=value), "angle_min must be finite") for value in (math.nan, math.inf, -math.inf)),
+    *(
+        (scan([1.0] * 12, range_min=value), r"range_min must be in \[0, range_max\)")
+        for value in (4.0, 3.5, -0.1, math.nan, math.inf)
+    ),
+    *((scan([1.0] * 12, range_max=value), "range_min must be in") for value in (math.nan, -math.inf)),
+    (scan([1.0] * 12, frame="rplidar_link"), "its frame is 'rplidar_link', not 'base_scan'"),
+    (scan([1.0] * 12, frame=""), "its frame is ''"),
+]
+
+
+@pytest.mark.parametrize(("bad", "why"), BAD)
+def test_a_scan_that_cannot_be_read_is_refused_in_one_line_and_stops_until_a_good_one_comes(bad, why):
+    with pytest.raises(ValueError, match=why) as error:
+        seen_by(bad)
+    assert "\n" not in str(error.value)
+    monitor = standing()
+    monitor.hear(hall(), sent=T)
+    assert monitor.limit(Command(0.1, 0.2), T) == Command(0.1, 0.2)
+    monitor.hear(bad, sent=T + 0.01)
+    assert monitor.limit(Command(0.1, 0.2), T + 0.02) == STOP
+    assert monitor.state == f"a scan was refused: {error.value}"
+    monitor.hear(hall(), sent=T + 0.03)
+    assert monitor.limit(Command(0.1, 0.2), T + 0.04) == Command(0.1, 0.2)
+    assert monitor.state == ""
+
+
+def test_a_lidar_that_is_blind_beyond_the_stop_zone_is_refused():
+    """0.1 m and a margin of 0.05 m: less the error, 0.149 m are in the stop zone, 0.151 m are not."""
+    for body in (
+        BODY,
+        BODY._replace(scan=MOUNT._replace(x=-0.03)),
+        BODY._replace(scan=MOUNT._replace(y=0.03)),
+        BODY._replace(center_x=0.03),
+    ):
+        away = math.hypot(body.scan.x - body.center_x, body.scan.y)
+        seen_by(scan([1.0] * 12, range_min=(0.149 - away) / 0.9), body)
+        with pytest.raises(ValueError, match=r"sees nothing below range_min, 0.* so the margin must be at least 0.051 m"):
+            seen_by(scan([1.0] * 12, range_min=(0.151 - away) / 0.9), body)
+
+
+@settings(max_examples=300)
+@given(
+    ranges=st.lists(st.floats(width=32), max_size=12),
+    numbers=st.tuples(*[st.floats(width=32)] * 4),
+    frame=st.sampled_from(["base_scan", "a/base_scan", "", "/"]),
+)
+def test_no_scan_whatever_raises_anything_but_its_refusal(ranges, numbers, frame):
+    monitor = standing()
+    monitor.hear(RawScan(np.array(ranges, np.float32), *numbers, frame), sent=T)
+    allowed = monitor.limit(Command(0.2, 1.0), T)
+    assert (allowed == STOP) == (monitor.trouble(T) != "" or monitor.state.startswith("stopped"))
+
+
+# Where a scan says nothing.
+
+FREE, SLOW, STOPPED = "", "slowed down: the scan says nothing about what is ahead", "stopped"
+AHEAD, BACK = Command(0.2, 0.0), Command(-0.2, 0.0)
+
+
+def with_gap(width_deg, at_deg, around=2.0, beams=360):
+    """A scan that says nothing in a sector around a direction."""
+    off = np.abs((np.arange(beams) * 360.0 / beams - at_deg + 180.0) % 360.0 - 180.0)
+    return scan(np.where(off < 0.5 * width_deg, np.nan, around), range_min=0.0)
+
+
+def part(width_deg):
+    """A LiDAR that looks ahead, over a part of the circle."""
+    beams = width_deg + 1
+    return scan([2.0] * beams, angle_min=-math.radians(0.5 * width_deg), angle_increment=math.radians(1.0))
+
+
+GAPS = {
+    "every second beam": (scan([2.0, np.nan] * 180), FREE, FREE),
+    "a tenth of the beams, anywhere": (scan(np.where(np.arange(360) % 10 == 3, np.nan, 2.0)), FREE, FREE),
+    "20 degrees ahead, as wide as the robot further away": (with_gap(20.0, 0.0), FREE, FREE),
+    "20 degrees ahead, between near things": (with_gap(20.0, 0.0, around=0.165), STOPPED, STOPPED),
+    "60 degrees ahead": (with_gap(60.0, 0.0), SLOW, FREE),
+    "60 degrees behind": (with_gap(60.0, 180.0), FREE, SLOW),
+    "60 degrees to the left": (with_gap(60.0, 90.0), FREE, FREE),
+    "60 degrees that returned nothing": (scan([np.inf] * 30 + [2.0] * 301 + [np.inf] * 29), FREE, FREE),
+    "all but the back": (with_gap(240.0, 0.0), SLOW, FREE),
+    "a LiDAR of 240 degrees": (part(240), FREE, SLOW),
+    "a LiDAR of 180 degrees": (part(180), FREE, SLOW),
+    "a LiDAR that closes the circle": (scan([2.0] * 361, angle_increment=math.radians(1.0)), FREE, FREE),
+    "clockwise, from behind": (scan([2.0] * 360, angle_min=math.pi, angle_increment=-math.radians(1.0)), FREE, FREE),
+}
+
+
+@pytest.mark.parametrize(("gap", "ahead", "back"), GAPS.values(), ids=GAPS)
+def test_a_gap_narrower_than_the_robot_is_filled_and_a_wider_one_slows_down_who_drives_into_it(gap, ahead, back):
+    for command, said in ((AHEAD, ahead), (BACK, back)):
+        monitor = standing()
+        monitor.hear(gap, sent=T)
+        allowed = monitor.limit(command, T)
+        assert monitor.state.startswith(said)
+        assert (allowed == command) == (said == FREE)
+        if said == SLOW:
+            assert 0.0 < abs(allowed.v) <= LIMITS.escape_speed * 1.02
+        assert monitor.limit(Command(0.0, 2.0), T) == Command(0.0, 2.0)  # it may look round
+
+
+def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_moved_where_it_sees():
+    monitor, way, now = standing(), 0.0, T
+    for k in range(200):
+        monitor.hear(measured_anew(with_gap(60.0, 0.0), k), sent=now)
+        allowed = monitor.limit(AHEAD, now)
+        assert allowed.v <= LIMITS.escape_speed * 1.02
+        monitor.track.add(allowed, now)
+        way, now = way + 0.02 * allowed.v, now + 0.02
+    assert 0.5 < way / (LIMITS.escape_speed * LIMITS.time) < 1.0
+    assert monitor.state == "stopped: the scan says nothing about what is ahead"
+    for command in (BACK, AHEAD):
+        assert monitor.limit(command, now).v * command.v >= 0.0
+        monitor.track.add(monitor.limit(command, now), now)
+        now += 0.2
+        monitor.hear(with_gap(60.0, 0.0), sent=now)
+        monitor.limit(STOP, now)
+    assert monitor.limit(AHEAD, now).v > 0.0
+
+
+def test_a_wide_gap_is_solid_along_both_edges_as_far_as_it_counts():
+    body = BODY._replace(scan=MOUNT._replace(y=0.08))
+    view = view_of(with_gap(60.0, 0.0), body, LIMITS, reach=2.0, narrow=narrow_gap(body, LIMITS, 0.3), room=0.05)
+    for angle in np.radians([-29.0, 29.0]):  # of the first and of the last missing beam
+        border = collision._edge(np.array([angle]), body, LIMITS, 0.05).item()
+        for depth in np.arange(border, 1.9, 0.005):
+            x, y, radius = collision._points(np.array([angle]), np.array([depth]), body, LIMITS)
+            away = np.hypot(view.unknown[0] - x, view.unknown[1] - y)
+            assert (away + radius <= view.unknown[2] + 1e-9).any(), (angle, depth)
+
+
+# How much of a command passes.
+
+COMMANDS = st.builds(Command, st.floats(-0.3, 0.3), st.floats(-3.0, 3.0))
+PLACES = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.05, 0.3))
+CENTERS = st.sampled_from([0.0, -0.05, 0.1])
+ESCAPES = st.sampled_from([0.0, 0.04])
+ROUNDING = 1e-15
+"""Rounding of gaps below a few metres, m; it counts where a robot hardly moves."""
+GRAZED = 1e-7
+"""Relative error of the time to a contact that only grazes: about the root of the rounding, as two solutions meet there."""
+
+
+@settings(max_examples=400)
+@given(st.lists(PLACES, max_size=8), PLACES, COMMANDS, CENTERS, ESCAPES)
+def test_the_arc_is_kept_and_nothing_is_faster_with_or_without_another_point(places, another, command, center_x, escape):
+    limits = LIMITS._replace(escape_speed=escape)
+    slowed = limited(points(*places), command, center_x, limits)
+    two = limited(points(*places, another), command, center_x, limits)
+    assert abs(two.v) <= abs(slowed.v) <= abs(command.v)
+    assert abs(two.omega) <= abs(slowed.omega) <= abs(command.omega)
+    assert slowed.v * command.omega == pytest.approx(slowed.omega * command.v, rel=1e-9, abs=1e-300)
+    assert slowed.v * command.v >= 0.0
+    assert slowed.omega * command.omega >= 0.0
+    assert limited(points(*places), STOP, center_x, limits) == STOP
+    # A circle about the axle is moved nowhere by turning on the spot.
+    assert limited(points(*places), Command(0.0, command.omega), 0.0, limits) == Command(0.0, command.omega)
+
+
+@settings(max_examples=200)
+@given(st.lists(PLACES, max_size=8), COMMANDS, CENTERS)
+def test_mirrored_obstacles_and_commands_are_mirrored_limits(places, command, center_x):
+    v, omega = limited(points(*places), command, center_x, LIMITS)
+    mirrored = [(x, -y, radius) for x, y, radius in places]
+    assert limited(points(*mirrored), Command(command.v, -command.omega), center_x, LIMITS) == Command(v, -omega)
+
+
+@settings(max_examples=400)
+@given(st.lists(PLACES, min_size=1, max_size=8), COMMANDS, CENTERS, ESCAPES)
+def test_what_passes_is_the_time_limit_away_from_every_stop_zone_and_leads_out_of_those_around(
+    places, command, center_x, escape
+):
+    limits = LIMITS._replace(escape_speed=escape)
+    allowed = limited(points(*places), command, center_x, limits)
+    speed = math.hypot(allowed.v, allowed.omega * center_x)
+    if speed == 0.0:
+        return
+    assert times_to_contact(points(*places), allowed, center_x).min() >= limits.time * (1.0 - GRAZED)
+    if (gaps(points(*places), center_x) <= 0.0).any():
+        assert speed <= escape * (1.0 + 1e-9)
+        before = points(*places)
+        later = into(moved((0.0, 0.0, 0.0), allowed, 1e-4), before)
+        there = gaps(before, center_x) <= 0.0
+        assert (gaps(later, center_x)[there] >= gaps(before, center_x)[there] - 1e-6 * speed - ROUNDING).all()
+
+
+def border_of(gap, bodies, limits, room):
+    """The range from which a gap counts as solid, at each missing beam."""
+    beams = beams_of(gap.ranges, first=0.0, increment=gap.angle_increment, range_min=0.0, range_max=9.0)
+    border = np.full(len(gap.ranges), np.nan)
+    for first, last, width, shorter in gaps_of(beams):
+        inside = (beams.directions - first + 1e-9) % (2.0 * math.pi) <= last - first + 2e-9
+        narrow = width <= narrow_gap(bodies, limits, 0.3)
+        border[inside] = shorter if narrow else collision._edge(beams.directions[inside], bodies, limits, room)
+    return border
+
+
+def through(scan, command, body, limits, room):
+    """The command that passes by a scan."""
+    view = view_of(scan, body, limits, reach=9.0, narrow=narrow_gap(body, limits, 0.3), room=room)
+    return limited(view.unknown, limited(view.seen, command, body.center_x, limits), body.center_x, limits)
+
+
+def is_slower_than_with_the_missing_beams(draw, command, room, body, limits):
+    """Whether no more passes than if the missing beams had returned anything from the borders of their gaps on."""
+    beams = int(draw.integers(24, 200))
+    ranges = draw.uniform(0.2, 1.5, beams).astype(np.float32)
+    start, width = draw.integers(0, beams), draw.integers(0, beams // 2)
+    missing = (draw.random(beams) < draw.choice([0.05, 0.3, 0.7])) | ((np.arange(beams) - start) % beams < width)
+    missing[start - 1] = False
+    gap = scan(np.where(missing, np.nan, ranges), range_min=0.0, range_max=9.0)
+    border = border_of(gap, body, limits, room)
+    behind = border + draw.choice([0.0, 0.05, 1.0]) * draw.random(beams) * (draw.random(beams) < 0.8)
+    full = scan(np.where(missing, np.minimum(behind, 8.9) * (1.0 + 1e-6), ranges), range_min=0.0, range_max=9.0)
+    least, most = through(gap, command, body, limits, room), through(full, command, body, limits, room)
+    return abs(least.v) <= abs(most.v) * (1.0 + GRAZED) and abs(least.omega) <= abs(most.omega) * (1.0 + GRAZED)
+
+
+STILL = LIMITS._replace(escape_speed=0.0)
+"""Inside of a stop zone the robot stands."""
+
+
+@pytest.mark.parametrize("yaw", [0.5, -2.0])
+def test_the_border_of_a_gap_does_not_depend_on_how_the_lidar_is_turned(yaw):
+    angles = np.linspace(-3.0, 3.0, 50)
+    level, turned = (Footprint(0.1, -0.05, Mount("base_scan", 0.03, -0.04, angle)) for angle in (0.0, yaw))
+    expected = collision._edge(angles, level, LIMITS, 0.04)
+    np.testing.assert_allclose(collision._edge(angles - yaw, turned, LIMITS, 0.04), expected)
+
+
+@settings(max_examples=400)
+@given(st.integers(0, 2**32), COMMANDS, st.floats(0.0, 0.1), st.sampled_from([0.0, -0.05, 0.1]), st.sampled_from([0.0, -0.04]))
+def test_missing_beams_never_let_more_pass_than_any_ranges_behind_the_gaps_border(seed, command, room, center_x, y):
+    body = Footprint(0.1, center_x, MOUNT._replace(x=0.02, y=y, yaw=0.5))
+    assert is_slower_than_with_the_missing_beams(np.random.default_rng(seed), command, room, body, STILL)
+
+
+def test_a_monitor_that_takes_only_the_near_side_of_a_gap_for_solid_is_noticed(monkeypatch):
+    def near_side(first, last, border, **_):
+        angles = np.linspace(first, last, 9)
+        return collision._points(angles, border(angles), BODY, STILL)
+
+    monkeypatch.setattr(collision, "_solid", near_side)
+    rng = np.random.default_rng(0)
+    commands = [Command(*rng.uniform((-0.3, -3.0), (0.3, 3.0))) for _ in range(300)]
+    assert not all(is_slower_than_with_the_missing_beams(rng, command, 0.05, BODY, STILL) for command in commands)
+
+
+def test_the_speed_falls_with_the_distance_and_ends_at_the_slowest():
+    def at(gap, command=(0.2, 0.0), **changes):
+        return limited(points((0.15 + gap, 0.0, 0.15)), Command(*command), 0.0, LIMITS._replace(**changes))
+
+    assert at(0.2001) == Command(0.2, 0.0)
+    assert at(0.1) == pytest.approx((0.1, 0.0))
+    assert at(0.1, time=2.0) == pytest.approx((0.05, 0.0))
+    assert at(SLOWEST + 1e-6).v == pytest.approx(0.01, abs=1e-5)
+    assert at(SLOWEST - 1e-6) == STOP
+    assert at(0.001, Command(0.0005, 0.0)) == Command(0.0005, 0.0)  # what is slow enough need not slow down
+    beside = points((0.0, 0.1504, 0.15))
+    assert limited(beside, Command(0.0005, 0.0), 0.0, LIMITS) == Command(0.0005, 0.0)  # nor is it for what it passes
+    assert at(-0.01) == STOP
+    assert at(-0.01, Command(-0.2, 0.0)) == pytest.approx((-0.04, 0.0))
+    assert at(-0.01, Command(-0.2, 1.0)) == pytest.approx((-0.04, 0.2))
+    assert at(-0.01, Command(-0.03, 0.0)) == Command(-0.03, 0.0)
+    assert at(-0.01, Command(-0.2, 0.0), escape_speed=0.0) == STOP
+    assert at(0.01, Command(-0.2, 0.0)) == Command(-0.2, 0.0)
+
+
+# Where the robot is in a scan, and which scan counts.
+
+
+def standing(body=BODY, limits=LIMITS, timing=TIMING):
+    return Monitor(body, limits, timing, speed=0.3, turning=3.0, now=T - 10.0)
+
+
+def test_poses_move_exactly_along_arcs_and_frames_are_inverse():
+    pose = (1.0, -2.0, 0.7)
+    for command in (Command(0.2, 0.0), Command(0.2, 1.3), Command(0.0, -2.0)):
+        steps = pose
+        for _ in range(1000):
+            steps = moved(steps, command, 0.001)
+        assert moved(pose, command, 1.0) == pytest.approx(steps)
+        assert steps[2] == pytest.approx(0.7 + command.omega)
+    assert moved((0.0, 0.0, 0.0), Command(0.2, 1.0), math.pi / 2.0)[:2] == pytest.approx((0.2, 0.2))
+    places = points((0.3, -0.4, 0.1), (2.0, 0.0, 0.2))
+    np.testing.assert_allclose(into(pose, out_of(pose, places)), places, atol=1e-12)
+    np.testing.assert_allclose(out_of((1.0, 0.0, math.pi / 2.0), points((0.5, 0.0, 0.1))), points((1.0, 0.5, 0.1)), atol=1e-12)
+
+
+@pytest.mark.parametrize(("seconds", "gap"), [(0.0, 0.5 - 0.04), (0.3, 0.5 - 0.07)])
+@pytest.mark.parametrize("given", [[T - 1.0], [T - 9.0, T]], ids=["once", "long ago, and again"])  # older ones are forgotten
+def test_what_the_robot_moved_since_the_scan_is_taken_off(seconds, gap, given):
+    """At 0.1 m/s towards a wall; each moment in doubt counts, so the scan is up to 0.4 s older than when it was sent."""
+    monitor = standing(limits=LIMITS._replace(error=0.0))
+    for at in given:
+        monitor.track.add(Command(0.1, 0.0), at)
+    monitor.hear(wall(0.65), sent=T)
+    assert monitor.limit(Command(1.0, 0.0), T + seconds).v == pytest.approx(gap, rel=1e-3)
+    monitor.track.add(Command(-0.1, 0.0), T + seconds)  # and what moves away is taken off as well, from the nearest layer
+    assert monitor.limit(Command(1.0, 0.0), T + seconds + 0.1).v == pytest.approx(gap + 0.01, rel=1e-3)
+
+
+def test_a_turn_since_the_scan_turns_what_was_seen():
+    timing = TIMING._replace(period=0.0, reaction=0.0)
+    monitor = standing(limits=LIMITS._replace(error=0.0), timing=timing)
+    monitor.hear(wall(0.25), sent=T)
+    assert monitor.limit(Command(0.2, 0.0), T).v == pytest.approx(0.1, rel=1e-3)
+    monitor.track.add(Command(0.0, 10.0), T)
+    monitor.track.add(STOP, T + math.pi / 20.0)
+    now = T + 0.2
+    assert monitor.limit(Command(0.2, 0.0), now) == Command(0.2, 0.0)
+    assert monitor.limit(Command(-0.2, 0.0), now) == Command(-0.2, 0.0)
+    monitor.track.add(Command(0.0, 10.0), now)
+    monitor.track.add(STOP, now + math.pi / 20.0)
+    assert monitor.limit(Command(-0.2, 0.0), T + 0.39).v == pytest.approx(-0.1, rel=1e-3)
+
+
+def test_a_scan_is_laid_out_at_each_tenth_of_a_second_in_doubt():
+    monitor = standing()
+    monitor.track.add(Command(0.0, 1.0), T - 1.0)
+    monitor.hear(scan([0.3] + [np.inf] * 7), sent=T)
+    x, y, radius = into(monitor.track.at(T).pose, monitor._points)
+    np.testing.assert_allclose(np.sort(np.arctan2(y, x)), [-0.4, -0.3, -0.2, -0.1, 0.0], atol=1e-9)
+    np.testing.assert_allclose(np.hypot(x, y), 0.3, rtol=1e-6)
+    np.testing.assert_allclose(radius, 0.1 + 0.05 + 0.03, rtol=1e-6)
+
+
+def test_the_history_is_long_enough_and_does_not_grow():
+    monitor = standing()
+    for k in range(2000):
+        monitor.track.add(Command(0.1, 0.01 * (k % 3)), T + 0.02 * k)
+    track = monitor.track
+    assert len(track._times) == len(track._motions) == len(track._commands) <= 153
+    assert track._times[0] <= T + 40.0 - 1.0
+
+
+def test_only_a_fresh_scan_lets_anything_pass_turning_too_and_no_older_one_takes_its_place():
+    monitor, command = standing(body=BODY._replace(center_x=-0.03)), Command(0.0, 1.0)
+    assert monitor.state == ""
+    assert monitor.limit(command, T) == STOP
+    assert monitor.state == "no scan has arrived"
+    monitor.hear(hall(), sent=T)
+    assert monitor.limit(command, T + 0.399) == command
+    assert monitor.limit(command, T + 0.401) == STOP
+    assert monitor.state == "the last scan is older than 0.4 s"
+    near = wall(1.0)._replace(ranges=[-math.inf] * 360)  # something too near, all round
+    for blocked, commands in ((near, (AHEAD, BACK, command)), (wall(0.13), (AHEAD,))):
+        monitor = standing(body=BODY._replace(center_x=-0.03))
+        monitor.hear(blocked, sent=T)
+        monitor.hear(hall(), sent=T - 0.1)
+        assert {monitor.limit(command, T) for command in commands} == {STOP}
+        assert monitor.state == "stopped: an obstacle is in the stop zone"
+    monitor.hear(wall(0.27), sent=T)
+    assert 0.0 < monitor.limit(AHEAD, T).v < 0.2
+    assert monitor.state == "slowed down: an obstacle is ahead"
+
+
+# In the guard.
+
+
+def drive(arbiter, command, seconds, *, start=0.0, source="teleop", seen=lambda t: hall()):
+    """Tick at 50 Hz, with commands at 10 Hz and scans at 5 Hz; return what the wheels received last at each tick."""
+    held, last = [], arbiter._last
+    for k in range(round(start / 0.02), round((start + seconds) / 0.02)):
+        now = T + 0.02 * k
+        if k % 10 == 0 and (ranges := seen(now - T)) is not None:
+            arbiter.hear_scan(ranges, now)
+        if k % 5 == 0:
+            arbiter.hear(source, command, now)
+        last = arbiter.step(now) or last
+        held.append(last)
+    return held
+
+
+def test_it_is_off_unless_asked_for():
+    arbiter = Arbiter(Parameters(), T)
+    assert arbiter.monitor is None
+    assert drive(arbiter, Command(0.2, 0.0), 1.0, seen=lambda t: wall(0.1))[-1] == Command(0.2, 0.0)
+
+
+@pytest.mark.parametrize("source", ["teleop", "program"])
+def test_a_command_that_is_held_is_judged_anew_while_the_robot_comes_nearer(source):
+    arbiter = Arbiter(Parameters(collision_monitor=True), T)
+    x = []
+
+    def seen(t):  # the wall stands still, the robot is where its commands lead
+        return wall(0.6 - (sum(v for v, _ in x) * 0.02))
+
+    for k in range(600):
+        x += drive(arbiter, Command(0.2, 0.0), 0.02, start=0.02 * k, source=source, seen=seen)
+    speeds = np.array([v for v, _ in x])
+    assert speeds.max() == pytest.approx(0.2)
+    # The footprint's centre is 0.008 m before the LiDAR. Its radius, the margin and the error are taken off.
+    away = 0.6 - (np.cumsum(speeds) - speeds) * 0.02
+    free = away - 0.008 - 0.105 - 0.05 - 0.085 * away
+    assert (speeds <= np.maximum(free, 0.0) + 1e-6).all()  # in one second
+    left = away[-1]
+    assert speeds[-1] == 0.0
+    assert 0.0 < free[-1] < 0.03
+    assert arbiter.monitor.state.startswith("stopped")
+    assert arbiter.state == source
+    assert drive(arbiter, Command(-0.2, 0.0), 1.0, start=12.0, source=source, seen=lambda t: wall(left + 1e-3 * t))[-1].v < 0.0
+    # Without a command it has nothing to say.
+    for k in range(50):
+        arbiter.step(T + 13.0 + 0.02 * k)
+    assert arbiter.monitor.state == ""
+
+
+def test_the_acceleration_of_a_start_holds_behind_it_and_silence_of_the_scan_stops():
+    arbiter = Arbiter(Parameters(collision_monitor=True, max_acceleration=0.5), T)
+    held = drive(arbiter, Command(0.2, 0.0), 3.0, seen=lambda t: hall() if t < 1.0 else None)
+    speeds = np.array([v for v, _ in held])
+    assert np.diff(speeds).max() <= 0.5 * 0.04 + 1e-9
+    assert speeds[50] == 0.2  # the last scan came at 0.8 s
+    assert set(held[62:]) == {STOP}
+    assert held[59] != STOP
+
+
+def test_the_parameters_are_those_of_the_monitor():
+    given = {"scan_x": 0.1, "scan_y": 0.2, "scan_yaw": 0.3, "footprint_x": 0.4, "scan_frame": "front"}
+    own = Arbiter(Parameters(collision_monitor=True, scan_mount="given", **given), T).monitor
+    assert own._body == Footprint(0.105, 0.4, Mount("front", 0.1, 0.2, 0.3))
+    waffle = {
+        "max_linear": 0.26,
+        "max_angular": 1.82,
+        "radius": 0.22,
+        "footprint_x": -0.064,
+        "scan_x": -0.064,
+        "scan_frame": "s",
+    }
+    preset = Parameters(
+        collision_monitor=True, collision_margin=0.01, scan_error=0.02, collision_time=3.0, escape_speed=0.03, scan_age=0.1,
+        scan_period=0.3, reaction=0.15, **waffle,
+    )  # fmt: skip
+    monitor = Arbiter(preset, T).monitor
+    assert monitor._body == Footprint(0.22, -0.064, Mount("s", -0.064, 0.0, 0.0))
+    assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)
+    assert monitor._timing == Timing(age=0.1, period=0.3, reaction=0.15, returns=0.02)
+    assert monitor._reach == pytest.approx((0.26 + 1.82 * 0.064) * 3.55)
+
+
+def test_with_a_prefix_the_guard_sees_by_its_own_lidar_only():
+    with_prefix = "robot1/", ["robot1/base_scan"], ["robot2/base_scan", "base_scan"]
+    without = "", ["base_scan", "robot2/base_scan"], ["rplidar"]
+    for prefix, good, bad in (with_prefix, without):
+        monitor = Arbiter(Parameters(collision_monitor=True, frame_prefix=prefix), T).monitor
+        for frame in good:
+            seen_by(scan([3.0] * 360, frame=frame), monitor._body, monitor._limits)
+        for frame in bad:
+            with pytest.raises(ValueError, match="its frame is"):
+                seen_by(scan([3.0] * 360, frame=frame), monitor._body, monitor._limits)
+
+
+def test_undated_scans_after_a_gap_of_the_guard_do_not_count():
+    arbiter = Arbiter(Parameters(collision_monitor=True), T)
+    drive(arbiter, Command(0.2, 0.0), 0.5)
+    now = T + 1.5
+    arbiter.hear_scan(hall(), now, dated=False)
+    assert arbiter.refused["undated after a gap"] == 1
+    arbiter.hear("program", Command(0.2, 0.0), now + 0.01)
+    for k in range(5):
+        assert arbiter.step(now + 0.01 + 0.02 * k) in (None, STOP)
+    assert arbiter.monitor.state == "the last scan is older than 0.4 s"
+    arbiter.hear_scan(hall(), now + 0.11, sent=now + 0.1, dated=True)
+    assert arbiter.step(now + 0.12).v > 0.0
+
+
+# What a scan says, as stop zones.
+
+
+def drawn_views(seed, reach, number=20):
+    """Yield drawn mounts, and what a drawn scan with gaps says there within a reach."""
+    rng = np.random.default_rng(seed)
+    for _ in range(number):
+        mount = Mount("base_scan", *rng.uniform(-0.05, 0.05, 2), rng.uniform(-math.pi, math.pi))
+        body = Footprint(0.1, rng.uniform(-0.05, 0.05), mount)
+        ranges = rng.uniform(0.2, 1.5, 60).repeat(6)
+        ranges[(np.arange(360) + rng.integers(360)) % 360 < 40] = np.nan
+        ranges[rng.integers(360, size=20)] = np.nan
+        scanned = scan(ranges, range_min=0.02)
+        yield body, view_of(scanned, body, LIMITS, reach=reach, narrow=narrow_gap(body, LIMITS, 0.3), room=0.04)
+
+
+@pytest.mark.parametrize("reach", [0.2, 0.5, 2.0])
+def test_what_is_beyond_the_reach_is_left_out_and_nothing_else(reach):
+    for (body, near), (_, everything) in zip(drawn_views(1, reach), drawn_views(1, 20.0), strict=True):
+        for name in ("seen", "unknown"):
+            part, whole = (getattr(view, name).T for view in (near, everything))
+            within = whole[gaps(whole.T, body.center_x) <= reach]
+            assert set(map(tuple, np.round(within, 9))) == set(map(tuple, np.round(part, 9)))
+
+
+def test_the_border_of_a_wide_gap_is_a_circle_about_the_footprint_whose_stop_zone_is_its_room_away():
+    angles = np.linspace(-math.pi, math.pi, 50)
+    for body, _ in drawn_views(2, 0.5):
+        ranges, mount = collision._edge(angles, body, LIMITS, 0.04), body.scan
+        x = mount.x + ranges * np.cos(angles + mount.yaw) - body.center_x
+        y = mount.y + ranges * np.sin(angles + mount.yaw)
+        away = np.hypot(x, y)
+        assert away == pytest.approx(away[0])
+        room = away - body.radius - LIMITS.margin - LIMITS.error * ranges
+        assert 0.04 <= room.min() < 0.06

@@ -1,0 +1,572 @@
+"""The guard as a real process on real DDS; what it decides is tested in test_arbiter and test_collision."""
+
+import math
+import os
+import signal
+import subprocess
+import time
+from functools import partial
+from types import SimpleNamespace
+
+import pytest
+from burger import WORDS
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from probe import AHEAD, Probe, laser, stamp
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool, Empty, String
+from std_srvs.srv import SetBool
+
+from cmd_vel_guard.guard import CmdVelGuard
+from cmd_vel_guard.qos import LATCHED
+from cmd_vel_guard.values import STOP, Command
+
+
+@pytest.fixture
+def probe(peer, wait_for):
+    return Probe(peer, wait_for)
+
+
+@pytest.fixture
+def start(launch):
+    """Start a guard as a process."""
+
+    def start(*arguments):
+        return launch("-m", "cmd_vel_guard", "cmd_vel_guard", "--ros-args", *WORDS, *arguments)
+
+    return start
+
+
+def sabotaged(change):
+    """Return the arguments of a Python that runs a guard with a change to its module."""
+    return "-c", f"from cmd_vel_guard import guard\n{change}\nraise SystemExit(guard.main())", "--ros-args", *WORDS
+
+
+def test_passes_then_stops_then_is_silent_without_a_clock(start, probe):
+    start("-p", "use_sim_time:=true", "-p", "max_acceleration:=3")  # an integer is accepted for a float
+    probe.until(lambda: probe.heard)
+    assert set(probe.heard) == {STOP}  # whatever the robot held before
+    probe.until_driving()
+    probe.command = None
+    probe.until_reported("silent")
+    assert len(probe.stopped()) > 10
+
+
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.nightly), signal.SIGTERM])
+def test_a_signal_sends_zeros_and_ends_in_order(start, probe, number):
+    process = start()
+    probe.until_driving()
+    process.send_signal(number)
+    assert process.wait(timeout=2.0) == 0
+    probe.until(lambda: probe.heard[-1] == STOP)
+
+
+@pytest.mark.nightly
+def test_a_signal_without_the_last_zeros_is_noticed(launch, probe):
+    process = launch(*sabotaged("guard.CmdVelGuard.halt = lambda self: None"))
+    probe.until_driving()
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=10.0) == 0
+    probe.until(lambda: probe.node.count_publishers("cmd_vel") == 0)
+    assert probe.heard[-1] == AHEAD
+
+
+@pytest.mark.parametrize(
+    ("change", "topic"),
+    [
+        ("guard.CmdVelGuard._press = lambda *_, **__: 1 / 0", "/emergency_stop"),  # whichever callback takes the message
+        ("guard.Arbiter.hear_odometry = lambda *_, **__: 1 / 0", "/odom"),
+    ],
+)
+def test_a_message_that_causes_an_error_ends_no_guard_and_stops_the_robot(launch, probe, peer, change, topic):
+    process = launch(*sabotaged(change))
+    probe.until_driving()
+    if topic == "/odom":
+        peer.speak("odom", Odometry).publish(Odometry())
+        probe.node.create_timer(0.1, partial(peer.speak("odom", Odometry).publish, Odometry()))
+    else:
+        probe.pressed = False
+    status = probe.until_standing(f"a message could not be handled: {topic}: ZeroDivisionError")
+    assert status.level == DiagnosticStatus.ERROR
+    assert process.poll() is None
+
+
+def test_an_error_of_its_own_ends_the_guard_with_zeros(launch, probe, tmp_path):
+    process = launch(
+        *sabotaged("from pathlib import Path\nguard.CmdVelGuard._diagnose = lambda _: Path('on').exists() and 1 / 0")
+    )
+    probe.until_driving()
+    (tmp_path / "on").touch()
+    assert process.wait(timeout=10.0) == 1
+    probe.until(lambda: probe.heard[-1] == STOP)
+    assert "ZeroDivisionError" in process.stderr.read()
+
+
+@pytest.fixture
+def driving(start, launch, probe):
+    """A guard as on a robot, which must have its standby and a button, and drives."""
+
+    def begin():
+        standby = launch("-m", "cmd_vel_guard", "cmd_vel_standby")
+        guard = start("-p", "require_standby:=true", "-p", "require_emergency_stop:=true")
+        probe.command = AHEAD
+        probe.until_standing("no emergency stop is heard")
+        assert "no emergency stop is heard" in probe.enable(True).message
+        probe.pressed = False
+        probe.until_driving()
+        return guard, standby
+
+    return begin
+
+
+@pytest.fixture
+def guard(make_runner):
+    """A guard with a geofence in this process, which runs when the test calls it."""
+    node = CmdVelGuard(make_runner("--ros-args", *WORDS, "-p", "geofence:=1.0").context)
+    yield node
+    node.destroy_node()
+
+
+def test_the_end_of_a_button_is_a_stop_at_once(guard, peer, wait_for):
+    button = peer.speak("emergency_stop", Bool, 1)
+    wait_for(lambda: guard._buttons.get_publisher_count() == 1)
+
+    def heard():
+        button.publish(Bool(data=False))
+        guard._take_buttons()
+        return guard._arbiter.buttons.heard
+
+    wait_for(heard)
+    assert guard._arbiter.buttons.lost(guard._now()) == ""
+    peer.node.destroy_publisher(button)
+    wait_for(lambda: guard._buttons.get_publisher_count() == 0)
+    guard._take_buttons()
+    assert guard._arbiter.buttons.lost(guard._now()) == "an emergency stop has ended"
+
+
+@pytest.mark.parametrize(("x", "y", "age", "outside"), [(0.9, 0.1, 0.0, False), (0.9, 1.1, 0.0, True), (0.1, 0.9, 1.0, True)])
+def test_a_robot_is_inside_the_geofence_by_both_coordinates_of_a_pose_that_is_not_old(guard, x, y, age, outside):
+    pose, now = Odometry(), time.time_ns()
+    pose.header.frame_id, pose.pose.pose.position.x, pose.pose.pose.position.y = "odom", x, y
+    stamp(pose, -age)
+    guard._hear_pose("odom", pose, {"source_timestamp": now, "received_timestamp": now, "publication_sequence_number": 1})
+    assert guard._arbiter.outside(guard._now()) is outside
+
+
+def test_a_guard_says_whether_it_lets_pass(guard, peer, wait_for):
+    passing = peer.hear("cmd_vel_guard/enabled", Bool, LATCHED)
+    for on in (True, False):
+        guard._arbiter.enable(on, guard._now(), buttons=0)
+        guard._tick()
+        wait_for(lambda on=on: passing and passing[-1].data is on)
+
+
+@pytest.mark.parametrize(("on", "why"), [(True, ""), (True, "no emergency stop is heard"), (False, "")])
+def test_only_enabling_begins_to_estimate_clocks_anew(on, why):
+    begun, number = [], SimpleNamespace(get_publisher_count=lambda: 1)
+    guard = SimpleNamespace(
+        _take_buttons=list, _now=float, _step=list, _buttons=number,
+        _ages={"program": SimpleNamespace(begin=lambda: begun.append(1))},
+        _arbiter=SimpleNamespace(enable=lambda on, now, buttons: why),
+    )  # fmt: skip
+    CmdVelGuard._enable(guard, SetBool.Request(data=on), SetBool.Response())
+    assert bool(begun) is (on and not why)
+
+
+SUSPENDS = """
+import os, signal
+decide = guard.Arbiter.step
+
+def step(self, now):
+    command = decide(self, now)
+    if command not in (None, guard.STOP) and os.path.exists("suspend"):
+        os.remove("suspend")
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return command
+
+guard.Arbiter.step = step
+"""
+
+
+def test_a_motion_that_was_decided_before_a_suspension_is_not_published_after_it(launch, probe, tmp_path):
+    process = launch(*sabotaged(SUSPENDS))
+    probe.until_driving()
+    (tmp_path / "suspend").touch()
+    probe.until(lambda: not (tmp_path / "suspend").exists())
+    probe.command = None
+    time.sleep(0.6)  # beyond max_age
+    probe.heard.clear()
+    process.send_signal(signal.SIGCONT)
+    probe.until(lambda: probe.heard)
+    time.sleep(0.2)
+    assert set(probe.heard) == {STOP}
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.nightly)])
+def test_the_standby_sends_zeros_soon_after_the_last_command_of_a_guard_that_dies(driving, probe, number):
+    guard, _ = driving()
+    probe.heard.clear()
+    probe.sent.clear()
+    probe.until(lambda: AHEAD in probe.heard)
+    guard.send_signal(number)
+    zero = probe.until(lambda: probe.heard.index(STOP) if STOP in probe.heard else 0)
+    assert probe.sent[zero] - probe.sent[zero - 1] < 0.5  # and within 0.3 s in benchmarks/standby.json
+    time.sleep(1.5)
+    assert set(probe.heard[zero:]) == {STOP}
+
+
+def test_guard_and_standby_run_before_ordinary_processes_where_they_may(driving):
+    permitted = subprocess.run(["chrt", "--rr", "2", "true"], check=False).returncode == 0
+    priorities = [os.sched_getparam(process.pid).sched_priority for process in driving()]
+    assert priorities == ([1, 2] if permitted else [0, 0])
+
+
+def test_without_its_standby_the_guard_stands_and_goes_on_with_it(driving, launch, probe):
+    _, standby = driving()
+    standby.kill()
+    probe.until_standing("cmd_vel_standby is not alive")
+    launch("-m", "cmd_vel_guard", "cmd_vel_standby")
+    probe.until_standing("but has also /cmd_vel_standby")  # DDS takes the killed one for alive, for up to 20 s
+    probe.until(lambda: probe.node.count_publishers("cmd_vel_standby/alive") == 1)
+    probe.until_driving()
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("duration", [0.3, 1.2, 1.7])
+def test_what_waited_for_a_suspended_guard_is_not_obeyed(start, probe, duration):
+    guard = start()
+    probe.until_driving()
+    guard.send_signal(signal.SIGSTOP)
+    time.sleep(0.4 * duration)
+    probe.command, last = None, time.time()
+    time.sleep(0.6 * duration)
+    guard.send_signal(signal.SIGCONT)
+    probe.until_reported("silent")
+    published = zip(reversed(probe.sent), reversed(probe.heard), strict=False)  # the newest ones belong together
+    assert max(at for at, command in published if command != STOP) <= last + 0.45
+
+
+@pytest.mark.nightly
+def test_a_press_while_the_guard_is_suspended_is_not_lost(driving, probe):
+    guard, _ = driving()
+    guard.send_signal(signal.SIGSTOP)
+    time.sleep(0.5)
+    probe.pressed = True
+    time.sleep(0.3)
+    probe.pressed = False
+    time.sleep(3.0)
+    probe.heard.clear()
+    guard.send_signal(signal.SIGCONT)
+    probe.until_standing("emergency stop")
+    assert set(probe.heard) <= {STOP}
+
+
+def test_the_first_message_of_a_guard_that_is_started_again_is_a_zero(start, probe):
+    for _ in range(2):
+        guard = start()
+        probe.until_driving()  # the commands go on meanwhile
+        guard.kill()
+        guard.wait()
+        probe.heard.clear()
+    start()
+    probe.until(lambda: AHEAD in probe.heard)
+    assert probe.heard[0] == STOP
+
+
+FLOOD = """
+import sys, rclpy
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool, Empty, String
+rclpy.init()
+kind = {"emergency_stop": Bool, "odom": Odometry, "scan": LaserScan}.get(sys.argv[1], TwistStamped)
+publisher, message = rclpy.create_node("flood").create_publisher(kind, sys.argv[1], 1), kind()
+while True:
+    publisher.publish(message)
+"""
+
+
+@pytest.mark.parametrize(
+    "topic", ["emergency_stop", *(pytest.param(t, marks=pytest.mark.nightly) for t in ("cmd_vel_teleop", "odom", "scan"))]
+)
+def test_a_flood_is_a_stop_while_it_lasts_and_on_a_button_until_enabled(start, launch, probe, topic):
+    start(*{"odom": ("-p", "geofence:=9.0"), "scan": ("-p", "collision_monitor:=true")}.get(topic, ()))
+    probe.until_reported("")
+    probe.command = AHEAD
+    flood = launch("-c", FLOOD, topic)
+    probe.until_reported("emergency stop" if topic == "emergency_stop" else "messages a second")
+    probe.until_standing("emergency stop" if topic == "emergency_stop" else "messages a second")
+    flood.kill()
+    if topic == "emergency_stop":
+        probe.until_standing("emergency stop")
+
+
+def test_emergency_stop(start, probe):
+    start()
+    probe.until_driving()
+    probe.pressed = True
+    probe.until_standing("emergency")
+    answer = probe.enable(True)
+    assert (answer.success, answer.message) == (False, "the emergency stop is pressed")
+    probe.pressed = False
+    probe.until(lambda: probe.enable(True).success)
+    probe.until_driving()
+    for pressed in (True, False):  # however short
+        probe.press(pressed)
+    probe.until_standing("emergency")
+    probe.pressed = None
+    assert "~/enable" not in probe.until_standing("emergency").message  # the service is named as one types it
+
+
+@pytest.mark.nightly
+def test_it_can_start_disabled_and_says_whether_it_lets_pass(start, probe, peer):
+    start("-p", "start_enabled:=false")
+    passing = peer.hear("cmd_vel_guard/enabled", Bool, LATCHED)
+    probe.command = AHEAD
+    probe.until_standing("disabled")
+    assert probe.enable(True).success
+    probe.until_driving()
+    probe.until(lambda: len(passing) == 2)
+    assert [message.data for message in passing] == [False, True]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("topic", ["odom", "estimate"])
+def test_geofence(start, probe, peer, topic):
+    start("-p", "geofence:=1.0", "-p", f"geofence_topic:={topic}", "-p", "motion_check:=false")
+    probe.command = AHEAD
+    probe.until_standing("only a person drives")
+    pose, speaker = Odometry(), peer.speak(topic, Odometry)
+    probe.node.create_timer(0.05, lambda: speaker.publish(pose))
+    probe.until_standing("its frame is '', not 'odom'")
+    pose.header.frame_id = "odom"
+    probe.until_driving()
+    rival = peer.speak(topic, Odometry)
+    probe.until_standing(f"/{topic} must have one source")
+    peer.node.destroy_publisher(rival)
+    probe.until_driving()
+    pose.pose.pose.position.y = -1.1
+    probe.until_standing("only a person drives")
+
+
+@pytest.mark.nightly
+def test_it_lives_through_every_change_of_what_it_reports(start, probe, peer):
+    start()
+    (wheels,) = (subscription for subscription in probe.node.subscriptions if subscription.topic_name == "/cmd_vel")
+    probe.node.destroy_subscription(wheels)
+    assert probe.until_reported("has no listener").level == DiagnosticStatus.WARN
+    listener = peer.node.create_subscription(TwistStamped, "cmd_vel", lambda message: None, 1)
+    assert probe.until_reported("silent").level == DiagnosticStatus.OK
+    other = peer.node.create_publisher(TwistStamped, "cmd_vel", 1)
+    assert probe.until_reported("one publisher", "/peer").level == DiagnosticStatus.ERROR  # names come later than data
+    peer.node.destroy_publisher(other)
+    assert probe.until_reported("silent").level == DiagnosticStatus.OK
+    peer.node.destroy_subscription(listener)
+    assert probe.until_reported("has no listener").level == DiagnosticStatus.WARN
+
+
+SOURCES = {
+    "cmd_vel_in": TwistStamped, "cmd_vel_teleop": TwistStamped, "cmd_vel_standby/alive": Empty, "scan": LaserScan,
+    "odom": Odometry, "disagreement": String,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "topic", [*(pytest.param(each, marks=pytest.mark.nightly) for each in SOURCES if each != "scan"), "scan"]
+)
+def test_a_second_source_of_an_input_stops_the_robot_until_it_is_gone(start, launch, probe, peer, topic):
+    launch("-m", "cmd_vel_guard", "cmd_vel_standby")
+    start("-p", "collision_monitor:=true", "-p", "require_standby:=true", "-p", "heed_disagreement:=true")
+    qos = LATCHED if topic == "disagreement" else 1
+    first = peer.node.create_publisher(SOURCES[topic], topic, qos) if topic in ("odom", "disagreement") else None
+    probe.scan = laser()
+    probe.until_driving()
+    rival = peer.node.create_publisher(SOURCES[topic], topic, qos)  # it need not say anything
+    probe.until(lambda: rival.get_subscription_count() > 0)
+    found = time.time()
+    status = probe.until_standing(f"/{topic} must have one source, so the robot stands: end all but one of ", "/peer")
+    assert status.level == DiagnosticStatus.ERROR
+    published = zip(reversed(probe.sent), reversed(probe.heard), strict=False)
+    assert max((at for at, command in published if command != STOP), default=0.0) < found + 0.5
+    peer.node.destroy_publisher(rival)
+    probe.until_driving()
+    assert first is None or first.get_subscription_count()
+
+
+def test_any_number_of_buttons_is_no_fault(start, probe, peer):
+    start()
+    buttons = [peer.speak("emergency_stop", Bool) for _ in range(3)]
+    for button in buttons:
+        probe.node.create_timer(0.1, partial(button.publish, Bool(data=False)))
+    probe.until_reported("silent")
+    probe.until_driving()
+
+
+@pytest.mark.parametrize(
+    ("words", "first", "second"),
+    [
+        (["-r", "cmd_vel_in:=cmd_vel"], "cmd_vel", "cmd_vel_in"),
+        *(
+            pytest.param(words, first, second, marks=pytest.mark.nightly)
+            for words, first, second in (
+                (["-r", "cmd_vel_in:=/cmd_vel"], "cmd_vel", "cmd_vel_in"),
+                (["-r", "cmd_vel_teleop:=cmd_vel"], "cmd_vel", "cmd_vel_teleop"),
+                (["-r", "cmd_vel:=cmd_vel_in"], "cmd_vel", "cmd_vel_in"),
+                (["-r", "__ns:=/robot1", "-r", "cmd_vel_in:=/robot1/cmd_vel"], "cmd_vel", "cmd_vel_in"),
+                (["-r", "cmd_vel_guard:cmd_vel_in:=cmd_vel"], "cmd_vel", "cmd_vel_in"),
+                (["-r", "cmd_vel_in:=joy", "-r", "cmd_vel_teleop:=joy"], "cmd_vel_in", "cmd_vel_teleop"),
+            )
+        ),
+    ],
+)
+def test_a_guard_that_would_hear_itself_or_one_source_twice_is_refused(start, words, first, second):
+    process = start(*words)
+    _, stderr = process.communicate(timeout=30.0)
+    assert process.returncode == 2
+    assert stderr.startswith(f"error: {first} and {second} must be different topics, got /")
+    assert stderr.count("\n") == 1
+
+
+def test_a_disagreement_stops_the_robot_until_it_is_enabled(start, probe, peer):
+    start("-p", "heed_disagreement:=true")
+    filter_says = peer.node.create_publisher(String, "disagreement", LATCHED)
+    filter_says.publish(String(data=""))
+    probe.until_driving()
+    filter_says.publish(String(data="the twist is in the world's frame"))
+    probe.until_standing("the twist is in the world's frame; then: ros2 service call /cmd_vel_guard/enable")
+    filter_says.publish(String(data=""))
+    probe.until_standing("the twist is in the world's frame")
+    assert probe.enable(True).success
+    probe.until_driving()
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("stamped", [True, False])
+def test_the_type_of_commands_is_the_configured_one_and_the_wrong_one_is_reported_with_what_to_type(
+    start, peer, wait_for, stamped
+):
+    start("-p", f"enable_stamped_cmd_vel:={str(stamped).lower()}")
+    probe = Probe(peer, wait_for, stamped=False)
+    if stamped:
+        texts = ("/peer has geometry_msgs/msg/Twist on /cmd_vel", "-p enable_stamped_cmd_vel:=false")
+        assert probe.until_reported(*texts).level == DiagnosticStatus.ERROR
+    else:
+        probe.until_driving()
+
+
+def test_wrong_parameters_are_refused_before_anything_is_published(launch):
+    # Publishing would be an error of its own, and a traceback has more than one line.
+    publishes = "guard.CmdVelGuard._message_of = lambda *_: guard.math.nope"
+    process = launch(*sabotaged(publishes), "-p", "max_age:=0.6")
+    _, stderr = process.communicate(timeout=30.0)
+    assert (process.returncode, stderr) == (2, "error: max_age must be a number above 0 and at most 0.5 s, got 0.6.\n")
+
+
+@pytest.mark.nightly
+def test_it_reports_commands_that_are_too_old_and_clocks_that_are_ahead(start, probe):
+    start()
+    probe.command = AHEAD
+    leads = {-60.0: "s old by its header's stamp", 1000.0: "s ahead, more than 2 s: synchronize both clocks"}
+    for probe.lead, text in leads.items():
+        status = probe.until_reported(text)
+        assert status.level == DiagnosticStatus.WARN
+        assert "/cmd_vel_in" in status.message
+        assert set(probe.heard) <= {STOP}
+
+
+# The collision monitor: scans at 5 Hz, commands from a person and from a program.
+
+
+@pytest.fixture
+def seeing(start):
+    return start("-p", "collision_monitor:=true")
+
+
+def see(probe):
+    probe.scan, probe.scan_age = laser(), 0.0
+    probe.until_driving()
+
+
+def test_commands_are_limited_by_what_the_lidar_sees_and_need_its_scans(seeing, probe):
+    probe.command, probe.topic = AHEAD, "cmd_vel_teleop"
+    assert probe.until_standing("/scan: no scan has arrived").level == DiagnosticStatus.ERROR
+    see(probe)
+    for probe.topic, who in (("cmd_vel_teleop", "teleop"), ("cmd_vel_in", "program")):
+        # 0.24 m from the LiDAR, 0.232 m from the footprint's centre: less the radius, the margin and the error, in one second.
+        probe.scan = laser(0.24)
+        status = probe.until_reported(f"{who}, collision monitor: slowed down: an obstacle is ahead")
+        assert status.level == DiagnosticStatus.WARN
+        v, omega = probe.until_told(lambda each: each.v > 0.02)
+        assert v <= 0.232 - 0.105 - 0.05 - 0.085 * 0.24 + 1e-6
+        assert omega / v == pytest.approx(2.0)
+        probe.scan = laser(0.16)
+        probe.until_standing("stopped: an obstacle is in the stop zone")
+        probe.command = Command(-0.1, 0.0)
+        probe.until_told(lambda each: each.v == pytest.approx(-0.05, abs=1e-9))
+        assert min(command.v for command in probe.heard) > -0.0501
+        see(probe)
+    probe.scan = laser(ranges=[math.nan] * 360)
+    refused = "collision monitor: /scan: a scan was refused: none of the scan's 360 beams says anything"
+    assert "\n" not in probe.until_standing(refused).message
+    see(probe)
+    probe.scan = None
+    probe.until_standing("the last scan is older than 0.4 s; the robot stands")
+    see(probe)
+    probe.scan_age = 0.7  # by its stamp, which may be that of the first beam, 0.2 s before the last
+    probe.until_standing("the last scan is older than 0.4 s")
+    probe.scan_age = 0.5
+    probe.until_told(lambda each: each != STOP)
+    assert seeing.poll() is None
+
+
+# Several robots in one graph: button, enabling and commands are one robot's, unless a topic is shared on purpose.
+
+
+@pytest.fixture
+def robots(peer, wait_for, start):
+    """Two robots, each with its guard."""
+
+    def make(*arguments, **options):
+        for name in ("robot1", "robot2"):
+            start("-r", f"__ns:=/{name}", "-p", f"frame_prefix:={name}/", *arguments)
+        return [Probe(peer, wait_for, name=name, **options) for name in ("robot1", "robot2")]
+
+    return make
+
+
+@pytest.mark.nightly
+def test_commands_and_a_button_are_one_robots_and_its_enable_is_its_own(robots):
+    first, second = robots()
+    first.until_driving()
+    second.until_reported("silent")
+    assert set(second.heard) == {STOP}  # commands for one robot move no other
+    second.until_driving()
+    first.pressed = True
+    first.until_reported("emergency stop")
+    second.until_driving()  # still
+    assert second.until_reported("").hardware_id == "robot2/burger"
+    assert second.enable(True).success  # enables robot 2, and robot 1 not
+    assert first.until_standing("/robot1/cmd_vel_guard/enable").hardware_id == "robot1/burger"
+    first.pressed = False
+    second.pressed = False  # another robot's button that is not pressed is no release
+    first.until_reported("emergency stop")
+    assert first.frames == {"robot1/base_footprint"}
+
+
+@pytest.mark.nightly
+def test_one_button_can_stop_all_robots_and_each_is_enabled_by_itself(robots, wait_for):
+    first, second = robots("-r", "emergency_stop:=/emergency_stop", button="/emergency_stop")
+    for robot in (first, second):
+        robot.until_driving()
+    second.pressed = False  # a second button of all robots: for a release each must be heard
+    first.pressed = True
+    for robot in (first, second):
+        robot.until_reported("emergency stop")
+    first.pressed = False
+    wait_for(lambda: first.enable(True).success)
+    first.until_driving()
+    second.until_standing("emergency stop")
+    wait_for(lambda: second.enable(True).success)
+    second.until_driving()

@@ -1,0 +1,78 @@
+"""The package as people install it: configuration, launch file, programs, and what it needs."""
+
+import ast
+import re
+import subprocess
+import sys
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from rclpy.node import Node
+
+from cmd_vel_guard import __main__, parameters, standby
+from cmd_vel_guard.declare import declare
+
+ROOT = Path(__file__).parents[2] / "bridges" / "cmd_vel_guard"
+CONFIG, LAUNCH = ROOT / "config" / "cmd_vel_guard.yaml", ROOT / "launch" / "cmd_vel_guard.launch.xml"
+KINDS = {"cmd_vel_guard": parameters.Parameters, "cmd_vel_standby": standby.Parameters}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_configuration_names_every_parameter_and_starts_safe(runner, name):
+    arguments = ["--ros-args", "--params-file", str(CONFIG)]
+    options = {"cli_args": arguments, "automatically_declare_parameters_from_overrides": True}
+    node = Node(name, context=runner.context, **options)
+    given = {key for key in node.get_parameters_by_prefix("") if key not in ("use_sim_time", "start_type_description_service")}
+    assert given == {item.name for item in fields(KINDS[name])}
+    declared = declare(node, KINDS[name])
+    node.destroy_node()
+    if name == "cmd_vel_guard":
+        assert (declared.start_enabled, declared.require_emergency_stop, declared.require_standby) == (False, True, True)
+
+
+def test_the_launch_file_starts_both_and_gives_parameters_that_exist():
+    launch = ElementTree.parse(LAUNCH).getroot()
+    assert [node.get("name") for node in launch.iter("node")] == [*__main__.NODES] == [*KINDS]
+    for node in launch.iter("node"):
+        assert (node.get("pkg"), node.get("exec"), node.get("respawn")) == ("cmd_vel_guard", node.get("name"), "true")
+        given = {param.get("name") for param in node.findall("param")[1:]}
+        assert given <= {item.name for item in fields(KINDS[node.get("name")])}
+    variables = set(re.findall(r"\$\(var (\w+)\)", LAUNCH.read_text()))
+    assert variables == {argument.get("name") for argument in launch.iter("arg")}
+
+
+def test_it_needs_numpy_and_ros_only():
+    ros = {"rclpy", "rcl_interfaces", "diagnostic_msgs", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs", "std_srvs"}
+    imported = set()
+    for path in (ROOT / "cmd_vel_guard").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            modules = [node.module] if isinstance(node, ast.ImportFrom) else []
+            modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            imported |= {module.partition(".")[0] for module in modules}
+    assert imported - set(sys.stdlib_module_names) == {"cmd_vel_guard", "numpy", "tf2_msgs", *ros}
+    needed = {item.text for item in ElementTree.parse(ROOT / "package.xml").getroot().iter("exec_depend")}
+    assert needed == {"python3-numpy", "tf2_msgs", "ros2launch", "ros2service", *ros}
+
+
+def test_its_decisions_need_no_ros():
+    program = "import sys, cmd_vel_guard.arbiter; raise SystemExit('rclpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(("words", "code"), [(["--help"], 0), (["cmd_vel_standby", "--help"], 0), (["guard"], 2)])
+def test_the_program_says_what_it_runs(words, code):
+    done = subprocess.run([sys.executable, "-m", "cmd_vel_guard", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert "cmd_vel" in done.stdout + done.stderr
+
+
+def test_its_own_wheel_holds_all_of_it(tmp_path):
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("cmd_vel_guard-*.whl")
+    held = {name for name in zipfile.ZipFile(wheel).namelist() if name.startswith("cmd_vel_guard/")}
+    files = [path for path in (ROOT / "cmd_vel_guard").iterdir() if path.is_file()]
+    assert held == {f"cmd_vel_guard/{path.name}" for path in files}

@@ -1,0 +1,90 @@
+"""The guard's parameters: what is refused with which words, and what ROS shows of them."""
+
+import math
+import re
+from dataclasses import fields
+
+import pytest
+from burger import NUMBERS, Parameters
+from rcl_interfaces.srv import SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from cmd_vel_guard import parameters
+from cmd_vel_guard.arbiter import Arbiter
+from cmd_vel_guard.checks import Range, rules
+from cmd_vel_guard.declare import declare, descriptions
+from cmd_vel_guard.standby import CmdVelStandby
+
+KIND = parameters.Parameters
+RULES = rules(KIND)
+
+
+def test_every_number_has_a_rule_and_every_parameter_a_description():
+    assert {item.name for item in fields(KIND) if isinstance(item.default, float)} <= RULES.keys()
+    assert descriptions(KIND).keys() == {item.name for item in fields(KIND)}
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_what_breaks_a_rule_is_refused_by_its_words(name):
+    rule, bad = RULES[name], ["none of them"]
+    if isinstance(rule, Range):
+        beyond = (math.nextafter(rule.low, -9e9), math.nextafter(rule.high, 9e9))
+        bad = [math.nan, math.inf, True, *beyond, *([rule.low] if rule.open_low else [])]
+    for value in bad:
+        with pytest.raises(ValueError, match=re.escape(f"{name} must be {rule}, got {value!r}.")):
+            Parameters(**{name: value})
+
+
+@pytest.fixture
+def make_node(runner):
+    nodes = []
+
+    def make(**given):
+        overrides = [Parameter(name, value=value) for name, value in given.items()]
+        options = {"parameter_overrides": overrides, "automatically_declare_parameters_from_overrides": True}
+        nodes.append(Node("declared", context=runner.context, **options))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+
+
+def test_parameters_are_declared_with_their_rules_and_read_only(make_node):
+    node = make_node(**NUMBERS, rate=100, collision_monitor=True)  # an integer will do for a float
+    declared = declare(node, KIND)
+    assert declared == Parameters(rate=100.0, collision_monitor=True)
+    Arbiter(declared, 100.0)
+    for item in fields(KIND):
+        descriptor = node.describe_parameter(item.name)
+        assert node.get_parameter(item.name).value == getattr(declared, item.name)
+        assert descriptor.read_only
+        assert descriptor.description == descriptions(KIND)[item.name]
+        assert descriptor.additional_constraints == str(RULES.get(item.name, ""))
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"rat": 50.0}, "declared has no parameter 'rat': did you mean rate?"),
+        ({"rate": "fast"}, "rate must be of type float, got 'fast' (str)."),
+        ({"rate": True}, "rate must be of type float, got True (bool)."),
+        ({"max_age": 0.6}, "max_age must be a number above 0 and at most 0.5 s, got 0.6."),
+        ({"robot": "none"}, "robot must be one that an installed package knows, got 'none'"),
+        ({"max_linear": 0.0}, "max_linear must be a positive number, or robot one that states it, got 0."),
+    ],
+)
+def test_wrong_names_types_and_values_are_refused(make_node, given, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        declare(make_node(**{**NUMBERS, **given}), KIND)
+
+
+def test_the_clock_of_a_node_that_runs_cannot_be_changed(runner, peer):
+    runner.add(CmdVelStandby(runner.context))
+    for value, changes in ((True, True), (False, False)):
+        parameter = Parameter("use_sim_time", value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        (result,) = peer.ask("cmd_vel_standby/set_parameters", SetParameters, request).results
+        assert result.successful is not changes
+        assert ("read when the node starts" in result.reason) is changes
