@@ -1,5 +1,6 @@
 """Real ROS 2 for the guard's tests: nodes and processes that are ended, and waiting for states."""
 
+import importlib.util
 import os
 import signal
 import subprocess
@@ -10,7 +11,6 @@ from threading import Thread
 
 import pytest
 
-pytest.importorskip("cmd_vel_guard", reason="bridges/cmd_vel_guard is not installed")
 try:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
@@ -22,10 +22,13 @@ except ImportError:
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-from cmd_vel_guard.process import prepare
-
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-prepare()
+if importlib.util.find_spec("cmd_vel_guard"):
+    from cmd_vel_guard.process import prepare
+
+    prepare()
+else:
+    collect_ignore_glob = ["test_*.py"]
 PATIENCE = 30.0
 """Longest wait for a state, s: far above what it takes, so that only a missing state fails."""
 

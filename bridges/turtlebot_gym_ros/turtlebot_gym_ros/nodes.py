@@ -86,6 +86,8 @@ def unknown(name: str) -> str:
     """Return what is said of a name that no node has."""
     from turtlebot_gym.validation import did_you_mean  # slow to import
 
+    if name.startswith("cmd_vel_"):
+        return f"{name} is a node of the package {GUARD}, which is missing: pip install ./bridges/{GUARD} in a checkout."
     return f"there is no node {name!r}; there are {', '.join(NODES)}.{did_you_mean(name, NODES)}"
 
 
