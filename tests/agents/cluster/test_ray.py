@@ -47,9 +47,10 @@ def address(tmp_path_factory):
     node.wait(60)
 
 
-def test_without_a_cluster_there_is_one_line():
-    """This test comes first: it needs a machine without a cluster."""
-    done = subprocess.run([*COMMAND, "--cluster", "auto"], capture_output=True, text=True, timeout=120)
+def test_without_a_cluster_there_is_one_line(tmp_path):
+    """Ray notes the machine's cluster in its temporary folder, which is another one here."""
+    variables = {**os.environ, "RAY_TMPDIR": str(tmp_path)}
+    done = subprocess.run([*COMMAND, "--cluster", "auto"], env=variables, capture_output=True, text=True, timeout=120)
     assert done.returncode == 2
     assert done.stderr.startswith("turtlebot-gym: ")
     assert done.stderr.count("\n") == 1
