@@ -71,7 +71,7 @@ def training(
 
     def theirs() -> float:
         envs = DummyVecEnv([lambda: gym.make(NAV) for _ in range(64)])
-        keywords = arguments({**hyper, "n_steps": hyper["n_envs"] * hyper["n_steps"] // 64})
+        keywords = arguments("ppo", {**hyper, "n_steps": hyper["n_envs"] * hyper["n_steps"] // 64})
         return learn(PPO("MlpPolicy", envs, device="cpu", seed=0, **keywords), steps // 4)[0]
 
     rates, cpu, others = [], [], []

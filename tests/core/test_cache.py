@@ -158,7 +158,7 @@ LIKE_OTHER_NUMBA = f"""
 import sys
 sys.modules["turtlebot_gym.compiled.store"] = None
 from turtlebot_gym.compiled.threads import address_of
-{FUNCTION}
+{FUNCTION.replace("import cache, store", "import cache")}
 print(address_of(loop, 3.0))
 """
 
