@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from cmd_vel_guard import arbiter, sent
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.emergency import EmergencyStop, _Stream
+from cmd_vel_guard.parameters import Parameters
 from cmd_vel_guard.sent import Age, Ages, SystemClock, _Sender
 from turtlebot_gym.values import STOP
 from turtlebot_gym_ros.node import feed
@@ -268,7 +269,7 @@ DEFECTS = {
     "disabled: not at all": (Arbiter, "enable", disable_nothing),
     "disabled: what was said before counts": (Arbiter, "enable", enable_without_forgetting),
     "limits: none": (arbiter, "limit", lambda original: lambda command, robot: command),
-    "limits: no wheel": (arbiter, "make_robot", lambda original: lambda robot: wheelless(original(robot))),
+    "limits: no wheel": (Parameters, "numbers", lambda original: property(lambda self: wheelless(original.fget(self)))),
     "limits: no ramp": (Arbiter, "_ramp", lambda original: lambda self, target, dt: target),
     "limits: a gap of the guard is made up for": (Arbiter, "_ramp", lambda original: partialmethod(at_once, original)),
     "old: what is not finite counts": (arbiter, "math", lambda original: SimpleNamespace(**vars(original) | blind)),
