@@ -82,6 +82,9 @@ test-clients: $(READY)  ## train with every RL library, each in an environment o
 	$(RUN)python tests/clients/environments.py $(CLIENTS)
 	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
 
+test-versions: $(READY)  ## quick tests with the lowest and with the newest versions that pyproject.toml allows (15 minutes, and the installations)
+	$(RUN)python tools/test_versions.py
+
 check: $(READY)  ## style, types, the direction of imports, and spelling
 	$(RUN)ruff check
 	$(RUN)ruff format --check
