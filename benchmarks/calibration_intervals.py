@@ -23,8 +23,8 @@ from scipy import stats
 
 from harness.study import each, finished, write_summary
 from harness.tables import table
-from turtlebot_gym.calibration import calibrate
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
+from turtlebot_gym_lab.calibration import calibrate
 
 SETTINGS = tuple(itertools.product(("euler", "midpoint"), ("pose", "wheel"), ("exact", "noisy")))
 """Integrator, kind of odometry, and truth."""

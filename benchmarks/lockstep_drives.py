@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 
 import turtlebot_gym  # noqa: F401  # registers the environments
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
 from turtlebot_gym.plants import make_plant
 from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 from turtlebot_gym_ros import Graph

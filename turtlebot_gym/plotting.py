@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.drives import Drive, heading_error, position_error
+from turtlebot_gym.drive import Drive, heading_error, position_error
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 
 if TYPE_CHECKING:

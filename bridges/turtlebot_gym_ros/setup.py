@@ -9,7 +9,8 @@ from setuptools import find_packages, setup
 
 NAME = "turtlebot_gym_ros"
 HERE = Path(__file__).parent
-NODES = runpy.run_path(str(HERE / NAME / "nodes.py"))["NODES"]  # plain data, read without its imports
+LISTED = runpy.run_path(str(HERE / NAME / "nodes.py"))  # plain data, read without its imports
+PROGRAMS = [*LISTED["NODES"], *LISTED["SATELLITES"]]
 
 setup(
     name=NAME,
@@ -17,7 +18,7 @@ setup(
     description="The closed loop of turtlebot-gym as ROS 2 nodes, and any policy deployed on a TurtleBot.",
     license="MIT",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.base": ["*.xml"], f"{NAME}.field": ["*.css"]},
+    package_data={NAME: ["py.typed"], f"{NAME}.base": ["*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -29,7 +30,7 @@ setup(
     install_requires=["setuptools"],
     zip_safe=False,
     entry_points={
-        "console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node, entry in NODES.items() if not entry.guards],
+        "console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node in PROGRAMS],
         "cmd_vel_guard.robots": [f"turtlebot_gym = {NAME}.guarded:numbers_of"],
     },
 )

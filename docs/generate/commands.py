@@ -8,7 +8,7 @@ from unittest.mock import patch
 
 import mkdocs_gen_files
 
-from turtlebot_gym_agents.commands.cli import COMMANDS
+from turtlebot_gym_agents.commands.cli import commands
 from turtlebot_gym_agents.commands.cli import main as turtlebot_gym
 from turtlebot_gym_ros.__main__ import main as turtlebot_gym_ros
 
@@ -27,7 +27,7 @@ def help_of(main, *words):
 
 with mkdocs_gen_files.open("reference/commands.md", "w") as page:
     print("# Command line\n\nWhat the commands print with `--help`.\n", file=page)
-    for name in COMMANDS:
+    for name in commands():
         print(f"## turtlebot-gym {name}\n\n```text\n{help_of(turtlebot_gym, name)}\n```\n", file=page)
 
 with mkdocs_gen_files.open("reference/commands_ros.md", "w") as page:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import turtlebot_gym
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation import evaluate as evaluation

@@ -17,9 +17,7 @@ def loaded(script, heavy=HEAVY):
     return json.loads(done.stdout.splitlines()[-1])
 
 
-@pytest.mark.parametrize(
-    "arguments", [["--help"], ["train", "--help"], ["evaluate", "--help"], ["calibrate", "--help"]], ids=str
-)
+@pytest.mark.parametrize("arguments", [["--help"], ["train", "--help"], ["evaluate", "--help"]], ids=str)
 def test_help_imports_nothing_heavy(arguments):
     script = f"""
 from turtlebot_gym_agents.__main__ import main

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from turtlebot_gym_agents.commands.cli import COMMANDS, main
-from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, _kinds_of, outputs_of, require_outputs
+from turtlebot_gym_agents.commands.cli import commands, main
+from turtlebot_gym_agents.outputs import FIGURE, FOLDER, JSON, _kinds_of, require_outputs
 
+COMMANDS = commands()
+"""Those of the installed satellites too."""
 READ = {"entries", "config", "against", "check", "file", "files", "log", "model", "drive", "map", "measured"}
 """Options that name files to be read."""
 NEEDED = {name: ["drive.csv"] for name in ("replay", "calibrate", "export", "study")}
@@ -90,15 +92,11 @@ def test_a_result_is_overwritten_only_with_force(name, option, untouched, capsys
 @pytest.mark.parametrize("link", [os.symlink, os.link, None], ids=["symbolic", "hard", "itself"])
 def test_neither_an_input_nor_another_output_is_overwritten_even_with_force(link, untouched, capsys, folder):
     (folder / "mine.json").write_text("{}")
-    (folder / "bag").mkdir()
-    (folder / "bag" / "metadata.yaml").write_text("x: 1\n")
     target = "mine.json"
     if link:
         target = "other.json"
         link("mine.json", target)
     for words, message in (
-        (f"calibrate mine.json --json {target}", "it is an input of the same command"),
-        ("calibrate bag --out bag/metadata.yaml", "it is an input of the same command"),
         (f"evaluate --policy bearing mine.json+safety --json {target}", f"--json {target}: it is an input"),
     ):
         assert main([*words.split(), "--force"]) == 2, words
@@ -124,18 +122,6 @@ def test_missing_folders_of_files_are_made_and_existing_ones_kept(folder):
     (folder / "d" / "kept").touch()
     require_outputs([("--out", Path("d"), FOLDER)])
     assert [path.name for path in (folder / "d").iterdir()] == ["kept"]
-
-
-def test_several_drives_have_a_picture_each(folder, capsys):
-    (folder / "more").mkdir()
-    (folder / "more" / "drive.csv").write_text("x")
-    command = COMMANDS["replay"]
-    files = (Path("drive.csv"), Path("more/drive.csv"), Path("other.csv"), Path("drive.csv"))
-    names = [path.name for _, path, _ in outputs_of(command(files=files, plot=Path("a.png")))]
-    assert names == ["a-drive-0.png", "a-drive-1.png", "a-other.png"]
-    (folder / "a-other.png").write_text("dear")
-    assert main(["replay", *map(str, files), "--plot", "a.png"]) == 2
-    assert "a-other.png: it exists" in capsys.readouterr().err
 
 
 def test_a_run_is_not_trained_over(folder, capsys):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from turtlebot_gym.drives import position_error
+from turtlebot_gym.drive import position_error
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")

@@ -2,11 +2,9 @@
 
 import os
 import signal
-import sys
 import time
 from contextlib import nullcontext
 from pathlib import Path
-from threading import Event
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,17 +15,15 @@ from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
+from swallowed import require_end
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.__main__ import HELP, main
-from turtlebot_gym_ros.base.process import be_interruptible, go_on
+from turtlebot_gym_ros.__main__ import main
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.base.session import ENDINGS, INTERRUPTED
-from turtlebot_gym_ros.field.session import _follow
 from turtlebot_gym_ros.graph import bringup
-from turtlebot_gym_ros.graph.watch import View, Watcher
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import NODES
 
@@ -62,7 +58,7 @@ def test_help_lists_the_nodes_and_what_a_person_must_know(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
     assert all(f"  {name} " in out for name in NODES)
-    assert "Only policies such as vfh see obstacles" in HELP
+    assert "Only policies such as vfh see obstacles" in out
 
 
 @pytest.mark.parametrize("name", ["velocity_controller", "turtlebot_simulator", "kalman_filter"])
@@ -107,38 +103,9 @@ def test_the_exit_code_is_the_process_own(launch, peer):
     assert not peer.node.count_publishers("reference")
 
 
-class Swallowing:
-    """Whose destructor swallows an interruption."""
-
-    def __del__(self):
-        signal.raise_signal(signal.SIGINT)
-
-
-WAITS = {
-    "a field test's drive": lambda: _follow(lambda: "active", lambda: True, 30.0),
-    "a graph": lambda: Graph(policy="bearing").wait_until(lambda graph: False, timeout=30.0),
-    "a view without a row": lambda: Watcher.wait(SimpleNamespace(_begun=Event())),
-    "a view": lambda: View.stay(SimpleNamespace()) or go_on(),
-}
-
-
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-@pytest.mark.parametrize("wait", WAITS.values(), ids=WAITS)
-def test_a_wait_ends_at_an_interruption_that_a_destructor_has_swallowed(monkeypatch, wait):
-    before = {number: signal.getsignal(number) for number in (*ENDINGS, signal.SIGALRM)}
-    monkeypatch.setattr(sys, "unraisablehook", sys.unraisablehook)
-    monkeypatch.setattr("turtlebot_gym_ros.base.process._interrupted", Event())
-    be_interruptible()
-    signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits on"))
-    signal.alarm(30)
-    try:
-        Swallowing()
-        with pytest.raises(KeyboardInterrupt):
-            wait()
-    finally:
-        signal.alarm(0)
-        for number, handler in before.items():
-            signal.signal(number, handler)
+def test_a_wait_ends_at_an_interruption_that_a_destructor_has_swallowed(monkeypatch):
+    require_end(monkeypatch, lambda: Graph(policy="bearing").wait_until(lambda graph: False, timeout=30.0))
 
 
 class World:

@@ -8,7 +8,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from drawing import recorded
+from drive_samples import recorded
 from driven import BURGER, DT, KINDS, NOISES, Driver, Kind, alarms
 from guarded import Parameters
 from rosbags.highlevel import AnyReader

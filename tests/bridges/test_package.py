@@ -19,7 +19,7 @@ from cmd_vel_guard import parameters, standby
 from cmd_vel_guard.declare import declare as declare_guard
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.node.shell import Shell
-from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
+from turtlebot_gym_ros.nodes import BLOCKS, NODES, SATELLITES, load
 from turtlebot_gym_ros.recording import logger
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +31,7 @@ IN_GAZEBO = PACKAGE / "launch" / "gazebo.launch.xml"
 """It starts no node of its own, and includes the robot's."""
 IN_SIMULATION = {"enable_stamped_cmd_vel": "true", "require_emergency_stop": "false", "start_enabled": "true"}
 """What is otherwise there than on a robot."""
-PROGRAMS = {"bringup", "watch", "status", "field_test"}
+PROGRAMS = {"bringup", "status"}
 """Programs without parameters of nodes."""
 RVIZ = PACKAGE / "rviz" / "turtlebot.rviz"
 SHELLS = {name: load(name) for name in BLOCKS}
@@ -298,7 +298,8 @@ def test_colcon_builds_the_package(tmp_path):
     for path in (*CONFIGS, *LAUNCHES, RVIZ, *sorted((PACKAGE / "layouts").iterdir()), PACKAGE / "package.xml"):
         assert (share / path.relative_to(PACKAGE)).read_bytes() == path.read_bytes()
     assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {
-        name for name, entry in NODES.items() if not entry.guards
+        *(name for name, entry in NODES.items() if not entry.guards),
+        *SATELLITES,
     }
     (library,) = prefix.glob("lib/python*/site-packages")
     installed = files_of(library / "turtlebot_gym_ros")

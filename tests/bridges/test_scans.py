@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import over_the_wire
-from drawing import recorded
+from drive_samples import recorded
 from guarded import Parameters
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore

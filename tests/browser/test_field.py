@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from turtlebot_gym_ros.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
-from turtlebot_gym_ros.field.report import page
+from turtlebot_gym_lab.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
+from turtlebot_gym_lab.field.report import page
 
 pytestmark = pytest.mark.browser
 FOUND = (

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from turtlebot_gym.drives import Drive, Growing
-from turtlebot_gym_agents.watch import record_episode
-from turtlebot_gym_agents.watch.html import write_html
-from turtlebot_gym_agents.watch.server import Server
+from turtlebot_gym.drive import Drive, Growing
+from turtlebot_gym_view import record_episode
+from turtlebot_gym_view.html import write_html
+from turtlebot_gym_view.server import Server
 
 pytestmark = pytest.mark.browser
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"

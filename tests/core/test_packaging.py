@@ -27,6 +27,7 @@ def text_of(name):
 PROJECT = tomllib.loads(text_of("pyproject.toml"))["project"]
 CI = yaml.safe_load(text_of(".github/workflows/ci.yml"))
 PACKAGES = ("turtlebot_gym", "agents/turtlebot_gym_agents", "bridges/turtlebot_gym_ros/turtlebot_gym_ros")
+SATELLITES = [top for top in ("lab/turtlebot_gym_lab", "lab/turtlebot_gym_view") if (ROOT / top).is_dir()]
 CHECKER = "checker/gymnasium_vector_checker"
 
 
@@ -41,7 +42,7 @@ def test_the_version_is_the_same_everywhere_and_type_checkers_may_read_the_packa
     assert {"message", "title", "authors", "type", "license"} <= set(citation)
     assert citation["license"] == PROJECT["license"]
     assert [author["name"] for author in citation["authors"]] == [author["name"] for author in PROJECT["authors"]]
-    assert all((ROOT / package / "py.typed").is_file() for package in (*PACKAGES, CHECKER))
+    assert all((ROOT / package / "py.typed").is_file() for package in (*PACKAGES, *SATELLITES, CHECKER))
 
 
 @pytest.mark.skipif(find_spec("tyro") is None, reason="needs the extra [gym]")

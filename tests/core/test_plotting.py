@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
 from turtlebot_gym.plotting import (
     ESTIMATE_WITHIN,
     comparison_figure,
@@ -222,7 +222,7 @@ CODE = """
 import json, sys
 import numpy as np
 from turtlebot_gym.plotting import tutorial_figure
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
 before = "matplotlib" in sys.modules
 sizes = {"true_state": 5, "odometry": 3, "estimate": 5, "covariance": (5, 5), "reference": 3, "command": 2}
 rows = [{name: np.zeros(size) for name, size in sizes.items()}] * 2

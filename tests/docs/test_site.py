@@ -17,13 +17,14 @@ import turtlebot_gym
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym_ros.field.program import parser as field_test_parser
+from turtlebot_gym_lab.field.program import parser as field_test_parser
 from turtlebot_gym_ros.graph.bringup import parser as bringup_parser
-from turtlebot_gym_ros.nodes import NODES
+from turtlebot_gym_ros.nodes import NODES, SATELLITES
 
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
-FLAGS = json.loads((ROOT / "tests" / "golden" / "api.json").read_text(encoding="utf-8"))["commands"]
-API = ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros")
+STORED = json.loads((ROOT / "tests" / "golden" / "api.json").read_text(encoding="utf-8"))
+FLAGS = STORED["commands"] | STORED["satellites"]
+API = ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros", "turtlebot_gym_lab", "turtlebot_gym_view")
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +59,7 @@ def check(line, ros):
         case ["python", "-m", "turtlebot_gym_ros", "bringup", *given]:
             assert not bringup_parser().parse_known_args(given)[1]
         case ["python", "-m", "turtlebot_gym_ros", node, *given] | ["ros2", "run", "turtlebot_gym_ros", node, *given]:
-            assert node in NODES
+            assert node in {*NODES, *SATELLITES}
             assert given[:1] in ([], ["--ros-args"])
             for flag, value in zip(given[1::2], given[2::2], strict=True):
                 name = value.partition(":=")[0]
@@ -172,7 +173,7 @@ def test_formulas_are_mathml(site):
 
 def test_the_reference_is_complete(site, ros):
     html = {path.stem: Html(path).ids for path in (site / "reference").glob("*.html")}
-    assert {name for name in NODES if name not in ("bringup", "watch", "status", "field_test")} <= html["ros"]
+    assert {name for name in NODES if name not in ("bringup", "status")} <= html["ros"]
     assert {f"turtlebot-gym-{name}" for name in FLAGS} <= html["commands"]
     presets = (site / "reference" / "presets.html").read_text()
     assert all(f"<code>{name}</code>" in presets for name in turtlebot_gym.NOISES)

@@ -4,9 +4,9 @@ import re
 
 from pages import ROOT, measured, rows_after
 
-from turtlebot_gym.drives.reading import FORMATS
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_lab.drives.reading import FORMATS
 
 MEASURED = {
     "`tutorial`": "tutorial",

@@ -16,7 +16,7 @@ import gymnasium as gym
 import turtlebot_gym
 import turtlebot_gym_agents
 import turtlebot_gym_ros
-from turtlebot_gym_agents.commands.cli import COMMANDS, main
+from turtlebot_gym_agents.commands.cli import COMMANDS, commands, main
 
 ROS_OWN = ("/rosout", "/parameter_events", "/clock")
 
@@ -86,6 +86,7 @@ def snapshot() -> dict[str, Any]:
         "exports": {package.__name__: sorted(getattr(package, "__all__", ())) for package in packages},
         "info": ids_of(),
         "commands": {command: flags_of(command) for command in COMMANDS},
+        "satellites": {command: flags_of(command) for command in commands() if command not in COMMANDS},
         "nodes": nodes_of(),
     }
 

@@ -1,7 +1,8 @@
 """The command line, ``turtlebot-gym``: one dataclass per subcommand, whose fields are its options.
 
-To add one: write a frozen dataclass with a docstring under each field and a ``run`` method, and name it in `COMMANDS`. Results
-go to standard output, progress and errors to standard error. Heavy modules are imported in ``run``.
+To add one: write a frozen dataclass with a docstring under each field and a ``run`` method, and name it in `COMMANDS`, or in
+another package as an entry point of the group ``turtlebot_gym.commands``. Results go to standard output, progress and errors to
+standard error. Heavy modules are imported in ``run``.
 """
 
 from __future__ import annotations
@@ -9,38 +10,32 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import tyro
 
+from turtlebot_gym.entry_points import load_entry_point, names_in
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.commands.benchmark import Benchmark, Compile
 from turtlebot_gym_agents.commands.bundles import Card, Export
-from turtlebot_gym_agents.commands.calibrate import Calibrate
 from turtlebot_gym_agents.commands.console import (
     Driven,
     FigureFile,
     JsonFile,
     Placement,
     Reporting,
-    Writing,
-    needs,
     print_tables,
     progress,
     save_figure,
     write_anywhere,
 )
-from turtlebot_gym_agents.commands.course import Check
-from turtlebot_gym_agents.commands.data import Data
-from turtlebot_gym_agents.commands.filters import Estimate, Replay
 from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.commands.learning import Train, Tune
-from turtlebot_gym_agents.commands.localize import Localize
-from turtlebot_gym_agents.commands.recorded import Recorded
 from turtlebot_gym_agents.commands.study import Study
-from turtlebot_gym_agents.outputs import Output, inputs_of, outputs_of, require_outputs
+from turtlebot_gym_agents.outputs import inputs_of, outputs_of, require_outputs
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
@@ -125,63 +120,28 @@ class Evaluate(Placement, Reporting, Driven):
         return ", ".join(varied or names[:1])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Watch(Writing, Recorded, Driven):
-    """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
-
-    The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [watch].
-    """
-
-    policy: tuple[str, ...] = ("bearing",)
-    """Policies as for evaluate; all drive the same episode."""
-    seed: int = 0
-    """Seed of the episode."""
-    drive: tuple[Path, ...] = ()
-    """Recorded drives instead of episodes, as calibrate and replay take them, or snapshots.csv of data_logger."""
-    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), Output((".html", ".htm"))] = None
-    """Write the view to this file, which opens without a server or a network, instead of serving it."""
-    host: str = "localhost"
-    """Name or address to listen on; with 0.0.0.0 anyone who can reach this machine sees the view."""
-    port: int = 5006
-    """Port to listen on; 0 for any that is free."""
-
-    def run(self) -> None:
-        from turtlebot_gym_agents.watch import read_recorded, record_episode
-
-        with needs("watch"):
-            from turtlebot_gym_agents.watch.html import write_html
-            from turtlebot_gym_agents.watch.server import serve
-        if self.drive:
-            drives = [read_recorded(path, lidar=self.lidar or "lds01", **self.reading()) for path in self.drive]
-            title = f"Recorded: {', '.join(path.name for path in self.drive)}"
-        else:
-            drives = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
-            around = [name for name in (self.world, self.lidar, self.fix) if name]
-            title = ", ".join([self.env.partition("/")[2], *around, f"seed {self.seed}", f"noise {self.noise}"])
-        if self.html is not None:
-            print(f"{self.html}: {write_html(drives, self.html, title=title):,} bytes; open it in a browser.")
-            return
-        serve(drives, title=title, host=self.host, port=self.port)
-
-
 COMMANDS: dict[str, type[_Command]] = {
     "evaluate": Evaluate,
-    "watch": Watch,
-    "estimate": Estimate,
-    "replay": Replay,
-    "localize": Localize,
-    "calibrate": Calibrate,
     "train": Train,
     "tune": Tune,
     "export": Export,
     "card": Card,
     "study": Study,
-    "check": Check,
-    "data": Data,
     "benchmark": Benchmark,
     "compile": Compile,
 }
-"""Subcommands by name."""
+"""The product's subcommands by name; `commands` adds those of satellites."""
+GROUP = "turtlebot_gym.commands"
+"""Group of the entry points that name further subcommands."""
+
+
+def commands() -> dict[str, type[_Command]]:
+    """Return all subcommands by name; an entry point that cannot be loaded is left out."""
+    found = dict(COMMANDS)
+    for name in names_in(GROUP):
+        with suppress(ImportError):
+            found[name] = load_entry_point(GROUP, name)
+    return found
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -198,10 +158,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.path.append(here)  # for users' policies, which a console script would not find
     command: Any = None
     try:
+        known = commands()
         if words and not words[0].startswith("-"):
-            choose("command", words[0], COMMANDS)
+            if words[0] not in known and words[0] in names_in(GROUP):
+                load_entry_point(GROUP, words[0])  # raises the reason
+            choose("command", words[0], known)
         command = tyro.extras.subcommand_cli_from_dict(
-            dict(COMMANDS),
+            known,
             prog="turtlebot-gym",
             description="A TurtleBot that navigates on what a Kalman filter believes. --version prints the version.",
             args=words,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from turtlebot_gym.entry_points import load_entry_point
 from turtlebot_gym.validation import whole
 from turtlebot_gym_agents.commands.console import Placement, Reporting, Setting, needs, print_tables, progress
 from turtlebot_gym_agents.commands.flags import Learning
@@ -53,7 +54,7 @@ class Train(Placement, _Learned):
     resume: bool = False
     """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
     watch: bool = False
-    """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [watch]."""
+    """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [view]."""
     wandb: Annotated[str | None, tyro.conf.arg(metavar="PROJECT")] = None
     """Send configuration and TensorBoard's curves to this project of Weights & Biases; needs the extra [wandb]."""
 
@@ -110,9 +111,7 @@ class Train(Placement, _Learned):
         """Return the callback that shows the policy, if requested."""
         if not self.watch:
             return []
-        with needs("watch"):
-            from turtlebot_gym_agents.training.watching import WatchCallback
-        return [WatchCallback(config)]
+        return [load_entry_point("turtlebot_gym.viewers", "watch-training", extra="view")(config)]
 
     def _tracked(self, config: TrainingConfig, folder: Path) -> Any:
         """Return the context of a run of Weights & Biases, if requested, which reads what goes to TensorBoard."""

@@ -1,1 +1,1 @@
-"""Drive episodes, replay recorded drives, and measure both."""
+"""Drive episodes, and measure them."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
 from turtlebot_gym.observations import Observed
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task, arrived, believed_to_arrive

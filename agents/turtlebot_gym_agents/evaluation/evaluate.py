@@ -16,7 +16,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import choose, whole

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.drives import heading_error, position_error
+from turtlebot_gym.drive import heading_error, position_error
 
 CONFIDENCE = 0.95
 """Confidence of all intervals."""

@@ -11,11 +11,11 @@ from typing import Any
 
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.session import INTERRUPTED
-from turtlebot_gym_ros.nodes import NODES, load, unknown
+from turtlebot_gym_ros.nodes import NODES, entry_of, load, programs
 
-HELP = f"""usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
+HELP = """usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
-{chr(10).join(f"  {name:<20} {entry.summary}" for name, entry in NODES.items())}
+{nodes}
 
 velocity_controller starts disabled: watch the robot, and call its service ~/enable. Only policies such as vfh see obstacles,
 by /scan; cmd_vel_guard stops before them only with collision_monitor:=true.
@@ -38,17 +38,20 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
-        print(HELP)
+        entries = NODES | programs()
+        print(HELP.format(nodes="\n".join(f"  {name:<20} {entry.summary}" for name, entry in entries.items())))
         return 0
     if name == "--version":
         from turtlebot_gym import __version__
 
         print(f"turtlebot-gym {__version__}")
         return 0
-    if name not in NODES:
-        print(f"error: {unknown(name)}", file=sys.stderr)
+    try:
+        guards = entry_of(name).guards
+    except (ValueError, ImportError) as error:
+        print(f"error: {error}", file=sys.stderr)
         return 2
-    prepare(local=not NODES[name].guards)  # what runs on the robot serves the network
+    prepare(local=not guards)  # what runs on the robot serves the network
     try:
         entry = load(name)
         if not hasattr(entry, "Params"):

@@ -1,4 +1,4 @@
-"""The nodes of the package: the only list of them.
+"""The nodes of the package: the only list of them, to which satellites add programs.
 
 This is plain data without ROS; a node's code is loaded when it is needed. The command line, the ROS package's executables, the
 graph's modes, the diagnostics, the reference and the tests read it.
@@ -6,6 +6,7 @@ graph's modes, the diagnostics, the reference and the tests read it.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -15,19 +16,20 @@ class Entry(NamedTuple):
     """A node."""
 
     target: str
-    """Its block, or the function that runs it: "module:name" inside this package, or of ``cmd_vel_guard``."""
+    """Its block, or the function that runs it: "module:name" inside `package`."""
     summary: str
     """One line of help."""
     modes: tuple[str, ...] = ()
     """Modes of the graph to which it belongs."""
-
     given: tuple[str, ...] = ()
     """ROS arguments that hold where others do not say otherwise."""
+    package: str = "turtlebot_gym_ros"
+    """Package of the target."""
 
     @property
     def guards(self) -> bool:
         """Whether it is a node of ``cmd_vel_guard``."""
-        return self.target.startswith(GUARD)
+        return self.package == GUARD
 
     @property
     def is_block(self) -> bool:
@@ -36,6 +38,8 @@ class Entry(NamedTuple):
 
 
 BOTH = ("autonomous", "teleoperation")
+GUARD = "cmd_vel_guard"
+"""The package of the nodes that run on the robot itself, which may be missing: it is found by its name."""
 NODES = {
     "waypoint_generator": Entry(
         "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference", modes=("autonomous",)
@@ -59,51 +63,75 @@ NODES = {
     "data_logger": Entry("recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV"),
     "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers"),
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
-    "watch": Entry("graph.watch:main", "shows the running graph in a browser"),
-    "field_test": Entry("field.program:main", "guides a person through the first afternoon with a robot"),
     "status": Entry("graph.status:main", "prints which node waits for what"),
 }
-GUARD = "cmd_vel_guard"
-"""The package of the nodes that run on the robot itself, which may be missing: it is found by its name."""
 if find_spec(GUARD):
     NODES |= {
         "cmd_vel_guard": Entry(
-            f"{GUARD}.guard:main",
+            "guard:main",
             "on the robot: the only one on /cmd_vel; limits, watches and stops",
             given=("-p", "robot:=burger"),
+            package=GUARD,
         ),
         "cmd_vel_standby": Entry(
-            f"{GUARD}.standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives"
+            "standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives", package=GUARD
         ),
     }
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
 BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
 """The nodes that are blocks."""
+SATELLITES = {"field_test": "lab", "watch": "view"}
+"""Programs of satellites, and the extra that brings each; the group ``turtlebot_gym.programs`` of entry points has them."""
+GROUP = "turtlebot_gym.programs"
 
 
-def unknown(name: str) -> str:
-    """Return what is said of a name that no node has."""
+def entry_of(name: str) -> Entry:
+    """Return the entry of a node or of a satellite's program.
+
+    Raises:
+        ValueError: If there is none of that name.
+        ImportError: If its satellite is not installed.
+    """
+    if name in NODES:
+        return NODES[name]
+    from turtlebot_gym.entry_points import load_entry_point, names_in
     from turtlebot_gym.validation import did_you_mean  # slow to import
 
+    names = dict.fromkeys((*NODES, *SATELLITES, *names_in(GROUP)))
+    if name in names:
+        return load_entry_point(GROUP, name, extra=SATELLITES.get(name, "all"))
     if name.startswith("cmd_vel_"):
-        return f"{name} is a node of the package {GUARD}, which is missing: pip install ./bridges/{GUARD} in a checkout."
-    return f"there is no node {name!r}; there are {', '.join(NODES)}.{did_you_mean(name, NODES)}"
+        raise ImportError(
+            f"{name} is a node of the package {GUARD}, which is missing: pip install ./bridges/{GUARD} in a checkout."
+        )
+    raise ValueError(f"there is no node {name!r}; there are {', '.join(names)}.{did_you_mean(name, names)}")
+
+
+def programs() -> dict[str, Entry]:
+    """Return the entries of satellites' programs by name; one that cannot be loaded is left out."""
+    from turtlebot_gym.entry_points import names_in
+
+    found = {}
+    for name in names_in(GROUP):
+        with suppress(ImportError):
+            found[name] = entry_of(name)
+    return found
 
 
 def load(name: str) -> Any:
-    """Return the code of a node: the class of its block, or its ``main``, which takes the arguments.
+    """Return the code of a node or of a satellite's program: the class of its block, or its ``main``, a function of arguments.
 
     Raises:
-        ValueError: If there is no such node.
+        ValueError: If there is none of that name.
+        ImportError: If its satellite is not installed.
     """
-    if name not in NODES:
-        raise ValueError(unknown(name))
-    module, _, attribute = NODES[name].target.partition(":")
-    if not NODES[name].guards:
-        return getattr(import_module(f"turtlebot_gym_ros.{module}"), attribute)
+    entry = entry_of(name)
+    module, _, attribute = entry.target.partition(":")
+    code = getattr(import_module(f"{entry.package}.{module}"), attribute)
+    if not entry.guards:
+        return code
     from turtlebot_gym_ros.guarded import numbers_of  # slow to import
 
     import_module(f"{GUARD}.robots").SOURCES.append(numbers_of)  # also where nothing is installed
-    main = getattr(import_module(module), attribute)
-    return lambda argv: main(["--ros-args", *NODES[name].given, "--", *argv])
+    return lambda argv: code(["--ros-args", *entry.given, "--", *argv])

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.drives import Drive, heading_error, position_error
+from turtlebot_gym.drive import Drive, heading_error, position_error
+from turtlebot_gym.entry_points import load_entry_point
 from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import PLANTS
@@ -162,10 +163,9 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
         try:
             view = None
             if port is not None:
-                from turtlebot_gym_ros.graph.watch import View  # slow to import
-
+                viewer = load_entry_point("turtlebot_gym.viewers", "watch-graph", extra="view")
                 title = f"bringup, policy {chosen.get('policy', 'bearing')}"
-                view = viewing.enter_context(View(chosen, title=title, port=port))
+                view = viewing.enter_context(viewer(chosen, title=title, port=port))
             with Graph(**chosen) as graph:
                 if view:
                     view.open()

@@ -11,7 +11,7 @@ from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
 from turtlebot_gym.observations import EVIDENCE, SCAN
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.validation import Range, choose

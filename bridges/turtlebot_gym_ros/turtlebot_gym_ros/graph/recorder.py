@@ -21,7 +21,7 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header, String
 
-from turtlebot_gym.drives import Drive
+from turtlebot_gym.drive import Drive
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.rooms.grid import GridMap

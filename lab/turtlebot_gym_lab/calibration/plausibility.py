@@ -1,0 +1,109 @@
+"""Checks that a drive is in metres, seconds and radians, and that it holds enough motion to fit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.drive import Drive, known
+from turtlebot_gym.models.angles import TWO_PI, wrap_all
+from turtlebot_gym.robots import Robot
+
+DEGREES = 180.0 / math.pi
+FASTER, TURNING_FASTER = 20.0, 3.0
+"""Multiples of a robot's limits of speed and turning rate that no robot of its kind reaches. Robots differ more in
+speed than in turning rate, and degrees are only 57 times radians."""
+FEWEST = 20
+"""Fewest rows of a drive to calibrate."""
+STILL = (0.5, 1.0)
+"""Distance, m, and turn, rad, below which there is nothing to fit."""
+
+
+def check(drive: Drive, robot: Robot, where: str) -> None:
+    """Refuse a drive whose units are wrong, as `require_units` does, or in which nothing moves, with a `ValueError`."""
+    if len(drive) < FEWEST:
+        why = "".join(f"; {remark}" for remark in drive.remarks)
+        raise ValueError(f"{where}: only {len(drive)} rows are good, too few to calibrate; {FEWEST} are needed{why}.")
+    require_units(drive, robot, where)
+    way, turn = _moved(drive)
+    if way < STILL[0] and turn < STILL[1]:
+        raise ValueError(
+            f"{where}: the robot moves by {way:.2f} m and {turn:.2f} rad in all: there is nothing to fit to; "
+            "record a drive of 10 m or more, with turns."
+        )
+
+
+def require_units(drive: Drive, robot: Robot, where: str) -> None:
+    """Refuse a drive that is not in metres, seconds and radians.
+
+    Args:
+        drive: The drive.
+        robot: Robot whose speed limits say which speeds are possible.
+        where: The file, for messages.
+
+    Raises:
+        ValueError: If a speed is impossible, or a heading is in degrees; the message says what to do.
+    """
+    _check_clock(drive, where)
+    speed, rate = (float(np.percentile(np.abs(drive.twist[:, k]), 99.0)) for k in (0, 1))
+    for name, value, limit, times, unit, wrong, factor in (
+        ("speed", speed, robot.max_linear, FASTER, "m/s", "mm/s", 1000.0),
+        ("turning rate", rate, robot.max_angular, TURNING_FASTER, "rad/s", "deg/s", DEGREES),
+    ):
+        if value > times * limit:
+            raise ValueError(
+                f"{where}: the {name} reaches {value:.4g} {unit}, and the robot's limit is {limit:.4g}: if it is in {wrong}, "
+                f"divide it by {factor:.4g}; another robot is chosen by its name or file."
+            )
+    way, turn = _moved(drive)
+    for source, poses in (("measured", drive.odometry), ("true", drive.truth)):
+        _check_poses(drive, poses, way, turn, f"{where}: the {source}")
+
+
+def _moved(drive: Drive) -> tuple[float, float]:
+    """Return the way, m, and the turn, rad, that the twists of a drive make in all."""
+    way, turn = (np.abs(drive.twist[1:]) * np.diff(drive.time)[:, None]).sum(axis=0)
+    return float(way), float(turn)
+
+
+def _check_clock(drive: Drive, where: str) -> None:
+    """Refuse time in milli-, micro- or nanoseconds."""
+    if drive.period > 1.5:
+        for unit, factor in (("nanoseconds", 1e9), ("microseconds", 1e6), ("milliseconds", 1e3)):
+            if drive.period / factor > 5e-4:
+                raise ValueError(
+                    f"{where}: rows are {drive.period:.4g} s apart: if time is in {unit}, divide it by {factor:.0e}."
+                )
+
+
+def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: float, what: str) -> None:
+    """Refuse poses in millimetres or degrees, judged by the twist."""
+    are_known = known(poses)
+    if are_known.sum() < 10:
+        return
+    heading = poses[are_known, 2]
+    change = np.abs(np.diff(heading))
+    jumps = change[(change > 0.9 * 360.0) & (change < 1.02 * 360.0)]
+    if jumps.size or (np.ptp(heading) > 8.0 * TWO_PI and _turn(heading) > 8.0 * (turn + TWO_PI)):
+        moved = f"{what} heading runs from {heading.min():.4g} to {heading.max():.4g}"
+        raise ValueError(f"{moved}: if it is in degrees, multiply it by pi/180.")
+    # over a second each, so that the noise of measured poses does not count for way
+    every = max(round(1.0 / drive.period), 1)
+    driven = float(np.hypot(*np.diff(poses[are_known][::every, :2], axis=0).T).sum())
+    moved = f"{what} positions move by {driven:.4g} m while the speed makes {way:.4g} m"
+    if way >= STILL[0] and driven > 100.0 * way:
+        raise ValueError(f"{moved}: if they are in millimetres, divide them by 1000.")
+    if driven >= STILL[0] and way > 100.0 * driven:
+        raise ValueError(f"{moved}: if the speed is in mm/s, divide it by 1000.")
+    turned = _turn(heading[::every])
+    if turn > 0.5 * DEGREES * max(turned, 1.0):
+        raise ValueError(
+            f"{what} heading turns by {turned:.4g} rad while the turning rate makes {turn:.4g}: in deg/s? Multiply by pi/180."
+        )
+
+
+def _turn(heading: NDArray[np.float64]) -> float:
+    """Return a heading's total change, each the shorter way round, rad."""
+    return float(np.abs(wrap_all(np.diff(heading))).sum())

@@ -1,0 +1,1 @@
+"""Subcommands of ``turtlebot-gym`` about recordings, filters and the course."""

@@ -1,0 +1,177 @@
+"""The subcommand ``calibrate``: fit a noise file to a recorded drive."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from turtlebot_gym.files import SUFFIXES
+from turtlebot_gym_agents.commands.console import FigureFile, File, Reporting, print_tables, progress, save_figure
+from turtlebot_gym_agents.outputs import Output
+from turtlebot_gym_lab.commands.recorded import Placed, Recorded
+
+if TYPE_CHECKING:
+    from turtlebot_gym import Robot
+    from turtlebot_gym.drive import Drive
+    from turtlebot_gym_lab.calibration import Calibration
+
+PARTS = 4
+"""Most steps of a calibration, for its progress bar: alignment and fit, of motion and measurements, or twice by a map."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrate(Reporting, Placed, Recorded):
+    """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
+
+    With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
+    from the innovations of measured poses. What was measured by tape (--distance, --turns, --loop, --measured) determines the
+    wheels instead: scale, turn_scale and veer; in a known place (--map) the scans of the log do, and the noise of the wheels.
+    The report lists what the log does not determine, and the motion that would. If the model does not describe the drive, no
+    file is written.
+    """
+
+    log: tyro.conf.Positional[Path]
+    """A bag of ROS 2 or ROS 1, laser arrays, or a table with named columns."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
+    """Write the noise file here (FILE.yaml)."""
+    imu_out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
+    """Write the noise of the gyro, if the log has one, here (FILE.yaml), for --imu; it needs stands, or the truth."""
+    truth: str = "auto"
+    """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag (TOPIC:FRAME
+    where it holds transforms, such as /tf:base_footprint), or a table with the columns t, x, y and perhaps theta."""
+    odometry: str | None = None
+    """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
+    distance: float | None = None
+    """By tape: straight-line distance from the start of the log to its end, m."""
+    turns: float | None = None
+    """By tape: number of turns, such as 10, in the direction of odometry."""
+    loop: bool = False
+    """By tape: the log ends where it begins, with the same heading."""
+    measured: File = None
+    """Table of parts that were measured by tape (FILE.csv), with some of the columns log (a file beside the table; LOG if
+    empty), start and end (s from the log's first row), distance, x, y (of the end, from the start), m, and turns."""
+    tape_std: float = 0.0025
+    """Standard deviation of a distance and a place by tape, m."""
+    heading_std_deg: float = 1.0
+    """Standard deviation of a measured turn, degrees."""
+    map: Path | None = None
+    """Map of the place, as map_server takes it (FILE.yaml): the poses of the log's scans in it are the truth."""
+    robot: str = "burger"
+    """Robot whose speed limits a log must satisfy: a preset, such as burger, or a file of your own (FILE.yaml)."""
+    integrator: str | None = None
+    """euler or midpoint; by default the one that explains the motion better."""
+    segment: float | None = None
+    """Length of the segments to which the alphas are fitted, m; 0 for row by row. Chosen automatically by default."""
+    delay: float | None = None
+    """Time by which the motion lags behind the recorded twist, s; estimated by default."""
+    force: bool = False
+    """Write the noise file even if the model does not describe the drive."""
+    plot: FigureFile = None
+    """Draw measured against fitted here."""
+
+    def run(self) -> None:
+        from turtlebot_gym import make_robot, write_parameters
+        from turtlebot_gym_agents.provenance import provenance
+        from turtlebot_gym_lab.calibration import calibrate
+        from turtlebot_gym_lab.commands.calibration_report import calibration_figure, calibration_tables, comment
+        from turtlebot_gym_lab.evaluation.by_map import calibrate_by_map
+
+        robot, parts, refused = make_robot(self.robot), itertools.count(1), ""
+        drive = self._read(self.log, robot)
+        self._fit_gyro(drive)
+        fit: Callable[..., Calibration] = calibrate
+        options: dict[str, Any] = {"use_truth": self.truth != "none", "segment": self.segment}
+        if self.map is not None:
+            fit, options = calibrate_by_map, {"place": self.place(self.map, drive, self.log)[1]}
+        by_tape = self.loop or any(value is not None for value in (self.distance, self.turns, self.measured))
+        if by_tape and self.map is not None:
+            raise ValueError("wheels are calibrated by a tape or by a map, not by both: leave one of them out.")
+        if by_tape and self.plot is not None:
+            raise ValueError("--plot shows errors along a drive, and a tape measures only its ends: leave one of them out.")
+        try:
+            with progress(PARTS) as advance_to:
+                fitted = (
+                    self._by_tape(drive, robot)
+                    if by_tape
+                    else fit(
+                        drive,
+                        kind=self.odometry,
+                        integrator=self.integrator,
+                        delay=self.delay,
+                        progress=lambda part: advance_to(next(parts)),
+                        **options,
+                    )
+                )
+        except ValueError as error:
+            raise ValueError(f"{self.log}: {error}") from error
+        print_tables(*calibration_tables(fitted, title=self.log.name))
+        print(fitted.verdict.text)
+        if self.out is not None and not (fitted.verdict.is_good or self.force):
+            refused = f"{self.out} is not written: {fitted.verdict.text} Record another drive, or write it with --force."
+        elif self.out is not None:
+            write_parameters(fitted.noise, self.out, comment=comment(fitted, self.log.name, provenance()["version"]))
+        self.report(_result_of(fitted))
+        if self.plot is not None:
+            save_figure(calibration_figure(fitted, title=self.log.name), self.plot)
+        if refused:
+            raise ValueError(refused)
+
+    def _read(self, path: Path, robot: Robot) -> Drive:
+        from turtlebot_gym_lab.calibration.plausibility import check
+        from turtlebot_gym_lab.drives import read
+
+        drive = read(path, **self.reading())
+        check(drive, robot, str(path))
+        return drive
+
+    def _fit_gyro(self, drive: Drive) -> None:
+        """Print and write the noise of the gyro, even if the log does not determine the rest."""
+        from turtlebot_gym import write_parameters
+        from turtlebot_gym_lab.calibration.gyro import fit_gyro
+        from turtlebot_gym_lab.commands.calibration_report import gyro_table
+
+        try:
+            fitted = fit_gyro(drive)
+        except ValueError as error:
+            if self.imu_out is not None:
+                raise ValueError(f"{self.log}: {self.imu_out} is not written: {error}") from error
+            return
+        print_tables(gyro_table(fitted, title=self.log.name))
+        if self.imu_out is not None:
+            noise: Any = fitted.noise  # a sensor's own parameters are written as those of noise are
+            write_parameters(noise, self.imu_out, comment=f"Gyro calibrated from {self.log.name}.")
+
+    def _by_tape(self, drive: Drive, robot: Robot) -> Calibration:
+        from turtlebot_gym_lab.calibration.tape import calibrate_by_tape, leg_of, read_legs
+
+        deviations = {"place_deviation": self.tape_std, "heading_deviation": math.radians(self.heading_std_deg)}
+        legs = read_legs(self.measured, drive, lambda path: self._read(path, robot), **deviations) if self.measured else []
+        if self.loop or self.distance is not None or self.turns is not None:
+            measured = {name: value for name in ("distance", "turns") if (value := getattr(self, name)) is not None}
+            legs.append(leg_of(drive, loop=self.loop, **measured, **deviations))
+        return calibrate_by_tape(legs)
+
+
+def _result_of(fitted: Calibration) -> dict[str, object]:
+    plain = {
+        name: getattr(fitted, name)
+        for name in ("kind", "has_truth", "integrator", "segment", "segments", "measured", "remarks")
+    }
+    return plain | {
+        "noise": asdict(fitted.noise),
+        "likeliest": asdict(fitted.likeliest),
+        "estimates": {
+            name: asdict(estimate) | {"is_determined": estimate.is_determined} for name, estimate in fitted.estimates.items()
+        },
+        "unknown": fitted.unknown,
+        "verdict": fitted.verdict._asdict(),
+        "delay": fitted.delay._asdict(),
+        "truth_delay": fitted.truth_delay._asdict(),
+        "frame": fitted.frame._asdict(),
+    }

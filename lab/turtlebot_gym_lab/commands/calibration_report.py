@@ -1,0 +1,137 @@
+"""Report of a calibration: tables for the terminal, a figure, and the comment above a noise file."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.table import Table
+
+from turtlebot_gym.plotting import BLUE, ORANGE, VERMILLION
+from turtlebot_gym_lab.calibration import Calibration, Estimate
+from turtlebot_gym_lab.calibration.shown import Drift, Residuals, drift, residuals
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from turtlebot_gym_lab.calibration.gyro import GyroFit
+
+BINS = 60
+"""Bins of the histograms."""
+
+
+def _basis(fitted: Calibration) -> str:
+    if fitted.measured:
+        return f"wheels by tape, {fitted.measured} numbers"
+    source = "measured poses" if fitted.kind == "pose" else "wheel odometry"
+    to = "the truth" if fitted.has_truth else "the innovations alone"
+    by = f", alphas over segments, {fitted.segments} of them of {fitted.segment:g} m" if fitted.segment else ""
+    return f"{source}, fitted to {to}{by}, integrator {fitted.integrator}"
+
+
+def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
+    """Return tables of the estimates of a log, of what it does not determine, and of remarks."""
+    table = Table(
+        "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {_basis(fitted)}",
+        caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
+    )  # fmt: skip
+    for name, estimate in fitted.estimates.items():
+        table.add_row(name, f"{estimate.value:.4g}", _interval(estimate), estimate.unit, _in_file(fitted, name, estimate))
+    tables = [table]
+    open_ = {
+        name: estimate.remedy for name, estimate in fitted.estimates.items() if not estimate.is_determined
+    } | fitted.unknown
+    if open_:
+        unknown = Table("not determined by this log", "what would determine it")
+        for name, remedy in open_.items():
+            unknown.add_row(name, remedy)
+        tables.append(unknown)
+    if fitted.remarks:
+        remarks = Table("found in the log")
+        for remark in fitted.remarks:
+            remarks.add_row(remark)
+        tables.append(remarks)
+    return tables
+
+
+def gyro_table(fitted: GyroFit, *, title: str) -> Table:
+    """Return the estimates of a gyro's noise."""
+    against = "against the truth's turning rate" if fitted.by_truth else "while the robot stands"
+    table = Table("", "value", "95 % interval", "unit", title=f"{title}: gyro, {against}")
+    for name, estimate in fitted.estimates.items():
+        note = "" if estimate.is_determined else " (not determined)"
+        table.add_row(name, f"{estimate.value:.4g}{note}", _interval(estimate), estimate.unit)
+    return table
+
+
+def _interval(estimate: Estimate) -> str:
+    high = f"{estimate.high:.4g}" if math.isfinite(estimate.high) else "?"
+    return f"{estimate.low:.4g} to {high}{' *' if estimate.is_profile else ''}"
+
+
+def _in_file(fitted: Calibration, name: str, estimate: Estimate) -> str:
+    from turtlebot_gym_lab.calibration.coordinates import PARAMETERS, value_of
+
+    if name not in PARAMETERS and name != "dropout_probability":
+        return "-"
+    value = value_of(fitted.noise, name) if name in PARAMETERS else estimate.value
+    return f"{value:.4g}" + ("" if estimate.is_determined else " (not determined)")
+
+
+def comment(fitted: Calibration, name: str, version: str) -> str:
+    """Return the comment above the numbers in a noise file."""
+    lines = [f"Calibrated from {name} by turtlebot-gym {version}: {_basis(fitted)}."]
+    for key, estimate in fitted.estimates.items():
+        note = "" if estimate.is_determined else "; not determined: " + estimate.remedy
+        lines.append(f"{key}: {estimate.value:.4g}, 95 % interval {_interval(estimate)} {estimate.unit}".rstrip() + note)
+    lines += [f"{key}: unknown; {remedy}" for key, remedy in fitted.unknown.items()]
+    lines += [f"Found: {remark}" for remark in fitted.remarks]
+    lines.append(fitted.verdict.text)
+    return "\n".join(lines)
+
+
+def calibration_figure(fitted: Calibration, *, title: str) -> Figure:
+    """Return a figure of errors, measured and fitted: histograms, and drift by distance."""
+    from matplotlib.figure import Figure
+
+    has_poses, has_drift = fitted.kind == "pose", fitted.has_truth
+    figure = Figure(figsize=(4.0 * (3 * has_poses + 2 * has_drift) * 0.8, 3.4), layout="constrained")
+    panels = iter(np.atleast_1d(figure.subplots(1, 3 * has_poses + 2 * has_drift)))
+    if has_poses:
+        shown = residuals(fitted)
+        quantity = "measured minus true" if fitted.has_truth else "innovation of"
+        for at, name in enumerate(("x, m", "y, m", "heading, rad")):
+            _draw_histogram(next(panels), fitted, shown, at, f"{quantity} {name}")
+    if has_drift:
+        drifts = drift(fitted)
+        for at, name in enumerate(("position, m", "heading, rad")):
+            _draw_drift(next(panels), drifts, at, name)
+    figure.suptitle(title)
+    return figure
+
+
+def _draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, label: str) -> Axes:
+    values, deviations = shown.values[:, at], shown.deviations[:, at]
+    axes.hist(values, bins=BINS, density=True, color=BLUE, alpha=0.5, label="measured")
+    x = np.linspace(values.min(), values.max(), 300)
+    spikes = [(1.0, 0.0)]
+    if at == 2:
+        share, size = fitted.likeliest.odometry.spike_probability, fitted.likeliest.odometry.spike
+        spikes = [(1.0 - share, 0.0), (0.5 * share, size), (0.5 * share, -size)]
+    s = np.sqrt((deviations**2).mean())
+    density = sum(weight * np.exp(-0.5 * ((x - mean) / s) ** 2) for weight, mean in spikes) / (s * math.sqrt(2.0 * math.pi))
+    axes.plot(x, density, color=VERMILLION, label="fitted")
+    axes.set(xlabel=label, ylabel="density", yscale="log", ylim=(0.5 / (len(values) * np.ptp(values) / BINS), None))
+    axes.legend()
+    return axes
+
+
+def _draw_drift(axes: Axes, drifts: Drift, at: int, label: str) -> Axes:
+    axes.plot(drifts.length, drifts.measured[:, at], "o", color=BLUE, label="measured")
+    axes.plot(drifts.length, drifts.fitted[:, at], "--", color=ORANGE, label="fitted")
+    axes.set(xlabel="way, m", ylabel=f"RMS drift of the {label}", xlim=(0.0, None), ylim=(0.0, None))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return axes

@@ -1,0 +1,70 @@
+"""The options of every command that reads recordings, or localizes one in a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from turtlebot_gym_lab.drives.topics import Topics
+
+if TYPE_CHECKING:
+    from turtlebot_gym.drive import Drive
+    from turtlebot_gym.rooms.grid import GridMap
+    from turtlebot_gym_lab.evaluation.localize import Place
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """How recordings are read."""
+
+    truth: str = "auto"
+    """auto uses the truth if a recording has it; otherwise a topic of the bag (TOPIC:FRAME where it holds transforms, such as
+    /tf:base_footprint), or a table with the columns t, x, y and perhaps theta."""
+    columns: tuple[str, ...] = ()
+    """Names of a table's columns, as QUANTITY=COLUMN: time, v, omega, x, y, theta, true_x, true_y, true_theta."""
+    topics: Topics = field(default_factory=Topics)
+    """Topics of a bag."""
+
+    def reading(self) -> dict[str, Any]:
+        """Return the options of `turtlebot_gym_lab.drives.read`."""
+        columns = {name: column for name, _, column in (pair.partition("=") for pair in self.columns)}
+        truth = None if self.truth in ("auto", "none") else self.truth
+        return {"topics": self.topics, "columns": columns, "truth": truth}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed:
+    """How a recording is localized."""
+
+    localizer: str = "robot"
+    """Assumptions: robot, match, or a file of them (FILE.toml)."""
+    lidar: str = "lds01"
+    """LiDAR preset that match assumes."""
+    hits: bool = True
+    """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
+    start: tuple[float, float, float] | None = None
+    """Pose in the map at the first row, within 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
+
+    def place(self, map: Path, drive: Drive, name: Path) -> tuple[GridMap, Place]:
+        """Return a map, and the place of a drive in it."""
+        from turtlebot_gym.drive import known
+        from turtlebot_gym.localization.tuning import make_localizer
+        from turtlebot_gym.rooms.lidar import LIDARS
+        from turtlebot_gym.rooms.maps import read_map
+        from turtlebot_gym.validation import choose
+        from turtlebot_gym.values import Pose
+        from turtlebot_gym_lab.evaluation.localize import KNOWN, Place
+
+        tuning, grid = make_localizer(self.localizer, choose("lidar", self.lidar, LIDARS)), read_map(map).map
+        assert grid is not None
+        rows = np.flatnonzero(known(drive.truth))
+        if self.start is not None:
+            return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, Pose(*self.start))
+        if not len(rows):
+            raise ValueError(f"{name} holds no truth: --start must say where in the map the drive begins.")
+        first = int(rows[0])
+        start = Pose(*drive.truth[first].tolist())
+        return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, start, KNOWN, first)

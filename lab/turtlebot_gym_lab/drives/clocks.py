@@ -1,0 +1,169 @@
+"""Faults in the times of a recording, each reported in one line: clocks that are set back, missing rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.drive import Drive, known
+from turtlebot_gym.models.angles import wrap_all
+
+LEAP = 5.0
+"""Leap of a clock backwards that is taken for a clock that was set, s; after a smaller one, rows are left out until it has
+caught up."""
+MISSING = 1.75
+"""Ratio to the usual interval from which a row is missing: one makes it 2 ..."""
+JITTER = 4.0
+"""... but at least so many times what three of four intervals exceed the usual one by, so that jitter is no missing row."""
+FARTHER = 1.6
+"""Ratio of a true step to that of its surroundings, and to the twist's, from which rows are missing: one makes it 2 ..."""
+NOISE = 5.0
+"""... if it exceeds them by so many standard deviations of the drive's steps, so that noise of the truth is no missing row."""
+AROUND = 11
+"""Number of rows whose median is the surroundings."""
+FEW = 0.01
+"""Share of such steps below which they are left alone: real wheels slip."""
+AHEAD = 0.1
+"""Time by which two clocks must differ to be taken for different, s, if one of them stamps messages before they arrive ..."""
+LATE = 0.5
+"""... and if none does, so that it may be a delay: no message that is worth recording is so late."""
+SIMULATED = 86400.0
+"""Difference of stamps and the recorder's clock from which the stamps are of a simulation, s."""
+
+
+class Stamps:
+    """The clock of a topic's stamps, beside that of the recorder."""
+
+    def __init__(self) -> None:
+        self.ahead = -np.inf
+        """Time by which it is ahead of the recorder's, less the shortest delay of a message, s."""
+        self.count = 0
+        """Number of messages."""
+        self.resets: list[float] = []
+        """Times by which it was set back, s."""
+        self._last, self._shift = (-np.inf, 0.0), 0.0
+
+    def read(self, stamp: float, received: float) -> float:
+        """Return the time of a message, s; once the clock was set back, by that of the recorder."""
+        time, (last, heard) = stamp + self._shift, self._last
+        if time < last - LEAP:
+            self.resets.append(last - time)
+            self._shift += (goes_on := last + max(received - heard, 0.0)) - time
+            time = goes_on
+        self._last, self.ahead, self.count = (time, received), max(self.ahead, time - received), self.count + 1
+        return time
+
+    def lead(self, other: Stamps) -> float:
+        """Return the time by which this clock is ahead of another one, s; 0 if they cannot be told apart."""
+        lead = self.ahead - other.ahead
+        if max(abs(self.ahead), abs(other.ahead)) > SIMULATED or min(self.count, other.count) < AROUND:
+            return 0.0
+        return lead if abs(lead) > (AHEAD if max(self.ahead, other.ahead) > AHEAD else LATE) else 0.0
+
+
+def continued(time: NDArray[np.float64], where: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
+    """Let the times of rows go on where their clock was set back.
+
+    Args:
+        time: Shape (T,), s, in the order of the recording; NaN where unknown.
+        where: What has these times, for the remark.
+
+    Returns:
+        The times, whether a row is the first after its clock was set, shape (T,), and the remarks.
+    """
+    finite = np.flatnonzero(np.isfinite(time))
+    steps = np.diff(time[finite])
+    back = steps < -LEAP
+    is_set = np.zeros(len(time), np.bool_)
+    if not back.any():
+        return time, is_set, []
+    is_set[finite[1:][back]] = True
+    moved = time.copy()
+    moved[finite[1:]] += np.cumsum(np.where(back, np.median(steps[~back]) - steps, 0.0))
+    first, by = int(np.argmax(back)), float(-steps[back][0])
+    text = f"{where}: the clock was set back {back.sum()} times, first by {by:.3f} s"
+    return moved, is_set, [f"{text} after {time[finite[first]]:.3f} s: later times are moved on"]
+
+
+def increasing(time: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether each time is later than all before it, shape (T,); false where it is not finite."""
+    finite = np.isfinite(time)
+    newest = np.maximum.accumulate(np.where(finite, time, -np.inf))
+    return finite & (time > np.concatenate([[-np.inf], newest[:-1]]))
+
+
+def judged(drive: Drive) -> Drive:
+    """Notice the rows that a drive with a measured twist lacks.
+
+    If the times have a gap, the twist of the row after it holds over the gap. If they have none, as of a logger that stamps
+    when it writes, a true step shows it, which is longer than the twist and the steps around it. A truth with heavy tails looks
+    the same, so it is only reported: a calibration decides what it leaves out.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # a message may state any number
+        drive = _unwound(drive)
+        remarks = (*_gaps(drive), *_leaps(drive))
+    where = f"{drive.around.label}: "
+    return replace(drive, remarks=(*drive.remarks, *(where + remark for remark in remarks)))
+
+
+def _unwound(drive: Drive) -> Drive:
+    """Take turning rates of more than half a turn to a row from the measured headings: some drivers fail where these wrap."""
+    turn = np.diff(drive.odometry[:, 2], prepend=np.nan)
+    interval = np.diff(drive.time, prepend=np.nan)
+    wrong = drive.joined & (np.abs(drive.twist[:, 1]) * interval > np.pi) & np.isfinite(turn)
+    if not wrong.any():
+        return drive
+    twist = drive.twist.copy()
+    twist[wrong, 1] = wrap_all(turn[wrong]) / interval[wrong]
+    text = f"{drive.around.label}: {wrong.sum()} turning rates are more than half a turn to a row, first at "
+    remark = f"{text}{drive.time[wrong][0]:.3f} s: the change of the measured heading is taken"
+    return replace(drive, twist=twist, remarks=(*drive.remarks, remark))
+
+
+def _gaps(drive: Drive) -> list[str]:
+    """Return the remark on gaps of the time that are too short to interrupt the drive."""
+    steps = np.diff(drive.time)
+    if len(steps) < AROUND:
+        return []
+    usual, upper = np.percentile(steps, (50, 75))
+    gaps = np.flatnonzero((steps > max(MISSING * usual, usual + JITTER * (upper - usual))) & drive.joined[1:])
+    rows = int((np.rint(steps[gaps] / usual) - 1).sum())
+    text = f"{rows} rows are missing at {len(gaps)} places, first after "
+    return [f"{text}{drive.time[gaps[0]]:.3f} s: the twist after each gap holds over it"] if len(gaps) else []
+
+
+def _leaps(drive: Drive) -> list[str]:
+    """Return the remark on rows that the truth reaches by a leap."""
+    leaps = np.zeros(len(drive), np.bool_)
+    if known(drive.truth).sum() < 2 * AROUND:
+        return []
+    moved = np.diff(drive.truth, axis=0)
+    turned = np.abs(wrap_all(moved[:, 2]))
+    for steps, twist in ((np.hypot(moved[:, 0], moved[:, 1]), drive.twist[1:, 0]), (turned, drive.twist[1:, 1])):
+        leaps[1:] |= _longer(np.where(drive.joined[1:], steps, np.nan), np.abs(twist), np.diff(drive.time))
+    if leaps.mean() < FEW:
+        return []
+    text = f"the truth leaps ahead of the twist at {leaps.sum()} rows, first at {drive.time[leaps][0]:.3f} s: "
+    return [f"{text}rows are missing there, or the truth is wrong"]
+
+
+def _longer(steps: NDArray[np.float64], speed: NDArray[np.float64], interval: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which steps are longer than the twist says and than the steps around them, shape (T - 1,).
+
+    Args:
+        steps: Lengths of the true steps, shape (T - 1,), m or rad; NaN where unknown.
+        speed: Size of the measured twist over each, shape (T - 1,).
+        interval: Duration of each, shape (T - 1,), s.
+    """
+    comparable = np.isfinite(steps)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(steps / interval, AROUND // 2, constant_values=np.nan), AROUND)
+    comparable &= np.isfinite(windows).sum(axis=1) > AROUND // 2
+    if not comparable.any():
+        return comparable
+    expected = np.full(len(steps), np.inf)
+    expected[comparable] = np.maximum(np.nanmedian(windows[comparable], axis=1), speed[comparable]) * interval[comparable]
+    excess = np.where(comparable, steps - expected, 0.0)
+    spread = 1.4826 * float(np.median(np.abs(excess[comparable])))
+    return comparable & (steps > FARTHER * expected) & (excess > max(NOISE * spread, 1e-6))

@@ -1,0 +1,256 @@
+"""A drive from ROS 2 messages: those of a bag, decoded by `rosbags`, or those of a running graph.
+
+A row is a message on ``odom``. The truth is interpolated; of everything else, the last value holds for a while. What a message
+does not state stays unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.drive import Drive, RoomData, Seen
+from turtlebot_gym.models.angles import yaw_of_rotation
+from turtlebot_gym.mounts import StaticFrames, differ
+from turtlebot_gym.rooms.grid import grid_of
+from turtlebot_gym.rooms.lidar import LIDARS, Lidar
+from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan, room_of, scan_of
+from turtlebot_gym.values import Pose, State
+from turtlebot_gym_lab.drives.alignment import Stream
+from turtlebot_gym_lab.drives.clocks import Stamps
+
+GUARD = "cmd_vel_guard"
+"""Name of the guard's node."""
+HELD = 1.0
+"""Age up to which a value holds, s; a waypoint holds indefinitely."""
+
+ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+POSES = (
+    ODOMETRY,
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "geometry_msgs/msg/PointStamped",
+    *TRANSFORMS,
+)
+"""Types of messages that state a pose, or at least a position."""
+TWISTS = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist")
+TYPES: dict[str, tuple[str, ...]] = {
+    "odom": (ODOMETRY,),
+    "true_state": POSES,
+    "fix": POSES,
+    "twist": TWISTS,
+    "estimate": (ODOMETRY,),
+    "reference": ("geometry_msgs/msg/PoseStamped",),
+    "nis": ("diagnostic_msgs/msg/DiagnosticArray",),
+    "clearance": ("sensor_msgs/msg/Range",),
+    "scan": ("sensor_msgs/msg/LaserScan",),
+    "imu": ("sensor_msgs/msg/Imu",),
+    "tf_static": TRANSFORMS,
+    "obstacles": ("visualization_msgs/msg/MarkerArray",),
+    "map": ("nav_msgs/msg/OccupancyGrid",),
+    "hypotheses": ("geometry_msgs/msg/PoseArray",),
+    "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray",),
+}
+"""Types of messages by topic, named as in this project's graph."""
+
+
+def _motion(message: Any) -> list[float]:
+    """Return x, y, heading, speed and turning rate; NaN for those that a message does not state, or marks as not measured."""
+    outer = getattr(message, "pose", None) or getattr(message, "transform", None) or getattr(message, "point", None)
+    place = getattr(outer, "pose", outer)
+    covariance = getattr(outer, "covariance", None)
+    if covariance is not None and covariance[0] < 0.0:
+        place = None  # how this project marks a lost measurement
+    position = getattr(place, "position", None) or getattr(place, "translation", place)
+    q = getattr(place, "orientation", None) or getattr(place, "rotation", None)
+    x, y = (math.nan, math.nan) if position is None else (position.x, position.y)
+    theta = math.nan if q is None else yaw_of_rotation(q.w, q.x, q.y, q.z)
+    twist = getattr(message, "twist", None)
+    twist = getattr(twist, "twist", twist) if twist is not None else (message if hasattr(message, "angular") else None)
+    return [x, y, theta, *((math.nan, math.nan) if twist is None else (twist.linear.x, twist.angular.z))]
+
+
+def _covariance(message: Any) -> NDArray[np.float64]:
+    """Return the covariance of x, y, heading, v and omega in an Odometry message; it lacks that between pose and twist."""
+    P = np.zeros((5, 5))
+    pose, twist = (np.asarray(part.covariance, np.float64).reshape(6, 6) for part in (message.pose, message.twist))
+    P[:3, :3], P[3:, 3:] = pose[np.ix_((0, 1, 5), (0, 1, 5))], twist[np.ix_((0, 5), (0, 5))]
+    return P
+
+
+def _nis(message: Any) -> float:
+    return next((float(pair.value) for status in message.status for pair in status.values if pair.key == "nis"), math.nan)
+
+
+def _scan(message: Any) -> Scan:
+    scan = scan_of(message)
+    return read_scan(scan._replace(beam_period=max(float(scan.beam_period), 0.0)))
+
+
+def _places(message: Any) -> NDArray[np.float64]:
+    """Return the poses of a localizer's hypotheses, all of the same weight, shape (H, 4)."""
+    places = [(*_motion(SimpleNamespace(pose=pose))[:3], 1.0 / len(message.poses)) for pose in message.poses]
+    return np.array(places, np.float64).reshape(-1, 4)
+
+
+_READ: dict[str, Callable[[Any], Any]] = {
+    "nis": _nis,
+    "clearance": lambda message: message.range,
+    "scan": _scan,
+    "imu": lambda message: (message.angular_velocity.z,),
+    "obstacles": room_of,
+    "map": grid_of,
+    "hypotheses": _places,
+}
+
+
+def _stamped(message: Any, received: float, child: str) -> Iterator[tuple[float, Any]]:
+    """Yield what a message states with the time for which it does, s: the message, or each transform of the wanted frame."""
+    for part in getattr(message, "transforms", (message,)):
+        header = getattr(part, "header", None) or next((marker.header for marker in getattr(part, "markers", ())), None)
+        if not child or part.child_frame_id == child:
+            yield received if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9, part
+
+
+class Listener:
+    """Takes the messages of a drive topic by topic, and returns rows.
+
+    Args:
+        lidar: The robot's LiDAR, for its mounting.
+        guard: Name of the guard's node in ``diagnostics``, with its namespace; empty for that of any namespace.
+        live: Whether the drive has no end: then only the newest values are kept, and a stamp far back begins anew. Of a
+            recorded drive, a message with an empty stamp counts from when it was received.
+    """
+
+    def __init__(self, *, lidar: Lidar = LIDARS["lds01"], guard: str = "", live: bool = False) -> None:
+        self._lidar, self._guard, self._live = lidar, guard, live
+        self._streams: dict[str, Stream] = {}
+        self.clocks: dict[str, Stamps] = {}
+        """Clocks of the stamps of a recorded drive, by topic."""
+        self._fixed, self._frames = StaticFrames(), {"odom": "", "scan": ""}
+
+    def __getitem__(self, topic: str) -> Stream:
+        return self._streams.setdefault(topic, Stream(live=self._live))
+
+    def hear(self, topic: str, message: Any, received: float, *, child: str = "") -> bool:
+        """Take a message, and return whether it is newer than the ones before it on its topic.
+
+        Args:
+            topic: A key of `TYPES`.
+            message: The message.
+            received: When it was received, s.
+            child: Of transforms, the frame whose pose counts; by default any.
+        """
+        newer = False
+        if topic == "tf_static":
+            self._fixed.hear(message)
+            return True
+        if topic in self._frames:
+            self._frames[topic] = message.child_frame_id if topic == "odom" else message.header.frame_id
+        for stamp, part in _stamped(message, received, child):
+            time = stamp if stamp or self._live else received
+            if not self._live:
+                time = self.clocks.setdefault(topic, Stamps()).read(time, received)
+            if topic == "diagnostics":
+                newer |= self._hear_reports(part, received)
+            elif (value := _READ.get(topic, _motion)(part)) is not None and self[topic].add(time, value):
+                newer = True
+                if topic == "estimate":
+                    self["covariance"].add(time, _covariance(part))
+                elif topic == "odom":
+                    self["received"].add(time, received)
+        return newer
+
+    def _hear_reports(self, message: Any, received: float) -> bool:
+        for status in message.status:
+            if status.name == self._guard or (not self._guard and status.name.rpartition("/")[2] == GUARD):
+                level = status.level[0] if isinstance(status.level, bytes) else status.level
+                return self["diagnostics"].add(received, (float(level), str(status.message)))
+        return False
+
+    def rows(
+        self,
+        time: NDArray[np.float64],
+        *,
+        start: float = 0.0,
+        after: float = -math.inf,
+        held: float = HELD,
+        around: RoomData | None = None,
+    ) -> Drive:
+        """Return rows.
+
+        Args:
+            time: Stamps on ``odom``, shape (T,), s.
+            start: Time that counts as 0, s.
+            after: Time of the row before the first one, s, whose scans are left out.
+            held: Age up to which estimate and NIS hold, s; 0 for those of the same stamp alone.
+            around: Label, room and map; by default the room and the map that were heard.
+        """
+        odom, truth = self["odom"].held(time, 5, fresh=0.0), self["true_state"].held(time, 5)
+        truth[:, :3] = self["true_state"].interpolated(time)
+        truth[np.isnan(truth[:, 0])] = np.nan
+        if around is None:
+            rooms, grids = self["obstacles"].values, self["map"].values
+            around = RoomData(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
+        reports = self["diagnostics"].latest(self["received"].held(time), (math.nan, ""))
+        drive = Drive(
+            time=time,
+            true_state=truth,
+            odometry=self["fix"].nearest(time, 3) if self["fix"] else odom[:, :3],
+            estimate=self["estimate"].held(time, 5, fresh=held),
+            covariance=self["covariance"].held(time, (5, 5), fresh=held),
+            reference=self["reference"].held(time, 5)[:, :3],
+            twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
+            nis=self["nis"].held(time, fresh=held),
+            clearance=self["clearance"].held(time, fresh=HELD),
+            gyro=self["imu"].nearest(time, 1)[:, 0] if self["imu"] and len(time) > 1 else np.full(len(time), np.nan),
+            level=np.array([level for level, _ in reports]),
+            report=tuple(text for _, text in reports),
+            circles=self._walkers(time, around.room),
+            hypotheses=tuple(self["hypotheses"].latest(time, np.empty((0, 4)))),
+            around=around,
+        )
+        return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, start, after))
+
+    def _walkers(self, time: NDArray[np.float64], room: Obstacles | None) -> tuple[NDArray[np.float64], ...]:
+        """Return the circles of each row where they are others than those of the room."""
+        now = self["obstacles"].latest(time, room)
+        return tuple(np.array(seen.circles if room and seen.circles != room.circles else ()).reshape(-1, 3) for seen in now)
+
+    def mount(self) -> tuple[Pose, str]:
+        """Return the pose of the LiDAR on the robot, by ``/tf_static`` if that states it, and a remark if it is unexpected."""
+        preset = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw)
+        try:
+            stated = self._fixed.mount(self._frames["odom"], self._frames["scan"])
+        except ValueError as error:
+            return preset, f"{error}: the mount of the LiDAR's preset is taken"
+        if stated is None or not differ(stated, preset):
+            return stated or preset, ""
+        x, y, theta = stated
+        return (
+            stated,
+            f"the LiDAR is at x {x:.3f} m, y {y:.3f} m, turned by {theta:.3f} rad, by /tf_static and not by its preset",
+        )
+
+    def _scans(self, drive: Drive, start: float, after: float) -> tuple[Seen, ...]:
+        """Return the scans with the robot's pose at their completion: by the truth, else the estimate, else odometry."""
+        scans: list[Seen] = []
+        mount, _ = self.mount()
+        lidar = replace(self._lidar, x=mount.x, y=mount.y, yaw=mount.theta)
+        states = np.where(np.isfinite(drive.truth), drive.truth, drive.estimate[:, :3])
+        states = np.where(np.isfinite(states), states, drive.odometry)
+        for stamp, scan in zip(self["scan"].times, self["scan"].values, strict=True):
+            complete = stamp + scan.beam_period * len(scan.ranges)
+            row = int(np.searchsorted(drive.time, complete - 1e-3))
+            if complete - 1e-3 > after and row < len(drive) and np.isfinite(states[row]).all():
+                x, y, theta = states[row].tolist()
+                place = mounted(State(x, y, theta, 0.0, 0.0), lidar)
+                scans.append(Seen(row, place, scan, stamp - start, mount))
+        return tuple(scans)

@@ -1,0 +1,1 @@
+"""Replay and localize recorded drives, and compare filters."""

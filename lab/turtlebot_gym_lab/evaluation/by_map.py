@@ -1,0 +1,141 @@
+"""The truth of a drive from a map: poses of single scans, on which neither the wheels nor other scans have an influence.
+
+The localizer's belief moves with the wheels, so between two scans its error is theirs: taken for the truth, it would hide the
+noise that is to be measured. It only says where the descent of each scan starts. A scan's pose refers to the middle of its
+revolution, where the wheels' errors in the beams before and after cancel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.compiled.cache import in_machine_code
+from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.drive import Drive
+from turtlebot_gym.localization.alone import alone
+from turtlebot_gym.localization.localizer import TRACKING
+from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
+from turtlebot_gym.models.angles import sincos, wrap, wrap_all
+from turtlebot_gym.models.odometry import increment
+from turtlebot_gym.parameters import ProcessNoise
+from turtlebot_gym.values import Pose
+from turtlebot_gym_lab.calibration import Calibration, calibrate
+from turtlebot_gym_lab.calibration.poses import Scanned
+from turtlebot_gym_lab.evaluation.localize import TRAIL, Course, Place, clocked, localize, recorded_of
+
+CLEAR = 0.05
+"""Largest standard deviation of a pose that is used, m and rad: a scan does not tell where along a corridor it was taken."""
+
+
+class Mapped(NamedTuple):
+    """A drive whose truth comes from a map."""
+
+    drive: Drive
+    scanned: Scanned
+    """Covariances and period of the poses."""
+    course: Course
+    """The localizer's beliefs, from which the descents started."""
+    where: NDArray[np.intp]
+    """Rows of the course at which the drive's rows are, shape (T,)."""
+
+
+@in_machine_code("poses of single scans")
+def _each_alone(
+    time: Any, odometry: Any, rows: Any, at: Any, last: Any, ranges: Any, beams: Any, timing: Any, field: Any, frame: Any,
+    q: Any, starts: Any, scale: Any, poses: Any, covariances: Any, fits: Any,
+) -> None:  # fmt: skip
+    """Write the pose of each scan at another row, its covariance and the share of its beams that fit."""
+    trail, points = np.empty((TRAIL, 4)), np.empty((5, ranges.shape[1]))
+    rest(trail, time[0], Pose(odometry[0, 0], odometry[0, 1], odometry[0, 2]))
+    k = 0
+    for row in range(len(odometry)):
+        now = Pose(odometry[row, 0], odometry[row, 1], odometry[row, 2])
+        if row > 0:
+            remember(trail, time[row], now)
+        while k < len(rows) and rows[k] <= row:
+            when = Timing(last[k], timing.interval, timing.x, timing.y, timing.range_max)
+            number = to_points(ranges[k], beams, 0, when, trail, points)
+            start = Pose(starts[row, 0], starts[row, 1], starts[row, 2])
+            pose, fits[k] = alone(field, frame, points, number, start, scale, q, covariances[k])
+            measured = Pose(odometry[at[k], 0], odometry[at[k], 1], odometry[at[k], 2])
+            by = increment(pose, now, measured, sincos(pose.theta - now.theta))
+            poses[k, 0], poses[k, 1], poses[k, 2] = by.x, by.y, wrap(by.theta)
+            k += 1
+
+
+def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Mapped:
+    """Return a drive with the poses of its scans as truth, for `calibrate`.
+
+    Args:
+        drive: With odometry and scans.
+        place: The map, and where in it the drive starts.
+        wheels: The wheels, as far as known; a scan's beams are aligned by their motion.
+
+    Raises:
+        ValueError: If the drive has no odometry or no scans.
+    """
+    field, frame, tuning, first = place.field, place.frame, place.tuning, place.first
+    recorded, where = recorded_of(drive)
+    recorded = clocked(recorded)
+    if wheels is not None:
+        recorded = recorded._replace(odometry=corrected(recorded.odometry, wheels))
+    course = localize(recorded, place._replace(first=int(where[first])))
+    middle = recorded.last - 0.5 * recorded.interval * (recorded.ranges.shape[1] - 1)
+    row = nearest(recorded.time[where], middle)
+    number = len(recorded.rows)
+    poses, covariances, fits = np.empty((number, 3)), np.empty((number, 3, 3)), np.empty(number)
+    _each_alone(
+        recorded.time, recorded.odometry, recorded.rows, where[row].astype(np.int64), recorded.last,
+        recorded.ranges, directions(recorded.angles), Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max),
+        field, frame, as_tuple(tuning), course.poses, course.scale, poses, covariances, fits,
+    )  # fmt: skip
+    tracked = course.states[recorded.rows] == TRACKING
+    clear = np.diagonal(covariances, axis1=1, axis2=2).max(axis=1) < CLEAR**2
+    good = (row >= first) & tracked & clear & (fits >= tuning.doubt)
+    truth, covariance = np.full((len(drive), 3), np.nan), np.full((len(drive), 3, 3), np.nan)
+    truth[row[good]], covariance[row[good]] = poses[good], covariances[good]
+    scanned = Scanned(covariance, recorded.interval * recorded.ranges.shape[1])
+    share = 100.0 * float(tracked.mean())
+    remark = f"the truth is that of the map, by {good.sum()} of {number} scans; the localizer tracks at {share:.0f} % of them"
+    return Mapped(replace(drive, true_state=truth, remarks=(*drive.remarks, remark)), scanned, course, where)
+
+
+def calibrate_by_map(drive: Drive, place: Place, **options: Any) -> Calibration:
+    """Calibrate wheels by a map: first roughly, then with the beams of each scan aligned by the wheels found.
+
+    Args:
+        drive: With odometry and scans.
+        place: The map, and where in it the drive starts.
+        **options: Those of `turtlebot_gym_lab.calibration.calibrate`.
+
+    Raises:
+        ValueError: If the drive has no odometry or no scans, or the localizer tracks too few of them.
+    """
+    simpler: dict[str, Any] = options | {"integrator": options.get("integrator") or "midpoint"}
+    rough = by_map(drive, place)
+    wheels = calibrate(rough.drive, scanned=rough.scanned, **simpler).likeliest.process
+    mapped = by_map(drive, place, wheels)
+    return calibrate(mapped.drive, scanned=mapped.scanned, **options)
+
+
+def corrected(odometry: NDArray[np.float64], wheels: ProcessNoise) -> NDArray[np.float64]:
+    """Return odometry, shape (T, 3), corrected by the scales and the veer of wheels."""
+    step, heading = np.diff(odometry, axis=0), odometry[:-1, 2]
+    cosine, sine = np.cos(heading), np.sin(heading)
+    ahead, aside = cosine * step[:, 0] + sine * step[:, 1], cosine * step[:, 1] - sine * step[:, 0]
+    turn = wheels.scale * (wheels.turn_scale * wrap_all(step[:, 2]) + wheels.veer * ahead)
+    theta = odometry[0, 2] + np.concatenate([[0.0], np.cumsum(turn)])
+    cosine, sine = wheels.scale * np.cos(theta[:-1]), wheels.scale * np.sin(theta[:-1])
+    moves = np.stack([cosine * ahead - sine * aside, sine * ahead + cosine * aside], axis=1)
+    places = odometry[0, :2] + np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    return np.column_stack([places, theta])
+
+
+def nearest(times: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the indices of the times, ascending, that are nearest to wanted ones."""
+    after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
+    return after - (wanted - times[after - 1] < times[after] - wanted)

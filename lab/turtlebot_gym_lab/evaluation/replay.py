@@ -1,0 +1,249 @@
+"""The filter on recorded drives: recorded wheel odometry, and measured poses generated from the true ones.
+
+Real wheels slip and drift in ways that no simulation does. A recording with motion-capture truth shows whether the filter
+copes: it predicts with the recorded twist, and is corrected a few times a second by the true pose with an odometry preset's
+noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.drive import Drive, known, position_error
+from turtlebot_gym.estimation.filters import filter_of, matrix
+from turtlebot_gym.models.odometry import sense
+from turtlebot_gym.models.random import MAX_SEED, episode_key
+from turtlebot_gym.models.unicycle import INTEGRATORS, advance
+from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
+from turtlebot_gym.plotting import PURPLE, legend_below, tutorial_figure
+from turtlebot_gym.presets import WHEEL, make_filter, make_noise
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.validation import POSITIVE_OR_INFINITE, choose, whole
+from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
+from turtlebot_gym_agents.evaluation.metrics import Errors, errors
+from turtlebot_gym_lab.calibration.plausibility import require_units
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+ANY_ROBOT = Robot(max_linear=1.0, max_angular=3.0)
+"""Speed limits for unknown robots; no small robot reaches the refused multiples of them."""
+
+
+def replayable(drive: Drive) -> Drive:
+    """Return the longest stretch of a drive whose rows continue each other and that begins and ends with a true pose.
+
+    Raises:
+        ValueError: If there is no truth, or a unit is wrong.
+    """
+    where = drive.around.label
+    has_truth = known(drive.truth)
+    if has_truth.sum() < 2:
+        raise ValueError(f"{where}: a replay needs the true poses; record them, or name their columns or their topic.")
+    require_units(drive, ANY_ROBOT, where)
+    begins = np.flatnonzero(~drive.joined)
+    stretches = [rows[has_truth[rows]] for rows in np.split(np.arange(len(drive)), begins[1:])]
+    first, last = max(((rows[0], rows[-1]) for rows in stretches if rows.size), key=lambda ends: ends[1] - ends[0])
+    if last - first + 1 == len(drive):
+        return drive
+    remark = f"{where}: only rows {first + 1} to {last + 1} of {len(drive)} are replayed, the longest stretch without a gap"
+    return replace(drive[first : last + 1], remarks=(*drive.remarks, remark))
+
+
+def dead_reckoning(drive: Drive, *, integrator: str = "midpoint") -> NDArray[np.float64]:
+    """Return the poses by dead reckoning from the first true one, shape (T, 3)."""
+    rule = choose("integrator", integrator, INTEGRATORS)
+    pose = Pose(*drive.truth[0].tolist())
+    poses = [pose]
+    for (v, omega), dt in zip(drive.twist[1:].tolist(), np.diff(drive.time).tolist(), strict=True):
+        pose = advance(pose, v, omega, dt, rule)
+        poses.append(pose)
+    return np.array(poses)
+
+
+def _segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first and last rows of consecutive segments of a drive that have a given length along the true path.
+
+    Args:
+        truth: True poses, shape (T, 3).
+        length: Length of a segment, m.
+    """
+    rows = np.flatnonzero(known(truth))
+    path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth[rows, :2], axis=0).T))])
+    ends = rows[np.searchsorted(path, np.arange(0.0, path[-1], length))]
+    return ends[:-1], ends[1:]
+
+
+def drift(
+    poses: NDArray[np.float64], truth: NDArray[np.float64], first: NDArray[np.intp], last: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the errors of position and heading at the end of each segment, for odometry that starts at the true pose.
+
+    Args:
+        poses: Odometry, shape (T, 3).
+        truth: True poses, shape (T, 3).
+        first: First row of each segment, shape (n,).
+        last: Last row of each segment, shape (n,).
+
+    Returns:
+        Distances (n,), m, and signed angles (n,), rad.
+    """
+    turn = truth[first, 2] - poses[first, 2]
+    moved = (poses[last, 0] - poses[first, 0]) + 1j * (poses[last, 1] - poses[first, 1])
+    expected = (truth[last, 0] - truth[first, 0]) + 1j * (truth[last, 1] - truth[first, 1])
+    angle = poses[last, 2] + turn - truth[last, 2]
+    return np.abs(moved * np.exp(1j * turn) - expected), np.angle(np.exp(1j * angle))
+
+
+def replay(
+    drive: Drive,
+    *,
+    noise: str | Noise = "documented",
+    filter: str | FilterTuning = "matched",
+    process: ProcessNoise = WHEEL.process,
+    seed: int = 0,
+    rate: float = 10.0,
+    integrator: str = "midpoint",
+) -> Drive:
+    """Run the filter over a recorded drive.
+
+    Args:
+        drive: A drive with twist and truth, as from `replayable`.
+        noise: A name in `turtlebot_gym.NOISES`, or a noise model; only its odometry is used, since the noise of execution is
+            real.
+        filter: A name in `turtlebot_gym.presets.FILTERS` (for that odometry, and for ``process``), or a tuning.
+        process: Drift of the recorded wheels that the filter assumes; by default that of the preset "wheel".
+        seed: Seed of the odometry's noise.
+        rate: Measured poses per second; infinite for every row.
+        integrator: "euler" or "midpoint".
+
+    Returns:
+        The drive from time 0 with generated odometry (NaN on rows without a measurement), estimate and covariance on every row.
+        ``command`` is the recorded twist.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range.
+    """
+    POSITIVE_OR_INFINITE.check("rate", rate)
+    whole("seed", seed, 0, MAX_SEED)
+    in_force = replace(make_noise(noise), process=process)
+    tuning, rule = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
+    key = episode_key(seed, 0)
+    true, wheels = ([Pose(*pose) for pose in poses.tolist()] for poses in (drive.truth, dead_reckoning(drive)))
+    # The twist of row k moves the robot from row k-1 to row k, so it is the command at row k-1.
+    commands = [Command(*twist) for twist in drive.twist.tolist()][1:]
+    commands.append(commands[-1])
+    elapsed = drive.time - drive.time[0]
+    ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
+    due = (np.diff(ticks, prepend=-1.0) > 0.0) & known(drive.truth)
+
+    filter_start, filter_step, *_ = filter_of(tuning)
+    now = sense(true[0], wheels[0], commands[0], Odometry(true[0], commands[0], True), in_force.odometry, key, 0)
+    estimate = filter_start(Senses(now), tuning)
+    estimate = _moving(estimate, commands[0])
+    odometry, beliefs = [now.pose], [estimate.belief]
+    for row, dt in enumerate(np.diff(drive.time).tolist(), start=1):
+        before, now = now, Odometry(now.pose, commands[row], False)
+        if due[row]:
+            now = sense(true[row], wheels[row], commands[row], before, in_force.odometry, key, row)
+            due[row] = now.measured
+        estimate = filter_step(estimate, Senses(before), Senses(now), tuning, dt, rule)
+        odometry.append(now.pose)
+        beliefs.append(estimate.belief)
+
+    return replace(
+        drive,
+        time=elapsed,
+        odometry=np.where(due[:, None], np.array(odometry), np.nan),
+        estimate=np.array([belief.mean for belief in beliefs]),
+        covariance=np.array([matrix(belief.covariance) for belief in beliefs]),
+        command=np.array(commands),
+        scans=tuple(seen._replace(time=seen.time - drive.time[0]) for seen in drive.scans),
+    )
+
+
+def _moving(estimate: Any, twist: Command) -> Any:
+    """Set a twist in all beliefs of an estimate: a recorded drive may begin in motion."""
+    if isinstance(estimate, Belief):
+        return estimate._replace(mean=estimate.mean._replace(v=twist.v, omega=twist.omega))
+    if isinstance(estimate, tuple) and hasattr(estimate, "_fields"):
+        return type(estimate)(*(_moving(part, twist) for part in estimate))
+    return estimate
+
+
+class Replayed(NamedTuple):
+    """Results of replaying a drive with several seeds."""
+
+    raw: Errors
+    """Errors of the measured poses; arrays with a number per seed, like those of the filter."""
+    wheels: Errors
+    """Errors of dead reckoning from the first true pose; a single number each."""
+    filter: Errors
+    """Errors of the filter's estimate."""
+    drift: float
+    """Mean position error of dead reckoning over consecutive segments of 1 m, m."""
+    drift_heading: float
+    """Mean heading error over the same segments, rad."""
+    trajectory: Drive
+    """The drive with the first seed."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the means over the seeds, and the numbers of each seed."""
+        means = {
+            name: {key: float(np.mean(values)) for key, values in errors._asdict().items()}
+            for name, errors in (("raw", self.raw), ("wheels", self.wheels), ("filter", self.filter))
+        }
+        per_metre = {"position": self.drift, "heading": self.drift_heading}
+        return {"mean": means, "wheels_per_metre": per_metre, "seeds": {"raw": self.raw, "filter": self.filter}}
+
+
+def replay_seeds(
+    drive: Drive, seeds: Sequence[int], *, progress: Callable[[], None] = lambda: None, **options: Any
+) -> Replayed:
+    """Replay a drive with several seeds.
+
+    Args:
+        drive: The drive.
+        seeds: One or more seeds.
+        progress: Called after each seed.
+        **options: Passed to `replay`.
+    """
+    trajectories = []
+    for seed in seeds:
+        trajectories.append(replay(drive, seed=seed, **options))
+        progress()
+    truth = np.repeat(drive.truth[:, None], len(trajectories), axis=1)
+    wheels = dead_reckoning(drive)
+    position, heading = drift(wheels, drive.truth, *_segments(drive.truth, 1.0))
+    return Replayed(
+        errors(np.stack([replayed.odometry for replayed in trajectories], axis=1), truth),
+        errors(wheels, drive.truth),
+        errors(np.stack([replayed.estimate for replayed in trajectories], axis=1), truth),
+        float(position.mean()) if position.size else np.nan,
+        float(np.abs(heading).mean()) if heading.size else np.nan,
+        trajectories[0],
+    )
+
+
+def replay_figure(trajectory: Drive, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:
+    """Return a figure of a replayed drive: its trajectory, pose over time, and errors, with those of dead reckoning.
+
+    Args:
+        trajectory: The drive.
+        wheels: The poses by dead reckoning, shape (T, 3).
+        title: Title of the figure or table.
+    """
+    figure = tutorial_figure(trajectory, title=title, command="measured wheel twist")
+    panels = {axes.get_label(): axes for axes in figure.axes}
+    style: dict[str, Any] = {"color": PURPLE, "linestyle": ":", "linewidth": 1.5, "label": "wheels alone"}
+    panels["trajectory"].plot(wheels[:, 0], wheels[:, 1], **style)
+    panels["error"].plot(trajectory.time, position_error(wheels, trajectory.true_state), **style)
+    legend_below(figure, columns=8)
+    return figure

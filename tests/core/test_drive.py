@@ -1,0 +1,88 @@
+"""A drive: columns that are not given are unknown, slices make the whole, and errors are distances and wrapped angles."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from drive_samples import COLUMNS, random_drive
+
+from turtlebot_gym.drive import Drive, Growing, concatenate, heading_error, position_error
+
+
+def same(first, second):
+    for name in ("time", "joined", "circles", "hypotheses", *COLUMNS):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
+    assert (first.report, first.outcome, first.around) == (second.report, second.outcome, second.around)
+    assert [(seen.row, seen.lidar) for seen in first.scans] == [(seen.row, seen.lidar) for seen in second.scans]
+
+
+def test_the_rows_of_an_episode_are_stacked():
+    infos = [{"true_state": np.full(5, step), "odometry": np.full(3, 0.1 + step), "distance": 1.0} for step in range(4)]
+    drive = Drive.stack(infos, time=0.5 * np.arange(4))
+    np.testing.assert_array_equal(drive.true_state, np.arange(4.0)[:, None] + np.zeros(5))
+    np.testing.assert_array_equal(drive.odometry[:, 1], 0.1 + np.arange(4))
+    holes = Drive.stack([{"nis": 1.0}, {}, {"nis": 3.0}], time=np.arange(3))
+    np.testing.assert_array_equal(holes.nis, [1.0, np.nan, 3.0])
+
+
+def test_columns_that_are_not_given_are_unknown():
+    drive = Drive(time=[0.0, 0.1, 0.2], true_state=np.ones((3, 3)))
+    assert all(np.isnan(getattr(drive, name)).all() for name in COLUMNS[1:])
+    np.testing.assert_array_equal(drive.true_state, [[1.0, 1.0, 1.0, np.nan, np.nan]] * 3)  # a pose says nothing of the twist
+    assert (drive.has_truth, drive.has_odometry) == (True, False)
+    assert drive.report == ("", "", "")
+    assert [circles.shape for circles in drive.circles] == [(0, 3)] * 3
+
+
+def test_rows_far_apart_do_not_continue_each_other():
+    time = np.array([0.0, 0.1, 0.2, 0.71, 0.81])
+    assert Drive(time=time).joined.tolist() == [False, True, True, False, True]
+    drive = Drive(time=time, joined=np.array([True, False, True, True, True]))
+    assert drive.joined.tolist() == [False, False, True, False, True]
+
+
+@pytest.mark.parametrize("cuts", [(0, 8), (0, 3, 8), tuple(range(9))])
+def test_slices_make_the_whole(cuts):
+    drive = random_drive()
+    same(concatenate([drive[a:b] for a, b in pairwise(cuts)]), drive)
+    with pytest.raises(ValueError, match="at least one"):
+        concatenate([])
+
+
+def test_a_reader_of_a_growing_drive_misses_nothing_and_reads_nothing_twice():
+    drive, rng = random_drive(30), np.random.default_rng(1)
+    growing, read, number, pieces = Growing(), [], -1, 0
+    for row in range(30):
+        growing.add(drive[row : row + 1])
+        if rng.random() < 0.4 or row == 29:
+            number, fresh, pieces = growing.read(number, pieces)
+            read.append(fresh)
+    same(concatenate(read), drive)
+    assert growing.read(number, pieces) == (number, None, pieces)
+    growing.restart(drive[4:6])
+    later, fresh, pieces = growing.read(number, pieces)
+    assert later != number
+    assert pieces == 1
+    same(fresh, drive[4:6])
+
+
+def test_position_error_is_the_distance_for_any_batch_and_that_of_an_unknown_pose_is_unknown():
+    pose, unknown = np.tile([4.0, -2.0, 0.0], (2, 3, 1)), np.full((2, 3, 5), np.nan)
+    np.testing.assert_array_equal(position_error(pose, np.array([1.0, 2.0, 0.3, 0.0, 0.0])), np.full((2, 3), 5.0))
+    assert np.isnan([position_error(pose, unknown), heading_error(pose, unknown)]).all()
+
+
+@pytest.mark.parametrize("turns", [-2, -1, 0, 1, 2])
+def test_heading_error_does_not_count_whole_turns(turns):
+    truth = np.array([[0.0, 0.0, 3.0]])
+    pose = truth + np.array([0.0, 0.0, 0.4 + 2.0 * np.pi * turns])  # beyond pi: the raw difference is on another branch
+    np.testing.assert_allclose(heading_error(pose, truth), 0.4, atol=1e-12)
+    np.testing.assert_allclose(heading_error(truth, pose), 0.4, atol=1e-12)
+
+
+def test_a_changed_drive_leaves_the_first_as_it_was():
+    drive = random_drive()
+    before = drive.nis.copy()
+    assert np.isnan(replace(drive, nis=np.full(8, np.nan)).nis).all()
+    np.testing.assert_array_equal(drive.nis, before)

@@ -1,0 +1,103 @@
+"""The command ``calibrate``: from a drive of the environment to a noise file, and how good it is on recorded drives."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drive_samples import recorded
+
+from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_noise
+from turtlebot_gym.presets import WHEEL
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_lab.calibration import calibrate
+from turtlebot_gym_lab.drives import read
+from turtlebot_gym_lab.evaluation.calibration import judge, simulated_log
+from turtlebot_gym_lab.evaluation.replay import replay
+
+RECORDED = ("wifibot1.txt", "wifibot2.txt")
+MINE = Noise(
+    process=ProcessNoise(alpha1=0.006, alpha2=0.005, alpha3=0.004, alpha4=0.007, scale=0.97),
+    odometry=OdometryNoise(R=(0.03**2, 0.03**2, 0.06**2), bias=(0.01, 0.0, 0.02), dropout_probability=0.05),
+)
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    log = simulated_log(MINE, seed=2, steps=800)
+    path = tmp_path_factory.mktemp("log") / "drive.csv"
+    names = "t,v,omega,x,y,theta,true_x,true_y,true_theta"
+    columns = np.column_stack([log.time, log.twist, log.odometry, log.truth])
+    np.savetxt(path, columns, delimiter=",", header=names, comments="")
+    return path
+
+
+def test_a_noise_file_a_figure_and_numbers_are_written(table, tmp_path, capsys):
+    out, report, picture = tmp_path / "mine.yaml", tmp_path / "mine.json", tmp_path / "mine.png"
+    assert main(["calibrate", str(table), "--out", str(out), "--json", str(report), "--plot", str(picture)]) == 0
+    printed = capsys.readouterr().out
+    assert "measured poses, fitted to the truth" in " ".join(printed.split())
+    noise = make_noise(str(out))
+    assert noise.process.scale == pytest.approx(0.97, abs=0.01)
+    assert noise.odometry.R[0] == pytest.approx(0.03**2, rel=0.2)
+    text = out.read_text()
+    assert text.startswith("# Calibrated from drive.csv by turtlebot-gym")
+    assert "95 % interval" in text
+    numbers = json.loads(report.read_text())
+    assert numbers["config"]["log"] == str(table)
+    assert numbers["estimates"]["scale"]["low"] < 0.97 < numbers["estimates"]["scale"]["high"]
+    assert picture.stat().st_size > 10_000
+
+
+def test_a_drive_that_the_model_does_not_describe_gives_no_file_unless_forced(tmp_path, capsys):
+    log, random = simulated_log(MINE, seed=2, steps=300), np.random.default_rng(0)
+    far = 0.5 * random.standard_t(2.1, size=(len(log), 3)) * np.abs(log.twist[:, :1])  # of the place, in each step
+    columns = np.column_stack([log.time, log.twist, log.truth + np.cumsum(0.1 * far, axis=0)])
+    table, out = tmp_path / "far.csv", tmp_path / "far.yaml"
+    np.savetxt(table, columns, delimiter=",", header="t,v,omega,true_x,true_y,true_theta", comments="")
+    command = ["calibrate", str(table), "--odometry", "wheel", "--segment", "0", "--out", str(out)]
+    assert main(command) == 2
+    assert "far.yaml is not written: The model does not describe the drive" in " ".join(capsys.readouterr().err.split())
+    assert not out.exists()
+    assert main([*command, "--force"]) == 0
+    assert "The model does not describe the drive" in out.read_text()
+
+
+def test_wheels_by_tape_need_no_truth(tmp_path, capsys):
+    # Ten metres ahead, then ten turns, by the wheels; the tape says 9.8 m and 6.2 turns.
+    v, omega = np.repeat([(0.2, 0.0), (0.0, 0.8)], (251, 393), axis=0).T
+    table, out = tmp_path / "wheels.csv", tmp_path / "mine.yaml"
+    theta = np.remainder(np.cumsum(0.2 * omega) + np.pi, 2.0 * np.pi) - np.pi
+    columns = np.column_stack([0.2 * np.arange(len(v)), v, omega, np.cumsum(0.2 * v), np.zeros(len(v)), theta])
+    np.savetxt(table, columns, delimiter=",", header="t,v,omega,x,y,theta", comments="")
+    command = ["calibrate", str(table), "--distance", "9.8", "--turns", "6.2", "--out", str(out)]
+    assert main(command) == 0
+    assert "wheels by tape, 2 numbers" in " ".join(capsys.readouterr().out.split())
+    process = make_noise(str(out)).process
+    assert (process.scale, process.scale * process.turn_scale) == pytest.approx((0.98, 0.62), rel=0.01)
+    assert process.alpha1 == WHEEL.process.alpha1
+    assert "alpha1: unknown; the preset's" in out.read_text()
+    assert main([*command[:2], "--loop", "--plot", str(tmp_path / "no.png")]) == 2
+    assert "--plot" in capsys.readouterr().err
+    (tmp_path / "tape.csv").write_text("start,end,distance,turns\n0,50,9.8,\n50,,,6.2\n")
+    assert main([*command[:2], "--measured", str(tmp_path / "tape.csv"), "--out", str(out), "--force"]) == 0
+    assert make_noise(str(out)).process.scale == pytest.approx(0.98, rel=0.01)
+
+
+def test_parameters_that_innovations_cannot_determine_are_reported(table, capsys):
+    assert main(["calibrate", str(table), "--truth", "none"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "fitted to the innovations alone" in printed
+    assert "bias_x │ a shift of all poses looks like another origin: record the truth" in printed
+
+
+@pytest.mark.parametrize(("name", "other"), [RECORDED, pytest.param(*RECORDED[::-1], marks=pytest.mark.nightly)])
+def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, other):
+    # 20 seeds: `benchmarks/calibration_recorded.json`
+    drive, calibrated = read(recorded(other)), read(recorded(name))
+    measured = replay(calibrated, noise="documented", seed=1000, rate=np.inf).odometry
+    fitted = calibrate(replace(calibrated, odometry=measured))
+    assert fitted.segment > 0.0
+    after, before = (judge(drive, noise, range(2)) for noise in (fitted.noise, None))
+    assert after.nees.mean() <= 4.0 < before.nees.mean()
+    assert after.position.mean() <= 0.026

@@ -1,0 +1,187 @@
+"""What the viewer receives: episodes and recorded drives with their surroundings, in pieces that make the whole."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from drive_samples import random_drive
+from shapely import LinearRing, Point, Polygon, affinity, box
+
+import turtlebot_gym  # noqa: F401
+from turtlebot_gym.drive import Drive, Seen, position_error
+from turtlebot_gym.plotting import ellipse
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.policies import make_policy
+from turtlebot_gym_view import read_recorded, record_episode
+from turtlebot_gym_view.columns import apart, rows_of, scans_of
+
+NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
+
+
+def stand(observations):
+    return np.zeros((*observations.shape[:-1], 2), np.float32)
+
+
+def drive(env, policy, seed, **options):
+    """Return the infos of the scalar environment's episode, at the start and after each step."""
+    world = gym.make(env, **options)
+    observation, info = world.reset(seed=seed)
+    policy, infos, ended = make_policy(policy), [info], False
+    while not ended:
+        observation, _, terminated, truncated, info = world.step(policy(observation[None])[0])
+        infos.append(info)
+        ended = terminated or truncated
+    world.close()
+    return infos
+
+
+@pytest.mark.parametrize(("env", "policy", "options"), [(NAV, "bearing", {"noise": "documented"}), (ROOMS, "vfh", {})])
+def test_it_holds_the_numbers_of_the_scalar_environment(env, policy, options):
+    recorded, infos = record_episode(policy, env=env, seed=3, **options), drive(env, policy, 3, **options)
+    assert len(recorded) == len(infos)
+    np.testing.assert_allclose(recorded.time, 0.1 * np.arange(len(infos)))
+    for name in ("true_state", "odometry", "estimate", "covariance", "reference", "command"):
+        np.testing.assert_array_equal(getattr(recorded, name), [info[name] for info in infos], err_msg=name)
+    if env == ROOMS:
+        np.testing.assert_array_equal(recorded.clearance, [info["clearance"] for info in infos])
+    else:
+        assert np.isnan(recorded.clearance).all()
+        assert recorded.around.room is None
+        assert not recorded.scans
+    assert recorded.nis[0] == 0.0
+    assert np.all(recorded.nis[1:] > 0.0)
+
+
+def test_it_is_the_first_episode_of_an_evaluation():
+    evaluation = evaluate("bearing", episodes=1, seed=5)
+    recorded = record_episode("bearing", seed=5)
+    assert evaluation.episodes.success[0]
+    assert recorded.outcome == f"success after {evaluation.episodes.time[0]:.1f} s"
+    assert record_episode(stand, seed=5, label="nobody").around.label == "nobody"
+    assert record_episode(stand, seed=5).outcome.startswith("time is up")
+
+
+def surfaces(room, circles):
+    """Return all that a beam can end on, by shapely."""
+    x, y, a, b = room.walls
+    outlines = [LinearRing(box(x - a, y - b, x + a, y + b).exterior.coords)]
+    outlines += [Point(cx, cy).buffer(radius, 256).exterior for cx, cy, radius in circles]
+    for cx, cy, length, width, heading in room.boxes:
+        upright = Polygon(
+            [(-length / 2, -width / 2), (length / 2, -width / 2), (length / 2, width / 2), (-length / 2, width / 2)]
+        )
+        turned = affinity.rotate(upright, heading, origin=(0, 0), use_radians=True)
+        outlines.append(affinity.translate(turned, cx, cy).exterior)
+    return outlines
+
+
+@pytest.mark.parametrize("world", ["dense", "crowd"])
+def test_scans_end_on_the_obstacles_at_the_time_of_the_scan(world):
+    recorded = record_episode("vfh", env=ROOMS, seed=2, world=world, lidar="ideal")
+    room = recorded.around.room
+    walks = [circles for circles in recorded.circles if len(circles)]
+    assert (len(walks) == len(recorded)) == (world == "crowd")
+    assert len(recorded.scans) > 0.8 * len(recorded)
+    for seen in recorded.scans[:: len(recorded.scans) // 5]:
+        circles = recorded.circles[seen.row] if walks else room.circles
+        solid = surfaces(room, circles)
+        angles = seen.lidar.theta + seen.scan.first + seen.scan.increment * np.arange(len(seen.scan.ranges))
+        for length, angle in zip(seen.scan.ranges, angles, strict=True):
+            if np.isfinite(length):
+                end = Point(seen.lidar.x + length * np.cos(angle), seen.lidar.y + length * np.sin(angle))
+                assert min(end.distance(outline) for outline in solid) < 0.003
+
+
+def test_a_drive_records_when_fixes_arrived():
+    recorded = record_episode("bearing", seed=2, noise="wheel", fix="beacons")
+    np.testing.assert_allclose(recorded.time[recorded.fix > 0], np.arange(0.5, recorded.time[-1] + 0.01, 0.5))
+    assert not np.isfinite(record_episode("bearing", seed=2, noise="wheel").fix).any()
+
+
+def test_a_localizer_in_doubt_shows_its_hypotheses_and_its_map():
+    drive = record_episode("vfh", env=ROOMS, seed=4, world="office", localizer="match", noise="wheel", start="unknown")
+    doubts = [row for row, places in enumerate(drive.hypotheses) if len(places)]
+    assert doubts
+    assert doubts[-1] < len(drive) - 1
+    for row in doubts:
+        places = drive.hypotheses[row]
+        assert 0.0 < places[:, 3].sum() <= 1.0 + 1e-9
+        assert position_error(places, drive.estimate[row]).min() < 0.3  # the best of them is the belief
+    true = position_error(drive.hypotheses[doubts[0]], drive.true_state[doubts[0]])
+    assert true.min() < 0.3
+    walls = drive.around.chart.walls()
+    np.testing.assert_allclose(walls, np.add(drive.around.room.walls, [0.0, 0.0, 0.05, 0.05]), atol=0.03)
+    known = record_episode("vfh", env=ROOMS, seed=4, world="office")
+    assert known.around.chart is None
+    assert not any(map(len, known.hypotheses))
+
+
+@pytest.mark.parametrize("names", ["vx,gyro,px,py,theta", "v,omega,x,y,theta"])
+def test_a_drive_without_measured_poses_is_replayed_and_another_one_shown_as_it_is(names, tmp_path):
+    rows = [f"{0.1 * k:.1f},0.2,0.0,{0.02 * k:.2f},0.0,0.0" for k in range(30)]
+    (tmp_path / "drive.csv").write_text("\n".join([f"t,{names}", *rows]))
+    drive = read_recorded(tmp_path / "drive.csv", label="mine", noise="clean")
+    assert drive.around.label == "mine"
+    if names.startswith("vx"):
+        np.testing.assert_allclose(drive.true_state[:, 0], 0.02 * np.arange(30), atol=1e-9)
+        np.testing.assert_allclose(drive.estimate[:, 0], drive.true_state[:, 0], atol=1e-3)
+        assert np.isfinite(drive.odometry).all()
+    else:
+        np.testing.assert_allclose(drive.odometry[:, 0], 0.02 * np.arange(30), atol=1e-9)
+        assert np.isnan(drive.estimate).all()
+
+
+def test_columns_of_pieces_are_those_of_the_whole():
+    drive = random_drive()
+    whole, pieces = rows_of(drive), [drive[:3], drive[3:]]
+    columns = [rows_of(pieces[0]), rows_of(pieces[1], scans_before=len(pieces[0].scans))]
+    for name, values in whole.items():
+        joined = [value for column in columns for value in column[name]]
+        np.testing.assert_array_equal(np.array(joined), np.array(list(values)), err_msg=name)
+    assert whole["scan"].tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert rows_of(replace(drive, scans=()))["scan"].tolist() == [-1.0] * 8
+
+
+def test_the_ellipse_is_that_of_the_plots():
+    drive = random_drive()
+    columns = rows_of(drive)
+    angle = np.linspace(0.0, 2.0 * np.pi, 97)
+    for k in range(len(drive)):
+        outline = ellipse(drive.estimate[k], drive.covariance[k], points=97)
+        a, b, tilt = (float(columns[name][k]) for name in ("width", "height", "tilt"))
+        turn = np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
+        drawn = np.stack([a / 2.0 * np.cos(angle), b / 2.0 * np.sin(angle)], axis=1) @ turn + drive.estimate[k, :2]
+        gaps = np.linalg.norm(drawn[:, None] - outline[None], axis=-1).min(axis=1)
+        assert gaps.max() < 0.05 * a
+
+
+def test_an_ellipse_by_hand():
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2] = [[1.0, 0.0], [0.0, 4.0]]  # sigmas of 1 m along x and 2 m along y
+    drive = random_drive(1)
+    columns = rows_of(replace(drive, covariance=covariance[None]))
+    assert columns["width"][0] == pytest.approx(8.0)
+    assert columns["height"][0] == pytest.approx(4.0)
+    assert abs(np.sin(columns["tilt"][0])) == pytest.approx(1.0)
+    assert np.isnan(rows_of(replace(drive, covariance=np.full((1, 5, 5), np.nan)))["width"]).all()  # unknown
+
+
+def test_ranges_travel_in_millimetres():
+    scan = Scan(np.array([0.1234, np.inf, 3.4996, 70.0], np.float32), 0.0, 1.57, 0.1, 100.0)
+    columns = scans_of((Seen(0, Pose(1.0, 2.0, 3.0), scan),))
+    assert columns["ranges"][0].tolist() == [123, 0, 3500, 0]
+    assert (columns["x"][0], columns["y"][0], columns["theta"][0]) == (1.0, 2.0, 3.0)
+
+
+def test_two_drives_are_apart_as_far_as_their_robots_at_the_same_time():
+    states = np.zeros((5, 5))
+    states[:, 0] = np.arange(5.0)
+    slow = Drive(time=10.0 + np.arange(5.0), true_state=states)
+    fast = Drive(time=0.5 * np.arange(5.0), true_state=np.add(states, [0.0, 3.0, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(apart(slow, fast), [3.0, np.hypot(1.0, 3.0), np.hypot(2.0, 3.0), np.nan, np.nan], rtol=1e-6)
+    np.testing.assert_array_equal(apart(slow, slow), np.zeros(5))
+    unknown = replace(slow, true_state=np.full((5, 5), np.nan), estimate=states)
+    np.testing.assert_allclose(apart(slow, unknown), np.zeros(5))

@@ -1,0 +1,214 @@
+"""The view without a browser: a file holds all that it needs, names are text, and a server serves only this machine."""
+
+import http.client
+import re
+import socket
+import sys
+import time
+from dataclasses import replace
+from html.parser import HTMLParser
+from urllib.request import urlopen
+
+import numpy as np
+import psutil
+import pytest
+from bokeh.document import Document
+from bokeh.models.glyphs import Image as ImageGlyph
+
+from turtlebot_gym.drive import Drive, Growing, RoomData, Seen
+from turtlebot_gym.extras import installing
+from turtlebot_gym.rooms.grid import GridMap
+from turtlebot_gym.rooms.scan import Obstacles, Scan
+from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.commands.cli import main
+from turtlebot_gym_view.html import _to_html, write_html
+from turtlebot_gym_view.maps import _extent, _picture
+from turtlebot_gym_view.server import Server
+from turtlebot_gym_view.view import fill
+
+LIMIT = 3_000_000
+"""Largest file of a drive of 60 s, bytes."""
+
+
+def make_drive(rows=601, *, label="noise", scans=300, room=None):
+    """Return a drive of random numbers, which nothing can compress: of 60 s with a scan of 360 beams in every second step."""
+    rng = np.random.default_rng(0)
+    ranges = rng.uniform(0.1, 3.5, (scans, 360)).astype(np.float32)
+    seen = [Seen(min(2 * k, rows - 1), Pose(0.0, 0.0, 0.0), Scan(row, 0.0, 0.0175, 0.1, 3.5)) for k, row in enumerate(ranges)]
+    return Drive(
+        time=0.1 * np.arange(rows),
+        true_state=rng.normal(size=(rows, 5)),
+        odometry=rng.normal(size=(rows, 3)),
+        estimate=rng.normal(size=(rows, 5)),
+        covariance=np.tile(0.01 * np.eye(5), (rows, 1, 1)),
+        reference=np.ones((rows, 3)),
+        command=rng.normal(size=(rows, 2)),
+        nis=rng.chisquare(3, rows),
+        clearance=rng.uniform(size=rows),
+        scans=tuple(seen),
+        around=RoomData(label, room=room),
+    )
+
+
+class Loads(HTMLParser):
+    """What a page loads by itself, and the styles in it."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.loads, self.styles, self._in_style = [], "", False
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self._in_style = tag == "style"
+        self.loads += [value for name in ("src", "href", "srcset", "data") if tag != "a" and (value := attributes.get(name))]
+
+    def handle_data(self, data):
+        self.styles += data if self._in_style else ""
+
+
+def test_a_file_of_60_s_is_small_and_loads_nothing(tmp_path):
+    size = write_html([make_drive()], tmp_path / "drive.html", title="60 s")
+    assert size == (tmp_path / "drive.html").stat().st_size < LIMIT
+    page = Loads((tmp_path / "drive.html").read_text(encoding="utf-8"))
+    assert all(url.startswith("data:") for url in page.loads)
+    assert not re.search(r"@import|url\(", page.styles)
+
+
+def test_names_are_text():
+    page = _to_html([make_drive(5, label="<script>alert(1)</script>", scans=1)], title="</title><b>")
+    assert "<script>alert(1)" not in page
+    assert "</title><b>" not in page
+
+
+def test_plots_without_data_are_left_out():
+    def titles(drive, *, whole=False, **options):
+        document = Document()
+        fill(document, [drive], title="", **options)
+        return [root.title.text if whole else root.title.text.split(" ")[0] for root in document.roots if root.title.text]
+
+    drive = make_drive(5, scans=1)
+    assert titles(drive) == ["speed", "turning", "position", "heading", "NIS,", "clearance"]
+    assert any("7.81" in title for title in titles(drive, whole=True))  # chi-square with 3 degrees of freedom, from any table
+    robot = replace(drive, true_state=np.full((5, 5), np.nan), nis=np.full(5, np.nan), clearance=np.full(5, np.nan))
+    assert titles(robot) == ["speed", "turning"]
+    guarded = replace(robot, level=np.array([0.0, 1.0, 2.0, 0.0, 0.0]))
+    assert titles(guarded) == ["speed", "turning", "state"]
+    assert len(titles(robot, live=True)) == 7  # what comes is not known yet
+
+
+@pytest.mark.parametrize("number", [0, 7])
+def test_a_wrong_number_of_drives_is_refused(number):
+    with pytest.raises(ValueError, match="1 to 6 drives"):
+        _to_html([make_drive(3, scans=1)] * number, title="")
+
+
+def test_the_view_holds_the_room_and_the_paths():
+    room = Obstacles((1.0, 0.0, 5.0, 3.0), (), ())
+    low, high = _extent([make_drive(3, room=room, scans=1)])
+    assert np.all(low <= (-4.0, -3.0))
+    assert np.all(high >= (6.0, 3.0))
+    still = make_drive(1, scans=1)
+    standing = replace(still, true_state=np.zeros((1, 5)), estimate=np.zeros((1, 5)), reference=np.full((1, 3), np.nan))
+    low, high = _extent([standing])
+    np.testing.assert_allclose(high - low, 2.0)  # never nothing
+
+
+def test_a_map_becomes_a_picture_with_all_of_its_walls():
+    cells = np.zeros((2, 3), np.int8)
+    cells[0, 2], cells[1, 0] = 100, -1
+    shown, place = _picture(GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, 0.0)))
+    np.testing.assert_array_equal(shown, [[0, 0, 2], [1, 0, 0]])
+    assert place == pytest.approx((1.0, 2.0, 1.5, 1.0))
+    turned, place = _picture(GridMap(cells=cells, resolution=0.5, origin=Pose(1.0, 2.0, np.pi / 2.0)))
+    np.testing.assert_array_equal(turned, [[1, 0], [0, 0], [0, 2]])  # rows go up, and columns to the left
+    assert place == pytest.approx((0.0, 2.0, 1.0, 1.5))
+    large = np.zeros((10, 4000), np.int8)
+    large[:, 1001] = 100  # a thin wall
+    shown, _ = _picture(GridMap(cells=large, resolution=0.05))
+    assert shown.shape[1] <= 800
+    assert (shown == 2).any(axis=1).all()
+
+
+def test_a_map_is_drawn_with_a_form_for_dark_pages():
+    cells = np.zeros((20, 30), np.int8)
+    cells[5, 3:20], cells[:4, :] = 100, -1
+    drive = make_drive(3, scans=1)
+    grid = GridMap(cells=cells, resolution=0.2, origin=Pose(-3.0, -2.0, 0.3))
+    document = Document()
+    fill(document, [replace(drive, around=drive.around._replace(grid=grid))], title="")
+    mappers = {image.color_mapper for image in document.select({"type": ImageGlyph})}
+    assert len(mappers) == 2  # what is occupied, and what is not known
+    assert all(mapper.palette[0] == "#00000000" for mapper in mappers)  # free ground is the page's
+
+
+def test_the_command_writes_a_file(tmp_path, capsys):
+    path = tmp_path / "new" / "two.html"
+    assert main(["watch", "--policy", "bearing", "proportional", "--seed", "3", "--html", str(path)]) == 0
+    assert f"{path.stat().st_size:,} bytes" in capsys.readouterr().out
+    page = path.read_text(encoding="utf-8")
+    assert "TurtleBotNav-v0, seed 3, noise tutorial" in page
+    assert page.count("success after") == page.count("time is up after") == 1  # one steers to the bearing, the other does not
+
+
+def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch):
+    for name in [name for name in sys.modules if name.partition(".")[0] == "bokeh" or name.endswith("view.html")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "bokeh", None)
+    assert main(["watch", "--html", str(tmp_path / "a.html")]) == 2
+    assert installing("view") in capsys.readouterr().err
+
+
+def test_a_server_serves_only_this_machine_and_ends():
+    with Server([Growing(make_drive(5, scans=1))], title="Served", live=False, port=0) as server:
+        port = int(server.url.rstrip("/").rpartition(":")[2])
+        listening = {
+            connection.laddr.ip
+            for connection in psutil.Process().net_connections()
+            if connection.status == psutil.CONN_LISTEN and connection.laddr.port == port
+        }
+        assert listening <= {"127.0.0.1", "::1"}
+        assert listening
+        with urlopen(server.url, timeout=20.0) as answer:
+            assert b"<h1>Served</h1>" in answer.read()
+        begun = time.monotonic()
+    assert time.monotonic() - begun < 5.0
+    with pytest.raises(OSError, match="refused"):
+        urlopen(server.url, timeout=5.0)
+
+
+def status(server, **headers):
+    """Return the status with which a server answers a request with these headers, by itself and as a WebSocket's."""
+    _, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
+    statuses = []
+    for path, more in (("/", {}), ("/ws", {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+                                           "Sec-WebSocket-Key": "x" * 24})):  # fmt: skip
+        connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=20.0)
+        connection.putrequest("GET", path, skip_host=True)
+        for key, value in (headers | more).items():
+            connection.putheader(key, value.format(port=port))
+        connection.endheaders()
+        statuses.append(connection.getresponse().status)
+        connection.close()
+    return statuses
+
+
+@pytest.mark.parametrize("host", ["localhost", "0.0.0.0"])
+def test_requests_to_another_name_than_this_machines_are_refused(host):
+    with Server([Growing(make_drive(5, scans=1))], title="", live=False, host=host, port=0) as server:
+        assert status(server, Host="evil.com", Origin="http://evil.com") == [404, 404]
+        assert status(server, Host="localhost:{port}", Origin="http://evil.com") == [404, 404]
+        for own in ("localhost:{port}", "127.0.0.1:{port}", "[::1]:{port}", "192.168.1.7:8080"):  # the last behind a gateway
+            assert 404 not in status(server, Host=own, Origin=f"http://{own}")
+            assert 404 not in status(server, Host=own)
+
+
+def test_invalid_and_taken_ports_are_refused():
+    for port in (-1, 65_536):
+        with pytest.raises(ValueError, match="port must be a whole number from 0 to 65535"):
+            Server([], title="", live=False, port=port)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        server = Server([Growing(make_drive(5, scans=1))], title="", live=False, host="127.0.0.1", port=port)
+        with pytest.raises(OSError, match=f"port {port}.*--port"), server:
+            pass

@@ -1,7 +1,0 @@
-"""Calibration: fit the noise model to a recorded drive by maximum likelihood, with intervals, and say what stays unknown."""
-
-from turtlebot_gym.calibration.calibrate import KINDS, Calibration, calibrate, detect_kind
-from turtlebot_gym.calibration.estimates import Estimate
-from turtlebot_gym.calibration.tape import Leg, calibrate_by_tape
-
-__all__ = ["KINDS", "Calibration", "Estimate", "Leg", "calibrate", "calibrate_by_tape", "detect_kind"]
