@@ -1,0 +1,158 @@
+"""Satellites stand beside the product: it imports none, and works in a copy of the repository from which one is deleted."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import tomllib
+from pages import ROOT
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+SATELLITES = {
+    "turtlebot_gym_lab": ("lab/turtlebot_gym_lab", "tests/lab"),
+    "turtlebot_gym_view": ("lab/turtlebot_gym_view", "tests/view"),
+    "cmd_vel_guard": ("bridges/cmd_vel_guard", "tests/cmd_vel_guard"),
+}
+"""Packages with what is deleted with them."""
+HERE = [name for name, (folder, _) in SATELLITES.items() if (ROOT / folder).is_dir()]
+OWN = tuple(name for name in HERE if name.startswith("turtlebot_gym_"))
+TESTS = ("agents", "bridges", "core", "fuzz", "golden", "localization", "plants", "rooms")
+"""Folders of the product's tests; those of pages, benchmarks, browser and notebooks are about all there is."""
+QUICK = (
+    *("core/test_drive.py", "core/test_file_access.py", "core/test_models.py", "core/test_tasks.py"),
+    *("agents/test_first_use.py", "agents/test_outputs.py"),
+)
+ELSEWHERE = "not slow and not nightly and not clients and not cluster and not browser"
+
+
+def imported(path):
+    """Return the packages that a module imports."""
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+    return {name.partition(".")[0] for name in names}
+
+
+@pytest.mark.parametrize("folder", TESTS)
+def test_the_products_tests_import_no_satellite(folder):
+    paths = sorted((ROOT / "tests" / folder).rglob("*.py"))
+    assert paths
+    assert [path.name for path in paths if imported(path) & set(OWN)] == []
+
+
+class Copy(NamedTuple):
+    """A copy of the repository."""
+
+    root: Path
+    missing: str
+    """The package that is not there."""
+    environment: dict[str, str]
+
+    def run(self, *words, patience=120.0):
+        """Run Python in it."""
+        command = [sys.executable, *words]
+        return subprocess.run(command, cwd=self.root, env=self.environment, capture_output=True, text=True, timeout=patience)
+
+    def said(self, *words):
+        """Run a command that is refused, and return its one line."""
+        done = self.run("-m", *words)
+        assert (done.returncode, done.stdout) == (2, "")
+        (line,) = done.stderr.splitlines()
+        return line
+
+
+@pytest.fixture(scope="module", params=HERE)
+def copy(request, tmp_path_factory):
+    """The repository without a satellite, which the metadata of the installed package still names."""
+    folder = tmp_path_factory.mktemp(request.param)
+    root, metadata = folder / "copy", folder / "path" / "turtlebot_gym-0.dist-info"
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("needs the repository")
+    for name in filter(None, listed.stdout.split("\0")):
+        if (ROOT / name).is_file() and not any(name.startswith(f"{gone}/") for gone in SATELLITES[request.param]):
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, root / name)
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: turtlebot-gym\nVersion: 0\n")
+    lines = []
+    for group, points in PROJECT["entry-points"].items():
+        lines += [f"[{group}]", *(f"{name} = {target}" for name, target in points.items())]
+    (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    # An editable installation would bring the deleted package back, from the repository itself.
+    gone = f'raise ModuleNotFoundError("No module named {request.param!r}", name={request.param!r})\n'
+    (folder / "path" / f"{request.param}.py").write_text(gone)
+    parts = (".", "agents", "bridges/turtlebot_gym_ros", "bridges/cmd_vel_guard", "lab", "checker")
+    paths = [str(folder / "path"), *(str(root / part) for part in parts)]
+    return Copy(root, request.param, {**os.environ, "PYTHONPATH": os.pathsep.join(paths)})
+
+
+IMPORT_ALL = """
+import importlib, pkgutil, sys
+for package in sys.argv[1:]:
+    module = importlib.import_module(package)
+    assert module.__file__.startswith(str(__import__("pathlib").Path.cwd())), module.__file__
+    for found in pkgutil.walk_packages(module.__path__, f"{package}."):
+        if not found.name.endswith("__main__"):
+            importlib.import_module(found.name)
+"""
+
+
+def test_every_module_of_the_product_is_imported_without_it(copy):
+    packages = ["turtlebot_gym", "turtlebot_gym_agents", *(["turtlebot_gym_ros"] if find_spec("rclpy") else [])]
+    done = copy.run("-c", IMPORT_ALL, *packages)
+    assert done.returncode == 0, done.stderr
+
+
+def test_its_commands_are_left_out_of_the_help_and_say_what_to_install(copy):
+    done = copy.run("-m", "turtlebot_gym", "--help")
+    assert done.returncode == 0, done.stderr
+    usage = done.stdout.partition("}")[0]
+    assert ",train," in usage
+    extra = copy.missing.removeprefix("turtlebot_gym_")
+    for name, target in PROJECT["entry-points"]["turtlebot_gym.commands"].items():
+        if target.startswith(copy.missing):
+            assert f",{name}" not in usage
+            remedy = f"pip install 'turtlebot-gym[{extra}]' (No module named '{copy.missing}')."
+            assert copy.said("turtlebot_gym", name) == f"turtlebot-gym: {name} needs the extra [{extra}]: {remedy}"
+            break
+
+
+@pytest.mark.skipif(find_spec("rclpy") is None, reason="needs the extra [ros]")
+def test_its_programs_are_left_out_of_the_help_and_say_what_to_install(copy):
+    done = copy.run("-m", "turtlebot_gym_ros", "--help")
+    assert done.returncode == 0, done.stderr
+    assert "  bringup  " in done.stdout
+    extra = copy.missing.removeprefix("turtlebot_gym_")
+    for name, target in PROJECT["entry-points"]["turtlebot_gym.programs"].items():
+        if target.startswith(copy.missing):
+            assert f"  {name}  " not in done.stdout
+            assert copy.said("turtlebot_gym_ros", name).startswith(f"error: {name} needs the extra [{extra}]: pip install")
+
+
+def test_a_viewer_that_is_missing_is_named_with_the_remedy(copy):
+    if copy.missing != "turtlebot_gym_view":
+        pytest.skip("has its viewer")
+    line = copy.said("turtlebot_gym", "train", "--watch", "--steps", "1", "--out", "run")
+    assert line.startswith("turtlebot-gym: watch-training needs the extra [view]: pip install")
+
+
+def test_quick_tests_of_the_product_pass_without_it(copy):
+    paths = [f"tests/{name}" for name in QUICK]
+    done = copy.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-x", "-m", ELSEWHERE, *paths)
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.nightly
+def test_all_tests_of_the_product_pass_without_it(copy):
+    paths = [f"tests/{name}" for name in TESTS]
+    done = copy.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", ELSEWHERE, *paths, patience=3600.0)
+    assert done.returncode == 0, done.stdout
