@@ -90,7 +90,7 @@ def entry_of(name: str) -> Entry:
     """Return the entry of a node or of a satellite's program.
 
     Raises:
-        ValueError: If there is none of that name.
+        ValueError: If the name is unknown.
         ImportError: If its satellite is not installed.
     """
     if name in NODES:
@@ -123,7 +123,7 @@ def load(name: str) -> Any:
     """Return the code of a node or of a satellite's program: the class of its block, or its ``main``, a function of arguments.
 
     Raises:
-        ValueError: If there is none of that name.
+        ValueError: If the name is unknown.
         ImportError: If its satellite is not installed.
     """
     entry = entry_of(name)
