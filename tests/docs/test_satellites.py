@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
@@ -46,6 +47,19 @@ def test_the_products_tests_import_no_satellite(folder):
     paths = sorted((ROOT / "tests" / folder).rglob("*.py"))
     assert paths
     assert [path.name for path in paths if imported(path) & set(OWN)] == []
+
+
+def test_the_wheel_holds_the_satellites_with_their_pages_and_styles(tmp_path):
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for package in OWN:
+        top = ROOT / SATELLITES[package][0]
+        files = {
+            str(path.relative_to(top.parent)) for path in top.rglob("*") if path.is_file() and "__pycache__" not in path.parts
+        }
+        assert files == {name for name in names if name.startswith(f"{package}/")}
 
 
 class Copy(NamedTuple):
