@@ -84,9 +84,13 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
 def drive(config: Config, policy: str, margin: float, case: str) -> dict[str, Any]:
     """Drive all rooms of a combination at the same time, and return how many drives ended how."""
     env = gym.make_vec(
-        "turtlebot_gym/TurtleBotRooms-v0", config.drives, vectorization_mode="vector_entry_point", world=config.world,
-        lidar=config.lidar, max_episode_steps=round(config.seconds / PERIOD),
-    )  # fmt: skip
+        "turtlebot_gym/TurtleBotRooms-v0",
+        config.drives,
+        vectorization_mode="vector_entry_point",
+        world=config.world,
+        lidar=config.lidar,
+        max_episode_steps=round(config.seconds / PERIOD),
+    )
     rooms: Any = env.unwrapped
     rooms.reset(seed=config.seed)
     robots = [Deployment(policy, safety_margin=margin, period=PERIOD) for _ in range(config.drives)]

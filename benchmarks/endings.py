@@ -144,8 +144,12 @@ class Terminal:
         # Under nohup it would ignore hang-ups, and so would the nodes.
         self.shell = subprocess.Popen(
             ["setsid", "--ctty", "env", "--default-signal", "sh", "-c", script],
-            stdin=there, stdout=there, stderr=there, cwd=folder, env={**os.environ, **TRANSPORT, **variables},
-        )  # fmt: skip
+            stdin=there,
+            stdout=there,
+            stderr=there,
+            cwd=folder,
+            env={**os.environ, **TRANSPORT, **variables},
+        )
         os.close(there)
 
     def press(self, key: bytes) -> None:

@@ -184,9 +184,13 @@ class Terminal:
         script = f"({jobs} & wait); sleep 1000"
         # Under nohup it would ignore hang-ups, and so would its processes.
         self.shell = subprocess.Popen(
-            ["setsid", "--ctty", "env", "--default-signal", "bash", "-m", "-c", script], cwd=folder, env=environment,
-            stdin=screen, stdout=screen, stderr=screen,
-        )  # fmt: skip
+            ["setsid", "--ctty", "env", "--default-signal", "bash", "-m", "-c", script],
+            cwd=folder,
+            env=environment,
+            stdin=screen,
+            stdout=screen,
+            stderr=screen,
+        )
         os.close(screen)
 
     def press(self, key: str) -> None:

@@ -117,7 +117,12 @@ WALLS: dict[str, Fault] = {
     "LiDAR that sees only ahead": walls.ahead_only,
 }
 GROUPS = {
-    "buttons": BUTTONS, "measurements": MEASUREMENTS, "processes": PROCESSES, "floods": FLOODS, "ends": ENDS, "liars": LIARS,
+    "buttons": BUTTONS,
+    "measurements": MEASUREMENTS,
+    "processes": PROCESSES,
+    "floods": FLOODS,
+    "ends": ENDS,
+    "liars": LIARS,
     "walls": WALLS,
-}  # fmt: skip
+}
 FAULTS = {name: fault for kinds in GROUPS.values() for name, fault in kinds.items()}

@@ -169,8 +169,15 @@ FROM_THE_START: dict[str, Maker] = {
     "wrong scale": wrong_scale,
 }
 """Lies of a driver that was set up wrongly."""
-TURNING = frozenset({
-    "twist frozen", "heading frozen", "turning rate of wrong sign", "heading of wrong sign", "degrees instead of radians",
-    "twist in the world's frame", "late heading",
-})  # fmt: skip
+TURNING = frozenset(
+    {
+        "twist frozen",
+        "heading frozen",
+        "turning rate of wrong sign",
+        "heading of wrong sign",
+        "degrees instead of radians",
+        "twist in the world's frame",
+        "late heading",
+    }
+)
 """Lies that show only while the robot turns."""

@@ -111,9 +111,18 @@ def _unsafe(kinds: list[str], config: Config, copy: Path, environment: dict[str,
         return {}
     results = copy / "results.json"
     words = [
-        "--only", *kinds, "--faults", str(config.tries * len(kinds)), "--until-unsafe", "--workers", str(config.workers),
-        "--busy", "0", "--json", str(results),
-    ]  # fmt: skip
+        "--only",
+        *kinds,
+        "--faults",
+        str(config.tries * len(kinds)),
+        "--until-unsafe",
+        "--workers",
+        str(config.workers),
+        "--busy",
+        "0",
+        "--json",
+        str(results),
+    ]
     done = subprocess.run(
         [sys.executable, "benchmarks/faults.py", *words], cwd=copy, env=environment, capture_output=True, text=True
     )

@@ -170,7 +170,15 @@ def _kinds() -> dict[str, Any]:
     from std_srvs.srv import SetBool, Trigger
 
     kinds = (
-        DiagnosticArray, PoseStamped, PoseWithCovarianceStamped, TwistStamped, Odometry, LaserScan, Bool, Empty, SetBool,
+        DiagnosticArray,
+        PoseStamped,
+        PoseWithCovarianceStamped,
+        TwistStamped,
+        Odometry,
+        LaserScan,
+        Bool,
+        Empty,
+        SetBool,
         Trigger,
-    )  # fmt: skip
+    )
     return {kind.__name__: kind for kind in kinds}

@@ -89,9 +89,13 @@ def _write_map(folder, pixels=EMPTY, *, image="map.pgm", **given):
     else:
         pytest.importorskip("PIL.Image").fromarray(pixels).save(folder / image)
     given = {
-        "image": image, "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65,
+        "image": image,
+        "resolution": 0.05,
+        "origin": [0.0, 0.0, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
         "free_thresh": 0.196,
-    } | given  # fmt: skip
+    } | given
     path = folder / "map.yaml"
     path.write_text("".join(f"{key}: {value}\n" for key, value in given.items() if value is not None))
     return path

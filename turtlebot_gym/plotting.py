@@ -38,15 +38,30 @@ _Style = dict[str, Any]
 _TRUTH: _Style = {"color": BLACK, "linestyle": "-", "linewidth": 1.8, "zorder": 3.0, "label": "truth"}
 _ESTIMATE: _Style = {"color": VERMILLION, "linestyle": (0, (4, 1.5)), "linewidth": 1.5, "zorder": 3.1, "label": "estimate"}
 _BAND: _Style = {
-    "facecolor": (VERMILLION, 0.2), "edgecolor": (VERMILLION, 0.5), "linewidth": 0.6, "zorder": 2.1, "label": ESTIMATE_WITHIN
-}  # fmt: skip
+    "facecolor": (VERMILLION, 0.2),
+    "edgecolor": (VERMILLION, 0.5),
+    "linewidth": 0.6,
+    "zorder": 2.1,
+    "label": ESTIMATE_WITHIN,
+}
 _ODOMETRY: _Style = {"color": SKY_BLUE, "linestyle": "", "marker": ".", "markersize": 4.0, "zorder": 2.0, "label": "odometry"}
 _REFERENCE: _Style = {
-    "color": GREEN, "linestyle": "-.", "linewidth": 1.2, "zorder": 2.2, "drawstyle": "steps-post", "label": "reference"
-}  # fmt: skip
+    "color": GREEN,
+    "linestyle": "-.",
+    "linewidth": 1.2,
+    "zorder": 2.2,
+    "drawstyle": "steps-post",
+    "label": "reference",
+}
 _WAYPOINT: _Style = {
-    "color": GREEN, "linestyle": "", "marker": "o", "markersize": 9.0, "fillstyle": "none", "mew": 1.8, "label": "waypoint"
-}  # fmt: skip
+    "color": GREEN,
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 9.0,
+    "fillstyle": "none",
+    "mew": 1.8,
+    "label": "waypoint",
+}
 _START: _Style = {"color": BLACK, "linestyle": "", "marker": "s", "markersize": 7.0, "zorder": 4.0, "label": "start"}
 _COMMAND: _Style = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-post"}
 _SCAN: _Style = {"color": PURPLE, "linestyle": "", "marker": ".", "markersize": 3.0, "zorder": 2.3, "label": "last scan"}

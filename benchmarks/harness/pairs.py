@@ -78,7 +78,7 @@ class Process:
         with log.open("w", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, **options
-            )  # fmt: skip
+            )
         try:
             self.versions: dict[str, str] = self._read("ready")
         except BaseException:

@@ -50,9 +50,15 @@ def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> 
         title: Title of the table.
     """
     table = Table(
-        "environment", "steps/s", "times CartPole", "in the rounds", "steps/CPU s", "times CartPole by CPU s",
-        title=title, caption="medians over the rounds; CartPole is Gymnasium's, of the same size where that was measured",
-    )  # fmt: skip
+        "environment",
+        "steps/s",
+        "times CartPole",
+        "in the rounds",
+        "steps/CPU s",
+        "times CartPole by CPU s",
+        title=title,
+        caption="medians over the rounds; CartPole is Gymnasium's, of the same size where that was measured",
+    )
     for name, row in rows.items():
         if name == row["base"] and table.row_count:
             table.add_section()

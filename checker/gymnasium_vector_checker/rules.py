@@ -281,11 +281,26 @@ def closing_twice(case: Case) -> Iterator[str]:
 
 RULES = {
     None: (
-        spaces, metadata, mode_attribute, returns, info_masks, seeding, seed_none, rows_alone, fresh_arrays, own_arrays,
-        reset_mask_form, options_kept, reset_mask_rows, first_reset_whole, reset_mask_infos, truncation, closing_twice,
+        spaces,
+        metadata,
+        mode_attribute,
+        returns,
+        info_masks,
+        seeding,
+        seed_none,
+        rows_alone,
+        fresh_arrays,
+        own_arrays,
+        reset_mask_form,
+        options_kept,
+        reset_mask_rows,
+        first_reset_whole,
+        reset_mask_infos,
+        truncation,
+        closing_twice,
     ),
     NEXT_STEP: (next_step,),
     SAME_STEP: (same_step, final_objects),
     DISABLED: (disabled,),
-}  # fmt: skip
+}
 """The rules of every mode, and those of one alone."""

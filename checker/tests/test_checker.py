@@ -412,6 +412,13 @@ def test_gymnasiums_own_vector_environments_are_judged():
 
     assert {violation.rule for violation in violations(sync)} <= {"options_kept"}
     assert {violation.rule for violation in violations(native)} <= {
-        "mode_attribute", "seeding", "seed_none", "rows_alone", "reset_mask_form", "reset_mask_rows", "first_reset_whole",
-        "reset_mask_infos", "closing_twice",
-    }  # fmt: skip
+        "mode_attribute",
+        "seeding",
+        "seed_none",
+        "rows_alone",
+        "reset_mask_form",
+        "reset_mask_rows",
+        "first_reset_whole",
+        "reset_mask_infos",
+        "closing_twice",
+    }

@@ -29,8 +29,13 @@ def arrival():
     axes = figure.subplots()
     for (noise, rules), color in zip(results("arrival")["rules"].items(), (BLUE, GREEN, ORANGE, VERMILLION), strict=True):
         within = [rule for name, rule in rules.items() if name.startswith("within")]
-        axes.plot([rule["later"]["value"] for rule in within], [100.0 * rule["false"]["value"] for rule in within], "o-",
-                  color=color, label=noise)  # fmt: skip
+        axes.plot(
+            [rule["later"]["value"] for rule in within],
+            [100.0 * rule["false"]["value"] for rule in within],
+            "o-",
+            color=color,
+            label=noise,
+        )
     axes.set(xlabel="believes later that it has arrived, by a smaller radius (s)", ylabel="false arrivals (%)", ylim=0.0)
     axes.legend(title="noise")
     return figure

@@ -59,9 +59,17 @@ def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, 
         (beside.x_range, beside.y_range) if beside else (Range1d(start=low[0], end=high[0]), Range1d(start=low[1], end=high[1]))
     )
     figure = Figure(
-        name=name, x_range=x_range, y_range=y_range, sizing_mode="stretch_both", min_border=4, min_border_left=MARGIN,
-        tools="", toolbar_location=None, x_axis_label="x (m)", y_axis_label="y (m)",
-    )  # fmt: skip
+        name=name,
+        x_range=x_range,
+        y_range=y_range,
+        sizing_mode="stretch_both",
+        min_border=4,
+        min_border_left=MARGIN,
+        tools="",
+        toolbar_location=None,
+        x_axis_label="x (m)",
+        y_axis_label="y (m)",
+    )
     theme.dress(figure)
     _draw_room(figure, drive, theme)
     chart = [_draw_cells(figure, drive.around.chart, 2, style.CHART, theme)] if drive.around.chart else []

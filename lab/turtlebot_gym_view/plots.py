@@ -112,10 +112,20 @@ def _figure(title: str, plots: _Plots, theme: Theme, floor: float | None) -> Fig
     if floor is not None:
         values.start = floor
     figure = Figure(
-        name=f"plot{len(plots.figures)}", title=title, height=HEIGHT, sizing_mode="stretch_both", x_range=plots.range,
-        y_range=values, tools="", toolbar_location=None,
-        min_border_left=MARGIN, min_border_right=8, min_border_top=2, min_border_bottom=2, output_backend="canvas",
-    )  # fmt: skip
+        name=f"plot{len(plots.figures)}",
+        title=title,
+        height=HEIGHT,
+        sizing_mode="stretch_both",
+        x_range=plots.range,
+        y_range=values,
+        tools="",
+        toolbar_location=None,
+        min_border_left=MARGIN,
+        min_border_right=8,
+        min_border_top=2,
+        min_border_bottom=2,
+        output_backend="canvas",
+    )
     theme.dress(figure)
     figure.yaxis.ticker = BasicTicker(desired_num_ticks=3)
     figure.xgrid.visible = False

@@ -34,8 +34,14 @@ LEVELS = (Ink(GREEN, "#1fbf92"), Ink(ORANGE, ORANGE), Ink(VERMILLION, "#f0813a")
 """Colours of the guard's reports: fine, warning, error."""
 
 PRESENT = {
-    "truth": TRUTH, "estimate": ESTIMATE, "odometry": ODOMETRY, "goal": GOAL, "scan": SCAN, "solid": SOLID, "text": TEXT,
-}  # fmt: skip
+    "truth": TRUTH,
+    "estimate": ESTIMATE,
+    "odometry": ODOMETRY,
+    "goal": GOAL,
+    "scan": SCAN,
+    "solid": SOLID,
+    "text": TEXT,
+}
 """What `present.js` draws with."""
 
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"

@@ -126,13 +126,19 @@ def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str
         "live": live,
         "legend": [symbol[:-1] for symbol in symbols if symbol[-1]],
         "runs": [
-            {"map": shown.figure.name, "label": drive.around.label, "outcome": drive.outcome, "aspect": shown.aspect,
-             "ink": style.run_style(at)[0] if several else None, "dash": _svg_dash(style.run_style(at)[1])}
+            {
+                "map": shown.figure.name,
+                "label": drive.around.label,
+                "outcome": drive.outcome,
+                "aspect": shown.aspect,
+                "ink": style.run_style(at)[0] if several else None,
+                "dash": _svg_dash(style.run_style(at)[1]),
+            }
             for at, (drive, shown) in enumerate(zip(drives, maps, strict=True))
         ],
         "plots": plots,
         "several": several,
-    }  # fmt: skip
+    }
 
 
 def _ended(drive: Drive) -> str:

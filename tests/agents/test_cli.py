@@ -41,8 +41,10 @@ def test_evaluate_prints_tables_and_writes_all_combinations(tmp_path, capsys):
     content = json.loads(paths[0].read_text())
     assert [run["label"] for run in content["runs"]] == [
         f"{policy}, {noise}, {seen}"
-        for policy in ("proportional", "bearing") for noise in ("clean", "documented") for seen in ("ekf", "truth")
-    ]  # fmt: skip
+        for policy in ("proportional", "bearing")
+        for noise in ("clean", "documented")
+        for seen in ("ekf", "truth")
+    ]
     assert content["config"]["seed"] == 5
     run = content["runs"][6]
     options = {"noise": "documented", "observation": "ekf", "robot": "burger", "filter": "matched"}

@@ -66,10 +66,14 @@ def differences(steps, *, policy, yaw=0.0, wrong=0.0, **options):
 SPARSE = replace(LIDARS["a1"], beams=135)
 PLACES = {
     "rooms": {
-        "policy": "ppo-rooms", "task": replace(ROOM, max_steps=150.0), "world": "dense", "lidar": SPARSE, "yaw": SPARSE.yaw
+        "policy": "ppo-rooms",
+        "task": replace(ROOM, max_steps=150.0),
+        "world": "dense",
+        "lidar": SPARSE,
+        "yaw": SPARSE.yaw,
     },
     "open ground": {"policy": "ppo-nav", "task": replace(NAV, max_steps=150.0)},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -84,14 +88,23 @@ def test_evidence_equals_the_environments_with_an_external_localizer():
     shown = set()
     for _ in range(60):
         (mean, P), estimate, (reference, following, _) = (
-            episode.world.estimate.belief, episode.world.estimate, episode.world.course
-        )  # fmt: skip
+            episode.world.estimate.belief,
+            episode.world.estimate,
+            episode.world.course,
+        )
         scan, age = scan_of(episode)
         covariance = ((P.xx, P.xy, P.xt), (P.xy, P.yy, P.yt), (P.xt, P.yt, P.tt))
         deployment.act(
-            mean[:3], covariance, mean[3:], scan, reference, following=following, nis=estimate.nis, scan_age=age,
+            mean[:3],
+            covariance,
+            mean[3:],
+            scan,
+            reference,
+            following=following,
+            nis=estimate.nis,
+            scan_age=age,
             evidence=(estimate.fits, estimate.weight),
-        )  # fmt: skip
+        )
         np.testing.assert_array_equal(deployment.observation, np.array(episode.observe(), np.float32))
         shown.add(estimate.weight)
         episode.act(deployment.action.tolist())

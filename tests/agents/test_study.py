@@ -40,7 +40,7 @@ def row(scenario, untuned, tuned, ppo, margin, verdict):
         },
         "p_holm": 0.01,
         "verdict": verdict,
-    }  # fmt: skip
+    }
 
 
 RESULTS = {
@@ -66,7 +66,7 @@ def test_losses_of_learning_are_reported_first():
         "`tutorial` 12.16 s to 10.30 s for geometry, 12.18 s to 10.45 s for PPO.",
         "* **Where the episode ends on belief**, which must be inside by a margin, the robot is not within 0.15 m "
         "in 39.0 % (37.0 to 41.1) under `tutorial` (the bearing law, 2000 episodes each).",
-    ]  # fmt: skip
+    ]
     assert text.headline(RESULTS) == (
         "PPO is slower than the tuned baseline in 1 of 3 scenarios. No difference is found in 1. PPO is faster in 1. "
         "Against the baselines' defaults PPO would have won 1 more."

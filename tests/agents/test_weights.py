@@ -89,11 +89,14 @@ WRONG_MODELS = [
     *((operator(name), f"{OPERATOR} '{name}'") for name in ("Loop", "Expand", "NoSuchOperator")),  # which may take for ever
     (operator("MatMul", "com.microsoft"), f"{OPERATOR} 'com.microsoft.MatMul'"),
     (with_a_function, "its model has functions of its own"),
-    *((not_finite(bad, packed), "its weights are not all finite numbers")
-      for bad in (np.nan, np.inf, -np.inf) for packed in (True, False)),
+    *(
+        (not_finite(bad, packed), "its weights are not all finite numbers")
+        for bad in (np.nan, np.inf, -np.inf)
+        for packed in (True, False)
+    ),
     *((change, SHAPE) for change in (widths(12, 2), widths(50, 2), widths(13, 3), fixed_batch, doubles, two_outputs)),
     (answers_nan, "must give 1 finite actions"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("change", "message"), WRONG_MODELS)

@@ -153,8 +153,10 @@ def test_one_thread_is_judged_by_cpu_seconds_and_several_by_wall_time():
     """The other ratio of each row has fallen to nothing."""
     verdicts = judged()
     assert {name: verdict.clock for name, verdict in verdicts.items()} == {
-        "scalar": "CPU seconds", "all threads": "wall time", "one thread": "CPU seconds",
-    }  # fmt: skip
+        "scalar": "CPU seconds",
+        "all threads": "wall time",
+        "one thread": "CPU seconds",
+    }
     assert {verdict.state for verdict in verdicts.values()} == {"ok"}
 
 

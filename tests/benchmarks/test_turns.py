@@ -87,10 +87,16 @@ def test_ours_are_compared_with_cartpole_of_the_same_size(few):
         assert (contender.threads == 1) == name.endswith("one thread")
     assert {name.partition(", ")[2] for name in few if name.startswith("vector of 8")} == {
         "CartPole-v1",
-        *(f"{env}{threads}" for threads in ("", ", one thread") for env in (
-            "TurtleBotNav-v0", "TurtleBotSquare-v0",
-            *(f"TurtleBotNav-v0, {more}" for more in ("noise rough", "info full", "randomized", "filter slip", "fix late")))),
-    }  # fmt: skip
+        *(
+            f"{env}{threads}"
+            for threads in ("", ", one thread")
+            for env in (
+                "TurtleBotNav-v0",
+                "TurtleBotSquare-v0",
+                *(f"TurtleBotNav-v0, {more}" for more in ("noise rough", "info full", "randomized", "filter slip", "fix late")),
+            )
+        ),
+    }
     key = {name for name, contender in few.items() if contender.key}
     assert {few[name].base for name in key} <= key
     assert "vector of 16, TurtleBotNav-v0, one thread" in key

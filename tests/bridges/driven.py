@@ -115,9 +115,11 @@ class Driver:
             self.left = rng.randint(10, 160)
             v, omega = rng.uniform(-0.21, 0.21), rng.uniform(-2.6, 2.6)
             self.command = {
-                "cruise": Command(0.21, rng.gauss(0.0, 0.1)), "curve": Command(v, 0.4 * omega), "spin": Command(0.0, omega),
+                "cruise": Command(0.21, rng.gauss(0.0, 0.1)),
+                "curve": Command(v, 0.4 * omega),
+                "spin": Command(0.0, omega),
                 "creep": Command(rng.choice((-1, 1)) * rng.uniform(0.004, 0.03), rng.choice((0.0, rng.gauss(0.0, 0.1)))),
-            }.get(self.style, STOP)  # fmt: skip
+            }.get(self.style, STOP)
         self.left -= 1
         if self.style == "quick":
             self.quick -= 1

@@ -22,12 +22,22 @@ from turtlebot_gym_ros.node.geometry import _yaw_of, quaternion_of
 HEADER = Header(frame_id="odom")
 X, Y, Z, ROLL, PITCH, YAW = range(6)
 P = Covariance(
-    xx=0.11, xy=0.12, xt=0.13, xv=0.14, xw=0.15,
-    yy=0.22, yt=0.23, yv=0.24, yw=0.25,
-    tt=0.33, tv=0.34, tw=0.35,
-    vv=0.44, vw=0.45,
+    xx=0.11,
+    xy=0.12,
+    xt=0.13,
+    xv=0.14,
+    xw=0.15,
+    yy=0.22,
+    yt=0.23,
+    yv=0.24,
+    yw=0.25,
+    tt=0.33,
+    tv=0.34,
+    tw=0.35,
+    vv=0.44,
+    vw=0.45,
     ww=0.55,
-)  # fmt: skip
+)
 BELIEF = Belief(State(1.0, 2.0, math.pi / 3.0, 0.4, -0.5), P)
 
 

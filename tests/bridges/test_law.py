@@ -25,10 +25,34 @@ from turtlebot_gym.values import STOP
 from turtlebot_gym_ros.node import feed
 
 KINDS = [
-    "send", "teleop", "drive", "drive", "flood", "silence", "button", "end", "press", "release", "enable", "disable", "suspend",
-    "backlog", "surprise", "jump", "button", "swallow", "set_laptop", "lose", "odometry", "odometry", "stall", "hang", "hang",
-    "repeat", "person",
-]  # fmt: skip
+    "send",
+    "teleop",
+    "drive",
+    "drive",
+    "flood",
+    "silence",
+    "button",
+    "end",
+    "press",
+    "release",
+    "enable",
+    "disable",
+    "suspend",
+    "backlog",
+    "surprise",
+    "jump",
+    "button",
+    "swallow",
+    "set_laptop",
+    "lose",
+    "odometry",
+    "odometry",
+    "stall",
+    "hang",
+    "hang",
+    "repeat",
+    "person",
+]
 BUTTONS = ["drive", "button", "end", "press", "release", "enable", "suspend", "surprise", "swallow", "radio", "radio"]
 """What happens to buttons, which hardly any schedule of all kinds has at the right moments."""
 

@@ -49,10 +49,11 @@ SHAKE = jitter(0.003)
 FROZEN = {
     "pose and twist": lambda pose, twist, now, speed: (pose, twist),
     "a thousandth": lambda pose, twist, now, speed: (
-        Pose(pose.x + 1e-3 * (now.x - pose.x), pose.y + 1e-3 * (now.y - pose.y), pose.theta), Command(1e-3 * speed.v, 0.0)
+        Pose(pose.x + 1e-3 * (now.x - pose.x), pose.y + 1e-3 * (now.y - pose.y), pose.theta),
+        Command(1e-3 * speed.v, 0.0),
     ),
     "all zero": lambda pose, twist, now, speed: (Pose(0.0, 0.0, 0.0), STOP),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("command", [AHEAD, SPIN, ARC, Command(-0.1, 0.0), Command(0.03, 0.0)])
@@ -198,8 +199,14 @@ def test_the_sources_of_motion_are_all_covered():
     """Each style of the driver occurs."""
     driver = Driver(random.Random(1))
     assert {driver.style for _ in range(20000) if driver.step()} == {
-        "rest", "cruise", "curve", "spin", "creep", "quick", "weave"
-    }  # fmt: skip
+        "rest",
+        "cruise",
+        "curve",
+        "spin",
+        "creep",
+        "quick",
+        "weave",
+    }
 
 
 # In the arbiter.

@@ -233,8 +233,10 @@ def test_transforms_from_map_to_odom_and_to_the_robot_are_the_pose_in_the_map(ro
         (name, stamp): (frame, complex(x, y), theta) for name, frame, stamp, x, y, theta in map(json.loads, out.splitlines())
     }
     assert {(name, frame) for (name, _), (frame, *_) in heard.items()} == {
-        ("odom", "map"), ("base_footprint", "odom"), ("pose", "map"),
-    }, err  # fmt: skip
+        ("odom", "map"),
+        ("base_footprint", "odom"),
+        ("pose", "map"),
+    }, err
     ahead, compared = 100_000_000, 0
     for name, stamp in heard:
         tied, wheels = heard.get(("odom", stamp + ahead)), heard.get(("base_footprint", stamp))

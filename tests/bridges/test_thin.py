@@ -10,9 +10,23 @@ import pytest
 from turtlebot_gym.extras import installing
 
 ABSENT = (
-    "numba", "llvmlite", "scipy", "matplotlib", "pygame", "gymnasium", "filterpy", "PIL", "tyro", "rich", "torch",
-    "stable_baselines3", "onnx", "optuna", "tensorboard", "mujoco",
-)  # fmt: skip
+    "numba",
+    "llvmlite",
+    "scipy",
+    "matplotlib",
+    "pygame",
+    "gymnasium",
+    "filterpy",
+    "PIL",
+    "tyro",
+    "rich",
+    "torch",
+    "stable_baselines3",
+    "onnx",
+    "optuna",
+    "tensorboard",
+    "mujoco",
+)
 ROS = ("rclpy", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_msgs", "std_msgs", "std_srvs")
 PROGRAM = Path(__file__).with_name("thin.py")
 ROOT = Path(__file__).parents[2]

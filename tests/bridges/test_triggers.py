@@ -59,12 +59,16 @@ GRIDS = {
         {3 * SECOND + k * 10 * MS: [SECOND + k * 100 * MS] for k in range(3)},
     ),
     "without a speed it is real time, and a tenth of a period makes up for a late timer": (
-        SimulatedGrid, Every(0.1), dated({0: 0, 89: None, 90: 1, 179: None, 180: 2}),
+        SimulatedGrid,
+        Every(0.1),
+        dated({0: 0, 89: None, 90: 1, 179: None, 180: 2}),
     ),
     "it slows down where the machine cannot keep up": (
-        SimulatedGrid, Every(0.1, speed=10.0), dated({0: 0, 35: 1, 36: None, 40: None, 45: 2, 50: None, 55: 3}),
+        SimulatedGrid,
+        Every(0.1, speed=10.0),
+        dated({0: 0, 35: 1, 36: None, 40: None, 45: 2, 50: None, 55: 3}),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("kind", "trigger", "due"), GRIDS.values(), ids=GRIDS)

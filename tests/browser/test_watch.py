@@ -370,9 +370,17 @@ def test_events_stand_on_the_time_line(visit, tmp_path, long_drive):
     clearance, level, fix = np.ones(100), np.zeros(100), np.zeros(100)
     clearance[50:52], level[60:], fix[30] = -0.01, 2.0, 1.0
     drive = Drive(
-        time=0.1 * rows, true_state=true_state, estimate=estimate, odometry=true_state[:, :3], reference=reference,
-        command=np.zeros((100, 2)), clearance=clearance, level=level, fix=fix, outcome="success after 9.9 s",
-    )  # fmt: skip
+        time=0.1 * rows,
+        true_state=true_state,
+        estimate=estimate,
+        odometry=true_state[:, :3],
+        reference=reference,
+        command=np.zeros((100, 2)),
+        clearance=clearance,
+        level=level,
+        fix=fix,
+        outcome="success after 9.9 s",
+    )
     write_html([drive], tmp_path / "events.html", title="Events")
     seen = visit((tmp_path / "events.html").as_uri())
     events = [(event["kind"], round(event["time"], 1)) for event in seen.events]

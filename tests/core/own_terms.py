@@ -33,9 +33,16 @@ def speed(world, p):
 
 
 SPEEDOMETER = ObservationTerm(
-    "speedometer", speed, -0.15, 0.15, "m/s", sensor=Sensor("speedometer", nothing, measure_speed),
-    topic="speed", message="std_msgs/msg/Float64", convert=lambda message: message.data,
-)  # fmt: skip
+    "speedometer",
+    speed,
+    -0.15,
+    0.15,
+    "m/s",
+    sensor=Sensor("speedometer", nothing, measure_speed),
+    topic="speed",
+    message="std_msgs/msg/Float64",
+    convert=lambda message: message.data,
+)
 
 
 @kernel

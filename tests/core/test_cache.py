@@ -237,8 +237,11 @@ def test_a_damaged_file_is_compiled_again_and_without_a_folder_it_goes_on(here, 
 
 
 def test_one_of_two_processes_that_start_together_waits_for_the_other(tmp_path):
-    slow = FUNCTION.replace("loop =", "save = store.Store.save_overload\n"
-        "store.Store.save_overload = lambda *arguments: (time.sleep(1.0), save(*arguments))\nloop =")  # fmt: skip
+    slow = FUNCTION.replace(
+        "loop =",
+        "save = store.Store.save_overload\n"
+        "store.Store.save_overload = lambda *arguments: (time.sleep(1.0), save(*arguments))\nloop =",
+    )
     processes = [start(tmp_path, slow) for _ in range(2)]
     printed = sorted(process.communicate(timeout=300)[0].split() for process in processes)
     assert printed == [COMPILED, LOADED]

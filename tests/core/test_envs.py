@@ -45,8 +45,13 @@ def test_ids_make_both_environments(id):
 
 
 SHAPES = {
-    "true_state": (5,), "odometry": (3,), "estimate": (5,), "covariance": (5, 5), "reference": (3,), "command": (2,),
-}  # fmt: skip
+    "true_state": (5,),
+    "odometry": (3,),
+    "estimate": (5,),
+    "covariance": (5, 5),
+    "reference": (3,),
+    "command": (2,),
+}
 NUMBERS = {"nis": (), "measured": (), "slipping": ()}
 """What only the vector environment tells: the scalar one is as fast as it can be."""
 

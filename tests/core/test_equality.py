@@ -22,10 +22,14 @@ from turtlebot_gym.systems import Options
 SHAKY = Noise(
     process=ProcessNoise(alpha1=0.02, alpha2=0.001, alpha3=0.05, alpha4=0.01, slip=0.5, slip_start=0.05, slip_end=0.2),
     odometry=OdometryNoise(
-        R=(0.01, 0.02, 0.03), bias=(0.02, -0.01, 0.03), spike_probability=0.1, spike=0.5, dropout_probability=0.1,
+        R=(0.01, 0.02, 0.03),
+        bias=(0.02, -0.01, 0.03),
+        spike_probability=0.1,
+        spike=0.5,
+        dropout_probability=0.1,
         quantization=(0.005, 0.01),
     ),
-)  # fmt: skip
+)
 """Every kind of error at once."""
 GATED = FilterTuning(
     Q=(1e-4, 1e-4, 1e-4, 1e-3, 1e-3), R=(0.01, 0.02, 0.03), process=SHAKY.process, kind=Kalman(gate=9.0, max_rejections=2)

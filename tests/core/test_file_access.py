@@ -10,16 +10,53 @@ PRODUCT = ("turtlebot_gym", "agents/turtlebot_gym_agents", "bridges/turtlebot_gy
 SATELLITES = ("lab/turtlebot_gym_lab", "lab/turtlebot_gym_view")
 PACKAGES = [top for top in (*PRODUCT, *SATELLITES) if (ROOT / top).is_dir()]
 OPENING = {
-    "open", "read_text", "read_bytes", "write_text", "write_bytes", "savefig", "loadtxt", "genfromtxt", "savez", "savetxt",
-    "savez_compressed", "ZipFile", "unpack_archive", "safe_load", "full_load", "load_all", "fromfile", "memmap", "imread",
-    "imsave", "write_frames", "NamedTemporaryFile", "mkstemp", "rename", "copyfile",
-}  # fmt: skip
+    "open",
+    "read_text",
+    "read_bytes",
+    "write_text",
+    "write_bytes",
+    "savefig",
+    "loadtxt",
+    "genfromtxt",
+    "savez",
+    "savetxt",
+    "savez_compressed",
+    "ZipFile",
+    "unpack_archive",
+    "safe_load",
+    "full_load",
+    "load_all",
+    "fromfile",
+    "memmap",
+    "imread",
+    "imsave",
+    "write_frames",
+    "NamedTemporaryFile",
+    "mkstemp",
+    "rename",
+    "copyfile",
+}
 """Methods and functions that open a file, whatever has them."""
 OF_LIBRARIES = {
-    "np.load", "np.save", "yaml.load", "yaml.dump", "pickle.load", "pickle.dump", "json.load", "json.dump", "torch.load",
-    "torch.save", "onnx.load", "onnx.save", "Image.open", "ElementTree.parse", "ET.parse", "tomllib.load",
-    "sqlite3.connect", "csv.reader",
-}  # fmt: skip
+    "np.load",
+    "np.save",
+    "yaml.load",
+    "yaml.dump",
+    "pickle.load",
+    "pickle.dump",
+    "json.load",
+    "json.dump",
+    "torch.load",
+    "torch.save",
+    "onnx.load",
+    "onnx.save",
+    "Image.open",
+    "ElementTree.parse",
+    "ET.parse",
+    "tomllib.load",
+    "sqlite3.connect",
+    "csv.reader",
+}
 """Functions of libraries that open a file, or parse one that is open."""
 OURS = {"read_text", "read_bytes", "write_text"}
 """Functions of `files`, called by their bare names or as ``files.NAME``."""
@@ -84,9 +121,19 @@ def test_files_are_opened_where_it_is_said_why():
 
 @pytest.mark.parametrize(
     "planted",
-    ["open(path)", "Path(path).read_text()", "np.load(path)", "yaml.safe_load(text)", "ElementTree.parse(path)",
-     "Image.open(path)", "path.write_text(text)", "figure.savefig(path)", "path.open('w')", "zipfile.ZipFile(path)"],
-)  # fmt: skip
+    [
+        "open(path)",
+        "Path(path).read_text()",
+        "np.load(path)",
+        "yaml.safe_load(text)",
+        "ElementTree.parse(path)",
+        "Image.open(path)",
+        "path.write_text(text)",
+        "figure.savefig(path)",
+        "path.open('w')",
+        "zipfile.ZipFile(path)",
+    ],
+)
 def test_the_law_notices_what_is_planted(planted):
     assert list(openings(f"def read(path):\n    return {planted}\n"))
 

@@ -31,21 +31,39 @@ STEPS = 240
 
 # Everything is in force, so that a change of any number has something to act on.
 ROBOT = Robot(
-    max_linear=0.25, max_angular=2.0, wheel_separation=0.2, max_wheel=0.24, max_linear_acceleration=0.4,
+    max_linear=0.25,
+    max_angular=2.0,
+    wheel_separation=0.2,
+    max_wheel=0.24,
+    max_linear_acceleration=0.4,
     max_angular_acceleration=3.0,
-)  # fmt: skip
+)
 PROCESS = ProcessNoise(
-    alpha1=0.01, alpha2=0.002, alpha3=0.03, alpha4=0.01, scale=1.03, turn_scale=0.9, veer=0.05, slip=0.4, slip_start=0.1,
+    alpha1=0.01,
+    alpha2=0.002,
+    alpha3=0.03,
+    alpha4=0.01,
+    scale=1.03,
+    turn_scale=0.9,
+    veer=0.05,
+    slip=0.4,
+    slip_start=0.1,
     slip_end=0.3,
-)  # fmt: skip
+)
 ODOMETRY = OdometryNoise(
-    R=(0.01, 0.02, 0.03), bias=(0.03, -0.02, 0.04), spike_probability=0.1, spike=0.4, dropout_probability=0.1,
+    R=(0.01, 0.02, 0.03),
+    bias=(0.03, -0.02, 0.04),
+    spike_probability=0.1,
+    spike=0.4,
+    dropout_probability=0.1,
     quantization=(0.01, 0.02),
-)  # fmt: skip
+)
 TUNING = replace(
     matched(Noise(process=PROCESS, odometry=ODOMETRY)),
-    Q=(1e-4, 2e-4, 3e-4, 1e-3, 2e-3), kind=Kalman(gate=6.0, max_rejections=2), from_origin=True,
-)  # fmt: skip
+    Q=(1e-4, 2e-4, 3e-4, 1e-3, 2e-3),
+    kind=Kalman(gate=6.0, max_rejections=2),
+    from_origin=True,
+)
 TASK = Task(random=False, radius=0.35, heading_tolerance=1.5, turn_tolerance=1.9, laps=2, max_steps=200.0)
 FIX = FixNoise(R=(0.02, 0.03, 0.04), period=0.3, delay=0.2, dropout_probability=0.1)
 IMU = ImuNoise(variance=1e-4, bias_deviation=0.05, bias_walk=0.01)
@@ -53,7 +71,7 @@ RANDOM = Task(radius=0.3)
 POSE = (Pose(0.6, 0.1, 0.2), Pose(0.7, 0.8, 1.5), Pose(0.0, 0.6, 3.0))
 BASE = Parameters(
     ROBOT, Noise(process=PROCESS, odometry=ODOMETRY), TUNING, TASK, default_weights(ON_GROUND), 0.1, 0.5, 0.0, 1.0
-)  # fmt: skip
+)
 
 # For each class the values that are in force, how they get into the parameters, and for each field another value; where the
 # change shows in another setting only, a pair of settings.
@@ -69,32 +87,53 @@ LAW = {
         ROBOT,
         lambda value: BASE._replace(robot=value),
         {
-            "max_linear": 0.2, "max_angular": 1.7, "wheel_separation": 0.3, "max_wheel": 0.2, "max_linear_acceleration": 0.3,
-            "max_angular_acceleration": 2.0, "reverse": False,
+            "max_linear": 0.2,
+            "max_angular": 1.7,
+            "wheel_separation": 0.3,
+            "max_wheel": 0.2,
+            "max_linear_acceleration": 0.3,
+            "max_angular_acceleration": 2.0,
+            "reverse": False,
         },
     ),
     ProcessNoise: (
         PROCESS,
         lambda value: BASE._replace(noise=replace(BASE.noise, process=value)),
         {
-            "alpha1": 0.02, "alpha2": 0.004, "alpha3": 0.04, "alpha4": 0.02, "scale": 0.98, "turn_scale": 0.8, "veer": -0.1,
-            "slip": 0.5, "slip_start": 0.2, "slip_end": 0.4,
+            "alpha1": 0.02,
+            "alpha2": 0.004,
+            "alpha3": 0.04,
+            "alpha4": 0.02,
+            "scale": 0.98,
+            "turn_scale": 0.8,
+            "veer": -0.1,
+            "slip": 0.5,
+            "slip_start": 0.2,
+            "slip_end": 0.4,
         },
     ),
     OdometryNoise: (
         ODOMETRY,
         lambda value: BASE._replace(noise=replace(BASE.noise, odometry=value)),
         {
-            "R": (0.02, 0.02, 0.03), "bias": (0.03, -0.02, 0.05), "spike_probability": 0.2, "spike": 0.5,
-            "dropout_probability": 0.2, "quantization": (0.01, 0.05), "wheel": True,
+            "R": (0.02, 0.02, 0.03),
+            "bias": (0.03, -0.02, 0.05),
+            "spike_probability": 0.2,
+            "spike": 0.5,
+            "dropout_probability": 0.2,
+            "quantization": (0.01, 0.05),
+            "wheel": True,
         },
     ),
     FilterTuning: (
         TUNING,
         lambda value: BASE._replace(tuning=value),
         {
-            "Q": (1e-4, 2e-4, 4e-4, 1e-3, 2e-3), "R": (0.02, 0.03, 0.05), "from_origin": False,
-            "P0": (0.2, 0.1, 0.1, 1.0, 1.0), "process": ProcessNoise(alpha1=0.3, alpha2=0.1, alpha3=0.3, alpha4=0.1),
+            "Q": (1e-4, 2e-4, 4e-4, 1e-3, 2e-3),
+            "R": (0.02, 0.03, 0.05),
+            "from_origin": False,
+            "P0": (0.2, 0.1, 0.1, 1.0, 1.0),
+            "process": ProcessNoise(alpha1=0.3, alpha2=0.1, alpha3=0.3, alpha4=0.1),
             "kind": DeadReckoning(),
         },
     ),
@@ -112,8 +151,14 @@ LAW = {
         TASK,
         lambda value: BASE._replace(task=value),
         {
-            "random": True, "radius": 0.2, "heading_tolerance": 0.4, "turn_tolerance": 0.3, "on_belief": True,
-            "switch_period": 3.0, "laps": 1, "max_steps": 100.0,
+            "random": True,
+            "radius": 0.2,
+            "heading_tolerance": 0.4,
+            "turn_tolerance": 0.3,
+            "on_belief": True,
+            "switch_period": 3.0,
+            "laps": 1,
+            "max_steps": 100.0,
             "arena": (replace(RANDOM, arena=2.0), replace(RANDOM, arena=2.5)),
             "margin": (replace(TASK, on_belief=True), replace(TASK, on_belief=True, margin=0.0)),
             "min_distance": (RANDOM, replace(RANDOM, min_distance=1.9)),
@@ -125,15 +170,18 @@ LAW = {
         lambda value: BASE._replace(fix=value),
         {"R": (0.02, 0.03, 0.5), "cross": (0.01, 0.0, 0.0), "period": 0.4, "delay": 0.3, "dropout_probability": 0.5},
     ),
-}  # fmt: skip
+}
 IN_A_ROOM = "Open ground has nothing to collide with: see tests/rooms/test_rooms.py."
 MISSIONS = "Only goals in a room that are drawn in turn are given up: see tests/rooms/test_missions.py."
 LOCALIZER = "Only a robot that localizes itself has to know where it starts: see the option start, below."
 ON_A_ROBOT = "Only the collision monitor of a robot reads it: see tests/bridges/test_collision.py."
 EXCEPTIONS = {
-    (Robot, "radius"): IN_A_ROOM, (Robot, "footprint_x"): ON_A_ROBOT, (Robot, "lidar"): ON_A_ROBOT,
-    (Task, "patience"): MISSIONS, (Task, "start_known"): LOCALIZER,
-}  # fmt: skip
+    (Robot, "radius"): IN_A_ROOM,
+    (Robot, "footprint_x"): ON_A_ROBOT,
+    (Robot, "lidar"): ON_A_ROBOT,
+    (Task, "patience"): MISSIONS,
+    (Task, "start_known"): LOCALIZER,
+}
 
 CASES = [(owner, item.name) for owner in LAW for item in fields(owner) if (owner, item.name) not in EXCEPTIONS]
 

@@ -145,8 +145,10 @@ def test_errors_are_those_of_estimate_and_odometry():
     driven.estimate[:] = driven.true_state + np.array([0.3, -0.4, 0.0, 0.0, 0.0])
     driven.odometry[:] = driven.true_state[:, :3] + np.array([0.0, 0.0, 2.0 * np.pi - 0.1])
     for draw, label, error in (
-        (draw_position_error, "estimate", 0.5), (draw_position_error, "odometry", 0.0), (draw_heading_error, "odometry", 0.1)
-    ):  # fmt: skip
+        (draw_position_error, "estimate", 0.5),
+        (draw_position_error, "odometry", 0.0),
+        (draw_heading_error, "odometry", 0.1),
+    ):
         np.testing.assert_allclose(line(drawn(draw, driven), label).get_ydata(), error, atol=1e-12)
 
 
@@ -166,8 +168,14 @@ def test_tutorial_figure_is_labelled_and_its_legend_hides_nothing_and_names_each
     figure = tutorial_figure(drive(), title="A drive")
     labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
     assert [of_y for _, of_y in labels] == [
-        "y (m)", "x (m)", "speed (m/s)", "y (m)", "turning rate (rad/s)", "heading (rad)", "position error (m)"
-    ]  # fmt: skip
+        "y (m)",
+        "x (m)",
+        "speed (m/s)",
+        "y (m)",
+        "turning rate (rad/s)",
+        "heading (rad)",
+        "position error (m)",
+    ]
     assert all(HAS_UNIT.match(label) for pair in labels for label in pair)
     assert figure.get_suptitle() == "A drive"
     figure.draw_without_rendering()

@@ -96,8 +96,13 @@ def test_names_values_and_mappings_make_the_same_filter():
 def test_weights_for_rooms_are_refused_on_open_ground_and_completed_in_rooms():
     weights = make_parameters("room", reward={"time": 0.3}).reward
     assert weights._asdict() == {
-        "progress": 1.0, "time": 0.3, "effort": 0.01, "success": 10.0, "collision": 50.0, "nearness": 0.5
-    }  # fmt: skip
+        "progress": 1.0,
+        "time": 0.3,
+        "effort": 0.01,
+        "success": 10.0,
+        "collision": 50.0,
+        "nearness": 0.5,
+    }
     assert make_parameters("mission", reward={"collision": 9.0}).reward[-3:] == (9.0, 0.5, 10.0)
     with pytest.raises(ValueError, match="reward has no term 'collision': its terms on open ground are progress, time, eff"):
         make_parameters(reward={"collision": 9.0})

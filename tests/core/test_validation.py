@@ -91,9 +91,19 @@ def test_variances_are_a_diagonal_of_floats(given):
 
 
 NO_DIAGONALS = [
-    3.0, None, "12", (1.0,), (1.0, 2.0, 3.0), (1.0, [0.0, 1.0]), [[1.0, 0.0], [0.0]], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-    [[1.0, 0.5], [0.0, 1.0]], [[1.0, 0.0], [0.5, 1.0]], [[1.0, 1e-9], [1e-9, 1.0]], np.eye(3),
-]  # fmt: skip
+    3.0,
+    None,
+    "12",
+    (1.0,),
+    (1.0, 2.0, 3.0),
+    (1.0, [0.0, 1.0]),
+    [[1.0, 0.0], [0.0]],
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    [[1.0, 0.5], [0.0, 1.0]],
+    [[1.0, 0.0], [0.5, 1.0]],
+    [[1.0, 1e-9], [1e-9, 1.0]],
+    np.eye(3),
+]
 
 
 @pytest.mark.parametrize(
@@ -203,9 +213,21 @@ def test_parameters_are_made_of_a_mapping_and_arguments_are_checked_by_the_same_
 
 
 CLASSES = (
-    Robot, ProcessNoise, OdometryNoise, FixNoise, FilterTuning, Kalman, Gated, Mixture, Slip, Scale, Task,
-    RoomRules, Lidar, MujocoBurger,
-)  # fmt: skip
+    Robot,
+    ProcessNoise,
+    OdometryNoise,
+    FixNoise,
+    FilterTuning,
+    Kalman,
+    Gated,
+    Mixture,
+    Slip,
+    Scale,
+    Task,
+    RoomRules,
+    Lidar,
+    MujocoBurger,
+)
 """Which rule each of their fields has stands in `tests/golden/declared.json`."""
 NEEDED = {
     Robot: {"max_linear": 0.2, "max_angular": 2.0},

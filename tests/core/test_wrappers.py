@@ -50,7 +50,7 @@ PAIRS = {
         ("stack", FrameStackObservation, vector.FrameStackObservation, {"stack_size": 3}),
         ("zeros", FrameStackObservation, vector.FrameStackObservation, {"stack_size": 2, "padding_type": "zero"}),
     )
-}  # fmt: skip
+}
 
 
 def native(wrap, *, num_envs, autoreset_mode, max_episode_steps, id=NAV):

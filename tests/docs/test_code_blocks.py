@@ -19,9 +19,27 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 KINDS = ("python", "bash", "yaml", "console", "text")
 """Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
 LONG = (
-    "README", "belief", "rooms", "transfer", "calibrate", "cluster", "study", "filter", "fix", "libraries", "policy", "robot",
-    "train", "video", "watch", "wrappers", "preset", "gallery", "start", "tutorial",
-)  # fmt: skip
+    "README",
+    "belief",
+    "rooms",
+    "transfer",
+    "calibrate",
+    "cluster",
+    "study",
+    "filter",
+    "fix",
+    "libraries",
+    "policy",
+    "robot",
+    "train",
+    "video",
+    "watch",
+    "wrappers",
+    "preset",
+    "gallery",
+    "start",
+    "tutorial",
+)
 """Pages whose blocks train, or compile systems that the other tests do not need; they run in `make test-all`."""
 QUICK = {
     "evaluate": {"episodes": "5"},

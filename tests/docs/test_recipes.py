@@ -48,8 +48,11 @@ def follow(headings, folder, *, plain):
     script = PRELUDE.format(packages=packages, root=str(folder), blocks=run, page=str(PAGE))
     return subprocess.run(
         [sys.executable, "-W", "error", "-c", script],
-        cwd=ROOT, env={**os.environ, "NUMBA_DISABLE_JIT": str(int(plain))}, capture_output=True, text=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        env={**os.environ, "NUMBA_DISABLE_JIT": str(int(plain))},
+        capture_output=True,
+        text=True,
+    )
 
 
 def test_each_extension_has_a_recipe():
@@ -95,7 +98,5 @@ def test_recipes_are_formatted_as_the_code(tmp_path):
             (tmp_path / f"{name}.py").write_text(block.text, encoding="utf-8")
     for command in (["check", "--ignore", "F821,I001"], ["format", "--check"]):
         config = ["--config", str(ROOT / "pyproject.toml")]
-        done = subprocess.run(
-            [sys.executable, "-m", "ruff", *command, *config, str(tmp_path)], capture_output=True, text=True
-        )  # fmt: skip
+        done = subprocess.run([sys.executable, "-m", "ruff", *command, *config, str(tmp_path)], capture_output=True, text=True)
         assert done.returncode == 0, done.stdout

@@ -30,8 +30,11 @@ def test_a_table_shows_intervals_and_leaves_what_is_missing_empty():
     rows = [{"name": "a", "share": {"value": 0.5, "low": 0.25, "high": 1.0}, "of": [{"x": 1.5}]}, {"name": "b", "share": None}]
     made = table(rows, {"name": "`{name}`", "share, %": "{share:.0%}", "x": "{of[0][x]:.1f} s"})
     assert made.splitlines() == [
-        "| name | share, % | x |", "| --- | --- | --- |", "| `a` | 50 (25, 100) | 1.5 s |", "| `b` |  |  |",
-    ]  # fmt: skip
+        "| name | share, % | x |",
+        "| --- | --- | --- |",
+        "| `a` | 50 (25, 100) | 1.5 s |",
+        "| `b` |  |  |",
+    ]
 
 
 def test_every_table_of_the_page_can_be_made(monkeypatch):

@@ -188,10 +188,12 @@ def png_just_within_the_limit(folder, rng):
 def pgm_that_is_odd(folder, rng):
     size = large(rng, 5.0, 7.7)
     texts = (
-        b"P2\n5000 5000\n255\n" + b"1 " * (size // 2), b"P5\n#" + b"x" * size + b"\n10 10\n255\n" + bytes(100),
-        b"P5\n%d %d\n255\n" % (size, size), b"P5\n5474 4795\n255\n" + b"\xfe" * (5474 * 4795),
+        b"P2\n5000 5000\n255\n" + b"1 " * (size // 2),
+        b"P5\n#" + b"x" * size + b"\n10 10\n255\n" + bytes(100),
+        b"P5\n%d %d\n255\n" % (size, size),
+        b"P5\n5474 4795\n255\n" + b"\xfe" * (5474 * 4795),
         b"P6\n5000 5000\n255\n" + bytes(75_000_000),
-    )  # fmt: skip
+    )
     written(folder / "map.pgm", texts[int(rng.integers(len(texts)))])
     return a_map(folder, "map.pgm")
 

@@ -7,9 +7,33 @@ from functools import cache
 from importlib import import_module
 
 REALS = (
-    0.0, -0.0, 5e-324, 1e-320, 1e-170, 2.2e-308, 1e-30, 1.0, -1.0, 0.5, 3.0, math.pi, -math.pi, 1e5, 1e9, 3e9, 1e100, 1e154,
-    1e200, 1e308, 1.7976931348623157e308, -1e308, -1e200, math.inf, -math.inf, math.nan,
-)  # fmt: skip
+    0.0,
+    -0.0,
+    5e-324,
+    1e-320,
+    1e-170,
+    2.2e-308,
+    1e-30,
+    1.0,
+    -1.0,
+    0.5,
+    3.0,
+    math.pi,
+    -math.pi,
+    1e5,
+    1e9,
+    3e9,
+    1e100,
+    1e154,
+    1e200,
+    1e308,
+    1.7976931348623157e308,
+    -1e308,
+    -1e200,
+    math.inf,
+    -math.inf,
+    math.nan,
+)
 SINGLES = (1e-45, 3.4e38, -3.4e38, *(number for number in REALS if not 1e38 < abs(number) < math.inf))
 TEXTS = ("", "odom", "map", "base_link", "base_scan", "/", "nis", "nan", "-1e999", "\n\r\x07", "äöü€😀", "x" * 1000)
 

@@ -55,16 +55,66 @@ BASES = {name: words for name, words in BASES.items() if name in KNOWN}
 LEFT_OUT = {"cluster", "workers", "peers", "watch", "storage", "all"}
 """Options that reach for other machines, install something, serve until Ctrl-C, or compile all there is."""
 WORDS = st.one_of(
-    st.sampled_from([
-        "", "-1", "0", "1", "2", "0.5", "1.5", "nan", "inf", "-inf", "1e-9", "1e17", "1e308", "True", "None", "x" * 300,
-        "é", "a b", "\n", "here", "here/", "/", ".", "/proc/none/a.json", "nope.yaml", "broken.yaml", "list.yaml",
-        "mine.yaml", "empty.json", "broken.onnx", "binary.csv", "drive.csv", "nope.onnx", "os:getcwd", "nope:drive", ":",
-        "bearing+safety", "+safety", "a.png", "a.txt", "a.json", "here/a.json", "drive.csv/a.json", "burger", "wheel",
-        "matched", "mujoco", "time", "belief", "turtlebot_gym/TurtleBotSquare-v0", "turtlebot_gym/TurtleBotRooms-v0",
-        "CartPole-v1", "dense", "lds01",
-    ]),
+    st.sampled_from(
+        [
+            "",
+            "-1",
+            "0",
+            "1",
+            "2",
+            "0.5",
+            "1.5",
+            "nan",
+            "inf",
+            "-inf",
+            "1e-9",
+            "1e17",
+            "1e308",
+            "True",
+            "None",
+            "x" * 300,
+            "é",
+            "a b",
+            "\n",
+            "here",
+            "here/",
+            "/",
+            ".",
+            "/proc/none/a.json",
+            "nope.yaml",
+            "broken.yaml",
+            "list.yaml",
+            "mine.yaml",
+            "empty.json",
+            "broken.onnx",
+            "binary.csv",
+            "drive.csv",
+            "nope.onnx",
+            "os:getcwd",
+            "nope:drive",
+            ":",
+            "bearing+safety",
+            "+safety",
+            "a.png",
+            "a.txt",
+            "a.json",
+            "here/a.json",
+            "drive.csv/a.json",
+            "burger",
+            "wheel",
+            "matched",
+            "mujoco",
+            "time",
+            "belief",
+            "turtlebot_gym/TurtleBotSquare-v0",
+            "turtlebot_gym/TurtleBotRooms-v0",
+            "CartPole-v1",
+            "dense",
+            "lds01",
+        ]
+    ),
     st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=6),
-)  # fmt: skip
+)
 
 
 def options_of(command):
@@ -82,8 +132,16 @@ def options_of(command):
 
 OPTIONS = {name: options_of(command) for name, command in KNOWN.items()}
 FLAGS = {
-    "--details", "--randomize", "--resume", "--allow-pickle", "--allow-mismatch", "--force", "--training", "--bias", "--slip",
-}  # fmt: skip
+    "--details",
+    "--randomize",
+    "--resume",
+    "--allow-pickle",
+    "--allow-mismatch",
+    "--force",
+    "--training",
+    "--bias",
+    "--slip",
+}
 
 
 def code_of(run, argv):
@@ -129,10 +187,19 @@ def test_command_lines(name, data):
 POISON = {"bringup": ["--duration", "nan"], "waypoint_generator": ["--ros-args", "-p", "rat:=1"]}
 ROS_OPTIONS = {
     "bringup": [
-        "--speed", "--policy", "--robot", "--noise", "--waypoints", "--world", "--lidar", "--seed", "--figure", "--json",
+        "--speed",
+        "--policy",
+        "--robot",
+        "--noise",
+        "--waypoints",
+        "--world",
+        "--lidar",
+        "--seed",
+        "--figure",
+        "--json",
     ],
     "waypoint_generator": ["-p", "-r", "--params-file", "--log-level", "-x"],
-}  # fmt: skip
+}
 
 
 @fuzzed(15, 150, name=st.sampled_from(sorted(POISON)), data=st.data())

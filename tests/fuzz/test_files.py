@@ -45,11 +45,42 @@ def dumped(value):
 
 TEXTS = st.one_of(
     st.text(max_size=60),
-    st.lists(st.sampled_from(["a", ": ", "- ", "{", "}", "[", "]", "\n", "  ", "&x", "*x", "!!int ", "!!float ", "!!timestamp ",
-                              "!!bool ", "1e-3", "~", "|", ">", "'", '"', "? ", "<<", "2001-99-99", "0x", "\t", "%"]),
-             max_size=20).map("".join),
+    st.lists(
+        st.sampled_from(
+            [
+                "a",
+                ": ",
+                "- ",
+                "{",
+                "}",
+                "[",
+                "]",
+                "\n",
+                "  ",
+                "&x",
+                "*x",
+                "!!int ",
+                "!!float ",
+                "!!timestamp ",
+                "!!bool ",
+                "1e-3",
+                "~",
+                "|",
+                ">",
+                "'",
+                '"',
+                "? ",
+                "<<",
+                "2001-99-99",
+                "0x",
+                "\t",
+                "%",
+            ]
+        ),
+        max_size=20,
+    ).map("".join),
     VALUES.map(dumped),
-)  # fmt: skip
+)
 
 
 @fuzzed(150, 2500, text=TEXTS)
@@ -86,10 +117,13 @@ def test_hyperparameters(algo, name, data):
 
 
 STUDY = {
-    "episodes": 20, "seed": 5, "compare_with": "bearing", "policies": ["bearing", "proportional"],
+    "episodes": 20,
+    "seed": 5,
+    "compare_with": "bearing",
+    "policies": ["bearing", "proportional"],
     "grid": {"env": "turtlebot_gym/TurtleBotNav-v0", "noise": ["tutorial", "documented"]},
     "trainings": {"ppo": {"algo": "ppo", "seeds": 2, "steps": 64}},
-}  # fmt: skip
+}
 
 
 @fuzzed(60, 500, data=st.data())
@@ -106,8 +140,15 @@ def test_studies(data):
     answered("studies", read)
 
 
-MAP = {"image": "map.pgm", "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65,
-       "free_thresh": 0.196, "mode": "trinary"}  # fmt: skip
+MAP = {
+    "image": "map.pgm",
+    "resolution": 0.05,
+    "origin": [0.0, 0.0, 0.0],
+    "negate": 0,
+    "occupied_thresh": 0.65,
+    "free_thresh": 0.196,
+    "mode": "trinary",
+}
 IMAGE = b"P5\n40 30\n255\n" + bytes([0] * 40 + ([0] + [254] * 38 + [0]) * 28 + [0] * 40)
 
 
@@ -144,8 +185,14 @@ def test_gazebo_worlds_are_driven_in(number, other, damage):
 
 @fuzzed(40, 300, data=st.data())
 def test_tuned_baselines(data):
-    tuned = {"format": "turtlebot-gym-baseline/1", "policy": "bearing", "layout": 1, "dt": 0.1, "numbers": {"gain": 2.0},
-             "robot": {"name": "burger", **plain(EXAMPLES[Robot])}}  # fmt: skip
+    tuned = {
+        "format": "turtlebot-gym-baseline/1",
+        "policy": "bearing",
+        "layout": 1,
+        "dt": 0.1,
+        "numbers": {"gain": 2.0},
+        "robot": {"name": "burger", **plain(EXAMPLES[Robot])},
+    }
     tuned["robot"] = {name: None if limit == math.inf else limit for name, limit in tuned["robot"].items()}
     assert make_policy(str(written("h.json", json.dumps(tuned))))
     said = replaced(data.draw, tuned, VALUES)

@@ -117,10 +117,12 @@ def test_no_node_ends_or_grows(names, number, tmp_path):
     processes = {
         name: subprocess.Popen(
             [*command, name, "--ros-args", *NODES[name].split(), "-r", f"__ns:=/{name}"],
-            cwd=tmp_path, stdout=logs[name], stderr=subprocess.STDOUT,
+            cwd=tmp_path,
+            stdout=logs[name],
+            stderr=subprocess.STDOUT,
         )
         for name in names
-    }  # fmt: skip
+    }
     runner = Runner()
     runner.start()
     try:

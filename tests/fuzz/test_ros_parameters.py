@@ -31,9 +31,27 @@ WHOLE = st.one_of(st.integers(-(2**63), 2**63 - 1), st.sampled_from([0, 1, -1, 3
 REAL = st.one_of(st.floats(), st.sampled_from([0.0, 0.1, 1.0, -1.0, 1e-9, 1e9, 1e308]))
 TEXT = st.one_of(
     st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12),
-    st.sampled_from(["", "burger", "wheel", "matched", "bearing", "dense", "square", "time", "room", "base_link", "/a/b",
-                     "nope.onnx", "nope.yaml", "a:b", str(FOLDER / "waypoints.yaml"), str(FOLDER)]),
-)  # fmt: skip
+    st.sampled_from(
+        [
+            "",
+            "burger",
+            "wheel",
+            "matched",
+            "bearing",
+            "dense",
+            "square",
+            "time",
+            "room",
+            "base_link",
+            "/a/b",
+            "nope.onnx",
+            "nope.yaml",
+            "a:b",
+            str(FOLDER / "waypoints.yaml"),
+            str(FOLDER),
+        ]
+    ),
+)
 GIVEN = st.one_of(
     WHOLE,
     REAL,

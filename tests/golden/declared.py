@@ -22,14 +22,35 @@ from turtlebot_gym.validation import Numbers, rules
 from turtlebot_gym_agents.policies.baselines import POLICIES, default_numbers
 
 CLASSES = (
-    Robot, Noise, ProcessNoise, OdometryNoise, FixNoise, ImuNoise, FilterTuning, Kalman, Gated, Mixture, Slip, Scale, Task,
-    RoomRules, Lidar, LocalizerTuning, MujocoBurger,
-)  # fmt: skip
+    Robot,
+    Noise,
+    ProcessNoise,
+    OdometryNoise,
+    FixNoise,
+    ImuNoise,
+    FilterTuning,
+    Kalman,
+    Gated,
+    Mixture,
+    Slip,
+    Scale,
+    Task,
+    RoomRules,
+    Lidar,
+    LocalizerTuning,
+    MujocoBurger,
+)
 PRESETS = {
-    "robots": ROBOTS, "noises": NOISES, "fixes": FIXES, "gyros": IMUS, "lidars": LIDARS, "rooms": ROOMS, "tasks": TASKS,
+    "robots": ROBOTS,
+    "noises": NOISES,
+    "fixes": FIXES,
+    "gyros": IMUS,
+    "lidars": LIDARS,
+    "rooms": ROOMS,
+    "tasks": TASKS,
     "drivers": DRIVERS,
     "filters": {"tutorial": TUTORIAL_FILTER, "gyro": make_filter("gyro", NOISES["clean"], imu=IMUS["mpu9250"])},
-}  # fmt: skip
+}
 
 
 def of_class(kind: type) -> dict[str, Any]:

@@ -63,10 +63,17 @@ def combinations() -> Iterator[dict[str, Any]]:
     for id, (name, value) in itertools.product(
         OPEN,
         [
-            ("robot", "waffle"), ("robot", "turtlebot4"), ("robot", "tutorial"), ("integrator", "midpoint"), ("delay", 3),
-            ("observation", "odometry"), ("observation", "truth"), ("arrival", "belief"), ("dt", 0.05),
+            ("robot", "waffle"),
+            ("robot", "turtlebot4"),
+            ("robot", "tutorial"),
+            ("integrator", "midpoint"),
+            ("delay", 3),
+            ("observation", "odometry"),
+            ("observation", "truth"),
+            ("arrival", "belief"),
+            ("dt", 0.05),
         ],
-    ):  # fmt: skip
+    ):
         yield {"id": id, "filter": "matched", "noise": "documented", name: value}
     yield {"id": "Square", "filter": "matched", "noise": "documented", "switch": "time"}
     yield {"id": "Square", "filter": "matched", "noise": "documented", "laps": 2}
@@ -154,9 +161,13 @@ def by_plain(chosen: dict[str, Any]) -> list[Row]:
             world, outcome = episode.world, episode.outcome
             mean, P = world.estimate.belief
             state = {
-                "true_state": world.body.true_state, "odometry": world.senses.odometry.pose, "estimate": mean,
-                "covariance": matrix(P), "command": world.body.command, "distance": outcome.distance,
-            }  # fmt: skip
+                "true_state": world.body.true_state,
+                "odometry": world.senses.odometry.pose,
+                "estimate": mean,
+                "covariance": matrix(P),
+                "command": world.body.command,
+                "distance": outcome.distance,
+            }
             seen = np.clip(np.array(episode.observe(), np.float32), low, high)
             return numbers(seen, outcome.reward, outcome.terminated, state)
 

@@ -596,9 +596,16 @@ def test_the_parameters_are_those_of_the_monitor():
         "scan_frame": "s",
     }
     preset = Parameters(
-        collision_monitor=True, collision_margin=0.01, scan_error=0.02, collision_time=3.0, escape_speed=0.03, scan_age=0.1,
-        scan_period=0.3, reaction=0.15, **waffle,
-    )  # fmt: skip
+        collision_monitor=True,
+        collision_margin=0.01,
+        scan_error=0.02,
+        collision_time=3.0,
+        escape_speed=0.03,
+        scan_age=0.1,
+        scan_period=0.3,
+        reaction=0.15,
+        **waffle,
+    )
     monitor = Arbiter(preset, T).monitor
     assert monitor._body == Footprint(0.22, -0.064, Mount("s", -0.064, 0.0, 0.0))
     assert monitor._limits == Limits(margin=0.01, error=0.02, time=3.0, escape_speed=0.03)

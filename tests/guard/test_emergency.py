@@ -23,9 +23,13 @@ def button(start, end, first=1, pressed=()):
 
 PRESSED, SILENT, FLOODED = (f"the emergency stop is {state}" for state in ("pressed", "silent", "flooded with messages"))
 LOST, ENDED = "messages of the emergency stop were lost", "an emergency stop has ended"
-BACK, MISSING = (f"{words} s" for words in (
-    "the emergency stop was silent, and must be heard for 0.5", "messages of the emergency stop are missing for more than 10"
-))  # fmt: skip
+BACK, MISSING = (
+    f"{words} s"
+    for words in (
+        "the emergency stop was silent, and must be heard for 0.5",
+        "messages of the emergency stop are missing for more than 10",
+    )
+)
 SILENT_OF_2, SILENT_OF_3 = "1 of 2 emergency stops are silent", "1 of 3 emergency stops are silent"
 TROUBLES = {
     "without a button": ((), {0.0: "", 50.0: ""}),
@@ -34,11 +38,13 @@ TROUBLES = {
     "and with its end": ([(50.0, 1, True), (50.25, 2)], {50.5: PRESSED, 50.5625: "", 50.75: "", 50.8125: SILENT}),
     "a button that is held": ([(50.0, 1, True), (50.2, 2, True), (50.3, 700)], {50.3: PRESSED}),
     "one that was pressed, and is not heard": (
-        [(50.0, 1, True), (50.4, 700), (50.45, 2, True), (50.9, 701)], {50.94: PRESSED, 50.96: SILENT_OF_2},
+        [(50.0, 1, True), (50.4, 700), (50.45, 2, True), (50.9, 701)],
+        {50.94: PRESSED, 50.96: SILENT_OF_2},
     ),
     "one that falls silent": (button(50.0, 51.0), {51.29: "", 51.31: SILENT}),
     "and is heard again": (
-        [*button(50.0, 51.0), (52.0, 6), (52.2, 7), (52.4, 8), (52.6, 9)], {52.0: BACK, 52.49: BACK, 52.51: ""},
+        [*button(50.0, 51.0), (52.0, 6), (52.2, 7), (52.4, 8), (52.6, 9)],
+        {52.0: BACK, 52.49: BACK, 52.51: ""},
     ),
     "and is silent again": ([(50.0, 1), (50.625, 2), (51.25, 3)], {51.25: BACK, 51.74: BACK, 51.76: SILENT}),
     "and is silent for long": (button(50.0, 51.0), {60.79: SILENT, 60.81: MISSING}),
@@ -51,7 +57,7 @@ TROUBLES = {
     "a loss in half a second": ([(50.0, 7), (50.5, 9)], {50.5: "", 50.9: ""}),
     "a loss in more": ([(50.0, 7), (50.51, 9)], {50.51: LOST, 51.0: LOST}),
     "a loss in more lasts half a second": ([(50.0, 7), (50.6, 9), (51.0, 10)], {51.05: LOST, 51.11: ""}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize(("events", "troubles"), TROUBLES.values(), ids=TROUBLES)

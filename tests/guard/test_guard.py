@@ -166,10 +166,13 @@ def test_a_guard_says_whether_it_lets_pass(guard, peer, wait_for):
 def test_only_enabling_begins_to_estimate_clocks_anew(on, why):
     begun, number = [], SimpleNamespace(get_publisher_count=lambda: 1)
     guard = SimpleNamespace(
-        _take_buttons=list, _now=float, _step=list, _buttons=number,
+        _take_buttons=list,
+        _now=float,
+        _step=list,
+        _buttons=number,
         _ages={"program": SimpleNamespace(begin=lambda: begun.append(1))},
         _arbiter=SimpleNamespace(enable=lambda on, now, buttons: why),
-    )  # fmt: skip
+    )
     CmdVelGuard._enable(guard, SetBool.Request(data=on), SetBool.Response())
     assert bool(begun) is (on and not why)
 
@@ -368,9 +371,13 @@ def test_it_lives_through_every_change_of_what_it_reports(start, probe, peer):
 
 
 SOURCES = {
-    "cmd_vel_in": TwistStamped, "cmd_vel_teleop": TwistStamped, "cmd_vel_standby/alive": Empty, "scan": LaserScan,
-    "odom": Odometry, "disagreement": String,
-}  # fmt: skip
+    "cmd_vel_in": TwistStamped,
+    "cmd_vel_teleop": TwistStamped,
+    "cmd_vel_standby/alive": Empty,
+    "scan": LaserScan,
+    "odom": Odometry,
+    "disagreement": String,
+}
 
 
 @pytest.mark.parametrize(

@@ -156,9 +156,14 @@ def test_drift_is_the_error_per_segment():
 
 @pytest.mark.parametrize(
     ("options", "word"),
-    [({"rate": 0.0}, "rate"), ({"rate": np.nan}, "rate"), ({"noise": "x"}, "noise"), ({"filter": "x"}, "filter"),
-     ({"integrator": "x"}, "integrator")],
-)  # fmt: skip
+    [
+        ({"rate": 0.0}, "rate"),
+        ({"rate": np.nan}, "rate"),
+        ({"noise": "x"}, "noise"),
+        ({"filter": "x"}, "filter"),
+        ({"integrator": "x"}, "integrator"),
+    ],
+)
 def test_bad_arguments_are_named(options, word):
     with pytest.raises(ValueError, match=word):
         replay(perfect_drive(10), **options)

@@ -177,8 +177,14 @@ def test_where_wheels_drift_during_a_scan_older_beams_say_less_and_the_newest_as
     np.testing.assert_array_equal(said(points[:, -1:].copy(), 1e-3), said(points[:, -1:].copy(), 0.0))
     half, turn = points.shape[1] // 2, 0.02  # the older half was seen before the robot turned further than its wheels say
     c, s = math.cos(turn), math.sin(turn)
-    older[:4, :half] = np.vstack((c * points[0] - s * points[1], s * points[0] + c * points[1],
-                                  c * points[2] - s * points[3], s * points[2] + c * points[3]))[:, :half]  # fmt: skip
+    older[:4, :half] = np.vstack(
+        (
+            c * points[0] - s * points[1],
+            s * points[0] + c * points[1],
+            c * points[2] - s * points[3],
+            s * points[2] + c * points[3],
+        )
+    )[:, :half]
     drifted = locate(Pose(*pose), WIDE, Q)._replace(turn_drift=turn**2)
     aware, unaware = (scan(drifted, sight(room, older), Q, (0.0, sweep)) for sweep in (2.0, 0.0))
     assert off(aware, pose)[1] < 0.8 * off(unaware, pose)[1]

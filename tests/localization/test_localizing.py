@@ -38,10 +38,12 @@ def errors(batch, steps, drives):
 @pytest.mark.parametrize(
     ("world", "lidar", "start", "observation"),
     [
-        ("office", "lds01", "known", "ekf"), ("crowd", "a1", "unknown", "located"), (HALL, "urg04lx", "known", "located"),
+        ("office", "lds01", "known", "ekf"),
+        ("crowd", "a1", "unknown", "located"),
+        (HALL, "urg04lx", "known", "located"),
         ({"unmapped": 0.5, "vanished": 0.5, "map_error": 0.1}, "ideal", "unknown", "ekf"),
     ],
-)  # fmt: skip
+)
 def test_it_is_the_same_compiled_and_in_plain_python(world, lidar, start, observation, in_step):
     options = Options(world=world, lidar=lidar, noise="wheel", localizer="match", start=start, observation=observation)
     p, waypoints, plan, _ = options.setup()
@@ -113,12 +115,37 @@ def test_obstacles_that_the_map_alone_has_hide_none_of_the_room_and_mislead_litt
 
 
 CHANGED = {
-    "beams": 30, "deviation": 0.05, "deviation_share": 0.03, "scale": 0.01, "grain": 0.03, "bias": 0.01, "turn_bias": 0.01,
-    "length": 0.2, "angle": 0.3, "gate": 2.0, "iterations": 1, "thin": 2.0, "along_walk": 0.05, "along_step": 0.4,
-    "aside_walk": 0.05, "aside_step": 0.2, "aside_turn": 0.2, "turn_walk": 0.1, "turn_step": 0.5, "widening": 2.0,
-    "usual": 0.3, "memory": 0.2, "near": 0.05, "doubt": 0.0, "suspicion": 0.5, "reach": 0.3, "swing": 0.3,
-    "temper": 1.0, "loosen": 0.2, "patience": 2,
-}  # fmt: skip
+    "beams": 30,
+    "deviation": 0.05,
+    "deviation_share": 0.03,
+    "scale": 0.01,
+    "grain": 0.03,
+    "bias": 0.01,
+    "turn_bias": 0.01,
+    "length": 0.2,
+    "angle": 0.3,
+    "gate": 2.0,
+    "iterations": 1,
+    "thin": 2.0,
+    "along_walk": 0.05,
+    "along_step": 0.4,
+    "aside_walk": 0.05,
+    "aside_step": 0.2,
+    "aside_turn": 0.2,
+    "turn_walk": 0.1,
+    "turn_step": 0.5,
+    "widening": 2.0,
+    "usual": 0.3,
+    "memory": 0.2,
+    "near": 0.05,
+    "doubt": 0.0,
+    "suspicion": 0.5,
+    "reach": 0.3,
+    "swing": 0.3,
+    "temper": 1.0,
+    "loosen": 0.2,
+    "patience": 2,
+}
 
 
 def test_each_assumption_changes_the_belief():

@@ -15,12 +15,27 @@ from turtlebot_gym.values import STOP, Command, Pose
 BASE = MujocoBurger(friction=0.4, caster_friction=0.2)
 """So slippery that everything counts."""
 CHANGES = {
-    "friction": 0.5, "caster_friction": 0.3, "wheel_radius": 0.034, "wheel_separation": 0.17, "wheel_width": 0.02,
-    "cylinders": True, "base_mass": 0.9, "base_inertia": (3e-3, 2e-3, 2e-3), "base_center": (-0.03, 0.0, 0.07),
-    "wheel_mass": 0.03, "wheel_inertia": (1.2e-5, 2.2e-5, 1.2e-5), "lidar_mass": 0.12, "caster_mass": 0.006,
-    "caster_radius": 0.006, "motor_gain": 0.2, "motor_torque": 0.05, "armature": 0.003, "lead": 0.02, "reading": 0.01,
+    "friction": 0.5,
+    "caster_friction": 0.3,
+    "wheel_radius": 0.034,
+    "wheel_separation": 0.17,
+    "wheel_width": 0.02,
+    "cylinders": True,
+    "base_mass": 0.9,
+    "base_inertia": (3e-3, 2e-3, 2e-3),
+    "base_center": (-0.03, 0.0, 0.07),
+    "wheel_mass": 0.03,
+    "wheel_inertia": (1.2e-5, 2.2e-5, 1.2e-5),
+    "lidar_mass": 0.12,
+    "caster_mass": 0.006,
+    "caster_radius": 0.006,
+    "motor_gain": 0.2,
+    "motor_torque": 0.05,
+    "armature": 0.003,
+    "lead": 0.02,
+    "reading": 0.01,
     "step": 0.001,
-}  # fmt: skip
+}
 
 
 def rollout(burger):

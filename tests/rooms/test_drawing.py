@@ -71,10 +71,21 @@ def test_rules_are_parameters(empty_scene):
     """Each of them changes the room, or where the robot starts."""
     base = RoomRules(kind=1.0, circles=(2.0, 4.0), boxes=(1.0, 2.0), speed=(0.1, 0.2))
     changes = {
-        "kind": 2.0, "half_length": 3.0, "half_width": 3.0, "circles": (5.0, 6.0), "boxes": (3.0, 4.0), "radius": (0.2, 0.25),
-        "total": 2.0, "speed": (0.3, 0.4), "people": True, "through": True, "min_distance": 3.5, "max_distance": 2.0,
-        "start": (0.0, 0.0, 0.0), "goal": (0.0, 0.0, 0.0),
-    }  # fmt: skip
+        "kind": 2.0,
+        "half_length": 3.0,
+        "half_width": 3.0,
+        "circles": (5.0, 6.0),
+        "boxes": (3.0, 4.0),
+        "radius": (0.2, 0.25),
+        "total": 2.0,
+        "speed": (0.3, 0.4),
+        "people": True,
+        "through": True,
+        "min_distance": 3.5,
+        "max_distance": 2.0,
+        "start": (0.0, 0.0, 0.0),
+        "goal": (0.0, 0.0, 0.0),
+    }
 
     def drawn(rules):
         scene = empty_scene(replace(rules, circles=(0.0, 60.0), boxes=(0.0, 60.0), half_length=5.0, half_width=5.0))

@@ -116,14 +116,37 @@ def test_the_first_scan_is_complete_and_its_age_is_observed():
 
 
 LIDAR = Lidar(
-    beams=40, rate=5.0, range_min=0.3, range_max=2.5, deviation=0.01, deviation_share=0.02, accuracy=0.05, quantization=0.01,
-    dropout=0.1, dead=((0.5, 0.3),), x=0.05, y=0.02, yaw=0.3,
-)  # fmt: skip
+    beams=40,
+    rate=5.0,
+    range_min=0.3,
+    range_max=2.5,
+    deviation=0.01,
+    deviation_share=0.02,
+    accuracy=0.05,
+    quantization=0.01,
+    dropout=0.1,
+    dead=((0.5, 0.3),),
+    x=0.05,
+    y=0.02,
+    yaw=0.3,
+)
 CHANGES = {
-    "beams": 44, "rate": 4.0, "range_min": 0.6, "range_max": 2.0, "deviation": 0.05, "deviation_share": 0.1, "accuracy": 0.02,
-    "quantization": 0.05, "dropout": 0.3, "dead": ((0.5, 0.6),), "x": 0.0, "y": 0.0, "yaw": 0.0, "turning": False,
+    "beams": 44,
+    "rate": 4.0,
+    "range_min": 0.6,
+    "range_max": 2.0,
+    "deviation": 0.05,
+    "deviation_share": 0.1,
+    "accuracy": 0.02,
+    "quantization": 0.05,
+    "dropout": 0.3,
+    "dead": ((0.5, 0.6),),
+    "x": 0.0,
+    "y": 0.0,
+    "yaw": 0.0,
+    "turning": False,
     "stamped_at_end": True,
-}  # fmt: skip
+}
 
 
 def rollout(**options):

@@ -181,8 +181,13 @@ def status(server, **headers):
     """Return the status with which a server answers a request with these headers, by itself and as a WebSocket's."""
     _, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
     statuses = []
-    for path, more in (("/", {}), ("/ws", {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
-                                           "Sec-WebSocket-Key": "x" * 24})):  # fmt: skip
+    for path, more in (
+        ("/", {}),
+        (
+            "/ws",
+            {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "x" * 24},
+        ),
+    ):
         connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=20.0)
         connection.putrequest("GET", path, skip_host=True)
         for key, value in (headers | more).items():

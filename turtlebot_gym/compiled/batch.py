@@ -247,7 +247,7 @@ class Batch:
             self._parts = 1
             self._loops.step(
                 actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-            )  # fmt: skip
+            )
             if self._history is not None:
                 self._history.advance(observations)
             return observations, outcomes

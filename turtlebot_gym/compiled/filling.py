@@ -23,11 +23,14 @@ _FILTERS: dict[str, dict[str, Any]] = {
 }
 SYSTEMS: dict[str, dict[str, Any]] = {
     "nav": {},
-    **{f"{name}{fixes}": {"task": "square", **of_filter, **({"fix": "beacons"} if fixes else {})}
-       for fixes in ("", "+fixes") for name, of_filter in _FILTERS.items()},
+    **{
+        f"{name}{fixes}": {"task": "square", **of_filter, **({"fix": "beacons"} if fixes else {})}
+        for fixes in ("", "+fixes")
+        for name, of_filter in _FILTERS.items()
+    },
     **{f"rooms-{name}": {"task": "room", **of_filter} for name, of_filter in _FILTERS.items()},
     "rooms-localized": {"task": "room", "noise": "wheel", "localizer": "match"},
-}  # fmt: skip
+}
 """Options of an environment for each system: open ground by default; with each filter, without and with fixes; rooms with
 each filter, and with a localizer. Other numbers need no compilation, except for other delays of fixes."""
 

@@ -198,11 +198,17 @@ class Doubt:
         earlier = lambda values, shift: (np.interp(time - shift, time, values) - values)[counts] / shift  # noqa: E731
         counts = time >= time[0] + SHIFT  # what was before is not known for the others
         off = np.unwrap(theta - turn)
-        turns = _best(off[counts], wide, self._significant, earlier(turn, SPACING), (
-            _Cause(turn[counts], scale, "the heading changes {:.2f} times as fast as the turning rate says", 1.0),
-            _Cause(time[counts], bias, "the turning rate is off by {:+.3f} rad/s: has the gyro a bias?"),
-            _Cause(earlier(turn, SHIFT), late, "the heading comes {:.2f} s late", late=True),
-        ))  # fmt: skip
+        turns = _best(
+            off[counts],
+            wide,
+            self._significant,
+            earlier(turn, SPACING),
+            (
+                _Cause(turn[counts], scale, "the heading changes {:.2f} times as fast as the turning rate says", 1.0),
+                _Cause(time[counts], bias, "the turning rate is off by {:+.3f} rad/s: has the gyro a bias?"),
+                _Cause(earlier(turn, SHIFT), late, "the heading comes {:.2f} s late", late=True),
+            ),
+        )
         heading = turn + off.mean()
         if turns and turns.cause.late:
             heading = np.interp(time - turns.size, time, heading)
@@ -212,11 +218,17 @@ class Doubt:
         path = np.cumsum(np.diff(way, prepend=way[0]) * 0.5 * (ahead + np.roll(ahead, 1)))
         place = x + 1j * y
         apart = (place - path)[counts]
-        moves = _best(apart, sigma, self._significant, earlier(path, SPACING), (
-            _Cause(path[counts], scale, "the pose moves {:.2f} times as far as the speed says", 1.0),
-            _Cause(1j * path[counts], aside, "the robot moves {:+.2f} rad beside its heading"),
-            _Cause(earlier(path, SHIFT), late, "the position comes {:.2f} s late", late=True),
-        ))  # fmt: skip
+        moves = _best(
+            apart,
+            sigma,
+            self._significant,
+            earlier(path, SPACING),
+            (
+                _Cause(path[counts], scale, "the pose moves {:.2f} times as far as the speed says", 1.0),
+                _Cause(1j * path[counts], aside, "the robot moves {:+.2f} rad beside its heading"),
+                _Cause(earlier(path, SHIFT), late, "the position comes {:.2f} s late", late=True),
+            ),
+        )
         nis = sum(value for _, value in self._nis) / len(self._nis)
         position, left = (0.5 * _spread(each) / sigma**2 for each in (apart, moves.left if moves else apart))
         others = (

@@ -114,12 +114,22 @@ def _predict(
     (x, y, heading, _, _), P = predict(belief, twist, tuning, dt, integrator)
     V, W = twist.v, twist.omega
     covariance = Covariance(
-        P.xx, P.xy, P.xt, V * to.x, W * to.x,
-        P.yy, P.yt, V * to.y, W * to.y,
-        P.tt, V * to.theta, W * to.theta,
-        P.vv + V * V * variance, V * W * variance,
+        P.xx,
+        P.xy,
+        P.xt,
+        V * to.x,
+        W * to.x,
+        P.yy,
+        P.yt,
+        V * to.y,
+        W * to.y,
+        P.tt,
+        V * to.theta,
+        W * to.theta,
+        P.vv + V * V * variance,
+        V * W * variance,
         P.ww + W * W * variance,
-    )  # fmt: skip
+    )
     mean = State(x, y, heading, share * V, share * W)
     return Belief(mean, covariance), Sixth(share, variance, State(to.x, to.y, to.theta, V * variance, W * variance))
 

@@ -107,9 +107,13 @@ def _step(estimate: _Estimate, before: Senses, senses: Senses, tuning: FilterTun
     slipped = track_all(estimate.slipping, odometry, tuning, dt, integrator)
     grip, slip = _weigh_both(estimate, gripped, slipped)
     nis = (
-        grip[0] * gripped.true.nis + grip[1] * gripped.high.nis + grip[2] * gripped.low.nis
-        + slip[0] * slipped.true.nis + slip[1] * slipped.high.nis + slip[2] * slipped.low.nis
-    )  # fmt: skip
+        grip[0] * gripped.true.nis
+        + grip[1] * gripped.high.nis
+        + grip[2] * gripped.low.nis
+        + slip[0] * slipped.true.nis
+        + slip[1] * slipped.high.nis
+        + slip[2] * slipped.low.nis
+    )
     g_true, s_true, grip_0, slip_0 = _mix(gripped.true.belief, slipped.true.belief, grip[0], slip[0], twist, tuning, dt)
     g_high, s_high, grip_1, slip_1 = _mix(gripped.high.belief, slipped.high.belief, grip[1], slip[1], twist, tuning, dt)
     g_low, s_low, grip_2, slip_2 = _mix(gripped.low.belief, slipped.low.belief, grip[2], slip[2], twist, tuning, dt)

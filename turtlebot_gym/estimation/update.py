@@ -49,9 +49,12 @@ def of_row(P: Covariance, row: tuple[float, float, float]) -> Projection:
     """Project on a weighted sum of x, y and heading, ``h = [row 0 0]``."""
     i, j, k = row
     column = State(
-        i * P.xx + j * P.xy + k * P.xt, i * P.xy + j * P.yy + k * P.yt, i * P.xt + j * P.yt + k * P.tt,
-        i * P.xv + j * P.yv + k * P.tv, i * P.xw + j * P.yw + k * P.tw,
-    )  # fmt: skip
+        i * P.xx + j * P.xy + k * P.xt,
+        i * P.xy + j * P.yy + k * P.yt,
+        i * P.xt + j * P.yt + k * P.tt,
+        i * P.xv + j * P.yv + k * P.tv,
+        i * P.xw + j * P.yw + k * P.tw,
+    )
     return Projection(column, i * column.x + j * column.y + k * column.theta)
 
 
@@ -61,12 +64,22 @@ def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
     x, y, t, v, w = column
     i, j, k, m, n = x * inverse, y * inverse, t * inverse, v * inverse, w * inverse
     return Covariance(
-        max(P.xx - i * x, 0.0), P.xy - i * y, P.xt - i * t, P.xv - i * v, P.xw - i * w,
-        max(P.yy - j * y, 0.0), P.yt - j * t, P.yv - j * v, P.yw - j * w,
-        max(P.tt - k * t, 0.0), P.tv - k * v, P.tw - k * w,
-        max(P.vv - m * v, 0.0), P.vw - m * w,
+        max(P.xx - i * x, 0.0),
+        P.xy - i * y,
+        P.xt - i * t,
+        P.xv - i * v,
+        P.xw - i * w,
+        max(P.yy - j * y, 0.0),
+        P.yt - j * t,
+        P.yv - j * v,
+        P.yw - j * w,
+        max(P.tt - k * t, 0.0),
+        P.tv - k * v,
+        P.tw - k * w,
+        max(P.vv - m * v, 0.0),
+        P.vw - m * w,
         max(P.ww - n * w, 0.0),
-    )  # fmt: skip
+    )
 
 
 LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12

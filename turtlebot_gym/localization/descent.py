@@ -80,10 +80,26 @@ def descend(
 def widened(belief: Belief, position: float, heading: float) -> Belief:
     """Return a belief with further variances of position and heading, m^2 and rad^2."""
     mean, P = belief
-    return Belief(mean, Covariance(
-        P.xx + position, P.xy, P.xt, P.xv, P.xw, P.yy + position, P.yt, P.yv, P.yw, P.tt + heading, P.tv, P.tw,
-        P.vv, P.vw, P.ww,
-    ))  # fmt: skip
+    return Belief(
+        mean,
+        Covariance(
+            P.xx + position,
+            P.xy,
+            P.xt,
+            P.xv,
+            P.xw,
+            P.yy + position,
+            P.yt,
+            P.yv,
+            P.yw,
+            P.tt + heading,
+            P.tv,
+            P.tw,
+            P.vv,
+            P.vw,
+            P.ww,
+        ),
+    )
 
 
 @kernel

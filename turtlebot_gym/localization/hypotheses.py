@@ -161,9 +161,22 @@ def _follow(located: Located, bank: Any, sight: Sight, wheels: Pose, misfits: fl
     is_sure = decides and weight > SURE and fits >= least
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
     covariance = Covariance(
-        POSITION * POSITION + xx * share, 0.0, 0.0, 0.0, 0.0, POSITION * POSITION + yy * share, 0.0, 0.0, 0.0,
-        TURN * TURN + tt * share, 0.0, 0.0, 0.0, 0.0, 0.0,
-    )  # fmt: skip
+        POSITION * POSITION + xx * share,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        POSITION * POSITION + yy * share,
+        0.0,
+        0.0,
+        0.0,
+        TURN * TURN + tt * share,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
     if count > 0:
         belief = Belief(State(best.x, best.y, best.theta, mean.v, mean.omega), covariance)
     fresh = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))

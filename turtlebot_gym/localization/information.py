@@ -124,9 +124,14 @@ def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: Any, drift: float) 
     deviation = max(q.deviation, q.deviation_share * length)
     gt, gs = gy * float(room[_TO_X + k]) - gx * float(room[_TO_Y + k]), -along * length
     R = along * along * deviation * deviation + q.grain * q.grain + gt * gt * drift
-    S = R + gx * gx * P.xx + gy * gy * P.yy + gt * gt * P.tt + gs * gs * sixth.variance + 2.0 * (
-        gx * gy * P.xy + gx * gt * P.xt + gy * gt * P.yt + gs * (gx * c.x + gy * c.y + gt * c.theta)
-    )  # fmt: skip
+    S = (
+        R
+        + gx * gx * P.xx
+        + gy * gy * P.yy
+        + gt * gt * P.tt
+        + gs * gs * sixth.variance
+        + 2.0 * (gx * gy * P.xy + gx * gt * P.xt + gy * gt * P.yt + gs * (gx * c.x + gy * c.y + gt * c.theta))
+    )
     weight = 1.0 / (1.0 + d * d / (max(S, R) * wide))
     room[_GT + k], room[_GS + k], room[_WEIGHT + k] = gt, gs, weight * weight / R if known else 0.0
     room[_FITS + k] = 1.0 if known & (d * d < max(q.near * q.near, wide * R)) else 0.0
@@ -201,10 +206,23 @@ def _minus(L: Information, v: tuple[float, float, float, float], by: float, grad
     a, b, c, d = v
     i, j, k, m = a * by, b * by, c * by, d * by
     return Information(
-        L.xx - i * a, L.xy - i * b, L.xt - i * c, L.xs - i * d, L.yy - j * b, L.yt - j * c, L.ys - j * d,
-        L.tt - k * c, L.ts - k * d, L.ss - m * d,
-        L.x - i * gradient, L.y - j * gradient, L.theta - k * gradient, L.scale - m * gradient, L.fits, L.used,
-    )  # fmt: skip
+        L.xx - i * a,
+        L.xy - i * b,
+        L.xt - i * c,
+        L.xs - i * d,
+        L.yy - j * b,
+        L.yt - j * c,
+        L.ys - j * d,
+        L.tt - k * c,
+        L.ts - k * d,
+        L.ss - m * d,
+        L.x - i * gradient,
+        L.y - j * gradient,
+        L.theta - k * gradient,
+        L.scale - m * gradient,
+        L.fits,
+        L.used,
+    )
 
 
 @kernel

@@ -108,10 +108,22 @@ def _spread(P: Covariance, heading: float, way: float, turn: float, drift: tuple
     aside = q.aside_walk * q.aside_walk * way + cross * cross + sideways * sideways
     heading_noise = drift[1] + q.turn_walk * q.turn_walk * way + swerve * swerve
     return Covariance(
-        P.xx + cosine * cosine * along + sine * sine * aside, P.xy + cosine * sine * (along - aside), P.xt, P.xv, P.xw,
-        P.yy + sine * sine * along + cosine * cosine * aside, P.yt, P.yv, P.yw,
-        P.tt + heading_noise, P.tv, P.tw, P.vv, P.vw, P.ww,
-    )  # fmt: skip
+        P.xx + cosine * cosine * along + sine * sine * aside,
+        P.xy + cosine * sine * (along - aside),
+        P.xt,
+        P.xv,
+        P.xw,
+        P.yy + sine * sine * along + cosine * cosine * aside,
+        P.yt,
+        P.yv,
+        P.yw,
+        P.tt + heading_noise,
+        P.tv,
+        P.tw,
+        P.vv,
+        P.vw,
+        P.ww,
+    )
 
 
 @kernel
@@ -132,9 +144,22 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
     # F = [1 0 -dy; 0 1 dx; 0 0 1] for the pose; the twist is replaced.
     xt, yt = P.xt - dy * P.tt, P.yt + dx * P.tt
     moved = Covariance(
-        P.xx - dy * (P.xt + xt), P.xy - dy * P.yt + dx * xt, xt, 0.0, 0.0,
-        P.yy + dx * (P.yt + yt), yt, 0.0, 0.0, P.tt, 0.0, 0.0, 0.0, 0.0, 0.0,
-    )  # fmt: skip
+        P.xx - dy * (P.xt + xt),
+        P.xy - dy * P.yt + dx * xt,
+        xt,
+        0.0,
+        0.0,
+        P.yy + dx * (P.yt + yt),
+        yt,
+        0.0,
+        0.0,
+        P.tt,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+    )
     way, turn, slack = sqrt(dx * dx + dy * dy), abs(wrap(now.theta - before.theta)), located.slack
     drift = (drift[0] * slack, drift[1] * slack)
     spread = _spread(moved, mean.theta, way, turn, drift, q)
@@ -184,9 +209,20 @@ def scan(located: Located, sight: Sight, q: Any, unseen: tuple[float, float] = (
         misfits = max(misfits, 1.0 * q.patience)
     taken, scans = min(located.taken + take, 1.0), located.scans + 1.0
     return Located(
-        belief, 3.0 * surprise, end.scale, end.fits, misfits, taken, slack, scans, located.moves, weight,
-        located.way_drift, located.turn_drift, strays,
-    )  # fmt: skip
+        belief,
+        3.0 * surprise,
+        end.scale,
+        end.fits,
+        misfits,
+        taken,
+        slack,
+        scans,
+        located.moves,
+        weight,
+        located.way_drift,
+        located.turn_drift,
+        strays,
+    )
 
 
 @kernel

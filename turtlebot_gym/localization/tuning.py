@@ -87,10 +87,27 @@ class LocalizerTuning:
 
 
 ROBOT = LocalizerTuning(
-    beams=60, deviation=0.02, deviation_share=0.005, scale=0.0, grain=0.05, bias=0.02, turn_bias=0.005, thin=2.0,
-    along_walk=0.06, along_step=0.5, aside_walk=0.05, aside_step=0.1, aside_turn=0.05, turn_walk=0.06, turn_step=0.35,
-    widening=1.0, doubt=0.9, suspicion=0.3, reach=0.3, swing=0.3,
-)  # fmt: skip
+    beams=60,
+    deviation=0.02,
+    deviation_share=0.005,
+    scale=0.0,
+    grain=0.05,
+    bias=0.02,
+    turn_bias=0.005,
+    thin=2.0,
+    along_walk=0.06,
+    along_step=0.5,
+    aside_walk=0.05,
+    aside_step=0.1,
+    aside_turn=0.05,
+    turn_walk=0.06,
+    turn_step=0.35,
+    widening=1.0,
+    doubt=0.9,
+    suspicion=0.3,
+    reach=0.3,
+    swing=0.3,
+)
 """Nothing is known about wheels, LiDAR and map; fitted to public recordings of buildings."""
 
 

@@ -95,10 +95,16 @@ def motion(theta: float, v: float, omega: float, dt: float, integrator: float) -
     x_theta, y_theta = -v * sine * dt, v * cosine * dt
     share = integrator * dt
     return _Motion(
-        v * cosine * dt, v * sine * dt, omega * dt,
-        x_theta, cosine * dt, share * x_theta,
-        y_theta, sine * dt, share * y_theta,
-    )  # fmt: skip
+        v * cosine * dt,
+        v * sine * dt,
+        omega * dt,
+        x_theta,
+        cosine * dt,
+        share * x_theta,
+        y_theta,
+        sine * dt,
+        share * y_theta,
+    )
 
 
 @kernel

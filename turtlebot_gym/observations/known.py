@@ -70,9 +70,7 @@ def _towards(state: State, sine: float, cosine: float, to: Pose) -> tuple[float,
     distance = sqrt(dx * dx + dy * dy)
     scale = 1.0 / (distance if distance > 0.0 else 1.0)
     ahead, left = (dx * cosine + dy * sine) * scale, (dy * cosine - dx * sine) * scale
-    return (
-        min(distance, MAX_DISTANCE), max(min(ahead, 1.0), -1.0) if distance > 0.0 else 1.0, max(min(left, 1.0), -1.0)
-    )  # fmt: skip
+    return (min(distance, MAX_DISTANCE), max(min(ahead, 1.0), -1.0) if distance > 0.0 else 1.0, max(min(left, 1.0), -1.0))
 
 
 @kernel

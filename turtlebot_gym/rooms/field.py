@@ -193,9 +193,11 @@ def between(corners: Corners, known: bool, b: float, a: float, frame: Any) -> Sa
     distance = low + b * (high - low)
     along_row, along_column = ((1.0 - b) * (far - near) + b * (across - above)) * per_cell, (high - low) * per_cell
     return Sampled(
-        known & (distance == distance), distance,
-        along_row * cosine - along_column * sine, along_row * sine + along_column * cosine,
-    )  # fmt: skip
+        known & (distance == distance),
+        distance,
+        along_row * cosine - along_column * sine,
+        along_row * sine + along_column * cosine,
+    )
 
 
 @kernel

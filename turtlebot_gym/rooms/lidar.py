@@ -83,25 +83,49 @@ LIDARS = {
     # Data sheet: precision 10 mm below 0.5 m, 3.5 % beyond, taken as two standard deviations; accuracy 5 %. The driver stamps a
     # complete scan. Mounted as on a Burger.
     "lds01": Lidar(
-        range_min=0.12, range_max=3.5, deviation=0.005, deviation_share=0.0175, accuracy=0.05, quantization=0.001, x=-0.032,
+        range_min=0.12,
+        range_max=3.5,
+        deviation=0.005,
+        deviation_share=0.0175,
+        accuracy=0.05,
+        quantization=0.001,
+        x=-0.032,
         stamped_at_end=True,
     ),
     "lds02": Lidar(
-        range_min=0.16, range_max=8.0, deviation=0.005, deviation_share=0.0175, accuracy=0.05, quantization=0.001, x=-0.032,
+        range_min=0.16,
+        range_max=8.0,
+        deviation=0.005,
+        deviation_share=0.0175,
+        accuracy=0.05,
+        quantization=0.001,
+        x=-0.032,
     ),
     # RPLIDAR A1 on a TurtleBot 4: about 269 beams per scan, at 7.7 Hz; four posts block its view.
     "a1": Lidar(
-        beams=269, rate=1.0 / 0.130, range_min=0.15, range_max=12.0, deviation_share=0.01, x=-0.04, yaw=math.pi / 2.0,
+        beams=269,
+        rate=1.0 / 0.130,
+        range_min=0.15,
+        range_max=12.0,
+        deviation_share=0.01,
+        x=-0.04,
+        yaw=math.pi / 2.0,
         dead=tuple((quarter * math.pi / 2.0 + math.pi / 4.0 - 0.05, 0.1) for quarter in range(4)),
     ),
     # Data sheet of the Hokuyo: 240 degrees, 0.36 degrees apart, 10 Hz, to 5.6 m; 10 mm below 1 m, 1 % beyond, taken as two
     # standard deviations. Looks ahead, from the middle of the robot.
     "urg04lx": Lidar(
-        beams=1024, rate=10.0, range_min=0.02, range_max=5.6, deviation=0.005, deviation_share=0.005, quantization=0.001,
+        beams=1024,
+        rate=10.0,
+        range_min=0.02,
+        range_max=5.6,
+        deviation=0.005,
+        deviation_share=0.005,
+        quantization=0.001,
         dead=((TWO_PI / 3.0, TWO_PI / 3.0),),
     ),
     "ideal": Lidar(beams=36, rate=10.0, range_min=0.0, turning=False, stamped_at_end=True),
-}  # fmt: skip
+}
 """LiDARs by name."""
 
 
@@ -130,14 +154,18 @@ DRIVERS = {
     # beams are put where they point, the nearest counts, and those that returned nothing are left out: 10 to 36 are NaN.
     "lds02": Driver(
         lidar=replace(LIDARS["lds02"], beams=261, rate=9.1),
-        nothing=math.nan, range_min=0.0, range_max=100.0, beams=(258, 263), missing=0.075,
+        nothing=math.nan,
+        range_min=0.0,
+        range_max=100.0,
+        beams=(258, 263),
+        missing=0.075,
     ),
     # 357 scans of a TurtleBot 4 Lite.
     "a1": Driver(lidar=replace(LIDARS["a1"], beams=720, rate=1.0 / 0.135), range_min=0.15, range_max=12.0, beams=(720, 720)),
     "urg04lx": Driver(
         lidar=LIDARS["urg04lx"], nothing=math.nan, range_min=0.02, range_max=5.6, beams=(683, 683), sees=682 * TWO_PI / 1024
     ),
-}  # fmt: skip
+}
 """Drivers by their LiDAR's name in `LIDARS`, whose numbers are those of the data sheets."""
 
 

@@ -138,9 +138,13 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
     all_apart = (n - 1.0) * drift + _SLACK if abs(sweep) * (n - 1.0) <= NARROW else FAR
     for ray in range(groups * GROUP):
         rays[_LENGTH + ray] = ray_to_walls(
-            at_x - rays[_X + ray], at_y - rays[_Y + ray], inverse(rays[_DX + ray]), inverse(rays[_DY + ray]),
-            half_length, half_width,
-        )  # fmt: skip
+            at_x - rays[_X + ray],
+            at_y - rays[_Y + ray],
+            inverse(rays[_DX + ray]),
+            inverse(rays[_DY + ray]),
+            half_length,
+            half_width,
+        )
     for k in range(scene.room.counts[0]):
         at_x, at_y, radius = scene.room.circles[k, 0], scene.room.circles[k, 1], scene.room.circles[k, 2]
         if _is_near(at_x - x, at_y - y, radius, reach) and _past_circle(rays, _ALL, at_x, at_y) <= radius + all_apart:

@@ -78,9 +78,15 @@ def _look_round(world, key, p, scene):
     dx, dy = pose.x - before.pose.x, pose.y - before.pose.y
     moved, way = sqrt(dx * dx + dy * dy), way_left(scene, pose.x, pose.y)
     return Around(
-        pose, way if way >= 0.0 else before.way, near, min(before.least, near), before.path_length + moved,
-        age_of_scan(at, lidar, p.dt), near < 0.0 and not (rules.people and moved <= STANDS), before.given,
-    )  # fmt: skip
+        pose,
+        way if way >= 0.0 else before.way,
+        near,
+        min(before.least, near),
+        before.path_length + moved,
+        age_of_scan(at, lidar, p.dt),
+        near < 0.0 and not (rules.people and moved <= STANDS),
+        before.given,
+    )
 
 
 @kernel
@@ -89,9 +95,12 @@ def _complete(world, judgement, p):
     collided = world.room.collided
     terminated = judgement.terminated or collided
     return Judgement(
-        judgement.distance, judgement.is_success and not collided, terminated, judgement.truncated and not terminated,
+        judgement.distance,
+        judgement.is_success and not collided,
+        terminated,
+        judgement.truncated and not terminated,
         judgement.reached,
-    )  # fmt: skip
+    )
 
 
 def _make(parameters: Sequence[Parameters]) -> Scene:

@@ -124,13 +124,15 @@ _SIMPLE = (
     ("observed", Observed.EKF),
 )
 _QUIET = (
-    *(("noise.process." + name, value)
-      for name, value in (("scale", 1.0), ("turn_scale", 1.0), ("veer", 0.0), ("slip", 0.0), ("slip_start", 0.0))),
+    *(
+        ("noise.process." + name, value)
+        for name, value in (("scale", 1.0), ("turn_scale", 1.0), ("veer", 0.0), ("slip", 0.0), ("slip_start", 0.0))
+    ),
     ("tuning.process.alpha1", 0.0),
     ("tuning.process.alpha4", 0.0),
     ("noise.odometry.dropout_probability", 0.0),
     ("delay", 0.0),
-)  # fmt: skip
+)
 _OWN = (
     *(f"noise.process.{name}" for name in ("scale", "turn_scale", "veer", "slip", "slip_start", "slip_end")),
     *(f"noise.odometry.{name}[{at}]" for name in ("R", "bias") for at in range(3)),

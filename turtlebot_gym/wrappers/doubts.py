@@ -46,5 +46,8 @@ class ModelDoubts(gym.Wrapper, RecordConstructorArgs):
         world = self._inner.snapshot()
         found = self._doubt.add(dt, world.senses.odometry, world.estimate.nis)
         return info | {
-            "mean_nis": found.nis, "position_misfit": found.position, "heading_misfit": found.heading, "doubt": found.cause
-        }  # fmt: skip
+            "mean_nis": found.nis,
+            "position_misfit": found.position,
+            "heading_misfit": found.heading,
+            "doubt": found.cause,
+        }

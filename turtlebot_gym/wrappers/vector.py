@@ -49,9 +49,11 @@ class _Stepped(NamedTuple):
 
     def returned(self, observations: Any, final: Any = None) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Return the step's result with other observations."""
-        infos = self.infos if final is None or "final_obs" not in self.infos else {
-            **self.infos, "final_obs": of_rows(self.done, final)
-        }  # fmt: skip
+        infos = (
+            self.infos
+            if final is None or "final_obs" not in self.infos
+            else {**self.infos, "final_obs": of_rows(self.done, final)}
+        )
         return observations, self.rewards, self.terminated, self.truncated, infos
 
 

@@ -37,9 +37,15 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
     details = details or first.config.get("switch") == "time"  # then no time decides
     columns = ("efficiency", "reached", "miss, m", "effort", "false arrivals, %") if details else ()
     driven = Table(
-        "", "success, %", "to goal, s", "time*, s", "minus first, s", *columns,
-        title=title, caption="with 95 % intervals; * failures count as the time limit; minus first: of that time, in pairs",
-    )  # fmt: skip
+        "",
+        "success, %",
+        "to goal, s",
+        "time*, s",
+        "minus first, s",
+        *columns,
+        title=title,
+        caption="with 95 % intervals; * failures count as the time limit; minus first: of that time, in pairs",
+    )
     estimate = Table("", *ERRORS, title="errors of the estimate, mean over episodes")
     odometry = Table("", *ERRORS, title="errors of raw odometry, mean over episodes")
     summaries = {label: evaluation.summary() for label, evaluation in evaluations.items()}
@@ -66,9 +72,14 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
 
 def _missions_table(summaries: Mapping[str, Mapping[str, Interval]]) -> Table:
     table = Table(
-        "", "truly reached, %", "falsely, %", "truly reached an hour", "lost, % of the time",
-        title="goals, of those given", caption="lost: the observed pose is more than 0.5 m off",
-    )  # fmt: skip
+        "",
+        "truly reached, %",
+        "falsely, %",
+        "truly reached an hour",
+        "lost, % of the time",
+        title="goals, of those given",
+        caption="lost: the observed pose is more than 0.5 m off",
+    )
     for label, s in summaries.items():
         true, false, lost = (f"{s[name]:.1%}" for name in ("goals", "false_goals", "lost"))
         table.add_row(label, true, false, interval_cell(s["goals_an_hour"], 1), lost)

@@ -50,9 +50,15 @@ def _table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
 
     varied = [name for name in rows[0]["setting"] if len({str(row["setting"][name]) for row in rows}) > 1]
     drawn = Table(
-        *varied, "policy", "success, %", "time*, s", f"minus {rows[0]['compared_with']}, s", "p (Holm)",
-        title=title, caption="with 95 % intervals, for trainings over seeds, too; * failures count as the time limit",
-    )  # fmt: skip
+        *varied,
+        "policy",
+        "success, %",
+        "time*, s",
+        f"minus {rows[0]['compared_with']}, s",
+        "p (Holm)",
+        title=title,
+        caption="with 95 % intervals, for trainings over seeds, too; * failures count as the time limit",
+    )
     for row in rows:
         drawn.add_section()
         for name, result in {**row["policies"], **row["trainings"]}.items():

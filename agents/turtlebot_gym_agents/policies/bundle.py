@@ -117,9 +117,11 @@ def term_on(path: str | Path, content: Mapping[str, Any]) -> ObservationTerm:
     try:
         name, low, high = content["name"], tuple(content["low"]), tuple(content["high"])
         length, every = content.get("length", 1), content.get("every", 1)
-        term = TERMS[name] if name in TERMS else ObservationTerm(
-            name, _absent, low, high, str(content.get("unit", "")), source=str(content.get("source", ""))
-        )  # fmt: skip
+        term = (
+            TERMS[name]
+            if name in TERMS
+            else ObservationTerm(name, _absent, low, high, str(content.get("unit", "")), source=str(content.get("source", "")))
+        )
         term = term.over(length, every=every)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: a term on its card must have name, low and high, got {shown(content)}: {error}") from error

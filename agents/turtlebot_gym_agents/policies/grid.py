@@ -168,9 +168,21 @@ def _avoid(weights: Any, vain: Any) -> None:
 
 @kernel
 def plan(
-    grid, vain, ways, stuck: bool, x: float, y: float, goal_x: float, goal_y: float, stamp, preview: float, detour: float,
-    unknown: int, habit: int, target,
-) -> None:  # fmt: skip
+    grid,
+    vain,
+    ways,
+    stuck: bool,
+    x: float,
+    y: float,
+    goal_x: float,
+    goal_y: float,
+    stamp,
+    preview: float,
+    detour: float,
+    unknown: int,
+    habit: int,
+    target,
+) -> None:
     """Write the point to steer to: the farthest of the path to which a straight line costs little more; NaN for the goal.
 
     Args:

@@ -209,9 +209,24 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         reaches = CELL / np.maximum(0.1 * np.abs(omega), 0.01)  # farther places are blurred by the turn
         new = (shares != memory.shares).any(axis=-1)
         advance()(
-            memory.grid, memory.vain, memory.ways, scans, reaches, shares, new, _pairs(place), goals, due, stuck, self._stamp,
-            self.preview, self.detour, self._unknown, round(16.0 * self.habit), targets,
-        )  # fmt: skip
+            memory.grid,
+            memory.vain,
+            memory.ways,
+            scans,
+            reaches,
+            shares,
+            new,
+            _pairs(place),
+            goals,
+            due,
+            stuck,
+            self._stamp,
+            self.preview,
+            self.detour,
+            self._unknown,
+            round(16.0 * self.habit),
+            targets,
+        )
         memory.idle[stuck], memory.pace[stuck] = 0, 1.0
         moved, turned = arc(v, omega, self.dt)
         memory.target[:], memory.shares[:] = targets @ (1.0, 1j), shares

@@ -178,9 +178,15 @@ def _edge(angles: NDArray[np.float64], body: Footprint, limits: Limits, room: fl
 
 
 def _solid(
-    first: float, last: float, border: Callable[..., NDArray[np.float64]], *,
-    spacing: float, far: float, body: Footprint, limits: Limits,
-) -> NDArray[np.float64]:  # fmt: skip
+    first: float,
+    last: float,
+    border: Callable[..., NDArray[np.float64]],
+    *,
+    spacing: float,
+    far: float,
+    body: Footprint,
+    limits: Limits,
+) -> NDArray[np.float64]:
     """Return points for a gap that is solid from a border on: on the border, just behind it, and on both edges.
 
     Their stop zones hold those of all points in the gap: on the way to one, the border or an edge is crossed, and the error, a

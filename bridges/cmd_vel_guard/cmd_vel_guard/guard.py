@@ -193,9 +193,13 @@ class CmdVelGuard(Node):
         now = self._now()
         age = self._age("scan", message, info, now)
         scan = RawScan(
-            message.ranges, message.angle_min, message.angle_increment, message.range_min, message.range_max,
+            message.ranges,
+            message.angle_min,
+            message.angle_increment,
+            message.range_min,
+            message.range_max,
             message.header.frame_id,
-        )  # fmt: skip
+        )
         # The stamp may be that of the first beam.
         self._arbiter.hear_scan(scan, now, sent=now - age.since(self._p.scan_period), dated=age.dated)
         self._step()

@@ -68,9 +68,17 @@ class Monitor:
     """
 
     def __init__(
-        self, body: Footprint, limits: Limits, timing: Timing, *, speed: float, turning: float, now: float,
-        given: bool = False, mount_of: Callable[[str], Pose | None] = lambda frame: None,
-    ) -> None:  # fmt: skip
+        self,
+        body: Footprint,
+        limits: Limits,
+        timing: Timing,
+        *,
+        speed: float,
+        turning: float,
+        now: float,
+        given: bool = False,
+        mount_of: Callable[[str], Pose | None] = lambda frame: None,
+    ) -> None:
         self._given, self._mount_of = given, mount_of
         self._body, self._limits, self._timing = body, limits, timing
         # Farther than the robot can move in the time to contact plus the whole validity of a scan.

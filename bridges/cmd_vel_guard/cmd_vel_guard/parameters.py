@@ -152,6 +152,12 @@ def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]
     body = Footprint(robot.radius, robot.footprint_x, robot.lidar._replace(frame=p.frame_prefix + robot.lidar.frame))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
     return Monitor(
-        body, limits, timing, speed=robot.max_linear, turning=robot.max_angular, now=now,
-        given=p.scan_mount == "given", mount_of=mount_of,
-    )  # fmt: skip
+        body,
+        limits,
+        timing,
+        speed=robot.max_linear,
+        turning=robot.max_angular,
+        now=now,
+        given=p.scan_mount == "given",
+        mount_of=mount_of,
+    )

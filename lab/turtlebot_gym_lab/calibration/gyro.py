@@ -77,14 +77,21 @@ def fit_gyro(drive: Drive) -> GyroFit:
     estimates = {
         "bias": Estimate(value=bias, low=bias - Z * deviation, high=bias + Z * deviation, unit="rad/s"),
         "variance": Estimate(
-            value=variance, low=variance / (1.0 + off), high=variance / max(1.0 - off, 0.1), unit="(rad/s)^2",
+            value=variance,
+            low=variance / (1.0 + off),
+            high=variance / max(1.0 - off, 0.1),
+            unit="(rad/s)^2",
             remedy="" if off < 2.0 * CLEAR else REMEDY,
         ),
         "bias_walk": Estimate(
-            value=walk, low=float(inside[0]), high=float(inside[-1]), unit="rad/s/sqrt(s)", is_profile=True,
+            value=walk,
+            low=float(inside[0]),
+            high=float(inside[-1]),
+            unit="rad/s/sqrt(s)",
+            is_profile=True,
             remedy="" if clear else REMEDY,
         ),
-    }  # fmt: skip
+    }
     return GyroFit(ImuNoise(variance=variance, bias_deviation=math.hypot(bias, deviation), bias_walk=walk), estimates, by_truth)
 
 

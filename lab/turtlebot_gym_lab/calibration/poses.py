@@ -103,9 +103,26 @@ def _correct(
 def _calmed(belief: Belief, share: float) -> Belief:
     """Return a belief with a share of its twist's variances."""
     mean, P = belief
-    return Belief(mean, Covariance(
-        P.xx, P.xy, P.xt, P.xv, P.xw, P.yy, P.yt, P.yv, P.yw, P.tt, P.tv, P.tw, share * P.vv, P.vw, share * P.ww,
-    ))  # fmt: skip
+    return Belief(
+        mean,
+        Covariance(
+            P.xx,
+            P.xy,
+            P.xt,
+            P.xv,
+            P.xw,
+            P.yy,
+            P.yt,
+            P.yv,
+            P.yw,
+            P.tt,
+            P.tv,
+            P.tw,
+            share * P.vv,
+            P.vw,
+            share * P.ww,
+        ),
+    )
 
 
 @in_machine_code("likelihood of poses")

@@ -34,9 +34,14 @@ def _basis(fitted: Calibration) -> str:
 def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
     """Return tables of the estimates of a log, of what it does not determine, and of remarks."""
     table = Table(
-        "", "value", "95 % interval", "unit", "in the file", title=f"{title}: {_basis(fitted)}",
+        "",
+        "value",
+        "95 % interval",
+        "unit",
+        "in the file",
+        title=f"{title}: {_basis(fitted)}",
         caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
-    )  # fmt: skip
+    )
     for name, estimate in fitted.estimates.items():
         table.add_row(name, f"{estimate.value:.4g}", _interval(estimate), estimate.unit, _in_file(fitted, name, estimate))
     tables = [table]

@@ -39,12 +39,21 @@ def estimation_table(result: Estimation) -> Table:
     """Return a table of filters' errors against the bound, and of their consistency."""
     config, (low, high) = result.config, result.band
     table = Table(
-        "", "x, m", "y, m", "heading, rad", "x over the bound", "y over the bound", "heading over the bound", "NEES", "NIS",
-        "beyond 3 sigma, %", "correlation",
+        "",
+        "x, m",
+        "y, m",
+        "heading, rad",
+        "x over the bound",
+        "y over the bound",
+        "heading over the bound",
+        "NEES",
+        "NIS",
+        "beyond 3 sigma, %",
+        "correlation",
         title=f"noise {config['noise']}, {config['runs']} drives of {config['seconds']:g} s from seed {config['seed']}",
         caption=f"RMSE at the end, with 95 % intervals; NEES of the pose: 3, here {low:.2f} to {high:.2f} of a consistent "
         "filter, which is beyond 3 sigma in 0.8 % of the time; correlation of successive innovations: 0",
-    )  # fmt: skip
+    )
     table.add_row("bound", *(f"{number:.4f}" for number in result.bound[-1]))
     for name, errors in result.filters.items():
         table.add_row(

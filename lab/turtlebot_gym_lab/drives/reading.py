@@ -42,19 +42,32 @@ class Format(NamedTuple):
 
 FORMATS = (
     Format(
-        "bag", "a folder, `.mcap`, `.db3` (ROS 2), `.bag` (ROS 1)",
+        "bag",
+        "a folder, `.mcap`, `.db3` (ROS 2), `.bag` (ROS 1)",
         "odometry, commands, scans, a gyro on `/imu`, maps; truth and fixes as Odometry, PoseStamped, "
-        "PoseWithCovarianceStamped, TransformStamped, PointStamped or `/tf`", is_bag, read_bag, ("topics", "lidar"),
+        "PoseWithCovarianceStamped, TransformStamped, PointStamped or `/tf`",
+        is_bag,
+        read_bag,
+        ("topics", "lidar"),
     ),
     Format(
-        "laser arrays", "`.npz`: `time`, `odometry`, `ranges_cm`, `reference_row`, `reference`",
-        "odometry, scans, the reference as truth", is_laser_arrays, read_laser_arrays, (), False,
+        "laser arrays",
+        "`.npz`: `time`, `odometry`, `ranges_cm`, `reference_row`, `reference`",
+        "odometry, scans, the reference as truth",
+        is_laser_arrays,
+        read_laser_arrays,
+        (),
+        False,
     ),
     Format(
-        "table", "text with named columns, or `.npz` with an array for each", "twist, measured and true poses",
-        is_table, read_table, ("columns",),
+        "table",
+        "text with named columns, or `.npz` with an array for each",
+        "twist, measured and true poses",
+        is_table,
+        read_table,
+        ("columns",),
     ),
-)  # fmt: skip
+)
 """The forms of recordings that `read` knows, in the order in which they are tried."""
 READABLE = "; ".join(f"{form.name}: {form.files.replace('`', '')}" for form in FORMATS)
 """All of them in a line."""

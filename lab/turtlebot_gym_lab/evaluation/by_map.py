@@ -45,9 +45,23 @@ class Mapped(NamedTuple):
 
 @in_machine_code("poses of single scans")
 def _each_alone(
-    time: Any, odometry: Any, rows: Any, at: Any, last: Any, ranges: Any, beams: Any, timing: Any, field: Any, frame: Any,
-    q: Any, starts: Any, scale: Any, poses: Any, covariances: Any, fits: Any,
-) -> None:  # fmt: skip
+    time: Any,
+    odometry: Any,
+    rows: Any,
+    at: Any,
+    last: Any,
+    ranges: Any,
+    beams: Any,
+    timing: Any,
+    field: Any,
+    frame: Any,
+    q: Any,
+    starts: Any,
+    scale: Any,
+    poses: Any,
+    covariances: Any,
+    fits: Any,
+) -> None:
     """Write the pose of each scan at another row, its covariance and the share of its beams that fit."""
     trail, points = np.empty((TRAIL, 4)), np.empty((5, ranges.shape[1]))
     rest(trail, time[0], Pose(odometry[0, 0], odometry[0, 1], odometry[0, 2]))
@@ -89,10 +103,23 @@ def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Ma
     number = len(recorded.rows)
     poses, covariances, fits = np.empty((number, 3)), np.empty((number, 3, 3)), np.empty(number)
     _each_alone(
-        recorded.time, recorded.odometry, recorded.rows, where[row].astype(np.int64), recorded.last,
-        recorded.ranges, directions(recorded.angles), Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max),
-        field, frame, as_tuple(tuning), course.poses, course.scale, poses, covariances, fits,
-    )  # fmt: skip
+        recorded.time,
+        recorded.odometry,
+        recorded.rows,
+        where[row].astype(np.int64),
+        recorded.last,
+        recorded.ranges,
+        directions(recorded.angles),
+        Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max),
+        field,
+        frame,
+        as_tuple(tuning),
+        course.poses,
+        course.scale,
+        poses,
+        covariances,
+        fits,
+    )
     tracked = course.states[recorded.rows] == TRACKING
     clear = np.diagonal(covariances, axis1=1, axis2=2).max(axis=1) < CLEAR**2
     good = (row >= first) & tracked & clear & (fits >= tuning.doubt)

@@ -161,9 +161,17 @@ def estimate(
             correlation=tuple(_correlation(white[..., k]) for k in range(3)),  # type: ignore[arg-type]
         )
     config = {
-        "filters": list(tunings), "noise": noise, "runs": runs, "seconds": steps * dt, "seed": seed, "robot": robot, "dt": dt,
-        "integrator": integrator, "bias": bias, "slip": slip,
-    }  # fmt: skip
+        "filters": list(tunings),
+        "noise": noise,
+        "runs": runs,
+        "seconds": steps * dt,
+        "seed": seed,
+        "robot": robot,
+        "dt": dt,
+        "integrator": integrator,
+        "bias": bias,
+        "slip": slip,
+    }
     band = mean_bounds(3, runs, false_alarm=0.05)
     return Estimation(config=config, time=np.linspace(0.0, steps * dt, steps + 1), bound=bound, filters=results, band=band)
 

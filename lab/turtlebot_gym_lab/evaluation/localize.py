@@ -89,9 +89,21 @@ class Course(NamedTuple):
 
 @in_machine_code("localizer of recordings")
 def _follow(
-    time: Any, odometry: Any, rows: Any, last: Any, ranges: Any, beams: Any, timing: Any, field: Any, frame: Any, q: Any,
-    located: Any, first: int, course: Any, states: Any,
-) -> Any:  # fmt: skip
+    time: Any,
+    odometry: Any,
+    rows: Any,
+    last: Any,
+    ranges: Any,
+    beams: Any,
+    timing: Any,
+    field: Any,
+    frame: Any,
+    q: Any,
+    located: Any,
+    first: int,
+    course: Any,
+    states: Any,
+) -> Any:
     """Write the belief at each row from ``first`` on, shape (T, 11): pose, covariance, share of fitting beams."""
     trail, bank = np.empty((TRAIL, 4)), np.zeros((ROWS, 4))
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
@@ -132,9 +144,21 @@ def localize(recorded: Recorded, place: Place) -> Course:
     course, states = np.full((len(time), 10), np.nan), np.zeros(len(time), np.int64)
     timing = Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max)
     located = _follow(
-        time, recorded.odometry, recorded.rows, recorded.last, recorded.ranges, directions(recorded.angles), timing,
-        place.field, place.frame, q, locate(place.start, place.R, q), place.first, course, states,
-    )  # fmt: skip
+        time,
+        recorded.odometry,
+        recorded.rows,
+        recorded.last,
+        recorded.ranges,
+        directions(recorded.angles),
+        timing,
+        place.field,
+        place.frame,
+        q,
+        locate(place.start, place.R, q),
+        place.first,
+        course,
+        states,
+    )
     a, b, c, d, e, f = course[:, 3:9].T
     covariances = np.stack((a, b, c, b, d, e, c, e, f), axis=1).reshape(-1, 3, 3)
     return Course(course[:, :3], covariances, course[:, 9], states, int(located.scans), float(located.scale.mean))

@@ -176,11 +176,13 @@ def judge_scans(scans: Sequence[Scan]) -> Finding:
         text = f"None can be read: {refused or 'there is none'}."
         return Finding("scans", REFUSED if scans else SKIPPED, text, (), "Policies for rooms need them.")
     figures = (
-        Figure("read", 100.0 * share, "%"), Figure("fewest beams", min(widths)), Figure("most beams", max(widths)),
+        Figure("read", 100.0 * share, "%"),
+        Figure("fewest beams", min(widths)),
+        Figure("most beams", max(widths)),
         Figure("missing beams", 100.0 * float(np.mean(lost)), "%"),
         Figure("beams without a return", 100.0 * float(np.mean(nothing)), "%"),
         Figure("widest gap", math.degrees(max(blind)), "degrees"),
-    )  # fmt: skip
+    )
     text = f"{len(widths)} of {len(scans)} can be read."
     if share < USED:
         return Finding("scans", REFUSED, text, figures, f"The others: {refused}.")
@@ -265,9 +267,10 @@ def judge_measure(name: str, unit: str, *, by_odometry: float, measured: float |
         return Finding(name, REFUSED, text, (odometry,), "Did the wheels turn? Does the guard let commands pass?")
     share, off = measured / by_odometry, uncertainty / abs(by_odometry)
     figures = (
-        odometry, Figure("measured", measured, unit, measured - uncertainty, measured + uncertainty),
+        odometry,
+        Figure("measured", measured, unit, measured - uncertainty, measured + uncertainty),
         Figure("measured over odometry", share, "", share - off, share + off),
-    )  # fmt: skip
+    )
     if abs(share - 1.0) > WITHIN + off:
         advice = "Odometry is off by more than wheels are: the noise file below corrects it for the filter `calibrated`."
         return Finding(name, WARNING, f"The robot moved {100.0 * share:.1f} % of what odometry says.", figures, advice)

@@ -190,10 +190,13 @@ def test_an_interrupt_ends_all_processes_and_the_study_resumes(group, tmp_path):
     command = [sys.executable, "-m", "turtlebot_gym_agents", "study", "study.yaml", "--out", "out", "--json", "out.json"]
     finished = tmp_path / "out" / "finished.jsonl"
     process = subprocess.Popen(
-        [*command, "--cluster", "local", "--workers", "2"], cwd=tmp_path, stderr=subprocess.PIPE, text=True,
+        [*command, "--cluster", "local", "--workers", "2"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
         start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background job ignores it
-    )  # fmt: skip
+    )
     while not finished.exists():
         assert process.poll() is None
         time.sleep(0.01)

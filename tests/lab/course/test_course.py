@@ -14,9 +14,12 @@ HALF = {
     1: ("wrapped(z[2] - x[2])", "z[2] - x[2]", [True, False, True, True, False]),
     2: ("*np.var(slip, axis=0).tolist()", "*(np.var(slip, axis=0) * (1.0, 0.04)).tolist()", [True, False, False, True]),
     3: ("margin=0.03, sight=0.8", "", [True, False, True]),
-    4: ("if pressed:\n            self.last_press = now", "self.last_press = now if pressed else -math.inf",
-        [True, True, True, True, False, False]),
-}  # fmt: skip
+    4: (
+        "if pressed:\n            self.last_press = now",
+        "self.last_press = now if pressed else -math.inf",
+        [True, True, True, True, False, False],
+    ),
+}
 """A replacement in each right solution, and which of its checks are right after it."""
 
 

@@ -212,11 +212,26 @@ def diagnostics(seconds, name, text, level=0, **values):
 def marker(kind, at, size, points=()):
     return make(
         "visualization_msgs/msg/Marker",
-        header(10.0), "obstacles", 0, kind, 0, at, size, make("std_msgs/msg/ColorRGBA", 0.0, 0.0, 0.0, 1.0),
-        make("builtin_interfaces/msg/Duration", 0, 0), False, [point(x, y) for x, y in points], [], "",
-        make("sensor_msgs/msg/CompressedImage", header(0.0), "", np.zeros(0, np.uint8)), [], "", "",
-        make("visualization_msgs/msg/MeshFile", "", np.zeros(0, np.uint8)), False,
-    )  # fmt: skip
+        header(10.0),
+        "obstacles",
+        0,
+        kind,
+        0,
+        at,
+        size,
+        make("std_msgs/msg/ColorRGBA", 0.0, 0.0, 0.0, 1.0),
+        make("builtin_interfaces/msg/Duration", 0, 0),
+        False,
+        [point(x, y) for x, y in points],
+        [],
+        "",
+        make("sensor_msgs/msg/CompressedImage", header(0.0), "", np.zeros(0, np.uint8)),
+        [],
+        "",
+        "",
+        make("visualization_msgs/msg/MeshFile", "", np.zeros(0, np.uint8)),
+        False,
+    )
 
 
 def room():

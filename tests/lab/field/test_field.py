@@ -53,7 +53,7 @@ class TestTopics:
             (ODOM._replace(arrivals=np.delete(TIMES, slice(20, 35))), WARNING, "A gap of more than 0.5 s"),
             (ODOM._replace(arrivals=TIMES[::8]), WARNING, "At less than 5 Hz"),
         ],
-    )  # fmt: skip
+    )
     def test_missing_mistyped_silent_doubled_gapped_and_slow_ones_are_named(self, fault, verdict, text):
         finding = judged(fault)
         assert finding.verdict == verdict

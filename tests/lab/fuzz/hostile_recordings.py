@@ -274,10 +274,16 @@ def bag_of_ros_1_with_a_bomb(folder, rng):
     connection += field(b"message_definition", b"uint8[] data\n")
     end = record_1({b"op": b"\x07", b"conn": bytes(4), b"topic": b"/odom"}, connection)
     end += record_1(
-        {b"op": b"\x06", b"ver": struct.pack("<I", 1), b"chunk_pos": struct.pack("<Q", len(start) + len(head)),
-         b"start_time": bytes(8), b"end_time": struct.pack("<II", 9, 0), b"count": struct.pack("<I", 1)},
+        {
+            b"op": b"\x06",
+            b"ver": struct.pack("<I", 1),
+            b"chunk_pos": struct.pack("<Q", len(start) + len(head)),
+            b"start_time": bytes(8),
+            b"end_time": struct.pack("<II", 9, 0),
+            b"count": struct.pack("<I", 1),
+        },
         bytes(4) + struct.pack("<I", 1),
-    )  # fmt: skip
+    )
     return partial(read, written(folder / "a.bag", start + head + chunk + index + end))
 
 

@@ -16,9 +16,15 @@ LIFELINE = "NODE_LIFELINE"
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 """Signals that end a process: Ctrl-C, ``kill``, a closed terminal, and Ctrl with a backslash."""
 OTHERS = (
-    signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGIO, signal.SIGPWR,
+    signal.SIGUSR1,
+    signal.SIGUSR2,
+    signal.SIGALRM,
+    signal.SIGVTALRM,
+    signal.SIGPROF,
+    signal.SIGIO,
+    signal.SIGPWR,
     signal.SIGXCPU,
-)  # fmt: skip
+)
 """All others that end a process by default, but for crashes."""
 SUSPENSIONS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 """Signals that suspend a process: Ctrl-Z, and using the terminal from its background."""

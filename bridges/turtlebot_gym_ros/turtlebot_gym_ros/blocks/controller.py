@@ -61,9 +61,15 @@ def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> In
     if convert is None:
         raise ValueError(f"the policy reads {term.name!r}: give {here.source} a topic, message and convert.")
     return Input(
-        topic=here.topic, type=tuple, message=here.message, read=lambda message: here.read(convert(message)),
-        max_age=min(here.lasts, OLDEST), lasts=max(here.lasts - OLDEST, 0.0), lock_step="refused", reliable=False,
-    )  # fmt: skip
+        topic=here.topic,
+        type=tuple,
+        message=here.message,
+        read=lambda message: here.read(convert(message)),
+        max_age=min(here.lasts, OLDEST),
+        lasts=max(here.lasts - OLDEST, 0.0),
+        lock_step="refused",
+        reliable=False,
+    )
 
 
 def _shifted(mount: Pose | None) -> Pose | None:
@@ -137,9 +143,14 @@ class VelocityController:
     def __init__(self, params: Params) -> None:
         self.trigger = On("estimate", period=params.period)
         self.deployment = Deployment(
-            params.policy, robot=params.robot, period=params.period, lidar_yaw=params.lidar_yaw, lidar_beams=params.lidar_beams,
-            safety_margin=params.safety_margin, noise=params.noise,
-        )  # fmt: skip
+            params.policy,
+            robot=params.robot,
+            period=params.period,
+            lidar_yaw=params.lidar_yaw,
+            lidar_beams=params.lidar_beams,
+            safety_margin=params.safety_margin,
+            noise=params.noise,
+        )
         """The policy; it stores its last observation and action."""
         self._agreement = Agreement(make_robot(params.robot), make_noise(params.noise), leaps=True)
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None

@@ -297,10 +297,12 @@ class Localizer:
         else:
             self.notice = f"{STATES[state]}: {fits}"
         self.figures = {
-            "localization": STATES[state], "fitting beams": f"{located.fits:.2f}",
+            "localization": STATES[state],
+            "fitting beams": f"{located.fits:.2f}",
             "weight of the best hypothesis": f"{located.weight:.2f}",
-            "scans without a fit": max(int(located.misfits), 0), "scans used": int(located.scans),
-        }  # fmt: skip
+            "scans without a fit": max(int(located.misfits), 0),
+            "scans used": int(located.scans),
+        }
         others = tuple(Pose(*place) for place in followed(located, self._bank, self._wheels(), self._q)[:, :3].tolist())
         places = {"places": Places(others)} if others or self._considered else {}
         self._considered = others

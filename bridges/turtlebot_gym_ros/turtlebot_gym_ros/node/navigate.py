@@ -72,9 +72,13 @@ class NavigateToPose:
         self._node, self._block, self._read, self._frame, self._action = node, block, read, frame, Action
         self._open: list[tuple[Any, Errand]] = []
         self._server = _Server(
-            node, Action, NAME, execute_callback=lambda handle: None, handle_accepted_callback=self._take,
+            node,
+            Action,
+            NAME,
+            execute_callback=lambda handle: None,
+            handle_accepted_callback=self._take,
             cancel_callback=self._cancel,
-        )  # fmt: skip
+        )
 
     def _take(self, handle: Any) -> None:
         try:

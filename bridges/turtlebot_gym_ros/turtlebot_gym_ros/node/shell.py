@@ -115,10 +115,16 @@ class Shell:
         self.inputs = Inputs(node, declared, self.common, headers=headers, group=group, now=self._now)
         self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)
         hands = Hands(
-            group=group, node=node, feeds=self.inputs.feeds, outputs=self.outputs, now=self._now,
-            step=self._step, begin=self._begin_anew, pause=self._pause,
+            group=group,
+            node=node,
+            feeds=self.inputs.feeds,
+            outputs=self.outputs,
+            now=self._now,
+            step=self._step,
+            begin=self._begin_anew,
+            pause=self._pause,
             may_move=lambda: self.switch is None or self.switch.safety.enabled,
-        )  # fmt: skip
+        )
         self._drive = make_drive(hands, block, lock_step=lock_step)
         self._reporter = Reporter(node, [*self.outputs.endpoints, *self.inputs.connect(self._drive)], plant=self._is_plant)
         node.create_service(Trigger, "~/reset", self._serve_reset)
@@ -132,9 +138,15 @@ class Shell:
         self._resume = node.create_publisher(Empty, "resume", STREAM) if self.inputs.halting else None
         if self.outputs.moving:
             self.switch = Switch(
-                node, self.outputs, enabled=self.common.start_enabled, now=self._now, restart=self._enabled,
-                blocked=math.inf if lock_step else 0.5, sees=self.inputs.sees, group=group,
-            )  # fmt: skip
+                node,
+                self.outputs,
+                enabled=self.common.start_enabled,
+                now=self._now,
+                restart=self._enabled,
+                blocked=math.inf if lock_step else 0.5,
+                sees=self.inputs.sees,
+                group=group,
+            )
         self._action = offer(node, block, self.inputs.feeds, self.common)
         self._ros_clock = RosClock(node, ignore=lock_step or self._drive.sets_clock, jumped=self._jumped, now=self._now())
 

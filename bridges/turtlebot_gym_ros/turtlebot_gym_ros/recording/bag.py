@@ -26,9 +26,16 @@ RESERVE = 2**20
 """Space that a bag holds back to finish itself on a full disk, bytes."""
 _FOREVER = QosTime(2147483647, 4294967295)
 _LATCHED = Qos(
-    QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
-    _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER, avoid_ros_namespace_conventions=False,
-)  # fmt: skip
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    avoid_ros_namespace_conventions=False,
+)
 
 
 def rebuild(database: Path, folder: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> None:
