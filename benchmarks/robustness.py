@@ -22,7 +22,7 @@ from harness.tables import table
 from scenarios import BASELINES, NAV, POSE, SQUARE, Budget, evaluate_baselines, results_folder, run_all, trained, tuned
 from tune_baseline import best_of
 from turtlebot_gym import ROBOTS
-from turtlebot_gym_agents.evaluation.comparison import Outcome, compare
+from turtlebot_gym_agents.evaluation.comparison import PairedOutcome, compare
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import holm, mean, share
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
@@ -114,7 +114,7 @@ def compared(config: Config, folder: Path, name: str) -> dict[str, Any]:
         },
         "baselines": [described(policy) for policy in baselines],
         "compared_with": best,
-        "ppo": compare([Outcome.of(evaluate(bundle, **common)) for bundle in bundles], Outcome.of(baselines[best])),
+        "ppo": compare([PairedOutcome.of(evaluate(bundle, **common)) for bundle in bundles], PairedOutcome.of(baselines[best])),
         "commits": sorted({str(bundle.card.training["commit"]) for bundle in bundles}),
     }
 

@@ -19,7 +19,7 @@ import tyro
 from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym.validation import Range, choose, whole
+from turtlebot_gym.validation import Range, as_int, choose
 from turtlebot_gym_agents.commands.console import Setting
 from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
@@ -76,7 +76,7 @@ def tune_baseline(
     """
     kind = choose("policy", policy, POLICIES)
     for name, number in (("tries", tries), ("episodes", episodes)):
-        whole(name, number, 1)
+        as_int(name, number, 1)
     require_known(env, seed)
     if path.suffix != ".json":
         raise ValueError(f"out must be a file *.json, got {str(path)!r}.")

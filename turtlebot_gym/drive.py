@@ -217,7 +217,7 @@ def concatenate(pieces: Sequence[Drive]) -> Drive:
     return replace(pieces[-1], joined=None, scans=tuple(scans), **columns, **texts)  # pyright: ignore[reportArgumentType]
 
 
-class Growing:
+class DriveBuffer:
     """A drive that grows: the recorder adds pieces, and each browser reads at its own pace. Thread-safe.
 
     A `restart` begins another drive, such as the next episode; readers notice it by the drive's number.

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 from turtlebot_gym.bounded import bounded
 from turtlebot_gym.parameters import FixNoise, Noise
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import made
+from turtlebot_gym.validation import build
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,7 +74,7 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
     except OSError as error:
         raise ValueError(f"There is no {kind_of(kind)} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
     try:
-        return made(kind, content, kind_of(kind))
+        return build(kind, content, kind_of(kind))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
 

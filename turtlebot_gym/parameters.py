@@ -19,8 +19,8 @@ from turtlebot_gym.validation import (
     PROBABILITY,
     Numbers,
     Range,
+    check_fields,
     refusal,
-    typed,
     variances,
 )
 
@@ -69,7 +69,7 @@ class ProcessNoise:
     """Probability per 0.1 s that a burst ends."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +97,7 @@ class OdometryNoise:
     """Whether the odometry integrates the wheels instead of measuring the pose."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 def is_covariance(R: Sequence[float], cross: Sequence[float]) -> bool:
@@ -128,7 +128,7 @@ class FixNoise:
     """Probability per measurement that it is lost."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
         if len(self.R) not in (2, 3) or math.inf in self.R[:2]:
             raise refusal("FixNoise.R", "two or three variances, those of x and y finite", self.R)
         object.__setattr__(self, "R", (*self.R, math.inf)[:3])
@@ -146,7 +146,7 @@ class Noise:
     """Noise of the measured pose."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +163,7 @@ class Kalman:
     """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,7 +181,7 @@ class Gated:
     """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,7 +194,7 @@ class Mixture:
     """Size of a heading spike, rad."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,7 +210,7 @@ class Scale:
     """Initial standard deviation of the executed share of a commanded twist."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -233,6 +233,6 @@ class FilterTuning:
     """The filter, with what it alone reads: `Kalman`, `DeadReckoning`, `Gated`, `Mixture`, `Slip` or `Scale`."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
         if not is_dataclass(self.kind) or isinstance(self.kind, type):
             raise refusal("FilterTuning.kind", "a filter's own tuning, such as Kalman(gate=9.0)", self.kind)

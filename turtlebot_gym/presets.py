@@ -10,7 +10,6 @@ from typing import Any
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.estimation.plain import Plain
 from turtlebot_gym.files import T, is_file, kind_of, read_parameters
-from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
@@ -24,8 +23,9 @@ from turtlebot_gym.parameters import (
     Scale,
     Slip,
 )
+from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.validation import choose, made, refusal
+from turtlebot_gym.validation import build, choose, refusal
 
 SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
 """Least standard deviations of the executed twist that the matched filter assumes, m/s and rad/s per step of 0.1 s. A filter
@@ -181,7 +181,7 @@ FILTERS: dict[str, Callable[..., FilterTuning]] = {
 def resolve(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapping[str, T]) -> T:
     """Return parameters as they are given, as a mapping of their fields, from a file, or by their name."""
     if isinstance(given, (kind, Mapping)):
-        return made(kind, given, kind_of(kind))
+        return build(kind, given, kind_of(kind))
     return read_parameters(kind, given) if is_file(given) else choose(kind_of(kind), given, known)
 
 
@@ -234,7 +234,7 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
         except Exception as error:
             raise failure(str(tuning), error) from error
     if isinstance(loaded, (FilterTuning, Mapping)):
-        return made(FilterTuning, loaded, "filter")
+        return build(FilterTuning, loaded, "filter")
     if loaded is not tuning:
         raise refusal("filter", "a tuning, or what makes one", loaded)
     preset = choose("filter", tuning, FILTERS)

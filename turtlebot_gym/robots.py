@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from turtlebot_gym.validation import LEAST, POSITIVE, POSITIVE_OR_INFINITE, Range, typed
+from turtlebot_gym.validation import LEAST, POSITIVE, POSITIVE_OR_INFINITE, Range, check_fields
 
 PLACE = Range(-1.0, 1.0, unit="m")
 """Places on a robot."""
@@ -28,7 +28,7 @@ class LidarMount:
     """Direction of the scan's angle 0, rad."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ class Robot:
     """Mount of the LiDAR, for the collision monitor, where ``/tf_static`` does not state it."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 # URDF of each robot. Burger: a body of 0.14 x 0.14 m around x = -0.032 m, and wheels that reach to x = 0.033 m; a radius of

@@ -9,7 +9,7 @@ from typing import Annotated
 from turtlebot_gym.kernel import algebra, kernel, sqrt
 from turtlebot_gym.models.angles import PI, wrap
 from turtlebot_gym.models.random import GOAL, START, uniforms
-from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, POSITIVE_OR_INFINITE, typed
+from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, POSITIVE_OR_INFINITE, check_fields
 from turtlebot_gym.values import Pose, State
 
 
@@ -46,7 +46,7 @@ class Task:
     """Steps after which an episode is truncated; infinite to leave that to the environment."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
         if not self.min_distance <= self.arena:
             raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
 

@@ -1,7 +1,7 @@
 """The one rule for what users pass: a value that breaks its rule is refused as "NAME must be RULE, got VALUE."
 
-A rule is declared beside the field that it holds for, ``radius: Annotated[float, POSITIVE] = 0.1``, and `typed` checks all
-fields of a parameter class by such declarations; anything else calls ``POSITIVE.check("radius", value)``.
+A rule is declared beside the field that it holds for, ``radius: Annotated[float, POSITIVE] = 0.1``, and `check_fields` checks
+all fields of a parameter class by such declarations; anything else calls ``POSITIVE.check("radius", value)``.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Rule(Protocol):
         ...
 
 
-def shown(value: Any) -> str:
+def short_repr(value: Any) -> str:
     """Return a value as error messages show it: on one line and shortened."""
     try:
         return " ".join(_SHORT.repr(value).split())
@@ -45,7 +45,7 @@ def shown(value: Any) -> str:
 
 def refusal(name: str, rule: object, value: Any) -> ValueError:
     """Return the error for a value that breaks its rule."""
-    return ValueError(f"{name} must be {rule}, got {shown(value)}.")
+    return ValueError(f"{name} must be {rule}, got {short_repr(value)}.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,12 +187,12 @@ def _number(name: str, value: Any) -> float:
     return number
 
 
-def whole(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
+def as_int(name: str, value: Any, least: int = 0, most: float = math.inf) -> int:
     """Return a whole number in a range as an int, or raise the `refusal` of anything else."""
     return Range(least, most, whole=True).check(name, value)
 
 
-def flag(name: str, value: Any) -> bool:
+def as_bool(name: str, value: Any) -> bool:
     """Return a boolean, of Python or NumPy, as Python's, or raise the `refusal` of anything else."""
     truth = _item(value)
     if not isinstance(truth, bool):
@@ -225,7 +225,7 @@ def did_you_mean(name: Any, known: Iterable[Any]) -> str:
     return f" Did you mean {known_as[similar[0]]!r}?" if similar else ""
 
 
-def typed(owner: Any, prefix: str | None = None) -> None:
+def check_fields(owner: Any, prefix: str | None = None) -> None:
     """Check the fields of a parameter class, and give each the type that it is declared with, where that loses nothing.
 
     NumPy's numbers become Python's, sequences and arrays become tuples, and a mapping becomes the parameter class that is
@@ -255,7 +255,7 @@ def rules(kind: type) -> dict[str, Rule]:
     return {name: beside[0] for name, beside in declared.items() if beside}
 
 
-def made(kind: type[T], value: Any, name: str) -> T:
+def build(kind: type[T], value: Any, name: str) -> T:
     """Return parameters of a class that are given as such, or as a mapping of its fields.
 
     Raises:
@@ -290,5 +290,5 @@ def _check(hint: Any, rule: Rule | None) -> Callable[[str, Any], Any] | None:
         optional = NoneType in get_args(hint)
         return lambda name, value: None if optional and value is None else rule.check(name, value)
     if isinstance(hint, type) and is_dataclass(hint):
-        return lambda name, value: made(hint, value, name)
-    return {float: _number, int: whole, bool: flag, tuple[float, ...]: Numbers().check}.get(hint)
+        return lambda name, value: build(hint, value, name)
+    return {float: _number, int: as_int, bool: as_bool, tuple[float, ...]: Numbers().check}.get(hint)

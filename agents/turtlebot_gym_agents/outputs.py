@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
 
-class Output(NamedTuple):
+class OutputFile(NamedTuple):
     """Kind of file or folder that a command writes; in the ``Annotated`` type of the field that names it."""
 
     endings: tuple[str, ...] = ()
@@ -28,12 +28,14 @@ class Output(NamedTuple):
     """Whether its command resumes what an existing file holds, or refuses it."""
 
 
-JSON = Output((".json",))
-FIGURE = Output((".png", ".pdf", ".svg"))
-FOLDER = Output(folder=True)
+JSON = OutputFile((".json",))
+FIGURE = OutputFile((".png", ".pdf", ".svg"))
+FOLDER = OutputFile(folder=True)
 
 
-def require_outputs(outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iterable[object] = (), force: bool = False) -> None:
+def require_outputs(
+    outputs: Iterable[tuple[str, Path, OutputFile]], *, inputs: Iterable[object] = (), force: bool = False
+) -> None:
     """Refuse outputs that cannot or should not be written; missing folders of files are created.
 
     Args:
@@ -56,7 +58,7 @@ def require_outputs(outputs: Iterable[tuple[str, Path, Output]], *, inputs: Iter
             raise ValueError(f"{option} {path}: it cannot be written: {error.strerror or error}.") from error
 
 
-def outputs_of(command: Any) -> Iterator[tuple[str, Path, Output]]:
+def outputs_of(command: Any) -> Iterator[tuple[str, Path, OutputFile]]:
     """Yield option, path and kind of each output of a command.
 
     Args:
@@ -75,10 +77,10 @@ def inputs_of(command: Any) -> Iterator[object]:
     yield from (getattr(command, item.name) for item in fields(command) if item.name not in written)
 
 
-def _kinds_of(command: type) -> Mapping[str, Output]:
+def _kinds_of(command: type) -> Mapping[str, OutputFile]:
     """Return the fields of a command that name outputs, each with its kind."""
     marks = {name: getattr(hint, "__metadata__", ()) for name, hint in get_type_hints(command, include_extras=True).items()}
-    return {name: mark for name, metadata in marks.items() for mark in metadata if isinstance(mark, Output)}
+    return {name: mark for name, metadata in marks.items() for mark in metadata if isinstance(mark, OutputFile)}
 
 
 def require_file(path: Path) -> None:
@@ -96,7 +98,7 @@ def require_file(path: Path) -> None:
         target.unlink()
 
 
-def _require(where: str, path: Path, kind: Output, inputs: list[Path], *, force: bool) -> None:
+def _require(where: str, path: Path, kind: OutputFile, inputs: list[Path], *, force: bool) -> None:
     if kind.folder:
         if path.exists() and not path.is_dir():
             raise ValueError(f"{where}: it is a file; a folder is needed.")

@@ -8,13 +8,13 @@ from typing import Annotated
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import Driven, Writing, needs
-from turtlebot_gym_agents.outputs import Output
-from turtlebot_gym_lab.commands.recorded import Recorded
+from turtlebot_gym_agents.commands.console import DriveOptions, WritingOptions, needs
+from turtlebot_gym_agents.outputs import OutputFile
+from turtlebot_gym_lab.commands.recorded import RecordingOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch(Writing, Recorded, Driven):
+class Watch(WritingOptions, RecordingOptions, DriveOptions):
     """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
 
     The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [view].
@@ -26,7 +26,7 @@ class Watch(Writing, Recorded, Driven):
     """Seed of the episode."""
     drive: tuple[Path, ...] = ()
     """Recorded drives instead of episodes, as calibrate and replay take them, or snapshots.csv of data_logger."""
-    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), Output((".html", ".htm"))] = None
+    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), OutputFile((".html", ".htm"))] = None
     """Write the view to this file, which opens without a server or a network, instead of serving it."""
     host: str = "localhost"
     """Name or address to listen on; with 0.0.0.0 anyone who can reach this machine sees the view."""

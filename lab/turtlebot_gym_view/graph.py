@@ -24,12 +24,12 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Empty
 
-from turtlebot_gym.drive import Growing, RoomData
+from turtlebot_gym.drive import DriveBuffer, RoomData
 from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym_lab.drives.alignment import LEAP
-from turtlebot_gym_lab.drives.messages import GUARD, TYPES, Listener
+from turtlebot_gym_lab.drives.messages import GUARD, TYPES, DriveListener
 from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
 from turtlebot_gym_ros.base.qos import LATCHED, STREAM
@@ -61,10 +61,10 @@ class Watcher:
 
     def __init__(self, context: Context, *, namespace: str | None = None, lidar: str = "lds01") -> None:
         self.node = Node("watch", context=context, namespace=namespace)
-        self.drive = Growing()
+        self.drive = DriveBuffer()
         """The recorded drive."""
         guard = f"{self.node.get_namespace().rstrip('/')}/{GUARD}"
-        self.listener = Listener(lidar=find_lidar(lidar), guard=guard, live=True)
+        self.listener = DriveListener(lidar=find_lidar(lidar), guard=guard, live=True)
         """What the topics say."""
         self._begun = Event()
         self._pending: deque[float] = deque()

@@ -14,7 +14,7 @@ from turtlebot_gym.drive import Drive
 from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym_view import style
-from turtlebot_gym_view.style import Ink, Theme
+from turtlebot_gym_view.style import Theme, ThemeColour
 
 PAD = 0.3
 """Margin around the visible contents, m."""
@@ -133,7 +133,7 @@ def _corners(grid: GridMap) -> NDArray[np.float64]:
     return np.array([[x + cosine * u - sine * v, y + sine * u + cosine * v] for u in (0.0, width) for v in (0.0, height)])
 
 
-def _draw_cells(figure: Figure, grid: GridMap, value: int, ink: Ink, theme: Theme) -> GlyphRenderer[Any]:
+def _draw_cells(figure: Figure, grid: GridMap, value: int, ink: ThemeColour, theme: Theme) -> GlyphRenderer[Any]:
     """Draw the cells of a map that have a value in its picture."""
     shown, (x, y, width, height) = _picture(grid)
     mapper = LinearColorMapper(palette=["#00000000", ink.light], low=0, high=1)

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from turtlebot_gym.drive import Drive
 from turtlebot_gym_view import style
-from turtlebot_gym_view.style import Ink, Theme
+from turtlebot_gym_view.style import Theme, ThemeColour
 
 OK, WARNING, ERROR = 0.0, 1.0, 2.0
 """Levels of a report, as in ``diagnostic_msgs/DiagnosticStatus``."""
@@ -41,7 +41,7 @@ class _Curve(NamedTuple):
 
     column: str
     layer: str
-    ink: Ink
+    ink: ThemeColour
     dash: str | list[int] = "solid"
     steps: bool = False
     width: float = 1.4

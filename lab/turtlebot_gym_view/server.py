@@ -25,8 +25,8 @@ from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
 from tornado.routing import Matcher, Rule, RuleRouter
 
-from turtlebot_gym.drive import Drive, Growing
-from turtlebot_gym.validation import whole
+from turtlebot_gym.drive import Drive, DriveBuffer
+from turtlebot_gym.validation import as_int
 from turtlebot_gym_view.view import View, fill
 
 EVERYWHERE = ("", "0.0.0.0")
@@ -77,8 +77,10 @@ class Server:
         OSError: If the port is taken or the address is not this machine's.
     """
 
-    def __init__(self, drives: Sequence[Growing], *, title: str, live: bool, host: str = "localhost", port: int = 5006) -> None:
-        whole("port", port, 0, 2**16 - 1)
+    def __init__(
+        self, drives: Sequence[DriveBuffer], *, title: str, live: bool, host: str = "localhost", port: int = 5006
+    ) -> None:
+        as_int("port", port, 0, 2**16 - 1)
         self._drives, self._title, self._live, self._host, self._port = drives, title, live, host, port
         self._ready = Event()
         self._error: BaseException | None = None
@@ -133,13 +135,13 @@ class Server:
 
 def serve(drives: Sequence[Drive], *, title: str, host: str = "localhost", port: int = 5006) -> None:
     """Serve complete drives, print the URL, and return when the process is interrupted (Ctrl-C)."""
-    with Server([Growing(drive) for drive in drives], title=title, live=False, host=host, port=port) as server:
+    with Server([DriveBuffer(drive) for drive in drives], title=title, live=False, host=host, port=port) as server:
         print(f"{server.url}  (Ctrl-C ends)", flush=True)
         with suppress(KeyboardInterrupt):
             Event().wait()
 
 
-def _follow(drives: Sequence[Growing], view: View, seen: list[tuple[int, int]]) -> None:
+def _follow(drives: Sequence[DriveBuffer], view: View, seen: list[tuple[int, int]]) -> None:
     """Send new pieces to one browser, or reload its page if another drive has begun.
 
     ``seen`` holds the number of each drive and how many of its pieces the view has; it is updated.

@@ -9,28 +9,28 @@ from bokeh.plotting import figure as Figure
 from turtlebot_gym.plotting import BLACK, BLUE, GREEN, ORANGE, PATHS, PURPLE, SKY_BLUE, VERMILLION
 
 
-class Ink(NamedTuple):
+class ThemeColour(NamedTuple):
     """A colour, on light pages and on dark ones."""
 
     light: str
     dark: str
 
 
-TRUTH = Ink(BLACK, "#f2f2f2")
-ESTIMATE = Ink(VERMILLION, "#f0813a")
-ODOMETRY = Ink(SKY_BLUE, SKY_BLUE)
-COMMAND = Ink(BLUE, "#4aa8e0")
-GOAL = Ink(GREEN, "#1fbf92")
-SCAN = Ink(PURPLE, PURPLE)
-CHART = Ink("#e69f0066", "#e69f0055")
+TRUTH = ThemeColour(BLACK, "#f2f2f2")
+ESTIMATE = ThemeColour(VERMILLION, "#f0813a")
+ODOMETRY = ThemeColour(SKY_BLUE, SKY_BLUE)
+COMMAND = ThemeColour(BLUE, "#4aa8e0")
+GOAL = ThemeColour(GREEN, "#1fbf92")
+SCAN = ThemeColour(PURPLE, PURPLE)
+CHART = ThemeColour("#e69f0066", "#e69f0055")
 """Colour of the map of a localizer, over the room."""
-SOLID = Ink("#777777", "#8b9098")
-UNKNOWN = Ink("#dddddd", "#3a3f46")
-TEXT = Ink("#24292f", "#d7dce2")
-FAINT = Ink("#e3e6ea", "#343a42")
-LIMIT = Ink("#57606a", "#9aa4af")
+SOLID = ThemeColour("#777777", "#8b9098")
+UNKNOWN = ThemeColour("#dddddd", "#3a3f46")
+TEXT = ThemeColour("#24292f", "#d7dce2")
+FAINT = ThemeColour("#e3e6ea", "#343a42")
+LIMIT = ThemeColour("#57606a", "#9aa4af")
 """Colour of limits: the NIS's 95 % line, contact."""
-LEVELS = (Ink(GREEN, "#1fbf92"), Ink(ORANGE, ORANGE), Ink(VERMILLION, "#f0813a"))
+LEVELS = (ThemeColour(GREEN, "#1fbf92"), ThemeColour(ORANGE, ORANGE), ThemeColour(VERMILLION, "#f0813a"))
 """Colours of the guard's reports: fine, warning, error."""
 
 PRESENT = {
@@ -52,11 +52,11 @@ _ORDER = (0, 3, 2, 4, 1)
 """Order of the runs' colours; those of the estimate and of the odometry come last."""
 
 
-def run_style(at: int) -> tuple[Ink, str | list[int]]:
+def run_style(at: int) -> tuple[ThemeColour, str | list[int]]:
     """Return colour and dashes of one of several runs."""
     color, style = PATHS[_ORDER[at % len(_ORDER)]]
     dashes = _DASHES[style] if isinstance(style, str) else [2 * length for length in style[1]]
-    return Ink(color, _BRIGHTER.get(color, color)), dashes
+    return ThemeColour(color, _BRIGHTER.get(color, color)), dashes
 
 
 class Theme:
@@ -66,7 +66,7 @@ class Theme:
         self.entries: list[list[Any]] = []
         """Model, name of the property, colour on light pages, colour on dark ones."""
 
-    def paint(self, model: Any, ink: Ink, *names: str) -> None:
+    def paint(self, model: Any, ink: ThemeColour, *names: str) -> None:
         """Set the colour of properties of a model, such as ``line_color``."""
         for name in names:
             setattr(model, name, ink.light)

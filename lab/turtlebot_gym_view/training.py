@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from turtlebot_gym.drive import Drive, Growing
+from turtlebot_gym.drive import Drive, DriveBuffer
 from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, Callback, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_view import record_episode
@@ -27,7 +27,7 @@ class WatchCallback(Callback):
         """Server of the view during training."""
 
     def _on_training_start(self) -> None:
-        self.drive = Growing(self._record())
+        self.drive = DriveBuffer(self._record())
         self.server = Server([self.drive], title=self._config.title, live=True, port=self._port)
         self.server.__enter__()
         print(f"{self.server.url} shows the current policy", flush=True)

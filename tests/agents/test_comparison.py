@@ -9,7 +9,7 @@ import pytest
 
 from turtlebot_gym_agents.commands.verdict import verdicts
 from turtlebot_gym_agents.evaluation import comparison, metrics
-from turtlebot_gym_agents.evaluation.comparison import Outcome
+from turtlebot_gym_agents.evaluation.comparison import PairedOutcome
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
@@ -188,7 +188,7 @@ def test_trainings_compared_with_a_baseline():
     options = {"episodes": 40, "noise": "rough"}
     learned = [evaluate(policy, **options) for policy in ("bearing", "proportional", "bearing")]
     baseline = evaluate("bearing", **options)
-    compared = comparison.compare(list(map(Outcome.of, learned)), Outcome.of(baseline))
+    compared = comparison.compare(list(map(PairedOutcome.of, learned)), PairedOutcome.of(baseline))
     assert (compared["trainings"], compared["episodes"]) == (3, 40)
     np.testing.assert_allclose(compared["time_of_each_training"], [evaluation.times().mean() for evaluation in learned])
     np.testing.assert_allclose(compared["time"].value, np.mean(compared["time_of_each_training"]))
@@ -198,7 +198,7 @@ def test_trainings_compared_with_a_baseline():
     assert compared["success"].value == pytest.approx((2.0 + learned[1].episodes.success.mean()) / 3.0)
     assert isinstance(compared["success_difference"], Interval)
     with pytest.raises(ValueError, match="same seeds"):
-        comparison.compare([Outcome.of(learned[0])] * 2, Outcome.of(evaluate("bearing", seed=1, **options)))
+        comparison.compare([PairedOutcome.of(learned[0])] * 2, PairedOutcome.of(evaluate("bearing", seed=1, **options)))
 
 
 N = 400

@@ -13,7 +13,7 @@ from turtlebot_gym_agents.policies import grid, make_policy
 from turtlebot_gym_agents.policies.grid import CELL, OCCUPIED, SIDE
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import ShrinkingPolicy
-from turtlebot_gym_agents.policies.sight import Motion
+from turtlebot_gym_agents.policies.sight import SightMotion
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
 NOTHING = np.ones(SECTORS)
@@ -64,9 +64,9 @@ def test_machine_code_is_plain_python_to_the_bit():
     for _ in range(5):
         scans, shares = random.uniform(-2.0, 2.0, (2, 3)), np.minimum(random.uniform(0.1, 1.3, (2, SECTORS)), 1.0)
         places, goals, yes = random.uniform(-2.0, 2.0, (2, 2)), random.uniform(-9.0, 9.0, (2, 2)), np.ones(2, np.bool_)
-        for function, (seen, vain, ways, targets) in ((grid.advance(), compiled), (grid._advance, plain)):
+        for function, (seen, failed_attempts, ways, targets) in ((grid.advance(), compiled), (grid._advance, plain)):
             reaches, numbers = np.array([3.4, 2.0]), (policy._stamp, 2.0, 1.15, 6, 4)
-            function(seen, vain, ways, scans, reaches, shares, yes, places, goals, yes, yes, *numbers, targets)
+            function(seen, failed_attempts, ways, scans, reaches, shares, yes, places, goals, yes, yes, *numbers, targets)
         for array, expected in zip(compiled, plain, strict=True):
             np.testing.assert_array_equal(array, expected)
     assert (compiled[0] >= OCCUPIED).sum() > 50
@@ -143,8 +143,8 @@ def test_a_path_over_ground_seen_to_be_free_is_preferred_to_a_slightly_shorter_o
         seen, target = np.zeros((SIDE, SIDE), np.int8), np.zeros(2)
         seen[SIDE // 2 : SIDE // 2 + 2, SIDE // 2 + 10] = grid.CERTAIN
         seen[SIDE // 2 + side * np.arange(2, 9), SIDE // 2 : SIDE // 2 + 20] = grid.FREED
-        vain, ways, stamp = np.zeros_like(seen), np.zeros_like(seen), PlannerPolicy()._stamp
-        grid.plan(seen, vain, ways, False, 0.0, 0.1, 2.0, 0.1, stamp, 4.0, 1.0, 6, 4, target)
+        failed_attempts, ways, stamp = np.zeros_like(seen), np.zeros_like(seen), PlannerPolicy()._stamp
+        grid.plan(seen, failed_attempts, ways, False, 0.0, 0.1, 2.0, 0.1, stamp, 4.0, 1.0, 6, 4, target)
         assert np.sign(target[1] - 0.1) == side
 
 
@@ -152,11 +152,11 @@ def test_the_last_path_is_kept_until_another_is_much_shorter_or_the_robot_is_stu
     """A wall is ahead, as long on the left as on the right, and is then seen to be longer where the way leads past it."""
     stamp, target = PlannerPolicy()._stamp, np.zeros(2)
     for grows, habit, stuck, changes in ((1, 0, False, True), (1, 4, False, False), (8, 4, False, True), (1, 4, True, True)):
-        seen, vain, ways = (np.zeros((SIDE, SIDE), np.int8) for _ in range(3))
+        seen, failed_attempts, ways = (np.zeros((SIDE, SIDE), np.int8) for _ in range(3))
         seen[SIDE // 2 - 8 : SIDE // 2 + 8, SIDE // 2 + 10] = grid.CERTAIN
         sides = []
         for _ in range(2):
-            grid.plan(seen, vain, ways, stuck, 0.0, 0.02, 2.0, 0.02, stamp, 4.0, 1.0, 4, habit, target)
+            grid.plan(seen, failed_attempts, ways, stuck, 0.0, 0.02, 2.0, 0.02, stamp, 4.0, 1.0, 4, habit, target)
             sides.append(np.sign(target[1]))
             end = SIDE // 2 + 8 if sides[0] > 0 else SIDE // 2 - 8 - grows
             seen[end : end + grows, SIDE // 2 + 10] = grid.CERTAIN
@@ -165,7 +165,7 @@ def test_the_last_path_is_kept_until_another_is_much_shorter_or_the_robot_is_stu
 
 def test_the_motion_since_a_scan_follows_from_the_speeds_at_that_time():
     """The robot drove, turned to the left for 0.2 s, then to the right, and is about to stand."""
-    motion = Motion(0.1, 0.1)
+    motion = SightMotion(0.1, 0.1)
     motion.reset(np.array([True]))
     for v, omega in ((0.2, 0.0), (0.0, 2.0), (0.0, 2.0), (0.0, -1.0), (0.0, 0.0)):
         motion.note(np.array([v]), np.array([omega]))
@@ -177,7 +177,7 @@ def test_the_motion_since_a_scan_follows_from_the_speeds_at_that_time():
 
 @pytest.mark.parametrize(("ages", "beams"), [([0.0, 0.1, 0.0], [0.1, 0.2, 0.1]), ([0.2, 0.3, 0.2], [0.1, 0.2, 0.1])])
 def test_beams_are_as_old_whether_a_scan_is_stamped_with_its_first_or_its_last(ages, beams):
-    motion = Motion(0.1, 0.1)
+    motion = SightMotion(0.1, 0.1)
     motion.note(np.array([0.0]), np.array([1.0]))
     assert [np.angle(motion.since(np.array([age]))[1])[0] for age in ages] == pytest.approx(beams)
 

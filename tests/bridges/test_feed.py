@@ -16,7 +16,7 @@ from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Command, State
 from turtlebot_gym_ros.base.executor import FastGroup, PolledGroup, take
 from turtlebot_gym_ros.base.sent import Age, SystemClock
-from turtlebot_gym_ros.node.block import Aged, Input
+from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed, resting_on
 
@@ -243,8 +243,8 @@ def test_an_aged_value_comes_with_the_difference_of_the_stamps():
     feed, _ = make(aged=True)
     assert feed.take(100.0, 5) is None
     feed.accept("here", 100.0, 2_000_000_000)
-    assert feed.take(100.0, 2_300_000_000) == Aged("here", 0.3)
-    assert feed.take(100.5, 1_900_000_000) == Aged("here", -0.1)  # from after the step
+    assert feed.take(100.0, 2_300_000_000) == Stamped("here", 0.3)
+    assert feed.take(100.5, 1_900_000_000) == Stamped("here", -0.1)  # from after the step
     assert feed.take(100.5625, 2_300_000_000) is None  # old by the steady clock, whatever the stamps say
 
 

@@ -211,7 +211,7 @@ def test_a_policy_that_fails_ends_a_drive_with_its_error(launch, tmp_path, why):
 
 
 def test_a_drive_whose_time_stands_still_ends_with_an_error():
-    is_over, graph = bringup._End(1.0), SimpleNamespace(time=0.5, state="active", reports={"kalman_filter": (0, "runs")})
+    is_over, graph = bringup._GraphEnd(1.0), SimpleNamespace(time=0.5, state="active", reports={"kalman_filter": (0, "runs")})
     for _ in range(bringup.LOOKS + 1):
         assert not is_over(graph)
     with pytest.raises(RuntimeError, match=r"stood still for 60 s.*kalman_filter.*runs"):

@@ -21,7 +21,7 @@ from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, STREAM
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.simulator import MAP_OUTPUTS, ROOM_OUTPUTS
-from turtlebot_gym_ros.graph.markers import LIFETIME, Scene, Visualization
+from turtlebot_gym_ros.graph.markers import LIFETIME, MarkerScene, Visualization
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.geometry import _yaw_of
 from turtlebot_gym_ros.node.shell import Shell
@@ -36,7 +36,7 @@ def estimate(x, y):
 
 
 def message(scene):
-    return {marker.ns: marker for marker in conversion(Scene).write(scene, HEADER).markers}
+    return {marker.ns: marker for marker in conversion(MarkerScene).write(scene, HEADER).markers}
 
 
 def see(block, x, **others):
@@ -51,7 +51,7 @@ def test_paths_grow_to_their_length_and_a_reset_forgets_them():
     assert scene.believed == tuple((float(k), 0.0) for k in range(3, 8))
     assert scene.true == tuple((k + 0.1, 0.0) for k in range(3, 8))
     block.reset()
-    assert see(block, 9.0) == Scene(None, None, 0.3, ((9.0, 0.0),), ())
+    assert see(block, 9.0) == MarkerScene(None, None, 0.3, ((9.0, 0.0),), ())
 
 
 def test_a_last_waypoint_has_none_after_it():
@@ -61,7 +61,7 @@ def test_a_last_waypoint_has_none_after_it():
 
 
 def test_a_waypoint_is_a_disc_of_the_arrival_radius_with_an_arrow():
-    markers = message(Scene(GOAL, NEXT, 0.3, (), ()))
+    markers = message(MarkerScene(GOAL, NEXT, 0.3, (), ()))
     assert markers.keys() == {"waypoint", "waypoint_heading", "next_waypoint", "next_waypoint_heading"}
     for name, pose in (("waypoint", GOAL), ("next_waypoint", NEXT)):
         disc, arrow = markers[name], markers[f"{name}_heading"]
@@ -74,23 +74,23 @@ def test_a_waypoint_is_a_disc_of_the_arrival_radius_with_an_arrow():
 
 
 def test_a_path_is_a_line_in_the_colours_of_the_figures():
-    markers = message(Scene(None, None, 0.3, ((0.0, 0.0), (1.0, 2.0)), ((0.0, 0.0), (1.0, 1.9), (2.0, 2.0))))
+    markers = message(MarkerScene(None, None, 0.3, ((0.0, 0.0), (1.0, 2.0)), ((0.0, 0.0), (1.0, 1.9), (2.0, 2.0))))
     believed, true = markers["believed_path"], markers["true_path"]
     assert [(point.x, point.y) for point in believed.points] == [(0.0, 0.0), (1.0, 2.0)]
     assert len(true.points) == 3
     assert believed.type == true.type == Marker.LINE_STRIP
     np.testing.assert_allclose([believed.color.r, believed.color.g, believed.color.b], np.array([213, 94, 0]) / 255, atol=1e-6)
-    assert not message(Scene(None, None, 0.3, ((0.0, 0.0),), ()))  # RViz complains of a line of one point
+    assert not message(MarkerScene(None, None, 0.3, ((0.0, 0.0),), ()))  # RViz complains of a line of one point
 
 
 def test_every_marker_is_in_the_world_frame_is_replaced_by_its_successor_and_vanishes_without_one():
-    markers = message(Scene(GOAL, NEXT, 0.3, ((0.0, 0.0), (1.0, 0.0)), ((0.0, 0.0), (1.0, 0.0))))
+    markers = message(MarkerScene(GOAL, NEXT, 0.3, ((0.0, 0.0), (1.0, 0.0)), ((0.0, 0.0), (1.0, 0.0))))
     assert len(markers) == 6  # each name once, so that it is the same marker the next time
     for marker in markers.values():
         assert marker.header == HEADER
         assert (marker.action, marker.id, marker.lifetime) == (Marker.ADD, 0, Duration(seconds=LIFETIME).to_msg())
     with pytest.raises(ValueError, match="no node takes it"):
-        conversion(Scene).read(MarkerArray())
+        conversion(MarkerScene).read(MarkerArray())
 
 
 def points(array, name):

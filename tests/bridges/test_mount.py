@@ -16,7 +16,7 @@ from turtlebot_gym.mounts import StaticFrames
 from turtlebot_gym.rooms import scan as rooms
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 from turtlebot_gym_ros.blocks import VelocityController
-from turtlebot_gym_ros.node.block import Aged
+from turtlebot_gym_ros.node.block import Stamped
 
 PRESET, OTHER = Pose(-0.032, 0.0, 0.0), Pose(0.05, -0.04, 2.0)
 """Where a Burger's LiDAR is, and where somebody else mounted it."""
@@ -62,7 +62,7 @@ def commands(mount, mount_of, heading, **parameters):
     lengths = ranges(mount, heading)
     controller = VelocityController(VelocityController.Params(policy="vfh", goal_tolerance=0.0))
     estimate = Estimate(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covariance._fields, 0.01))), 0.0, 0.0)
-    seen = Aged(rooms.Scan(lengths, 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0), 0.0, mount_of("base_scan"))
+    seen = Stamped(rooms.Scan(lengths, 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0), 0.0, mount_of("base_scan"))
     driven = controller.step(0.1, estimate, Pose(1.0, 0.0, 0.0), None, scan=seen)["command"]
     arbiter = Arbiter(Parameters(collision_monitor=True, **parameters), T, mount_of)
     arbiter.hear_scan(RawScan(lengths, 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0, "base_scan"), T)
@@ -121,7 +121,7 @@ def test_another_mount_than_the_presets_is_reported_and_one_that_a_person_gave_i
 def test_a_controller_that_is_given_another_direction_stands_and_says_why():
     for yaw, stands in ((2.0, False), (0.0, False), (1.5, True)):
         block = VelocityController(VelocityController.Params(policy="vfh", lidar_yaw=yaw))
-        seen = Aged(rooms.Scan(ranges(OTHER, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0), 0.0, OTHER)
+        seen = Stamped(rooms.Scan(ranges(OTHER, 0.0), 0.0, 2.0 * math.pi / BEAMS, 0.01, 8.0), 0.0, OTHER)
         belief = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covariance._fields, 0.01)))
         command = block.step(0.1, Estimate(belief, 0.0, 0.0), Pose(1.0, 0.0, 0.0), None, scan=seen)["command"]
         assert (command == STOP) is stands

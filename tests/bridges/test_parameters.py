@@ -12,7 +12,7 @@ from turtlebot_gym.validation import Range, rules
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.nodes import BLOCKS, load
-from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
+from turtlebot_gym_ros.recording.logger import LoggerParameters as LoggerParameters
 
 BLOCK = {name: load(name) for name in BLOCKS}
 CLASSES = {name: block.Params for name, block in BLOCK.items()} | {
@@ -63,7 +63,7 @@ REFUSED = [
     ("turtlebot_simulator", {"world": "no_such.world"}, "no_such.world"),
     ("turtlebot_simulator", {"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
     ("turtlebot_simulator", {"world": "dense", "random_start": True}, "random_start must be false"),
-    ("turtlebot_simulator", {"speaks_as": "roomba"}, "speaks_as must be one of none, turtlebot3, turtlebot4"),
+    ("turtlebot_simulator", {"emulate_driver": "roomba"}, "emulate_driver must be one of none, turtlebot3, turtlebot4"),
     (
         "turtlebot_simulator",
         {"world": "dense", "lidar": "ideal", "period": 0.2},

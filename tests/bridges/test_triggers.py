@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from turtlebot_gym_ros.node.block import Every, On
-from turtlebot_gym_ros.node.triggers import SECOND, Grid, Messages, SimulatedGrid
+from turtlebot_gym_ros.node.triggers import SECOND, Messages, SimulatedGrid, StampGrid
 
 MS = SECOND // 1000
 
@@ -19,14 +19,14 @@ def steps(rule, stamps):
 
 
 def test_a_grid_is_exact_whatever_the_timer_does():
-    grid = Grid(Every(0.1))
+    grid = StampGrid(Every(0.1))
     late = np.random.default_rng(0).integers(0, 90 * MS, 100)
     stamps = [stamp for k in range(100) for stamp in grid.due_until(7 + k * 100 * MS + int(late[k]))]
     assert np.all(np.diff(stamps) == 100 * MS)
 
 
 def test_no_step_waits_for_the_next_call_where_the_first_call_was_the_latest():
-    grid = Grid(Every(0.1))
+    grid = StampGrid(Every(0.1))
     late = [40 * MS, *np.random.default_rng(0).integers(0, 40 * MS, 100)]
     assert [len(list(grid.due_until(k * 100 * MS + int(late[k])))) for k in range(100)] == [1] * 100
 
@@ -37,20 +37,24 @@ def dated(steps):
 
 
 GRIDS = {
-    "steps that are late are made up for": (Grid, Every(0.1), {0: [0], 350 * MS: [100 * MS, 200 * MS, 300 * MS]}),
+    "steps that are late are made up for": (StampGrid, Every(0.1), {0: [0], 350 * MS: [100 * MS, 200 * MS, 300 * MS]}),
     "due from 3/4 of a period before the stamp, another from 1/4": (
-        Grid,
+        StampGrid,
         Every(0.1),
         {0: [0], 25 * MS: [], 25 * MS + 1: [100 * MS], 275 * MS: [200 * MS], 375 * MS + 1: [300 * MS, 400 * MS]},
     ),
     # The next step is due 0.1 s later: a second ahead of that, or two periods back, is a leap; these are a nanosecond less.
     "less than a second ahead is no leap, nor are two periods back": (
-        Grid,
+        StampGrid,
         Every(0.1),
         {10 * SECOND: [10 * SECOND], 9900 * MS + 1: [], 11100 * MS - 1: [10 * SECOND + k * 100 * MS for k in range(1, 12)]},
     ),
     **{
-        f"a leap by {leap} ms makes one step": (Grid, Every(0.1), {at: [at] for at in (10 * SECOND, 10 * SECOND + leap * MS)})
+        f"a leap by {leap} ms makes one step": (
+            StampGrid,
+            Every(0.1),
+            {at: [at] for at in (10 * SECOND, 10 * SECOND + leap * MS)},
+        )
         for leap in (5000, 1100, -100, -900, -5000)
     },
     "simulated time runs faster": (
@@ -83,7 +87,7 @@ def test_a_grid_lets_a_block_run_at_these_stamps(kind, trigger, due):
 @example(first=10_000_000, late=[0, 1] * 30)
 @example(first=15_000_000, late=[0, 1] * 30)
 def test_calls_at_regular_times_make_one_step_each_wherever_in_its_period_the_first_call_was(first, late):
-    grid = Grid(Every(0.02))
+    grid = StampGrid(Every(0.02))
     list(grid.due_until(first))
     counts = [len(list(grid.due_until(k * 20_000_000 + delay))) for k, delay in enumerate(late, 1)]
     assert counts in [[1] * k + [0] * (k < 60) + [1] * (59 - k) for k in range(61)]

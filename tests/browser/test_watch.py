@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from turtlebot_gym.drive import Drive, Growing
+from turtlebot_gym.drive import Drive, DriveBuffer
 from turtlebot_gym_view import record_episode
 from turtlebot_gym_view.html import write_html
 from turtlebot_gym_view.server import Server
@@ -212,7 +212,7 @@ def test_numbers_are_those_of_the_drive(visit, long_url, long_drive):
 
 
 def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, results):
-    drive = Growing(long_drive[0:50])
+    drive = DriveBuffer(long_drive[0:50])
     with Server([drive], title="Live", live=True, port=0) as server:
         seen = visit(server.url)
         assert seen.time == pytest.approx(4.9)
@@ -438,7 +438,7 @@ def test_each_key_does_what_the_page_says(visit, long_url):
 def test_goals_are_in_view_and_no_plot_is_empty_while_a_drive_grows(visit, long_drive):
     known = replace(long_drive, clearance=np.full(len(long_drive), np.nan), nis=np.full(len(long_drive), np.nan))
     known.reference[50:, :2] = (30.0, -20.0)
-    drive = Growing(known[0:50])
+    drive = DriveBuffer(known[0:50])
     with Server([drive], title="Live", live=True, port=0) as server:
         seen = visit(server.url)
         assert seen.page.locator(".plot:visible").count() == 4  # no NIS, clearance or guard

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from drive_samples import COLUMNS, random_drive
 
-from turtlebot_gym.drive import Drive, Growing, concatenate, heading_error, position_error
+from turtlebot_gym.drive import Drive, DriveBuffer, concatenate, heading_error, position_error
 
 
 def same(first, second):
@@ -52,7 +52,7 @@ def test_slices_make_the_whole(cuts):
 
 def test_a_reader_of_a_growing_drive_misses_nothing_and_reads_nothing_twice():
     drive, rng = random_drive(30), np.random.default_rng(1)
-    growing, read, number, pieces = Growing(), [], -1, 0
+    growing, read, number, pieces = DriveBuffer(), [], -1, 0
     for row in range(30):
         growing.add(drive[row : row + 1])
         if rng.random() < 0.4 or row == 29:

@@ -63,15 +63,15 @@ def test_parameters_may_be_changed_on_the_way():
 def test_what_is_read_is_a_copy(num_envs):
     batch = started(num_envs, make_parameters(SQUARE))
     before = worlds(batch)
-    batch.tell(range(batch.layout.world.size), [[0, 1], [2, 3]])
-    assert batch.told()[:-4].T.tolist() == batch.numbers("").tolist()
-    numbers, parts = batch.first_told()
+    batch.select(range(batch.layout.world.size), [[0, 1], [2, 3]])
+    assert batch.selected()[:-4].T.tolist() == batch.numbers("").tolist()
+    numbers, parts = batch.first_selected()
     whole, square = (numbers[part] for part in parts)
-    assert [*whole.tolist(), *square.ravel().tolist()] == batch.told()[:, 0].tolist()
+    assert [*whole.tolist(), *square.ravel().tolist()] == batch.selected()[:, 0].tolist()
     assert square.shape == (2, 2)
     for path in ("body.true_state", "senses.odometry.pose", "estimate.belief.covariance", "course.reference", "body.command"):
         batch.numbers(path)[...] = 7.0
-    for array in (*batch.last(), batch.told(), whole, square):
+    for array in (*batch.last(), batch.selected(), whole, square):
         array[...] = 7.0
     assert worlds(batch) == before
 

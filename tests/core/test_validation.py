@@ -22,13 +22,13 @@ from turtlebot_gym.validation import (
     PROBABILITY,
     Numbers,
     Range,
+    as_bool,
+    as_int,
+    build,
+    check_fields,
     choose,
-    flag,
-    made,
     rules,
-    typed,
     variances,
-    whole,
 )
 
 ABOVE_ONE, ABOVE_HUGE = math.nextafter(1.0, 2.0), math.nextafter(1e9, math.inf)
@@ -140,7 +140,7 @@ class Part:
     size: float = 1.0
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,7 +157,7 @@ class Whole:
     name: str = ""
 
     def __post_init__(self) -> None:
-        typed(self, "parameter " if self.name == "named" else None)
+        check_fields(self, "parameter " if self.name == "named" else None)
 
 
 @pytest.mark.parametrize(
@@ -202,14 +202,14 @@ def test_other_types_are_refused_by_the_fields_name_and_its_prefix(name, given, 
 
 
 def test_parameters_are_made_of_a_mapping_and_arguments_are_checked_by_the_same_sentences():
-    assert made(Whole, {"length": 2, "part": {"size": 3}}, "it") == Whole(length=2.0, part=Part(size=3.0))
+    assert build(Whole, {"length": 2, "part": {"size": 3}}, "it") == Whole(length=2.0, part=Part(size=3.0))
     value = Whole(length=1.0)
-    assert made(Whole, value, "it") is value
+    assert build(Whole, value, "it") is value
     with pytest.raises(ValueError, match=r"^it: Whole needs length\.$"):
-        made(Whole, {"count": 2}, "it")
-    assert (whole("it", np.int64(2), 1, 3), flag("it", np.bool_(False))) == (2, False)
+        build(Whole, {"count": 2}, "it")
+    assert (as_int("it", np.int64(2), 1, 3), as_bool("it", np.bool_(False))) == (2, False)
     with pytest.raises(ValueError, match=r"^it must be a whole number from 1 to 3, got 0\.$"):
-        whole("it", 0, 1, 3)
+        as_int("it", 0, 1, 3)
 
 
 CLASSES = (

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.rooms.field import field_of_hits
 from turtlebot_gym.rooms.grid import BESIDE
-from turtlebot_gym_lab.evaluation.localize import FAR, Recorded
+from turtlebot_gym_lab.evaluation.localize import FAR, RecordedScans
 
 HIT = 0.25
 """Least share of the beams through a cell that end in it where it is occupied."""
@@ -17,7 +17,7 @@ HIT = 0.25
 class Building(NamedTuple):
     """A recording with reference poses at some rows."""
 
-    recorded: Recorded
+    recorded: RecordedScans
     rows: NDArray[np.intp]
     """Rows of the key frames, shape (K,)."""
     reference: NDArray[np.float64]
@@ -38,7 +38,7 @@ def load(path: Path) -> Building:
         rows, reference = log["reference_row"].astype(np.intp), log["reference"]
     first, angles = rows[0], np.radians(np.arange(ranges.shape[1]) - 90.0)
     odometry, ranges, stamps = odometry[first:], ranges[first:], stamps[first:]
-    recorded = Recorded(stamps, odometry, np.arange(len(odometry)), stamps, ranges, angles)
+    recorded = RecordedScans(stamps, odometry, np.arange(len(odometry)), stamps, ranges, angles)
     return Building(recorded, rows - first, reference)
 
 

@@ -18,7 +18,7 @@ from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_lab.drives import read
-from turtlebot_gym_lab.evaluation.localize import KNOWN, Place, errors_of, localize, recorded_of
+from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace, errors_of, localize, recorded_of
 
 RECORDING = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces.npz"
 FRAMES, ROWS = 60, 300
@@ -41,7 +41,7 @@ def stretch():
 
 def follow(stretch, start, recorded=None):
     drive, chart = stretch
-    return localize(recorded or drive.recorded, Place(*chart, ROBOT, start, KNOWN))
+    return localize(recorded or drive.recorded, KnownPlace(*chart, ROBOT, start, KNOWN))
 
 
 def test_the_belief_stays_with_the_reference(stretch):
@@ -70,7 +70,7 @@ def after_one_scan(stretch, off):
     drive, chart = stretch
     errors = []
     for row, true in zip(drive.rows[::6].tolist(), drive.reference[::6], strict=True):
-        pose = localize(drive.recorded, Place(*chart, ROBOT, Pose(*(true + off)), KNOWN, row)).poses[row]
+        pose = localize(drive.recorded, KnownPlace(*chart, ROBOT, Pose(*(true + off)), KNOWN, row)).poses[row]
         errors.append((position_error(pose, true), heading_error(pose, true)))
     return np.array(errors).T
 

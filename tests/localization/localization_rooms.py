@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.localization.information import Sight
+from turtlebot_gym.localization.information import ScanPoints
 from turtlebot_gym.rooms.field import field_of_cells, sample
 
 SIDE = 0.05
@@ -28,7 +28,7 @@ def make_room(occupied, yaw=0.0, corner=(0.0, 0.0)):
 
 def sight(room, points):
     """Return a scan, and the map of the room in which it is sought."""
-    return Sight(room.field, room.frame, points, points.shape[1])
+    return ScanPoints(room.field, room.frame, points, points.shape[1])
 
 
 def hall():

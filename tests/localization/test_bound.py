@@ -8,7 +8,7 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.kernel import HAS_NUMBA
-from turtlebot_gym.localization.information import Guess, Sight, information
+from turtlebot_gym.localization.information import Guess, ScanPoints, information
 from turtlebot_gym.localization.localizer import locate, scan
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.systems import Options
@@ -27,7 +27,7 @@ def _each(field, frame, points, noise, pose, q, off_by):
             noisy[1, beam] += noise[k, beam] * points[3, beam]
             noisy[4, beam] += noise[k, beam]
         start = locate(Pose(pose[0], pose[1], pose[2]), (1.0, 1.0, 1.0), q)
-        mean = scan(start, Sight(field, frame, noisy, points.shape[1]), q).belief.mean
+        mean = scan(start, ScanPoints(field, frame, noisy, points.shape[1]), q).belief.mean
         off_by[k, 0], off_by[k, 1], off_by[k, 2] = mean.x - pose[0], mean.y - pose[1], mean.theta - pose[2]
 
 

@@ -15,7 +15,7 @@ import pytest
 from bokeh.document import Document
 from bokeh.models.glyphs import Image as ImageGlyph
 
-from turtlebot_gym.drive import Drive, Growing, RoomData, Seen
+from turtlebot_gym.drive import Drive, DriveBuffer, RoomData, Seen
 from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
@@ -160,7 +160,7 @@ def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch)
 
 
 def test_a_server_serves_only_this_machine_and_ends():
-    with Server([Growing(make_drive(5, scans=1))], title="Served", live=False, port=0) as server:
+    with Server([DriveBuffer(make_drive(5, scans=1))], title="Served", live=False, port=0) as server:
         port = int(server.url.rstrip("/").rpartition(":")[2])
         listening = {
             connection.laddr.ip
@@ -200,7 +200,7 @@ def status(server, **headers):
 
 @pytest.mark.parametrize("host", ["localhost", "0.0.0.0"])
 def test_requests_to_another_name_than_this_machines_are_refused(host):
-    with Server([Growing(make_drive(5, scans=1))], title="", live=False, host=host, port=0) as server:
+    with Server([DriveBuffer(make_drive(5, scans=1))], title="", live=False, host=host, port=0) as server:
         assert status(server, Host="evil.com", Origin="http://evil.com") == [404, 404]
         assert status(server, Host="localhost:{port}", Origin="http://evil.com") == [404, 404]
         for own in ("localhost:{port}", "127.0.0.1:{port}", "[::1]:{port}", "192.168.1.7:8080"):  # the last behind a gateway
@@ -214,6 +214,6 @@ def test_invalid_and_taken_ports_are_refused():
             Server([], title="", live=False, port=port)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        server = Server([Growing(make_drive(5, scans=1))], title="", live=False, host="127.0.0.1", port=port)
+        server = Server([DriveBuffer(make_drive(5, scans=1))], title="", live=False, host="127.0.0.1", port=port)
         with pytest.raises(OSError, match=f"port {port}.*--port"), server:
             pass

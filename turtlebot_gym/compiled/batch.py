@@ -16,7 +16,7 @@ from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.observations import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
-from turtlebot_gym.systems import Parameters, Snapshot, Surroundings, System, WithTerms, find_system
+from turtlebot_gym.systems import Parameters, RoomParts, Snapshot, System, WithTerms, find_system
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.values import Pose
 
@@ -76,7 +76,7 @@ class Batch:
         self._first = self._tiles[0]
         self._special: Special | None = None
         self._intervals: NDArray[np.float64] = np.empty(0)
-        self._told: list[NDArray[np.intp]] = []
+        self._selected: list[NDArray[np.intp]] = []
         self._begun = False
         """Whether an episode has begun: its world may be none of another case."""
         self.set_parameters(parameters)
@@ -154,7 +154,7 @@ class Batch:
             for path, value in special.world:
                 tiles[:, world.places[world.names.index(path)]] = value
         self._first = self._tiles[0]
-        self.tell(*self._told)
+        self.select(*self._selected)
 
     def set_world(self, parameters: Parameters, plan: FloorPlan | None) -> None:
         """Use another world; the environments must be reset before the next step.
@@ -166,7 +166,7 @@ class Batch:
         self._plan, self.scenes = plan, None
         self.set_parameters(parameters)
 
-    def _make_room_for(self, around: Surroundings, parameters: Sequence[Parameters]) -> None:
+    def _make_room_for(self, around: RoomParts, parameters: Sequence[Parameters]) -> None:
         """Allocate scenes for parameters, unless the existing ones have the same sizes."""
         scenes = around.make(parameters)
         if self._plan:
@@ -282,15 +282,15 @@ class Batch:
         rows = part.transpose(0, 2, 1).reshape(-1, part.shape[1])[: self.num_envs]
         return rows[:, 0].copy() if single else rows.copy()
 
-    def tell(self, *parts: ArrayLike) -> None:
-        """Choose numbers of a world for `told` and `first_told`: arrays of any shape of their indices in the layout."""
-        self._told = [np.asarray(part, np.intp) for part in parts]
+    def select(self, *parts: ArrayLike) -> None:
+        """Choose numbers of a world for `selected` and `first_selected`: arrays of any shape of their indices in the layout."""
+        self._selected = [np.asarray(part, np.intp) for part in parts]
         at = np.array(self._loops.layout.world.places, np.intp)
-        places = [at[part] for part in self._told]
+        places = [at[part] for part in self._selected]
         self._told_places = np.concatenate([at[:0], *map(np.ravel, places)])
         self._first_places = tuple(part * TILE for part in places)
 
-    def told(self) -> NDArray[np.float64]:
+    def selected(self) -> NDArray[np.float64]:
         """Return a copy of the k chosen numbers of all worlds, shape (k, N).
 
         Each tile's run is copied as a whole; rows of k numbers would take five times as long.
@@ -305,10 +305,10 @@ class Batch:
         for column, place in zip(values.T, world.places[world.slices[path]], strict=True):
             part[index // TILE, place, index % TILE] = column
 
-    def first_told(self) -> tuple[NDArray[np.float64], tuple[NDArray[np.intp], ...]]:
+    def first_selected(self) -> tuple[NDArray[np.float64], tuple[NDArray[np.intp], ...]]:
         """Return the numbers of the first environment, and where each chosen part stands in them.
 
-        ``numbers[part]`` is a copy of a part, in its shape; all parts take a fifth of the time of `told`.
+        ``numbers[part]`` is a copy of a part, in its shape; all parts take a fifth of the time of `selected`.
         """
         return self._first, self._first_places
 

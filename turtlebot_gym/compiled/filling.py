@@ -14,7 +14,7 @@ from turtlebot_gym.compiled.batch import PARALLEL_FROM, ROOMS_PARALLEL_FROM, Bat
 from turtlebot_gym.extras import installing
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.systems import Options
-from turtlebot_gym.validation import choose, whole
+from turtlebot_gym.validation import as_int, choose
 
 _FILTERS: dict[str, dict[str, Any]] = {
     "kalman": {},
@@ -67,7 +67,7 @@ def fill_all(
     times: dict[str, float] = {}
     order = sorted(names, key=lambda name: not name.startswith("rooms"))  # the longest first
     context = multiprocessing.get_context("spawn")  # a forked process would inherit numba's threads
-    with ProcessPoolExecutor(whole("processes", processes, 1), context, _in_silence) as pool:
+    with ProcessPoolExecutor(as_int("processes", processes, 1), context, _in_silence) as pool:
         running = {pool.submit(_fill, name): name for name in order}
         for done, future in enumerate(as_completed(running), 1):
             times[running[future]] = future.result()

@@ -75,21 +75,21 @@ def _show_runs_of(runs: tuple[ColumnRun, ...]) -> Callable[..., None]:
     return show_runs
 
 
-def _catch_up_tile_of(system: System, special: Special) -> Any:
+def _apply_fix_tile_of(system: System, special: Special) -> Any:
     """Return the kernel that goes on where a fix has arrived, see `systems.special`."""
     if not special.late:
 
         @kernel
-        def catch_nothing(count, tile, scratch, keys, parameters, origin):
+        def no_fix(count, tile, scratch, keys, parameters, origin):
             """Do nothing: no fix arrives."""
 
-        return catch_nothing
+        return no_fix
     load_parameters, load_world, store_world, _, _, show = access_of(system, special)
-    catch_up, world = late_fixes(special.late).catch_up, layout_of(system, special).world
+    apply_fix, world = late_fixes(special.late).apply_fix, layout_of(system, special).world
     at_arrived = world.places[world.names.index("senses.fix.arrived")] * TILE
 
     @kernel
-    def catch_up_tile(count, tile, scratch, keys, parameters, origin):
+    def apply_fix_tile(count, tile, scratch, keys, parameters, origin):
         for start in range(0, count, LINE):
             end, some = min(start + LINE, count), 0.0
             for lane in range(start, end):
@@ -97,18 +97,25 @@ def _catch_up_tile_of(system: System, special: Special) -> Any:
             if some != 0.0:
                 for lane in range(start, end):
                     p = load_parameters(parameters, origin + lane)
-                    world = catch_up(load_world(tile, lane), int(keys[lane]), p)
+                    world = apply_fix(load_world(tile, lane), int(keys[lane]), p)
                     store_world(tile, lane, world)
                     show(scratch, lane, world, p)
 
-    return catch_up_tile
+    return apply_fix_tile
 
 
 def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
     """Return the kernel of a tile's steps on open ground: in vectors, and one by one where a waypoint was reached."""
     step = step_of(system)
-    hurried = step_of(late_fixes(special.late).hurried._replace(rewards=system.rewards)) if special.late else step
-    act, conclude, retarget, catch_up_tile = hurried.act, hurried.conclude, step.retarget, _catch_up_tile_of(system, special)
+    without_fix = (
+        step_of(late_fixes(special.late).without_fix_effects._replace(rewards=system.rewards)) if special.late else step
+    )
+    act, conclude, retarget, apply_fix_tile = (
+        without_fix.act,
+        without_fix.conclude,
+        step.retarget,
+        _apply_fix_tile_of(system, special),
+    )
     load_parameters, load_world, store_world, load_outcome, store_outcome, show = access_of(system, special)
     layout = layout_of(system, special)
     at_outcome, at_action = layout.at_outcome, layout.at_action
@@ -123,7 +130,7 @@ def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
             store_world(tile, lane, world)
             store_outcome(scratch, at_outcome + lane, outcome)
             show(scratch, lane, world, p)
-        catch_up_tile(count, tile, scratch, keys, parameters, origin)
+        apply_fix_tile(count, tile, scratch, keys, parameters, origin)
         for lane in range(count):
             if scratch[at_reached + lane] != 0.0:
                 p = load_parameters(parameters, origin + lane)

@@ -18,7 +18,7 @@ from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.validation import POSITIVE_OR_INFINITE, shown, whole
+from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int, short_repr
 
 PARTS = {
     "true_state": "body.true_state",
@@ -71,7 +71,7 @@ def indices_of(batch: Batch, key: str, path: str) -> NDArray[np.intp]:
     return part[SYMMETRIC] if key == "covariance" else part
 
 
-class Told:
+class InfoReader:
     """What ``info`` holds of the worlds of a batch: parts of an array in which each row is a number of all environments.
 
     Args:
@@ -93,11 +93,11 @@ class Told:
             else:
                 self._slices.append((key, slice(start, end)))
         self._batch, self.is_empty = batch, not chosen
-        batch.tell(*chosen)
+        batch.select(*chosen)
 
     def now(self) -> dict[str, NDArray[Any]]:
         """Return the parts, with environments first, as views where possible."""
-        numbers = self._batch.told()
+        numbers = self._batch.selected()
         info: dict[str, NDArray[Any]] = {key: numbers[part].T for key, part in self._slices}
         if self._covariance:
             key, part = self._covariance
@@ -166,11 +166,11 @@ def read_seeds(seed: Any, num_envs: int) -> list[int | None]:
     if seed is None:
         return [None] * num_envs
     if not isinstance(seed, (list, tuple, np.ndarray)) or getattr(seed, "shape", None) == ():
-        first = whole("seed", seed)
+        first = as_int("seed", seed)
         return [first + row for row in range(num_envs)]
     if len(seed) != num_envs:
         raise ValueError(f"seed must hold {num_envs} seeds, got {len(seed)}.")
-    return [None if given is None else whole(f"seed[{row}]", given) for row, given in enumerate(seed)]
+    return [None if given is None else as_int(f"seed[{row}]", given) for row, given in enumerate(seed)]
 
 
 def read_actions(actions: Any) -> NDArray[np.float32]:
@@ -186,7 +186,7 @@ def read_actions(actions: Any) -> NDArray[np.float32]:
     except ValueError:  # rows of different lengths
         values = np.asarray(None)
     if values.dtype.kind not in "biuf":
-        raise InvalidAction(f"An action must hold real numbers, got {shown(actions)}.")
+        raise InvalidAction(f"An action must hold real numbers, got {short_repr(actions)}.")
     return np.asarray(values, np.float32)
 
 
@@ -205,8 +205,8 @@ def read_options(options: Any, known: Sequence[str]) -> dict[str, Any]:
         ValueError: If they are no mapping, or one is unknown.
     """
     if options is not None and not isinstance(options, Mapping):
-        raise ValueError(f"options must be a mapping, got {shown(options)}.")
-    unknown = [shown(name) for name in options or () if name not in known]
+        raise ValueError(f"options must be a mapping, got {short_repr(options)}.")
+    unknown = [short_repr(name) for name in options or () if name not in known]
     if unknown:
         allowed = f"among {', '.join(map(repr, known))}" if known else "empty, as there are none"
         raise ValueError(f"options must be {allowed}, got {', '.join(unknown)}.")
@@ -229,7 +229,7 @@ def reset_mask(options: dict[str, Any] | None, num_envs: int, *, others: Sequenc
         return np.ones(num_envs, np.bool_)
     mask = chosen["reset_mask"]
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (num_envs,):
-        raise ValueError(f"reset_mask must be a boolean array of shape ({num_envs},), got {shown(mask)}.")
+        raise ValueError(f"reset_mask must be a boolean array of shape ({num_envs},), got {short_repr(mask)}.")
     if not mask.any():
         raise ValueError("reset_mask must be true somewhere.")
     return mask

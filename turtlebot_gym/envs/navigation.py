@@ -34,7 +34,7 @@ from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Options, Parameters, Snapshot, make_room
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.validation import choose, whole
+from turtlebot_gym.validation import as_int, choose
 
 
 class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -142,7 +142,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._numbers = {key: bool if key in FLAGS else float for key in ROOM_PARTS} if p.room else {}
         parts = [indices_of(self._batch, key, path) for key, path in PARTS.items()]
         numbers = [indices_of(self._batch, key, ROOM_PARTS[key])[0] for key in self._numbers]
-        self._batch.tell(*parts, numbers)
+        self._batch.select(*parts, numbers)
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._action = np.zeros((1, 2), np.float32)
@@ -178,7 +178,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             ValueError: If the seed or an option is invalid, or no path leads from start to goal.
         """
         for_episode = read_options(options, ("world", "start", "goal") if self._own else ())
-        seed = None if seed is None else whole("seed", seed)
+        seed = None if seed is None else as_int("seed", seed)
         if self._own:
             self._enter(with_options(self._own, for_episode))
         super().reset(seed=seed)
@@ -251,7 +251,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _info(self, distance: float, success: bool, shares: NDArray[np.float64]) -> dict[str, Any]:
         """Return what ``info`` holds, in new arrays."""
-        numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first_told()
+        numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first_selected()
         info: dict[str, Any] = {  # the keys of `PARTS`, written out: a comprehension takes half as long again
             "true_state": numbers[true_state],
             "odometry": numbers[odometry],

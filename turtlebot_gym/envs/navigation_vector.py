@@ -19,7 +19,7 @@ from turtlebot_gym.envs.common import (
     NUMBERS,
     PARTS,
     ROOM_PARTS,
-    Told,
+    InfoReader,
     is_finite,
     make_batch,
     no_way,
@@ -38,7 +38,7 @@ from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Options, Outcome, Parameters, Snapshot
-from turtlebot_gym.validation import choose, whole
+from turtlebot_gym.validation import as_int, choose
 
 MOST = 2**24
 """Most environments in one."""
@@ -92,7 +92,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         render_rows: int = 9,
         **options: Any,
     ) -> None:
-        num_envs, render_rows = whole("num_envs", num_envs, 1, MOST), whole("render_rows", render_rows, 1, MOST)
+        num_envs, render_rows = as_int("num_envs", num_envs, 1, MOST), as_int("render_rows", render_rows, 1, MOST)
         modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
         self._mode = choose("autoreset_mode", autoreset_mode, modes)
         full, shares = choose("info", info, {"default": (False, False), "rewards": (False, True), "full": (True, True)})
@@ -102,7 +102,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._poses = GivenPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
-        self._told = Told(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
+        self._told = InfoReader(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
         self.num_envs = num_envs
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         fps = max(1, round(1.0 / setup.parameters.dt))

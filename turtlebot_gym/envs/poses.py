@@ -12,7 +12,7 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Parameters, make_room
-from turtlebot_gym.validation import shown
+from turtlebot_gym.validation import short_repr
 
 _POSES = ("start", "goal")
 
@@ -43,7 +43,7 @@ class GivenPoses:
         size = self._batch.num_envs
         for name, value in poses.items():
             if _shape(value) not in ((3,), (size, 3)):
-                raise ValueError(f"{name} must be x, y and heading, or those of each of {size}, got {shown(value)}.")
+                raise ValueError(f"{name} must be x, y and heading, or those of each of {size}, got {short_repr(value)}.")
         parameters: dict[int, Parameters] = {}
         for row in np.flatnonzero(mask).tolist() if poses else ():
             usual = self._usual.get(row, self._batch.parameters_of(row))

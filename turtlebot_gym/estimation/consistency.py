@@ -19,7 +19,7 @@ from turtlebot_gym.estimation.filters import jacobians, matrix
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.models.unicycle import INTEGRATORS, execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise
-from turtlebot_gym.validation import Range, choose, whole
+from turtlebot_gym.validation import Range, as_int, choose
 from turtlebot_gym.values import Command, Pose
 
 
@@ -79,7 +79,7 @@ def mean_bounds(degrees: int, runs: int, *, false_alarm: float) -> tuple[float, 
     Raises:
         ValueError: If an argument is out of its range.
     """
-    df = whole("degrees", degrees, 1) * whole("runs", runs, 1)
+    df = as_int("degrees", degrees, 1) * as_int("runs", runs, 1)
     low, high = stats.chi2.interval(1.0 - Range(0.0, 1.0, open_low=True, open_high=True).check("false_alarm", false_alarm), df)
     return float(low / runs), float(high / runs)
 

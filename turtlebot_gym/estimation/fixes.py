@@ -21,7 +21,7 @@ from turtlebot_gym.parameters import MAX_FIX_AGE
 from turtlebot_gym.values import Belief, Fix, Pose, senses_of
 
 
-class _Told(NamedTuple):
+class StoredStep(NamedTuple):
     """Inputs of a filter in one step."""
 
     senses: Any
@@ -40,7 +40,7 @@ class Remembered(NamedTuple):
     """Normalized innovation squared of the odometry's last measurement."""
     newest: Any
     """The filter's own estimate."""
-    told: tuple[_Told, ...]
+    history: tuple[StoredStep, ...]
     """Inputs of the last steps, newest first."""
     oldest: Any
     """Estimate from before the stored steps, with the fixes that were measured then."""
@@ -77,8 +77,8 @@ def no_fix() -> Fix:
 
 
 @kernel
-def _with_fix(told: _Told, fix: Fix, here: bool) -> _Told:
-    return _Told(told.senses, fix if here else told.fix, told.dt)
+def _with_fix(history: StoredStep, fix: Fix, here: bool) -> StoredStep:
+    return StoredStep(history.senses, fix if here else history.fix, history.dt)
 
 
 def filled(count: int) -> Callable[[Any], Any]:
@@ -100,21 +100,21 @@ def _values_of(names: tuple[str, ...]) -> Callable[[Any], Any]:
 def _put(count: int) -> Callable[[Any, int, Fix], Any]:
     """Return the kernel that puts a fix into one of ``count`` steps."""
     if count == 1:
-        return kernel(lambda told, at, fix: (_with_fix(told[0], fix, at == 0),))
+        return kernel(lambda history, at, fix: (_with_fix(history[0], fix, at == 0),))
     rest = _put(count - 1)
-    return kernel(lambda told, at, fix: (_with_fix(told[0], fix, at == 0),) + rest(told[1:], at - 1, fix))  # noqa: RUF005
+    return kernel(lambda history, at, fix: (_with_fix(history[0], fix, at == 0),) + rest(history[1:], at - 1, fix))  # noqa: RUF005
 
 
 @kernel
-def _step_at(told: Any, count: float, age: float) -> int:
+def _step_at(history: Any, count: float, age: float) -> int:
     """Return how many steps ago an age, s, is: that of the nearest step end; -1 if that step is no longer stored."""
     nearest, off, passed = 0, abs(age), 0.0
     for steps in range(int(count)):
-        passed += told[steps].dt
+        passed += history[steps].dt
         is_nearer = abs(age - passed) < off
         nearest = steps + 1 if is_nearer else nearest
         off = abs(age - passed) if is_nearer else off
-    return nearest if off <= 0.5 * told[0].dt + 1e-9 else -1
+    return nearest if off <= 0.5 * history[0].dt + 1e-9 else -1
 
 
 def _replay(advance: Callable[..., Any], count: int) -> Callable[..., Any]:
@@ -152,21 +152,21 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
     @kernel
     def start(senses, tuning):
         first = begin(senses, tuning)
-        stored = _Told(Read(*values_of(senses)), no_fix(), 0.0)
+        stored = StoredStep(Read(*values_of(senses)), no_fix(), 0.0)
         return Remembered(first.belief, first.nis, first, fill(stored), first, 0.0)
 
     @kernel
     def remember(estimate, before, senses, tuning, dt, integrator):
-        old, oldest = estimate.told, estimate.oldest
+        old, oldest = estimate.history, estimate.oldest
         if estimate.steps >= last:
             oldest = advance(oldest, old[last], old[last - 1], tuning, integrator)
-        stored = (_Told(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
+        stored = (StoredStep(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
         newest = step(estimate.newest, before, senses, tuning, dt, integrator)
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
 
     @kernel
     def insert(estimate, fix, tuning, integrator):
-        stored, oldest, count = estimate.told, estimate.oldest, estimate.steps
+        stored, oldest, count = estimate.history, estimate.oldest, estimate.steps
         at = _step_at(stored, count, fix.age)
         if at == count:
             oldest = fix_in(oldest, fix.pose, fix.R + fix.cross, tuning)
@@ -180,7 +180,7 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
     @kernel
     def insert_last(estimate, fix, tuning, integrator):
         oldest = fix_in(estimate.oldest, fix.pose, fix.R + fix.cross, tuning)
-        return oldest, replay(oldest, estimate.told, tuning, integrator)
+        return oldest, replay(oldest, estimate.history, tuning, integrator)
 
     @kernel
     def step_on(estimate, before, senses, tuning, dt, integrator):

@@ -16,7 +16,7 @@ from turtlebot_gym.estimation.scale import Sixth, correct_both, correct_both_cor
 from turtlebot_gym.estimation.update import Projection, Variances, wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.validation import NON_NEGATIVE, typed
+from turtlebot_gym.validation import NON_NEGATIVE, check_fields
 from turtlebot_gym.values import Belief, Pose, State
 
 
@@ -37,7 +37,7 @@ class Gyro:
     """The `Filter` that these numbers belong to."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 class _GyroEstimate(NamedTuple):

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.own import failure
 from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.plugins import failure
 from turtlebot_gym.values import Belief, Covariance, Pose, Senses, State
 
 _UPPER = np.triu_indices(5)

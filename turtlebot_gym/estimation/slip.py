@@ -34,7 +34,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, Slip
 from turtlebot_gym.values import Belief, Command, Pose, Senses, State
 
 
-class _Estimate(NamedTuple):
+class _SlipEstimate(NamedTuple):
     belief: Belief
     """All hypotheses in both modes, merged."""
     nis: float
@@ -56,11 +56,11 @@ def _all(gripping: Hypotheses, slipping: Hypotheses, grip: Three, slip: Three) -
 
 
 @kernel
-def _start(senses: Senses, tuning: FilterTuning) -> _Estimate:
+def _start(senses: Senses, tuning: FilterTuning) -> _SlipEstimate:
     """Start from the first measurement, with wheels that grip; see `interface.Filter`."""
     hypotheses, weights = begin(senses.odometry.pose, tuning)
     none = (0.0, 0.0, 0.0)
-    return _Estimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
+    return _SlipEstimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
 
 
 @kernel
@@ -83,7 +83,7 @@ def _mix(
 
 
 @kernel
-def _weigh_both(estimate: _Estimate, gripped: Tracks, slipped: Tracks) -> tuple[Three, Three]:
+def _weigh_both(estimate: _SlipEstimate, gripped: Tracks, slipped: Tracks) -> tuple[Three, Three]:
     least = min(least_exponent(gripped), least_exponent(slipped))
     grip, slip = weigh(estimate.grip_weights, gripped, least), weigh(estimate.slip_weights, slipped, least)
     scale = 1.0 / (grip[0] + grip[1] + grip[2] + slip[0] + slip[1] + slip[2])
@@ -91,16 +91,18 @@ def _weigh_both(estimate: _Estimate, gripped: Tracks, slipped: Tracks) -> tuple[
 
 
 @kernel
-def _fix(estimate: _Estimate, z: Pose, R: Variances, tuning: FilterTuning) -> _Estimate:
+def _fix(estimate: _SlipEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _SlipEstimate:
     """Correct and weigh all hypotheses; see `interface.Filter`."""
     gripped, slipped = fix_all(estimate.gripping, z, R), fix_all(estimate.slipping, z, R)
     grip, slip = _weigh_both(estimate, gripped, slipped)
     gripping, slipping = beliefs(gripped), beliefs(slipped)
-    return _Estimate(_all(gripping, slipping, grip, slip), estimate.nis, gripping, slipping, grip, slip)
+    return _SlipEstimate(_all(gripping, slipping, grip, slip), estimate.nis, gripping, slipping, grip, slip)
 
 
 @kernel
-def _step(estimate: _Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float) -> _Estimate:
+def _step(
+    estimate: _SlipEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
+) -> _SlipEstimate:
     """Predict, correct and weigh, and mix the modes; see `interface.Filter`."""
     odometry, twist = senses.odometry, senses.odometry.twist
     gripped = track_all(estimate.gripping, odometry, tuning, dt, integrator)
@@ -120,7 +122,7 @@ def _step(estimate: _Estimate, before: Senses, senses: Senses, tuning: FilterTun
     gripping, slipping = Hypotheses(g_true, g_high, g_low), Hypotheses(s_true, s_high, s_low)
     grip, slip = (grip_0, grip_1, grip_2), (slip_0, slip_1, slip_2)
     belief = _all(gripping, slipping, grip, slip)
-    return _Estimate(belief, nis if odometry.measured else estimate.nis, gripping, slipping, grip, slip)
+    return _SlipEstimate(belief, nis if odometry.measured else estimate.nis, gripping, slipping, grip, slip)
 
 
 SLIP = Filter(_start, _step, _fix, kind=Slip(spike_probability=0.02, spike=0.3))

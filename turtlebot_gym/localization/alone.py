@@ -7,7 +7,7 @@ from typing import Any
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.descent import SETTLED
-from turtlebot_gym.localization.information import Guess, Sight, information
+from turtlebot_gym.localization.information import Guess, ScanPoints, information
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 
 WEAK = 4.0
@@ -32,7 +32,7 @@ def alone(
         q: A `LocalizerTuning`.
         covariance: Output, the pose's covariance with errors of the map, shape (3, 3); m^2, m, rad^2.
     """
-    sight = Sight(field, frame, points, number)
+    sight = ScanPoints(field, frame, points, number)
     x, y, theta, fits = start.x, start.y, start.theta, 0.0
     nothing = Covariance(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     belief = Belief(State(x, y, theta, 0.0, 0.0), nothing)  # weights by the beams' own variances

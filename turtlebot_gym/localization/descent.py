@@ -11,7 +11,7 @@ import numpy as np
 
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.localization.information import Guess, Sight, blurred, condition, information
+from turtlebot_gym.localization.information import Guess, ScanPoints, blurred, condition, information
 from turtlebot_gym.localization.points import LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
@@ -49,7 +49,7 @@ class Descent(NamedTuple):
 
 @kernel
 def descend(
-    sight: Sight, prior: Belief, scale: Sixth, at: Guess, bias: tuple[float, float], q: Any, drift: float = 0.0
+    sight: ScanPoints, prior: Belief, scale: Sixth, at: Guess, bias: tuple[float, float], q: Any, drift: float = 0.0
 ) -> Descent:
     """Return the belief conditioned on a scan, linearized anew at each step from a start on; unchanged with too few beams.
 
@@ -103,7 +103,7 @@ def widened(belief: Belief, position: float, heading: float) -> Belief:
 
 
 @kernel
-def agreement(sight: Sight, at: Guess, width: float) -> float:
+def agreement(sight: ScanPoints, at: Guess, width: float) -> float:
     """Return the mean over a scan's beams of ``1 / (1 + d^2 / width^2)``: a soft share of those that fit, without a prior.
 
     The nearest cell's distance is enough for it; beams that end in the unknown count 0.
@@ -174,7 +174,7 @@ def gain_of(number: int, q: Any) -> float:
 
 
 @kernel
-def _starts_around(sight: Sight, belief: Belief, q: Any, starts: Any, values: Any) -> int:
+def _starts_around(sight: ScanPoints, belief: Belief, q: Any, starts: Any, values: Any) -> int:
     """Write the best poses of a lattice around a belief, and return their number.
 
     It spans two standard deviations, at least `reach` and `swing`. The value of a pose is its tempered log likelihood less half
@@ -211,7 +211,7 @@ def _starts_around(sight: Sight, belief: Belief, q: Any, starts: Any, values: An
 
 
 @kernel
-def likelihood(sight: Sight, at: Guess, belief: Belief, q: Any, width: float = 0.1) -> float:
+def likelihood(sight: ScanPoints, at: Guess, belief: Belief, q: Any, width: float = 0.1) -> float:
     """Return the value of a descended guess: its tempered log likelihood less half its squared Mahalanobis distance.
 
     Args:
@@ -237,7 +237,7 @@ def likelihood(sight: Sight, at: Guess, belief: Belief, q: Any, width: float = 0
 
 
 @kernel
-def best_descent(sight: Sight, now: Belief, scale: Sixth, bias: tuple[float, float], q: Any, drift: float) -> Descent:
+def best_descent(sight: ScanPoints, now: Belief, scale: Sixth, bias: tuple[float, float], q: Any, drift: float) -> Descent:
     """Return the descent from the prediction, or if that is in doubt, a better one from a start around it.
 
     Args:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
-from turtlebot_gym.localization.information import Guess, Sight, fetch_ends
+from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, SURE, Located, locate, scan
 from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
@@ -80,7 +80,7 @@ def _put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float) -> None
 
 
 @kernel
-def _search(located: Located, is_hypothesis: bool, bank: Any, sight: Sight, wheels: Pose, q: Any) -> None:
+def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints, wheels: Pose, q: Any) -> None:
     """Fill a bank with the places of the whole map that fit a scan best, and the belief if it still fits somehow."""
     poses, values = np.empty((MOST, 3)), np.zeros(MOST)
     mean, gain = located.belief.mean, gain_of(sight.number, q)
@@ -97,7 +97,7 @@ def _search(located: Located, is_hypothesis: bool, bank: Any, sight: Sight, whee
 
 
 @kernel
-def _follow(located: Located, bank: Any, sight: Sight, wheels: Pose, misfits: float, q: Any) -> Located:
+def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfits: float, q: Any) -> Located:
     """Follow the hypotheses of a bank at a scan, and return the localizer.
 
     Args:
@@ -185,7 +185,9 @@ def _follow(located: Located, bank: Any, sight: Sight, wheels: Pose, misfits: fl
 
 
 @kernel
-def look(located: Located, bank: Any, sight: Sight, wheels: Pose, q: Any, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
+def look(
+    located: Located, bank: Any, sight: ScanPoints, wheels: Pose, q: Any, unseen: tuple[float, float] = (0.0, 0.0)
+) -> Located:
     """Condition the belief on a scan; if the place is in doubt, also search the whole map, and follow the places found.
 
     Args:
@@ -230,7 +232,7 @@ def correct_by_scan(
     """
     points = np.empty((5, int(q.beams)))
     number = to_points(ranges, beams, int(located.scans), timing, trail, points)
-    sight, mean = Sight(field, frame, points, number), located.belief.mean
+    sight, mean = ScanPoints(field, frame, points, number), located.belief.mean
     fetch_ends(sight, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
     wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))
     return look(located, bank, sight, wheels, q, swept(timing, len(ranges), trail))

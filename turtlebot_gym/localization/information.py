@@ -41,7 +41,7 @@ _NEAR, _FAR, _ABOVE, _ACROSS, _GX, _GY, _GT, _GS, _ALONG, _BEYOND, _WEIGHT, _D, 
 ROOM = 23 * BLOCK
 
 
-class Sight(NamedTuple):
+class ScanPoints(NamedTuple):
     """A scan, and the map in which it is sought."""
 
     field: Any
@@ -138,7 +138,7 @@ def _rate(room: Any, k: int, P: Covariance, sixth: Sixth, q: Any, drift: float) 
 
 
 @kernel
-def fetch_ends(sight: Sight, at: Guess) -> None:
+def fetch_ends(sight: ScanPoints, at: Guess) -> None:
     """Prefetch the part of a field that `information` will read at a guess; only compiled code waits for memory."""
     field, frame, points, number = sight
     sine, cosine = sincos(at.theta)
@@ -148,7 +148,7 @@ def fetch_ends(sight: Sight, at: Guess) -> None:
 
 
 @kernel
-def information(sight: Sight, at: Guess, belief: Belief, sixth: Sixth, q: Any, drift: float = 0.0) -> Information:
+def information(sight: ScanPoints, at: Guess, belief: Belief, sixth: Sixth, q: Any, drift: float = 0.0) -> Information:
     """Return the information of a scan at a guess.
 
     The weights are those of Geman and McClure with the width of the innovation, so that a wide belief forgives large residuals.

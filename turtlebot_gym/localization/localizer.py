@@ -22,7 +22,7 @@ from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.descent import best_descent, widened
-from turtlebot_gym.localization.information import Sight
+from turtlebot_gym.localization.information import ScanPoints
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
@@ -171,7 +171,7 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
 
 
 @kernel
-def scan(located: Located, sight: Sight, q: Any, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
+def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float] = (0.0, 0.0)) -> Located:
     """Condition the belief on a scan.
 
     Args:

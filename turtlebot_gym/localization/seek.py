@@ -12,7 +12,7 @@ import numpy as np
 
 from turtlebot_gym.kernel import in_loops, kernel
 from turtlebot_gym.localization.descent import WIDTH, keep
-from turtlebot_gym.localization.information import Sight
+from turtlebot_gym.localization.information import ScanPoints
 from turtlebot_gym.localization.points import X, Y
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
@@ -54,7 +54,7 @@ def _add(total: Any, column: Any, row: Any, x: float, y: float, agrees: Any) -> 
 
 
 @kernel
-def seek(sight: Sight, poses: Any, values: Any) -> int:
+def seek(sight: ScanPoints, poses: Any, values: Any) -> int:
     """Write the poses of a map that fit a scan best, best first and each another hypothesis, and return their number.
 
     Args:

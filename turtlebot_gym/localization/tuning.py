@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from turtlebot_gym.presets import resolve
 from turtlebot_gym.rooms.lidar import Lidar
-from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, PROBABILITY, Range, typed
+from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, PROBABILITY, Range, check_fields
 
 _BEAMS = Range(5, 10_000, whole=True)
 
@@ -83,7 +83,7 @@ class LocalizerTuning:
     """Scans that fit badly, less those that do not, after which the whole map is searched."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 ROBOT = LocalizerTuning(

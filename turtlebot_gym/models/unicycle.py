@@ -60,7 +60,7 @@ def accelerate(before: Command, command: Command, robot: Robot, dt: float) -> Co
     )
 
 
-class _Motion(NamedTuple):
+class _Displacement(NamedTuple):
     """A displacement in an interval, and its derivatives beyond 0 and 1."""
 
     x: float
@@ -81,7 +81,7 @@ class _Motion(NamedTuple):
 
 
 @algebra
-def motion(theta: float, v: float, omega: float, dt: float, integrator: float) -> _Motion:
+def motion(theta: float, v: float, omega: float, dt: float, integrator: float) -> _Displacement:
     """Return how a twist moves a pose with the heading ``theta`` in one interval, by the rule of `Integrator`.
 
     Args:
@@ -94,7 +94,7 @@ def motion(theta: float, v: float, omega: float, dt: float, integrator: float) -
     sine, cosine = sincos(theta + integrator * omega * dt)
     x_theta, y_theta = -v * sine * dt, v * cosine * dt
     share = integrator * dt
-    return _Motion(
+    return _Displacement(
         v * cosine * dt,
         v * sine * dt,
         omega * dt,

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.own import failure
-from turtlebot_gym.validation import POSITIVE, refusal, shown, whole
+from turtlebot_gym.plugins import failure
+from turtlebot_gym.validation import POSITIVE, as_int, refusal, short_repr
 
 MOST = 100
 """Most numbers of a term, most values of it, and most steps from one to the next."""
@@ -79,13 +79,14 @@ class ObservationTerm:
         low, high = (_bounds(self.name, bound) for bound in (self.low, self.high))
         if len(low) != len(high) or not all(-math.inf < a < b < math.inf for a, b in zip(low, high, strict=True)):
             raise ValueError(
-                f"ObservationTerm {self.name!r}: low must be below high, both finite, got {shown(low)} and {shown(high)}."
+                f"ObservationTerm {self.name!r}: low must be below high, both finite, "
+                f"got {short_repr(low)} and {short_repr(high)}."
             )
         if bool(self.topic) != bool(self.message and self.convert):
             raise ValueError(f"ObservationTerm {self.name!r}: topic, message and convert belong together.")
         POSITIVE.check(f"ObservationTerm {self.name!r}: lasts", self.lasts)
         for name in ("length", "every"):
-            whole(f"ObservationTerm {self.name!r}: {name}", getattr(self, name), 1, MOST)
+            as_int(f"ObservationTerm {self.name!r}: {name}", getattr(self, name), 1, MOST)
         object.__setattr__(self, "low", low)
         object.__setattr__(self, "high", high)
 

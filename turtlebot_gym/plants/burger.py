@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, Numbers, choose, typed
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, Numbers, check_fields, choose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +72,7 @@ class MujocoBurger:
     """Time step of the engine, s. Chosen: with half of it, a straight drive differs by less than 0.1 %."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
     def steps(self, dt: float) -> tuple[int, int]:
         """Return the number of engine steps in a control interval of dt, s, and how many of them follow the new command.

@@ -17,15 +17,15 @@ APRON = 1.0
 """Free space between the contents of a world and the walls added around them, m."""
 
 
-class _Frame(NamedTuple):
+class _GazeboFrame(NamedTuple):
     x: float
     y: float
     yaw: float
 
-    def __add__(self, other: object) -> _Frame:
-        assert isinstance(other, _Frame)
+    def __add__(self, other: object) -> _GazeboFrame:
+        assert isinstance(other, _GazeboFrame)
         cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
-        return _Frame(
+        return _GazeboFrame(
             self.x + cosine * other.x - sine * other.y, self.y + sine * other.x + cosine * other.y, self.yaw + other.yaw
         )
 
@@ -90,7 +90,7 @@ def enclosed(
     return FloorPlan(walls=walls, circles=tuple(circles), boxes=tuple(boxes), start=start, goal=goal)
 
 
-def _geometries(root: ElementTree.Element) -> Iterator[tuple[_Frame, ElementTree.Element]]:
+def _geometries(root: ElementTree.Element) -> Iterator[tuple[_GazeboFrame, ElementTree.Element]]:
     """Yield the frame and the geometry of each collision of each static model."""
     for model in root.iter("model"):
         if model.findtext("static", "0").strip() in ("1", "true"):
@@ -101,6 +101,6 @@ def _geometries(root: ElementTree.Element) -> Iterator[tuple[_Frame, ElementTree
                         yield _frame(model) + _frame(link) + _frame(collision), geometry
 
 
-def _frame(element: ElementTree.Element) -> _Frame:
+def _frame(element: ElementTree.Element) -> _GazeboFrame:
     x, y, _, _, _, yaw = map(float, element.findtext("pose", "0 0 0 0 0 0").split())
-    return _Frame(x, y, yaw)
+    return _GazeboFrame(x, y, yaw)

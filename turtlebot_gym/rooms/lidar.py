@@ -15,7 +15,7 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.models.odometry import quantize
 from turtlebot_gym.models.random import normals, uniforms
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, Numbers, Range, refusal, typed
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, Numbers, Range, check_fields, refusal
 
 SECTORS = 36
 """Number of sectors into which a policy's ranges are pooled: the first is ahead, the others follow counter-clockwise."""
@@ -67,7 +67,7 @@ class Lidar:
     """Whether a scan is stamped with the time of its last beam instead of its first."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
         if not self.range_min < self.range_max:
             raise ValueError(f"Lidar.range_min must be below range_max, got {self.range_min!r} >= {self.range_max!r}.")
         pair, width = Numbers(FINITE, 2), Range(0.0, TWO_PI, unit="rad")

@@ -13,9 +13,9 @@ from turtlebot_gym.validation import (
     POSITIVE_OR_INFINITE,
     PROBABILITY,
     Numbers,
+    check_fields,
     choose,
     refusal,
-    typed,
 )
 
 GIVEN, SCATTERED, OFFICE, CELLULAR = 0.0, 1.0, 2.0, 3.0
@@ -76,7 +76,7 @@ class RoomRules:
     """Goal pose of the robot; NaN to draw it."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
         choose("RoomRules.kind", self.kind, dict.fromkeys(KINDS.values()))
         if self.kind != GIVEN and not (self.circles[-1] <= MAX_CIRCLES and self.boxes[-1] <= MAX_BOXES):
             raise ValueError(

@@ -13,7 +13,7 @@ from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.validation import FINITE, Numbers, choose, did_you_mean, made, refusal, shown
+from turtlebot_gym.validation import FINITE, Numbers, build, choose, did_you_mean, refusal, short_repr
 from turtlebot_gym.values import Pose
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
@@ -37,7 +37,7 @@ def find_world(world: World) -> RoomRules | FloorPlan:
     if isinstance(world, (RoomRules, FloorPlan)):
         return world
     if isinstance(world, Mapping):
-        return made(RoomRules, world, "world")
+        return build(RoomRules, world, "world")
     if isinstance(world, (str, Path)) and Path(world).suffix in GAZEBO:
         return read_gazebo(world)
     if isinstance(world, (str, Path)) and Path(world).suffix in MAPS:
@@ -78,7 +78,7 @@ def _pose(name: str, value: Any) -> Pose:
     try:
         return Pose(*Numbers(FINITE, 3).check(name, value))
     except ValueError:
-        raise ValueError(f"{name} must hold x, y and heading, finite numbers, got {shown(value)}.") from None
+        raise ValueError(f"{name} must hold x, y and heading, finite numbers, got {short_repr(value)}.") from None
 
 
 def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:
@@ -87,7 +87,7 @@ def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:
     Raises:
         ValueError: If the name is unknown, or a field is unknown or breaks its rule.
     """
-    return made(Lidar, lidar, "lidar") if isinstance(lidar, (Lidar, Mapping)) else choose("lidar", lidar, LIDARS)
+    return build(Lidar, lidar, "lidar") if isinstance(lidar, (Lidar, Mapping)) else choose("lidar", lidar, LIDARS)
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:

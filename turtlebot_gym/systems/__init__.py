@@ -4,20 +4,19 @@ from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.options import Options, Setup, make_parameters
 from turtlebot_gym.systems.parameters import MAX_DELAY, Parameters, RoomParameters, make_room
 from turtlebot_gym.systems.rooms import (
-    Around,
+    RoomState,
     WithTerms,
     find_system,
     rooms,
     system_of,
 )
 from turtlebot_gym.systems.sensors import ODOMETRY, Sensor
-from turtlebot_gym.systems.system import Surroundings, System
+from turtlebot_gym.systems.system import RoomParts, System
 from turtlebot_gym.systems.world import Body, Course, Judgement, Outcome, Snapshot
 
 __all__ = [
     "MAX_DELAY",
     "ODOMETRY",
-    "Around",
     "Body",
     "Course",
     "Judgement",
@@ -25,10 +24,11 @@ __all__ = [
     "Outcome",
     "Parameters",
     "RoomParameters",
+    "RoomParts",
+    "RoomState",
     "Sensor",
     "Setup",
     "Snapshot",
-    "Surroundings",
     "System",
     "WithTerms",
     "find_system",

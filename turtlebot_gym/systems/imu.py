@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import HEADING, POSITION, normals, sub_key
 from turtlebot_gym.systems.sensors import Sensor
-from turtlebot_gym.validation import NON_NEGATIVE, typed
+from turtlebot_gym.validation import NON_NEGATIVE, check_fields
 
 _USE = 5  # of an episode's key, beside those in `models.random`
 
@@ -26,7 +26,7 @@ class ImuNoise:
     """Standard deviation that the bias gains in the first second, rad/s; it grows with the root of time."""
 
     def __post_init__(self) -> None:
-        typed(self)
+        check_fields(self)
 
 
 _WHITE = math.radians(0.1) ** 2

@@ -87,7 +87,7 @@ def _judge(world, body, senses, estimate, waypoints, p):
     """Return the number of waypoints visited, and what the task says of the step.
 
     It terminates at the last waypoint, unless time switches them, and is truncated at ``max_steps``; a room adds contact in
-    `Surroundings.complete`.
+    `RoomParts.complete`.
     """
     task, reference, truth = p.task, world.course.reference, body.true_state
     steps, visited = world.steps + 1.0, world.course.visited

@@ -13,9 +13,9 @@ from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.observations import OBSERVED, read_items
-from turtlebot_gym.own import load_object
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
 from turtlebot_gym.plants import MujocoBurger, make_plant
+from turtlebot_gym.plugins import load_object
 from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot, resolve
 from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS, RewardTerm, default_weights
 from turtlebot_gym.robots import Robot
@@ -26,7 +26,7 @@ from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, Parameters, make_room
 from turtlebot_gym.systems.system import LOCALIZER, System
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
-from turtlebot_gym.validation import FINITE, LARGEST, choose, did_you_mean, refusal, shown, whole
+from turtlebot_gym.validation import FINITE, LARGEST, as_int, choose, did_you_mean, refusal, short_repr
 from turtlebot_gym.values import Pose
 
 MAX_DEPTH = 25
@@ -155,13 +155,15 @@ class Options:
             raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
         if self.in_room and (name in ("nav", "pose", "square") or not task.random):
             raise ValueError(
-                f"world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task {shown(name)}."
+                f"world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task {short_repr(name)}."
             )
         changes: dict[str, Any] = {}
         if self.goals is not None:
             if not (self.in_room and task.laps > 1):
-                raise ValueError(f"goals are for turtlebot_gym/TurtleBotMissions-v0 and its task 'mission', got {shown(name)}.")
-            changes["laps"] = whole("goals", self.goals, 1)
+                raise ValueError(
+                    f"goals are for turtlebot_gym/TurtleBotMissions-v0 and its task 'mission', got {short_repr(name)}."
+                )
+            changes["laps"] = as_int("goals", self.goals, 1)
         if self.arrival is not None:
             changes["on_belief"] = choose("arrival", self.arrival, {"truth": False, "belief": True})
         if self.start is not None:
@@ -171,7 +173,7 @@ class Options:
         if self.switch is not None:
             changes["switch_period"] = choose("switch", self.switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
         if self.laps is not None:
-            changes["laps"] = whole("laps", self.laps, 1)
+            changes["laps"] = as_int("laps", self.laps, 1)
         poses = _poses(SQUARE_WAYPOINTS if self.waypoints is None else self.waypoints)
         return replace(task, **changes), poses[:1] if task.random else poses
 
@@ -183,7 +185,7 @@ class Options:
             ImportError: If the plant needs an engine that is not installed.
         """
         task, waypoints = self.course()
-        late, dt = whole("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
+        late, dt = as_int("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
         fix = () if self.fix is None else make_fix(self.fix)
         if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
@@ -226,7 +228,7 @@ class Options:
             if name not in names:
                 where = "" if self.system else " in a room" if self.in_room else " on open ground"
                 known = f"its terms{where} are {', '.join(names)}; one of your own is MODULE:NAME"
-                raise ValueError(f"reward has no term {shown(name)}: {known}.{did_you_mean(name, names)}")
+                raise ValueError(f"reward has no term {short_repr(name)}: {known}.{did_you_mean(name, names)}")
         reward = default_weights(tuple(term._replace(weight=weights.get(term.name, term.weight)) for term in terms))
         return setup._replace(parameters=setup.parameters._replace(reward=reward), system=system)
 

@@ -17,7 +17,7 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.observations import LOCATED_ROOM, ROOM, Observed, read_terms
-from turtlebot_gym.own import failure, load_object
+from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
@@ -35,8 +35,8 @@ from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
-from turtlebot_gym.systems.system import Surroundings, System
-from turtlebot_gym.systems.world import Around, Judgement
+from turtlebot_gym.systems.system import RoomParts, System
+from turtlebot_gym.systems.world import Judgement, RoomState
 from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
 
@@ -61,7 +61,7 @@ def _first_look(world, key, p, scene):
     leave_out_blind(scene.lidar.spans, scene.lidar.beams, int(lidar.beams))
     measure(scene, pose, pose, -int(lidar.beams), 0, 0.0, sub_key(key, SCAN), lidar, p.dt)
     near = clearance(scene, pose.x, pose.y) - p.robot.radius
-    return Around(pose, way_left(scene, pose.x, pose.y), near, near, 0.0, age_of_scan(0, lidar, p.dt), near < 0.0, 0.0)
+    return RoomState(pose, way_left(scene, pose.x, pose.y), near, near, 0.0, age_of_scan(0, lidar, p.dt), near < 0.0, 0.0)
 
 
 @kernel
@@ -77,7 +77,7 @@ def _look_round(world, key, p, scene):
     near = clearance(scene, pose.x, pose.y) - p.robot.radius
     dx, dy = pose.x - before.pose.x, pose.y - before.pose.y
     moved, way = sqrt(dx * dx + dy * dy), way_left(scene, pose.x, pose.y)
-    return Around(
+    return RoomState(
         pose,
         way if way >= 0.0 else before.way,
         near,
@@ -129,7 +129,7 @@ def rooms(filter: Filter) -> System:
         example=plain.example._replace(
             reward=default_weights(IN_ROOMS), room=RoomParameters(ROOMS["clutter"], LIDARS["ideal"])
         ),
-        surroundings=Surroundings(_make, scene_at, _first_look, _look_round, _complete),
+        surroundings=RoomParts(_make, scene_at, _first_look, _look_round, _complete),
     )
 
 

@@ -27,8 +27,9 @@ class Sensor(NamedTuple):
     noise: Any = None
     """Example of its parameters, which are the field of its name in `systems.parameters.Parameters`; None if it has none."""
     look: Callable[..., Any] | None = None
-    """``look(value, room, p)`` returns its value completed by the room around the robot, `systems.world.Around`, after a step's
-    look: a bumper, for example. Filters see it only if they read the scan. None for a sensor that does not look around."""
+    """``look(value, room, p)`` returns its value completed by the room around the robot, `systems.world.RoomState`, after a
+    step's look: a bumper, for example. Filters see the value only if they read the scan. None for a sensor that does not look
+    around."""
 
 
 @kernel

@@ -35,11 +35,12 @@ from turtlebot_gym.values import Covariance, Fix, State, senses_of
 class _LateFixes(NamedTuple):
     """A system with fixes that are some steps late, in two parts."""
 
-    whole: System
-    hurried: System
+    complete: System
+    without_fix_effects: System
     """The system without what an arriving fix does; the task must not depend on the belief."""
-    catch_up: Callable[..., Snapshot]
-    """``catch_up(world, key, p)`` returns the world after a step of the hurried system, with what a fix does if one arrived."""
+    apply_fix: Callable[..., Snapshot]
+    """``apply_fix(world, key, p)`` returns the world after a step of `without_fix_effects`, with what a fix does if
+    one arrived."""
 
 
 _Senses = senses_of(("odometry", "fix"))
@@ -52,16 +53,16 @@ def late_fixes(late: int) -> _LateFixes:
     insert_last = taking.insert_last
 
     @kernel
-    def catch_up(world, key, p):
+    def apply_fix(world, key, p):
         fix, before = world.senses.fix, world.estimate
         pose, R, age, arrived, cross, passed = measure(fix, key, int(world.steps), p)
         oldest, newest = insert_last(before, Fix(pose, R, age, arrived, cross), p.tuning, p.integrator)
-        after = Remembered(newest.belief, newest.nis, newest, before.told, oldest, before.steps)
+        after = Remembered(newest.belief, newest.nis, newest, before.history, oldest, before.steps)
         senses = _Senses(world.senses.odometry, TrackedFix(pose, R, age, arrived, cross, passed) if fix.arrived else fix)
         return Snapshot(world.body, senses, after if fix.arrived else before, world.course, world.steps, world.room)
 
-    hurried = open_ground(taking.filter._replace(step=taking.remember)).with_sensor(sensor._replace(sense=watch))
-    return _LateFixes(open_ground(taking.filter).with_sensor(sensor), hurried, catch_up)
+    without_fix_effects = open_ground(taking.filter._replace(step=taking.remember)).with_sensor(sensor._replace(sense=watch))
+    return _LateFixes(open_ground(taking.filter).with_sensor(sensor), without_fix_effects, apply_fix)
 
 
 class Special(NamedTuple):
@@ -223,7 +224,7 @@ _BELIEF = tuple(f"mean.{name}" for name in State._fields) + tuple(f"covariance.{
 @cache
 def with_late_fixes(special: Special, late: int) -> Special:
     """Return a case with fixes that are so many steps late: they count for the oldest estimate, never for a stored step."""
-    steps = [f"estimate.told[{ago}]" for ago in range(late + 1)]
+    steps = [f"estimate.history[{ago}]" for ago in range(late + 1)]
     none = {
         **dict.fromkeys((*_POSE, "age", "arrived", "cross[0]", "cross[1]", "cross[2]"), 0.0),
         **{f"R[{at}]": value for at, value in enumerate(no_fix().R)},
@@ -263,7 +264,7 @@ def special_of(system: System, parameters: Mapping[str, NDArray[np.float64]], wa
     plain = system._replace(rewards=ON_GROUND, example=example)  # a reward changes no case
     if plain == open_ground(SLIP):
         cases = SLIPPING
-    elif plain == (late_fixes(late).whole if late else open_ground(EXTENDED_KALMAN)):
+    elif plain == (late_fixes(late).complete if late else open_ground(EXTENDED_KALMAN)):
         cases = SPECIALS
     else:
         return GENERAL

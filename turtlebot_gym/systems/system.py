@@ -28,7 +28,7 @@ ROOM = "a room: choose one with world=..., such as world='office'"
 """... and that sees something around it."""
 
 
-class Surroundings(NamedTuple):
+class RoomParts(NamedTuple):
     """The parts of a step that work on arrays; they update a scene's arrays in place."""
 
     make: Callable[..., Any]
@@ -72,8 +72,8 @@ class System(NamedTuple):
     """The terms of the observation."""
     example: Any
     """Example parameters with the types that the kernels take."""
-    surroundings: Surroundings | None = None
-    """Surroundings of the robot; None on open ground, where a scene is an empty tuple."""
+    surroundings: RoomParts | None = None
+    """RoomParts of the robot; None on open ground, where a scene is an empty tuple."""
     reads_scan: bool = False
     """Whether the filter reads the scan, and estimates after the robot has looked."""
     compiled: bool = True

@@ -32,7 +32,7 @@ class Course(NamedTuple):
     """Number of waypoints done."""
 
 
-class Around(NamedTuple):
+class RoomState(NamedTuple):
     """State of the robot in its room."""
 
     pose: Pose
@@ -65,7 +65,7 @@ class Snapshot(NamedTuple):
     steps: float
     """Steps since the start."""
     room: Any = ()
-    """State of the robot in its room, `Around`; an empty tuple on open ground."""
+    """State of the robot in its room, `RoomState`; an empty tuple on open ground."""
 
 
 class Judgement(NamedTuple):

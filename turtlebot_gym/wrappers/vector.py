@@ -16,7 +16,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from turtlebot_gym.envs.common import of_rows
-from turtlebot_gym.validation import choose, whole
+from turtlebot_gym.validation import as_int, choose
 from turtlebot_gym.wrappers.common import SHARE, Moment, Transition, ask, doubled, moment, require_box
 
 
@@ -169,7 +169,7 @@ class FrameStackObservation(_RowsWrapper, RecordConstructorArgs):
     def __init__(self, env: VectorEnv, stack_size: int, *, padding_type: str = "reset") -> None:
         RecordConstructorArgs.__init__(self, stack_size=stack_size, padding_type=padding_type)
         super().__init__(env)
-        stack_size = whole("stack_size", stack_size, 1)
+        stack_size = as_int("stack_size", stack_size, 1)
         box = require_box(env.single_observation_space, "observation")
         self._repeats = choose("padding_type", padding_type, {"reset": True, "zero": False})
         self.single_observation_space = batch_space(box, stack_size)

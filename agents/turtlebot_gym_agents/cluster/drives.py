@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from turtlebot_gym.validation import whole
+from turtlebot_gym.validation import as_int
 from turtlebot_gym_agents.cluster.workers import Run, results
 from turtlebot_gym_agents.evaluation.episodes import concatenate
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, batches, evaluate, require_known
@@ -33,7 +33,7 @@ def evaluate_all(
     """
     jobs: dict[str, Any] = {}
     for at, request in enumerate(requests, 1):
-        whole("episodes", request["episodes"], 1)
+        as_int("episodes", request["episodes"], 1)
         require_known(request["env"], request["seed"])
         for start, size in batches(request["episodes"], chunk):
             name = f"evaluation {at} of {len(requests)}, {request['policy']}, from seed {request['seed'] + start}"

@@ -21,7 +21,7 @@ from typing import Annotated, Any
 
 from turtlebot_gym import Options
 from turtlebot_gym.files import load
-from turtlebot_gym.validation import Range, choose, made, shown, typed, whole
+from turtlebot_gym.validation import Range, as_int, build, check_fields, choose, short_repr
 from turtlebot_gym_agents.evaluation.evaluate import NAV, require_known
 from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -32,7 +32,7 @@ MAX_SEEDS = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Grid:
+class StudyGrid:
     """Contents of a study. Every policy drives in every cell; every training is repeated in every cell."""
 
     policies: tuple[str, ...]
@@ -49,9 +49,9 @@ class Grid:
     """Seed of the first episode."""
 
     def __post_init__(self) -> None:
-        typed(self, "")
+        check_fields(self, "")
         if not self.policies or not all(isinstance(name, str) for name in self.policies):
-            raise ValueError(f"policies must be names, at least one, got {shown(list(self.policies))}.")
+            raise ValueError(f"policies must be names, at least one, got {short_repr(list(self.policies))}.")
         object.__setattr__(self, "compare_with", self.compare_with or self.policies[0])
         choose("compare_with", self.compare_with, dict.fromkeys(self.policies))
         for name in self.grid:
@@ -69,13 +69,13 @@ class Grid:
     def trainings_of(self, name: str, cell: Mapping[str, Any]) -> list[TrainingConfig]:
         """Return the configurations of a training in a cell, one per seed."""
         settings = {**self.trainings[name], **cell}
-        seeds = whole(f"seeds of training {shown(name)}", settings.pop("seeds", 1), 1, MAX_SEEDS)
+        seeds = as_int(f"seeds of training {short_repr(name)}", settings.pop("seeds", 1), 1, MAX_SEEDS)
         if "config" in settings:
             settings["config"] = Path(settings["config"])
-        return [made(TrainingConfig, {**settings, "seed": seed}, f"training {shown(name)}") for seed in range(seeds)]
+        return [build(TrainingConfig, {**settings, "seed": seed}, f"training {short_repr(name)}") for seed in range(seeds)]
 
 
-def read_grid(path: Path) -> Grid:
+def read_grid(path: Path) -> StudyGrid:
     """Read a study.
 
     Raises:
@@ -85,7 +85,7 @@ def read_grid(path: Path) -> Grid:
     try:
         if isinstance(content, Mapping) and "policies" in content:
             content = {**content, "policies": tuple(_listed(content["policies"]))}
-        return made(Grid, content, "a study")
+        return build(StudyGrid, content, "a study")
     except (ValueError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}") from error
 

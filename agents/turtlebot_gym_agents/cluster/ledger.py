@@ -13,7 +13,7 @@ from typing import Any
 import turtlebot_gym
 import turtlebot_gym_agents
 from turtlebot_gym.files import LARGEST_LOG, load, read_bytes, read_text, write_text
-from turtlebot_gym.validation import shown
+from turtlebot_gym.validation import short_repr
 from turtlebot_gym_agents.policies.named import bare, pretrained_folder
 from turtlebot_gym_agents.provenance import libraries, plain, replace_json
 from turtlebot_gym_agents.training.hyperparameters import configs_folder
@@ -35,7 +35,7 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
     """Describe the first difference between two descriptions; empty if there is none."""
     for name in {**here, **there}:
         if there.get(name) != here.get(name):
-            return f"another {name}, {shown(there.get(name))}, here it is {shown(here.get(name))}"
+            return f"another {name}, {short_repr(there.get(name))}, here it is {short_repr(here.get(name))}"
     return ""
 
 

@@ -27,7 +27,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
-from turtlebot_gym.validation import choose, whole
+from turtlebot_gym.validation import as_int, choose
 from turtlebot_gym_agents.cluster.ledger import difference, origin
 from turtlebot_gym_agents.cluster.trainings import settings_of
 from turtlebot_gym_agents.cluster.workers import Run, results
@@ -103,7 +103,7 @@ def tune(
     """
     space = choose("algo", config.algo, SPACES)
     for name, number in (("trials", trials), ("generation", 1 if generation is None else generation)):
-        whole(name, number, 1, 1_000_000)
+        as_int(name, number, 1, 1_000_000)
     study = _open_study(folder, storage, config, generation)
     while (finished := len(study.get_trials(states=_FINISHED))) < trials:
         progress(finished)

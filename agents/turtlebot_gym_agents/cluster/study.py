@@ -15,11 +15,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from turtlebot_gym.files import replacing
-from turtlebot_gym_agents.cluster.grid import Grid
+from turtlebot_gym_agents.cluster.grid import StudyGrid
 from turtlebot_gym_agents.cluster.ledger import Ledger, files_in
 from turtlebot_gym_agents.cluster.trainings import settings_of
 from turtlebot_gym_agents.cluster.workers import Run, results
-from turtlebot_gym_agents.evaluation.comparison import Outcome, compare
+from turtlebot_gym_agents.evaluation.comparison import PairedOutcome, compare
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval, holm, mean
 from turtlebot_gym_agents.provenance import plain
@@ -30,7 +30,7 @@ Label = tuple[str, int | None]
 
 
 def study(
-    grid: Grid, folder: Path, *, run: Run = results, progress: Callable[[int, int], None] = lambda done, total: None
+    grid: StudyGrid, folder: Path, *, run: Run = results, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> list[dict[str, Any]]:
     """Return the results of policies and trainings in each cell.
 
@@ -66,7 +66,7 @@ def study(
     return rows
 
 
-def _jobs_of(grid: Grid, cell: Mapping[str, Any]) -> dict[Label, tuple[str, Callable[[], Any]]]:
+def _jobs_of(grid: StudyGrid, cell: Mapping[str, Any]) -> dict[Label, tuple[str, Callable[[], Any]]]:
     """Return the jobs of a cell, each with its name."""
     jobs: dict[Label, tuple[str, Callable[[], Any]]] = {}
     request = {**cell, "episodes": grid.episodes, "seed": grid.seed}
@@ -90,7 +90,7 @@ def _name(label: str, cell: Mapping[str, Any], about: Mapping[str, Any]) -> str:
 def _drive(request: Mapping[str, Any]) -> tuple[dict[str, Any], bytes]:
     """Return the result of an evaluation as JSON types, and no bundle."""
     evaluation = evaluate(**request)
-    return {"summary": evaluation.summary(), "outcome": Outcome.of(evaluation).json()}, b""
+    return {"summary": evaluation.summary(), "outcome": PairedOutcome.of(evaluation).json()}, b""
 
 
 def _train_and_drive(config: TrainingConfig, request: Mapping[str, Any]) -> tuple[dict[str, Any], bytes]:
@@ -103,8 +103,8 @@ def _train_and_drive(config: TrainingConfig, request: Mapping[str, Any]) -> tupl
         return _drive({**request, "policy": str(bundle)})[0], bundle.read_bytes()
 
 
-def _row(grid: Grid, cell: Mapping[str, Any], results: Mapping[Label, Mapping[str, Any]]) -> dict[str, Any]:
-    outcomes = {label: Outcome.read(result["outcome"]) for label, result in results.items()}
+def _row(grid: StudyGrid, cell: Mapping[str, Any], results: Mapping[Label, Mapping[str, Any]]) -> dict[str, Any]:
+    outcomes = {label: PairedOutcome.read(result["outcome"]) for label, result in results.items()}
     baseline = outcomes[grid.compare_with, None]
 
     def beside(label: Label) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from concurrent.futures import BrokenExecutor
 from typing import Any, TypeVar
 
 from turtlebot_gym.extras import installing
-from turtlebot_gym.validation import whole
+from turtlebot_gym.validation import as_int
 from turtlebot_gym_agents.cluster.ledger import difference, origin
 
 T = TypeVar("T")
@@ -52,7 +52,7 @@ def results(jobs: Jobs[T], *, cluster: str | None = None, workers: int | None = 
 def require_workers(cluster: str | None, workers: int | None) -> None:
     """Raise ValueError unless a number of workers, if there is one, is valid and for processes of this machine."""
     if workers is not None:
-        whole("workers", workers, 1)
+        as_int("workers", workers, 1)
         if cluster != "local":
             raise ValueError("workers is the number of processes on this machine: choose --cluster local.")
 

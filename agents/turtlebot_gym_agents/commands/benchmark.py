@@ -13,15 +13,15 @@ from typing import Annotated
 import tyro
 
 from turtlebot_gym.extras import installing
-from turtlebot_gym.validation import Range, whole
-from turtlebot_gym_agents.commands.console import File, JsonFile, Writing, print_tables, progress
+from turtlebot_gym.validation import Range, as_int
+from turtlebot_gym_agents.commands.console import File, JsonFile, WritingOptions, print_tables, progress
 
 _BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 _PROGRAM = _BENCHMARKS / "harness" / "measure.py"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Benchmark(Writing):
+class Benchmark(WritingOptions):
     """Measure the speed of environments, adapter and training, as ratios within one run, by wall time and CPU seconds.
 
     Needs a clone of the repository.
@@ -65,8 +65,8 @@ class Benchmark(Writing):
     def _check_options(self) -> None:
         if not self.num_envs or min(self.num_envs) < 2 or len({*self.num_envs}) < len(self.num_envs):
             raise ValueError(f"num_envs must be different numbers from 2 on, got {self.num_envs}.")
-        whole("rounds", self.rounds, 1)
-        whole("busy", self.busy)
+        as_int("rounds", self.rounds, 1)
+        as_int("busy", self.busy)
         Range(0.0, 60.0, open_low=True, open_high=True).check("seconds", self.seconds)
         Range(0.0, 1.0, open_high=True).check("tolerance", self.tolerance or 0.0)
         if self.check is not None and self.against is not None:

@@ -9,12 +9,12 @@ from typing import Annotated, Any
 import tyro
 
 from turtlebot_gym.files import write_text
-from turtlebot_gym_agents.commands.console import Writing, needs
-from turtlebot_gym_agents.outputs import Output
+from turtlebot_gym_agents.commands.console import WritingOptions, needs
+from turtlebot_gym_agents.outputs import OutputFile
 
 
 @dataclass(frozen=True, kw_only=True)
-class Export(Writing):
+class Export(WritingOptions):
     """Convert a model saved by Stable-Baselines3 into a policy bundle, and check that both return the same actions.
 
     The settings of its training are read from the config.json beside it; without that file, give them as options.
@@ -22,7 +22,7 @@ class Export(Writing):
 
     model: tyro.conf.Positional[Path]
     """The model, a zip file."""
-    out: Annotated[Path, Output((".onnx",))] = Path("policy.onnx")
+    out: Annotated[Path, OutputFile((".onnx",))] = Path("policy.onnx")
     """The bundle."""
     allow_pickle: bool = False
     """Confirm that you trust the zip file: loading it can run any code in it."""
@@ -76,12 +76,12 @@ class Export(Writing):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Card(Writing):
+class ShowCard(WritingOptions):
     """Write a policy's card as a page in Markdown, in the form of model hubs: purpose, training and results."""
 
     policy: tyro.conf.Positional[str]
     """A bundle (FILE.onnx), or a policy shipped with the package, such as ppo-nav."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.md"), Output((".md",))] = None
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.md"), OutputFile((".md",))] = None
     """Write the page here; by default it is printed."""
 
     def run(self) -> None:

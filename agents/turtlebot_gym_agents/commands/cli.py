@@ -20,13 +20,13 @@ import tyro
 from turtlebot_gym.entry_points import load_entry_point, names_in
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.commands.benchmark import Benchmark, Compile
-from turtlebot_gym_agents.commands.bundles import Card, Export
+from turtlebot_gym_agents.commands.bundles import Export, ShowCard
 from turtlebot_gym_agents.commands.console import (
-    Driven,
+    DriveOptions,
     FigureFile,
     JsonFile,
     Placement,
-    Reporting,
+    ReportingOptions,
     print_tables,
     progress,
     save_figure,
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.evaluate import Evaluation
 
 
-class _Command(Protocol):
+class _CommandLine(Protocol):
     """A subcommand with its options."""
 
     def run(self) -> None: ...
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluate(Placement, Reporting, Driven):
+class Evaluate(Placement, ReportingOptions, DriveOptions):
     """Drive policies on the same seeds and compare how well they do.
 
     Evaluates every combination of policy, noise and observation.
@@ -120,12 +120,12 @@ class Evaluate(Placement, Reporting, Driven):
         return ", ".join(varied or names[:1])
 
 
-COMMANDS: dict[str, type[_Command]] = {
+COMMANDS: dict[str, type[_CommandLine]] = {
     "evaluate": Evaluate,
     "train": Train,
     "tune": Tune,
     "export": Export,
-    "card": Card,
+    "card": ShowCard,
     "study": Study,
     "benchmark": Benchmark,
     "compile": Compile,
@@ -135,7 +135,7 @@ GROUP = "turtlebot_gym.commands"
 """Group of the entry points that name further subcommands."""
 
 
-def commands() -> dict[str, type[_Command]]:
+def commands() -> dict[str, type[_CommandLine]]:
     """Return all subcommands by name; an entry point that cannot be loaded is left out."""
     found = dict(COMMANDS)
     for name in names_in(GROUP):

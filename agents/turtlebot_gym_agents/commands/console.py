@@ -36,7 +36,7 @@ NARROWEST = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class Writing:
+class WritingOptions:
     """A command that writes files."""
 
     force: bool = False
@@ -44,7 +44,7 @@ class Writing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reporting(Writing):
+class ReportingOptions(WritingOptions):
     """A command whose results can be written as JSON."""
 
     json: JsonFile = None
@@ -61,7 +61,7 @@ class Reporting(Writing):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Episodes:
+class _EpisodeOptions:
     env: str = "turtlebot_gym/TurtleBotNav-v0"
     """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0,
     .../TurtleBotRooms-v0 or .../TurtleBotMissions-v0."""
@@ -70,7 +70,7 @@ class _Episodes:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setting(Environment, _Episodes):
+class EnvironmentOptions(Environment, _EpisodeOptions):
     """Environment, filter, robot and seeds of a command."""
 
     def options(self) -> dict[str, Any]:
@@ -80,7 +80,7 @@ class Setting(Environment, _Episodes):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Driven(OfDrive, Setting):
+class DriveOptions(OfDrive, EnvironmentOptions):
     """Environment, task and robot of a drive."""
 
     friction: float | None = None

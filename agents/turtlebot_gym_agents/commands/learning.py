@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.entry_points import load_entry_point
-from turtlebot_gym.validation import whole
-from turtlebot_gym_agents.commands.console import Placement, Reporting, Setting, needs, print_tables, progress
+from turtlebot_gym.validation import as_int
+from turtlebot_gym_agents.commands.console import EnvironmentOptions, Placement, ReportingOptions, needs, print_tables, progress
 from turtlebot_gym_agents.commands.flags import Learning
 from turtlebot_gym_agents.outputs import FOLDER
 
@@ -32,7 +32,7 @@ SHOWN = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Learned(Learning, Reporting, Setting):
+class _LearningOptions(Learning, ReportingOptions, EnvironmentOptions):
     def training(self, **changes: Any) -> TrainingConfig:
         from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -42,7 +42,7 @@ class _Learned(Learning, Reporting, Setting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(Placement, _Learned):
+class Train(Placement, _LearningOptions):
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
     out: Annotated[Path, FOLDER] = Path("runs/nav")
@@ -61,7 +61,7 @@ class Train(Placement, _Learned):
     def run(self) -> None:
         from turtlebot_gym_agents.training.config import require_no_run
 
-        whole("seeds", self.seeds, 1)
+        as_int("seeds", self.seeds, 1)
         runner = self.runner()
         if self.wandb is not None and self.spread:
             raise ValueError("wandb follows trainings in this process: leave out --cluster.")
@@ -126,7 +126,7 @@ class Train(Placement, _Learned):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tune(Placement, _Learned):
+class Tune(Placement, _LearningOptions):
     """Search for hyper-parameters with Optuna, and write the best as OUT/best.yaml for train --config.
 
     The same command resumes an interrupted search.

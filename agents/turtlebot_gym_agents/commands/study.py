@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym_agents.commands.console import Placement, Reporting, print_tables, progress
+from turtlebot_gym_agents.commands.console import Placement, ReportingOptions, print_tables, progress
 from turtlebot_gym_agents.outputs import FOLDER
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Study(Placement, Reporting):
+class Study(Placement, ReportingOptions):
     """Compare policies and trainings in every combination of settings that a YAML file names.
 
     The same command resumes an interrupted study.

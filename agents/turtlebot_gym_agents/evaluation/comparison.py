@@ -95,7 +95,7 @@ def share(table: ArrayLike) -> Interval:
     return metrics.wilson(result.value, min(result.value * (1.0 - result.value) / error**2, n), result.margin() / error)
 
 
-class Outcome(NamedTuple):
+class PairedOutcome(NamedTuple):
     """What comparisons need of an evaluation; arrays of shape (n,), one value per episode."""
 
     seed: int
@@ -107,12 +107,12 @@ class Outcome(NamedTuple):
     """Whether the first belief of having arrived was false."""
 
     @classmethod
-    def of(cls, evaluation: Evaluation) -> Outcome:
+    def of(cls, evaluation: Evaluation) -> PairedOutcome:
         episodes = evaluation.episodes
         return cls(int(episodes.seed[0]), evaluation.times(), episodes.success, episodes.false_arrival)
 
     @classmethod
-    def read(cls, content: Mapping[str, Any]) -> Outcome:
+    def read(cls, content: Mapping[str, Any]) -> PairedOutcome:
         """Return an outcome from what `json` returned."""
         return cls(content["seed"], *(np.array(content[name]) for name in cls._fields[1:]))
 
@@ -121,7 +121,7 @@ class Outcome(NamedTuple):
         return {"seed": self.seed, **{name: getattr(self, name).tolist() for name in self._fields[1:]}}
 
 
-def compare(learned: Sequence[Outcome], baseline: Outcome) -> dict[str, Any]:
+def compare(learned: Sequence[PairedOutcome], baseline: PairedOutcome) -> dict[str, Any]:
     """Return metrics of trainings and their differences from a baseline; a failure counts as the time limit.
 
     Args:

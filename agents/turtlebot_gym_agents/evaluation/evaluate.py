@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import Parameters
-from turtlebot_gym.validation import choose, whole
+from turtlebot_gym.validation import as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure
 from turtlebot_gym_agents.evaluation.metrics import Interval
@@ -141,7 +141,7 @@ def evaluate(
     Raises:
         ValueError: If an argument is unknown or out of its range.
     """
-    whole("episodes", episodes, 1)
+    as_int("episodes", episodes, 1)
     require_known(env, seed)
     runs = []
     # In batches, which bound the memory of the record.
@@ -180,7 +180,7 @@ def batches(episodes: int, size: int) -> list[tuple[int, int]]:
 
 def require_known(env: str, seed: int) -> None:
     """Raise ValueError unless the id is of this package and the seed is valid."""
-    whole("seed", seed, 0, MAX_SEED)
+    as_int("seed", seed, 0, MAX_SEED)
     choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from turtlebot_gym import Robot
 from turtlebot_gym.files import load
-from turtlebot_gym.validation import choose, shown
+from turtlebot_gym.validation import choose, short_repr
 from turtlebot_gym_agents.policies.fit import require_fit, robot_of
 from turtlebot_gym_agents.policies.geometric import (
     Baseline,
@@ -66,6 +66,6 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
     except (ValueError, KeyError, TypeError, AttributeError) as error:  # also if the file is not JSON or not text
         raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {str(error).rstrip('.')}.") from error
     if form != FORMAT:
-        raise ValueError(f"{path}: made as {shown(form)}, but this version reads {FORMAT!r}.")
+        raise ValueError(f"{path}: made as {short_repr(form)}, but this version reads {FORMAT!r}.")
     require_fit(path, made_for, made_dt, robot, dt)
     return policy

@@ -36,7 +36,7 @@ from turtlebot_gym.observations import (
 )
 from turtlebot_gym.systems import WithTerms, find_system
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.validation import choose, shown
+from turtlebot_gym.validation import choose, short_repr
 from turtlebot_gym_agents.policies.fit import OPEN, describe_robot, require_fit
 from turtlebot_gym_agents.policies.policy import LAYOUTS
 from turtlebot_gym_agents.policies.weights import require_safe_model
@@ -124,9 +124,13 @@ def term_on(path: str | Path, content: Mapping[str, Any]) -> ObservationTerm:
         )
         term = term.over(length, every=every)
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path}: a term on its card must have name, low and high, got {shown(content)}: {error}") from error
+        raise ValueError(
+            f"{path}: a term on its card must have name, low and high, got {short_repr(content)}: {error}"
+        ) from error
     if (low, high) != term.bounds:
-        raise ValueError(f"{path}: its term {name!r} has other bounds than in this version: {shown(low)}, {shown(high)}.")
+        raise ValueError(
+            f"{path}: its term {name!r} has other bounds than in this version: {short_repr(low)}, {short_repr(high)}."
+        )
     return term
 
 
@@ -248,19 +252,19 @@ def _read_card(path: str | Path, content: Any) -> Card:
         ValueError: If the format differs, or a field is missing, of another type or out of its range.
     """
     if not isinstance(content, Mapping):
-        raise ValueError(f"{path}: its card must be a mapping, got {shown(content)}.")
+        raise ValueError(f"{path}: its card must be a mapping, got {short_repr(content)}.")
     ours = {"format": FORMAT, "action": ACTION}
     theirs = {name: content.get(name) for name in ours}
     if theirs != ours:
-        raise ValueError(f"{path}: made as {shown(theirs)}, but this version reads {ours}.")
+        raise ValueError(f"{path}: made as {short_repr(theirs)}, but this version reads {ours}.")
     layout: Any = content.get("layout")
     if "terms" not in content and (isinstance(layout, bool) or layout not in [*LAYOUTS]):
         raise ValueError(
-            f"{path}: its card has neither terms nor a layout of {', '.join(map(str, LAYOUTS))}, got {shown(layout)}."
+            f"{path}: its card has neither terms nor a layout of {', '.join(map(str, LAYOUTS))}, got {short_repr(layout)}."
         )
     terms: Any = content["terms"] if "terms" in content else described(LAYOUTS[layout])
     if not isinstance(terms, (list, tuple)) or not terms or not all(isinstance(term, Mapping) for term in terms):
-        raise ValueError(f"{path}: terms on its card must be a list of terms, got {shown(terms)}.")
+        raise ValueError(f"{path}: terms on its card must be a list of terms, got {short_repr(terms)}.")
     content = {**content, "terms": tuple(terms)}
     texts = ("env", "noise", "filter", "observation")
     missing = [name for name in (*texts, "robot", "dt") if name not in content]
@@ -268,11 +272,11 @@ def _read_card(path: str | Path, content: Any) -> Card:
         raise ValueError(f"{path}: its card has no {', '.join(missing)}.")
     for name in texts:
         if not isinstance(content[name], str):
-            raise ValueError(f"{path}: {name} on its card must be text, got {shown(content[name])}.")
+            raise ValueError(f"{path}: {name} on its card must be text, got {short_repr(content[name])}.")
     choose(f"{path}: observation on its card", content["observation"], OBSERVED)
     for name in ("robot", "training"):
         if not isinstance(content.get(name, {}), Mapping):
-            raise ValueError(f"{path}: {name} on its card must be a mapping, got {shown(content[name])}.")
+            raise ValueError(f"{path}: {name} on its card must be a mapping, got {short_repr(content[name])}.")
     DT.check(f"{path}: dt on its card", content["dt"])
     return Card(**{item.name: content[item.name] for item in fields(Card) if item.name in content})
 

@@ -38,7 +38,16 @@ from turtlebot_gym.rooms.lidar import MAX_AGE
 from turtlebot_gym.rooms.scan import Scan, read_scan
 from turtlebot_gym.rooms.sectors import Pooling
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal, shown
+from turtlebot_gym.validation import (
+    FINITE,
+    NON_NEGATIVE,
+    POSITIVE_OR_INFINITE,
+    PROBABILITY,
+    Numbers,
+    Range,
+    refusal,
+    short_repr,
+)
 from turtlebot_gym.values import ORIGIN, STOP, Command, Covariance, Odometry, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
@@ -310,7 +319,7 @@ class Deployment:
         for name in own:
             if name not in names:
                 raise ValueError(
-                    f"own has {shown(name)}, which the policy does not read: it reads {', '.join(names) or 'none'}."
+                    f"own has {short_repr(name)}, which the policy does not read: it reads {', '.join(names) or 'none'}."
                 )
         values: dict[str, tuple[float, ...]] = {}
         for term in self.own_terms:

@@ -12,7 +12,7 @@ from turtlebot_gym import ROBOTS, Robot, make_robot
 from turtlebot_gym.files import is_file
 from turtlebot_gym.observations import SCAN
 from turtlebot_gym.systems import Parameters
-from turtlebot_gym.validation import made, shown
+from turtlebot_gym.validation import build, short_repr
 from turtlebot_gym_agents.policies.policy import terms_of
 from turtlebot_gym_agents.provenance import plain
 
@@ -32,7 +32,7 @@ def describe_robot(robot: str | Robot) -> dict[str, Any]:
     made = make_robot(robot)
     preset = next((name for name, limits in ROBOTS.items() if limits == made), "custom")
     name = Path(robot).stem if is_file(robot) else robot if isinstance(robot, str) else preset
-    limits = {item.name: getattr(made, item.name) for item in fields(made) if item.metadata.get("number", True)}
+    limits = {item.name: getattr(build, item.name) for item in fields(made) if item.metadata.get("number", True)}
     return plain({"name": name, **limits})
 
 
@@ -43,7 +43,7 @@ def robot_of(described: Mapping[str, Any]) -> Robot:
         ValueError: If the description is invalid.
     """
     limits = {name: math.inf if limit is None else limit for name, limit in described.items() if name != "name"}
-    return made(Robot, limits, "robot")
+    return build(Robot, limits, "robot")
 
 
 def parameters_of(envs: Any) -> Parameters:
@@ -119,4 +119,4 @@ def require_fit(
 
 def _shown(value: Any) -> str:
     """Return a value of a card for a message: text without quotes, on one line."""
-    return " ".join(value.split())[:100] if isinstance(value, str) else shown(value)
+    return " ".join(value.split())[:100] if isinstance(value, str) else short_repr(value)

@@ -18,7 +18,7 @@ from turtlebot_gym.observations import OPEN_GROUND, Observation, ObservationTerm
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, typed
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, check_fields
 from turtlebot_gym_agents.policies.policy import numbers_of
 
 _TINY = 1e-12  # instead of zero in a denominator
@@ -37,7 +37,7 @@ class Baseline:
 
     def __post_init__(self) -> None:
         self._robot = make_robot(self.robot)
-        typed(self, "")
+        check_fields(self, "")
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., n)."""

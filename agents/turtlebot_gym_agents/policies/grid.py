@@ -38,7 +38,7 @@ _TOWARDS = 0.4
 _PAD = 8
 """Cells around the known area over which paths may lead."""
 FREE, _VAIN = 4, 200
-"""Weight of a free cell far from obstacles, and its increase by each vain attempt to enter it."""
+"""Weight of a free cell far from obstacles, and its increase by each failed attempt to enter it."""
 _STRAIGHT, _DIAGONAL = 5, 7
 """Lengths of the steps, as in `turtlebot_gym.rooms.geodesic`."""
 
@@ -154,22 +154,22 @@ def _raise(weights: Any, least: Any) -> None:
     np.maximum(weights, least, out=weights)
 
 
-def _avoid_each(weights, vain):
-    for a in range(vain.shape[0]):
-        for b in range(vain.shape[1]):
-            weights[a, b] += _VAIN * vain[a, b]
+def _avoid_each(weights, failed_attempts):
+    for a in range(failed_attempts.shape[0]):
+        for b in range(failed_attempts.shape[1]):
+            weights[a, b] += _VAIN * failed_attempts[a, b]
 
 
 @in_loops(_avoid_each)
-def _avoid(weights: Any, vain: Any) -> None:
-    """Raise weights by the number of vain attempts, an array that covers their first rows and columns."""
-    weights[: vain.shape[0], : vain.shape[1]] += _VAIN * vain.astype(np.int32)
+def _avoid(weights: Any, failed_attempts: Any) -> None:
+    """Raise weights by the number of failed attempts, an array that covers their first rows and columns."""
+    weights[: failed_attempts.shape[0], : failed_attempts.shape[1]] += _VAIN * failed_attempts.astype(np.int32)
 
 
 @kernel
 def plan(
     grid,
-    vain,
+    failed_attempts,
     ways,
     stuck: bool,
     x: float,
@@ -187,7 +187,7 @@ def plan(
 
     Args:
         grid: Evidence, as for `see`.
-        vain: Number of vain attempts to enter each cell, shape (`SIDE`, `SIDE`), int8; changed.
+        failed_attempts: Number of failed attempts to enter each cell, shape (`SIDE`, `SIDE`), int8; changed.
         ways: 1 for the cells of the last path and their neighbours, of the same shape, int8; replaced by the new path's.
         stuck: Whether the robot makes no progress.
         x: The robot's place, m.
@@ -218,7 +218,7 @@ def plan(
     for n in range(len(down)):
         a, b = down[n] - top - side // 2, along[n] - left - side // 2
         _raise(weights[a : a + side, b : b + side], stamp)
-    _avoid(inside, vain[max(top, 0) : bottom + 1, max(left, 0) : right + 1])
+    _avoid(inside, failed_attempts[max(top, 0) : bottom + 1, max(left, 0) : right + 1])
     # Cells off the last path cost more, unless it has led nowhere.
     if not stuck and ways.any():
         for a in range(top, bottom + _PAD + 1):
@@ -244,7 +244,7 @@ def plan(
         a, b = way[2] // width + top, way[2] % width + left
         for near_a in range(max(a - 1, 0), min(a + 2, SIDE)):
             for near_b in range(max(b - 1, 0), min(b + 2, SIDE)):
-                vain[near_a, near_b] = min(vain[near_a, near_b], 99) + 1
+                failed_attempts[near_a, near_b] = min(failed_attempts[near_a, near_b], 99) + 1
     row, column = y / CELL + SIDE // 2 - top, x / CELL + SIDE // 2 - left
     target[0], target[1] = math.nan, math.nan
     # From the farthest cell back, until a straight line costs little more than the path.
@@ -258,14 +258,45 @@ def plan(
 
 
 def _advance(
-    grids, vain, ways, scans, reaches, shares, new, places, goals, due, stuck, stamp, preview, detour, unknown, habit, targets
+    grids,
+    failed_attempts,
+    ways,
+    scans,
+    reaches,
+    shares,
+    new,
+    places,
+    goals,
+    due,
+    stuck,
+    stamp,
+    preview,
+    detour,
+    unknown,
+    habit,
+    targets,
 ) -> None:
     for n in range(len(grids)):
         if new[n]:
             see(grids[n], scans[n, 0], scans[n, 1], scans[n, 2], shares[n], reaches[n])
         if due[n]:
             x, y, goal_x, goal_y = places[n, 0], places[n, 1], goals[n, 0], goals[n, 1]
-            plan(grids[n], vain[n], ways[n], stuck[n], x, y, goal_x, goal_y, stamp, preview, detour, unknown, habit, targets[n])
+            plan(
+                grids[n],
+                failed_attempts[n],
+                ways[n],
+                stuck[n],
+                x,
+                y,
+                goal_x,
+                goal_y,
+                stamp,
+                preview,
+                detour,
+                unknown,
+                habit,
+                targets[n],
+            )
 
 
 @cache

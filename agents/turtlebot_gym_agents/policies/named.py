@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.own import failure, load_object
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
+from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import did_you_mean

@@ -24,7 +24,7 @@ from turtlebot_gym_agents.policies.reactive import (
     SightRange,
     VectorFieldHistogramPolicy,
 )
-from turtlebot_gym_agents.policies.sight import Motion, Sight, arc, look
+from turtlebot_gym_agents.policies.sight import Sight, SightMotion, arc, look
 
 _BLOCKED = 400
 """Weight of a cell in which the robot would touch something; finite, since by the evidence it may already be in one."""
@@ -43,8 +43,8 @@ class _Memory(NamedTuple):
 
     grid: NDArray[np.int8]
     """Evidence for obstacles, shape (n, `SIDE`, `SIDE`)."""
-    vain: NDArray[np.int8]
-    """Number of vain attempts to enter a cell, shape (n, `SIDE`, `SIDE`)."""
+    failed_attempts: NDArray[np.int8]
+    """Number of failed attempts to enter a cell, shape (n, `SIDE`, `SIDE`)."""
     ways: NDArray[np.int8]
     """Whether the last path led through a cell or past it, shape (n, `SIDE`, `SIDE`)."""
     since: NDArray[np.complex128]
@@ -120,7 +120,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         near = np.round(FREE * self.fear * np.clip(1.0 - (away - self.blocked) / self.berth, 0.0, 1.0))
         self._unknown = round(FREE * (1.0 + self.doubt))
         self._stamp = np.where(away < self.blocked, _BLOCKED, FREE + near).astype(np.int32)
-        self._memory, self._motion = self._forgotten(0), Motion(self.dt, self.lag)
+        self._memory, self._motion = self._forgotten(0), SightMotion(self.dt, self.lag)
         self.stuck: NDArray[np.bool_] = np.zeros((), np.bool_)
         """Whether each robot makes no progress; determined when it plans."""
 
@@ -161,7 +161,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         seen = numbers_of(observations, ROOM).astype(np.float64)
         rows = seen.reshape(-1, seen.shape[-1])
         if len(rows) != len(self._memory.steps):
-            self._memory, self._motion = self._forgotten(len(rows)), Motion(self.dt, self.lag)
+            self._memory, self._motion = self._forgotten(len(rows)), SightMotion(self.dt, self.lag)
         self._motion.note(rows[:, 5] * self._robot.max_linear, rows[:, 6] * self._robot.max_angular)
         since = self._motion.since(rows[:, -1])
         shaped: Any = (
@@ -210,7 +210,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         new = (shares != memory.shares).any(axis=-1)
         advance()(
             memory.grid,
-            memory.vain,
+            memory.failed_attempts,
             memory.ways,
             scans,
             reaches,
@@ -250,7 +250,7 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
         frame[leap, 0] = (expected - frame[:, 1] * place)[leap]
         for n in np.flatnonzero(np.maximum(np.abs(expected.real), np.abs(expected.imag)) > 0.25 * SIDE * CELL):
             rows, columns = round(expected[n].imag / CELL), round(expected[n].real / CELL)
-            for part in (memory.grid, memory.vain, memory.ways):
+            for part in (memory.grid, memory.failed_attempts, memory.ways):
                 part[n] = shifted(part[n], rows, columns)
             for part in (frame[n, :1], memory.pose[n, :1], memory.target[n : n + 1], memory.since[n : n + 1]):
                 part -= CELL * (columns + 1j * rows)

@@ -14,7 +14,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, typed
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, check_fields
 from turtlebot_gym.values import Command
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import (
@@ -30,7 +30,7 @@ from turtlebot_gym_agents.policies.sight import (
     EDGE,
     HALF_SECTOR,
     UNSEEN,
-    Motion,
+    SightMotion,
     look,
     time_to_contact,
 )
@@ -95,12 +95,13 @@ class SafetyLayer:
     lidar_x: Annotated[float, FINITE] = -0.032
     """Place of the LiDAR ahead of the axle, m."""
     lag: Annotated[float, NON_NEGATIVE] = 0.1
-    """Half the time of a revolution, s; on average, beams are older than their scan's stamp by it, or younger, see `Motion`."""
+    """Half the time of a revolution, s; on average, beams are so much older than their scan's stamp, or younger, see
+    `SightMotion`."""
     way_out: Annotated[float, NON_NEGATIVE] = 12.0
     """Time for which the planner steers after the policy's wish has stopped the robot, s."""
 
     def __post_init__(self) -> None:
-        typed(self, "")
+        check_fields(self, "")
         self.card = getattr(self.policy, "card", None)
         """Card of the policy, if it has one."""
         self.terms = with_room(self.policy)
@@ -111,7 +112,7 @@ class SafetyLayer:
         self._drift = variance * self.dt  # growth of the place's variance at the highest turning rate, m^2/s
         self._sway = np.float64(SURE * np.sqrt(self._drift * self.reserve))
         self._guide = self.policy if isinstance(self.policy, PlannerPolicy) else PlannerPolicy(self._robot, self.dt)
-        self._motion = Motion(self.dt, self.lag)
+        self._motion = SightMotion(self.dt, self.lag)
         self._left, self._places = np.zeros(()), np.full(2 * SECTORS, UNSEEN, np.complex128)
         self._spread = np.zeros(2 * SECTORS)  # variance of the places, m^2
         # Obstacles farther away cannot be reached within the reserve.

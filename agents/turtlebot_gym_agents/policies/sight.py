@@ -41,7 +41,7 @@ class Sight(NamedTuple):
     """Turning rate until then, shape (...), rad/s."""
 
 
-class Motion:
+class SightMotion:
     """Recent speeds of each robot, for its motion since a scan: in bends they differ from the current ones.
 
     Observed speeds hold until the next observation; before the first one, the same speeds are assumed. A scan is stamped with
@@ -109,7 +109,7 @@ def look(
         lag: Mean age of the beams beyond the stated age of the scan, s.
         edges: Whether to place an obstacle at both edges of its sector too, which makes three points per sector.
         lidar_x: Place of the LiDAR ahead of the axle, m.
-        since: Motion since the beams were measured, as by `Motion.since`; then ``lag`` is not used.
+        since: SightMotion since the beams were measured, as by `SightMotion.since`; then ``lag`` is not used.
 
     Raises:
         ValueError: If the observations have another shape.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.validation import shown
+from turtlebot_gym.validation import short_repr
 
 _PARTS: dict[str, dict[int, str]] = {
     "model": {7: "graph", 20: "training", 25: "function"},
@@ -145,7 +145,7 @@ def require_safe_model(path: object, content: bytes) -> None:
             operator, domain = names.get(_OPERATOR, ""), names.get(_DOMAIN, "")
             if operator not in _OPERATORS or domain not in ("", "ai.onnx"):
                 name = f"{domain}.{operator}" if domain else operator
-                raise ValueError(f"{path} is not a policy bundle: a network has no operator {shown(name)}.")
+                raise ValueError(f"{path} is not a policy bundle: a network has no operator {short_repr(name)}.")
         elif kind == "graph":
             _require_fixed_sizes(path, fields)
         elif kind == "function":
@@ -168,7 +168,9 @@ def _require_fixed_sizes(path: object, fields: list[tuple[int, int, Any]]) -> No
     for node in map(_fields, _values(fields, _NODE)):
         inputs, operator = _values(node, _INPUT), b"".join(_values(node, _OPERATOR)).decode("utf-8", "replace")
         if operator in _SIZED and not fixed.issuperset(inputs[1:]):
-            raise ValueError(f"{path} is not a policy bundle: the sizes of its {shown(operator)} depend on what is observed.")
+            raise ValueError(
+                f"{path} is not a policy bundle: the sizes of its {short_repr(operator)} depend on what is observed."
+            )
         if operator == "Shape" or fixed.issuperset(inputs):
             fixed.update(_values(node, _OUTPUT))
 

@@ -19,7 +19,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, typed
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, check_fields
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, numbers_of, shown, with_room
 from turtlebot_gym_agents.policies.sight import DIRECTIONS, arc
 
@@ -157,7 +157,7 @@ class Yielding:
     """Mean age of the beams beyond the stated age of the scan, s."""
 
     def __post_init__(self) -> None:
-        typed(self, "")
+        check_fields(self, "")
         self.card = getattr(self.policy, "card", None)
         """Card of the policy, if it has one."""
         self.terms = with_room(self.policy)

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Options, Parameters
 from turtlebot_gym.files import load
-from turtlebot_gym.validation import NON_NEGATIVE, Range, choose, did_you_mean, refusal, typed
+from turtlebot_gym.validation import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
@@ -74,7 +74,7 @@ class TrainingConfig(Options):
     """The hyper-parameters, which ``config`` names; Stable-Baselines3 checks them when the training makes its model."""
 
     def __post_init__(self) -> None:
-        typed(self, "")
+        check_fields(self, "")
         choose("device", self.device, dict.fromkeys(("cpu", "cuda", "auto")))
         if not isinstance(self.env, str) or self.env not in registry:
             ids = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]

@@ -117,7 +117,7 @@ def _graph_of(layers: Sequence[nn.Module], size: int) -> ModelProto | None:
 
     if not all(type(layer) in _WRITERS for layer in layers):
         return None
-    graph = _Graph("observation")
+    graph = _OnnxGraph("observation")
     for layer in layers:
         _WRITERS[type(layer)](graph, layer)
     graph.add("Clip", _numbers(-1.0), _numbers(1.0), result="action")
@@ -134,7 +134,7 @@ def _numbers(values: Any) -> np.ndarray:
     return np.asarray(values, np.float32)
 
 
-class _Graph:
+class _OnnxGraph:
     """A chain of operations, each on the result of the one before."""
 
     def __init__(self, begin: str) -> None:
@@ -170,11 +170,11 @@ class _Graph:
         self.last = self._node("Concat", [before, self.last, after], ["spread"], axis=1)[0]
 
 
-def _linear(graph: _Graph, layer: Any) -> None:
+def _linear(graph: _OnnxGraph, layer: Any) -> None:
     graph.add("Gemm", *(part for part in (layer.weight, layer.bias) if part is not None), transB=1)
 
 
-def _normalized(graph: _Graph, layer: Any) -> None:
+def _normalized(graph: _OnnxGraph, layer: Any) -> None:
     if layer.ranges[0] < layer.ranges[1]:
         graph.spread_ranges(layer.ranges, len(layer.mean))
     graph.add("Sub", layer.mean)
@@ -182,7 +182,7 @@ def _normalized(graph: _Graph, layer: Any) -> None:
     graph.add("Clip", _numbers(-CLIP), _numbers(CLIP))
 
 
-_WRITERS: dict[type[nn.Module], Callable[[_Graph, Any], None]] = {
+_WRITERS: dict[type[nn.Module], Callable[[_OnnxGraph, Any], None]] = {
     NormalizedObservation: _normalized,
     FlattenExtractor: lambda graph, layer: graph.add("Flatten"),
     nn.Linear: _linear,

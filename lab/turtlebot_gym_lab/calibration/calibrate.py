@@ -16,7 +16,15 @@ from turtlebot_gym.validation import choose
 from turtlebot_gym_lab.calibration.alignment import NO_SHIFT, SAME_FRAME, Frame, Shift, aligned
 from turtlebot_gym_lab.calibration.coordinates import ALPHAS, value_of, with_values
 from turtlebot_gym_lab.calibration.diagnosis import Verdict
-from turtlebot_gym_lab.calibration.estimates import ONLY_TRUTH, POSE, WHEELS, Estimate, by_innovations, by_truth, of_share
+from turtlebot_gym_lab.calibration.estimates import (
+    ONLY_TRUTH,
+    POSE,
+    WHEELS,
+    CalibrationEstimate,
+    by_innovations,
+    by_truth,
+    of_share,
+)
 from turtlebot_gym_lab.calibration.execution import Execution, fit_execution
 from turtlebot_gym_lab.calibration.fit import Z
 from turtlebot_gym_lab.calibration.poses import Scanned, fit_poses
@@ -50,7 +58,7 @@ class Calibration:
     segments, which take the upper end of their interval."""
     likeliest: Noise
     """Model of the likeliest values throughout."""
-    estimates: dict[str, Estimate]
+    estimates: dict[str, CalibrationEstimate]
     """Estimate of each parameter that was fitted, by name."""
     unknown: dict[str, str]
     """Parameters that this kind of drive can never determine, with the reason."""
@@ -194,7 +202,7 @@ def calibrate(
     )
 
 
-def _wary(noise: Noise, estimates: dict[str, Estimate], start: Noise, *, is_certain: bool) -> Noise:
+def _wary(noise: Noise, estimates: dict[str, CalibrationEstimate], start: Noise, *, is_certain: bool) -> Noise:
     """Return a noise model with the largest execution noise that the drive allows, where the drive does not determine it.
 
     Correlated errors are not white noise; the upper end then stands for all of them.
@@ -211,7 +219,7 @@ def _wary(noise: Noise, estimates: dict[str, Estimate], start: Noise, *, is_cert
     return with_values(noise, worst)
 
 
-def _capped(verdict: Verdict, estimates: dict[str, Estimate]) -> Verdict:
+def _capped(verdict: Verdict, estimates: dict[str, CalibrationEstimate]) -> Verdict:
     """Return a verdict that also says which alphas are larger than any robot's, beyond doubt."""
     above = [name for name in ALPHAS if estimates[name].low > CAPS[name]]
     if not above:

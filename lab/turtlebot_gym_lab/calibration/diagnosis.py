@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from turtlebot_gym_lab.calibration.regression import Problem, Regression
+from turtlebot_gym_lab.calibration.regression import Regression, RegressionProblem
 
 LEVEL = 1e-5
 """Level of each test."""
@@ -50,7 +50,7 @@ class Verdict(NamedTuple):
     """Largest kurtosis of the three axes: 3 for normal errors."""
 
 
-def diagnose(problem: Problem, fitted: Regression) -> Verdict:
+def diagnose(problem: RegressionProblem, fitted: Regression) -> Verdict:
     """Test the residuals of a regression."""
     v, omega = problem.motions.twist.T
     moving = np.abs(v) + LEVER * np.abs(omega) > SLOW
@@ -103,7 +103,7 @@ def _has_heavy_tails(z: NDArray[np.float64]) -> bool:
     return bool(statistic > 0.0 and p < LEVEL)
 
 
-def _uneven(problem: Problem, residuals: NDArray[np.float64], axes: tuple[int, ...]) -> list[str]:
+def _uneven(problem: RegressionProblem, residuals: NDArray[np.float64], axes: tuple[int, ...]) -> list[str]:
     """Return in which motions errors are larger or smaller than fitted."""
     v, omega = np.abs(problem.motions.twist.T)
     ahead, turning = v > SLOW, LEVER * omega > SLOW

@@ -84,7 +84,7 @@ FEWEST = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
+class CalibrationEstimate:
     """What a drive says about one parameter."""
 
     value: float
@@ -140,7 +140,7 @@ def _search_with_spikes(likelihood: Likelihood, start: Noise, names: Sequence[st
 
 def estimates_of(
     likelihood: Likelihood, start: Noise, names: Sequence[str], fit: Fit, *, has_truth: bool
-) -> dict[str, Estimate]:
+) -> dict[str, CalibrationEstimate]:
     """Return values and intervals of parameters at the maximum of their likelihood."""
     likeliest = from_coordinates(start, names, fit.x)
     values = {name: value_of(likeliest, name) for name in names}
@@ -149,7 +149,7 @@ def estimates_of(
 
 def profiled(
     likelihood: Callable[[NDArray[np.float64]], float], fit: Fit, values: Mapping[str, float], *, has_truth: bool
-) -> dict[str, Estimate]:
+) -> dict[str, CalibrationEstimate]:
     """Return the estimates of parameters, which are the first coordinates of a maximum, with their intervals.
 
     Args:
@@ -168,7 +168,7 @@ def profiled(
         low, high, is_profile = interval(likelihood, fit, at, least=-math.inf if kinds[at] == PLAIN else 0.0)
         low, high = natural_interval(name, low, high)
         remedy, unit = remedy_of(name, fit.x[at], fit.deviations[at], low, high, has_truth=has_truth), PARAMETERS[name].unit
-        table[name] = Estimate(value=value, low=low, high=high, unit=unit, remedy=remedy, is_profile=is_profile)
+        table[name] = CalibrationEstimate(value=value, low=low, high=high, unit=unit, remedy=remedy, is_profile=is_profile)
     return table
 
 
@@ -183,7 +183,7 @@ def remedy_of(name: str, x: float, deviation: float, low: float, high: float, *,
     return f"record the truth, and {remedy}" if is_hidden else remedy
 
 
-def of_share(happened: int, among: int, remedy: str) -> Estimate:
+def of_share(happened: int, among: int, remedy: str) -> CalibrationEstimate:
     """Return the probability of a counted event, with the interval by Jeffreys' prior.
 
     References:
@@ -194,10 +194,10 @@ def of_share(happened: int, among: int, remedy: str) -> Estimate:
     low = 0.0 if happened == 0 else float(posterior.ppf(tail))
     high = 1.0 if happened == among else float(posterior.ppf(1.0 - tail))
     share = happened / among if among else 0.0
-    return Estimate(value=share, low=low, high=high, remedy="" if among >= 100 else remedy)
+    return CalibrationEstimate(value=share, low=low, high=high, remedy="" if among >= 100 else remedy)
 
 
-def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) -> tuple[Noise, dict[str, Estimate]]:
+def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) -> tuple[Noise, dict[str, CalibrationEstimate]]:
     """Fit the noise of measured poses to the truth, and return the likeliest model and what was fitted.
 
     Args:
@@ -232,21 +232,21 @@ def by_truth(drive: Drive, start: Noise, truth_deviations: tuple[float, float]) 
     return from_coordinates(base, names, best.x), table
 
 
-def _variance(errors: NDArray[np.float64], known_variance: float) -> Estimate:
+def _variance(errors: NDArray[np.float64], known_variance: float) -> CalibrationEstimate:
     """Return the variance of normal errors beyond a known one, with the interval by chi-square."""
     n, variance = len(errors), float(errors.var(ddof=1))
     low, high = (n - 1) * variance / stats.chi2.ppf([0.5 + 0.5 * LEVEL, 0.5 - 0.5 * LEVEL], n - 1)
     value, low, high = (max(float(number) - known_variance, 0.0) for number in (variance, low, high))
     remedy = "" if low > 0.0 and high - low < 4.0 * CLEAR * value else "record for longer"
-    return Estimate(value=value, low=low, high=high, unit="m^2", remedy=remedy)
+    return CalibrationEstimate(value=value, low=low, high=high, unit="m^2", remedy=remedy)
 
 
-def _mean(errors: NDArray[np.float64]) -> Estimate:
+def _mean(errors: NDArray[np.float64]) -> CalibrationEstimate:
     """Return the mean of normal errors, with the interval by Student."""
     n, mean = len(errors), float(errors.mean())
     half = float(stats.t.ppf(0.5 + 0.5 * LEVEL, n - 1)) * float(errors.std(ddof=1)) / math.sqrt(n)
     remedy = "" if half < 2.0 * FINE["bias_x"] else "record for longer"
-    return Estimate(value=mean, low=mean - half, high=mean + half, unit="m", remedy=remedy)
+    return CalibrationEstimate(value=mean, low=mean - half, high=mean + half, unit="m", remedy=remedy)
 
 
 def _of_headings(errors: NDArray[np.float64], odometry: OdometryNoise, known_variance: float) -> float:
@@ -260,7 +260,7 @@ def _of_headings(errors: NDArray[np.float64], odometry: OdometryNoise, known_var
     return float(np.log(np.maximum(density, 1e-300)).sum()) - 0.5 * len(errors) * math.log(variance)
 
 
-def by_innovations(drive: Drive, start: Noise, integrator: str | None) -> tuple[Noise, dict[str, Estimate], str]:
+def by_innovations(drive: Drive, start: Noise, integrator: str | None) -> tuple[Noise, dict[str, CalibrationEstimate], str]:
     """Fit execution and measurement noise together, by the innovations; return the integrator, too."""
     rows = measured_rows(drive)
     step = difference(drive.odometry[rows.due][1:], drive.odometry[rows.due][:-1])

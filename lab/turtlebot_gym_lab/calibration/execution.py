@@ -21,7 +21,7 @@ from turtlebot_gym_lab.calibration.diagnosis import Verdict, diagnose
 from turtlebot_gym_lab.calibration.estimates import (
     FEWEST,
     FINE,
-    Estimate,
+    CalibrationEstimate,
     Likelihood,
     estimates_of,
     profiled,
@@ -35,8 +35,8 @@ from turtlebot_gym_lab.calibration.regression import (
     LINEAR,
     USUAL,
     WHEELS_ONLY,
-    Problem,
     Regression,
+    RegressionProblem,
     problem_of,
     relinearized,
 )
@@ -67,7 +67,7 @@ class Execution(NamedTuple):
 
     noise: Noise
     """The noise model with the likeliest execution."""
-    estimates: dict[str, Estimate]
+    estimates: dict[str, CalibrationEstimate]
     verdict: Verdict
     integrator: str
     segment: float
@@ -158,7 +158,9 @@ def _likelier(motions: Motions) -> tuple[str, Regression | None]:
     return chosen, best[other] if is_close else None
 
 
-def _with_either(estimates: dict[str, Estimate], others: dict[str, Estimate]) -> dict[str, Estimate]:
+def _with_either(
+    estimates: dict[str, CalibrationEstimate], others: dict[str, CalibrationEstimate]
+) -> dict[str, CalibrationEstimate]:
     """Return estimates with intervals that hold those of the other integrator, too."""
     return {
         name: replace(estimate, low=min(estimate.low, others[name].low), high=max(estimate.high, others[name].high))
@@ -166,14 +168,14 @@ def _with_either(estimates: dict[str, Estimate], others: dict[str, Estimate]) ->
     }
 
 
-def _fitted(problem: Problem, rule: float) -> tuple[Problem, Fit, Regression]:
+def _fitted(problem: RegressionProblem, rule: float) -> tuple[RegressionProblem, Fit, Regression]:
     """Return a problem, the maximum of its restricted likelihood, and the regression there."""
     fit = maximize(lambda roots: problem.solve(roots).likelihood, problem.roots, 0.3 * problem.roots)
     problem = relinearized(problem, problem.solve(fit.x).linear, rule)
     return problem, fit, problem.solve(fit.x)
 
 
-def _alphas(problem: Problem, fit: Fit) -> dict[str, Estimate]:
+def _alphas(problem: RegressionProblem, fit: Fit) -> dict[str, CalibrationEstimate]:
     """Return the alphas at the maximum of the restricted likelihood, with their intervals.
 
     Made linear again after the fit, the problem has other values and another maximum, from which its deviances count.
@@ -186,7 +188,7 @@ def _alphas(problem: Problem, fit: Fit) -> dict[str, Estimate]:
     return profiled(likelihood, fit, dict(zip(ALPHAS, (fit.x**2).tolist(), strict=False)), has_truth=True)
 
 
-def _linear_estimates(linear: Array, covariance: Array, *, blocks: int = 0) -> dict[str, Estimate]:
+def _linear_estimates(linear: Array, covariance: Array, *, blocks: int = 0) -> dict[str, CalibrationEstimate]:
     """Return the parameters of the mean motion; with ``blocks``, their covariance is that of so many independent parts."""
     quantile, table = float(stats.t.ppf(0.5 + 0.5 * LEVEL, blocks - 1)) if blocks else Z, {}
     for name, value, variance in zip(LINEAR, linear.tolist(), np.diag(covariance).tolist(), strict=True):
@@ -194,7 +196,7 @@ def _linear_estimates(linear: Array, covariance: Array, *, blocks: int = 0) -> d
         low, high = value - quantile * deviation, value + quantile * deviation
         remedy = remedy_of(name, value, deviation, low, high, has_truth=True)
         unit = PARAMETERS[name].unit if name in PARAMETERS else UNITS[name]
-        table[name] = Estimate(value=value, low=low, high=high, unit=unit, remedy=remedy)
+        table[name] = CalibrationEstimate(value=value, low=low, high=high, unit=unit, remedy=remedy)
     return table
 
 
@@ -233,7 +235,7 @@ def at_axle(drive: Drive, x: float, y: float, direction: float) -> Drive:
     return replace(drive, true_state=state)
 
 
-def _corrected(drive: Drive, problem: Problem, drift: float) -> Drive:
+def _corrected(drive: Drive, problem: RegressionProblem, drift: float) -> Drive:
     """Return a drive with its twist without drift, and interrupted by jumps."""
     scale, turn_scale = problem.guess[:2]
     twist, joined = drive.twist.copy(), drive.joined.copy()

@@ -19,7 +19,7 @@ from scipy import stats
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.systems.imu import ImuNoise
-from turtlebot_gym_lab.calibration.estimates import CLEAR, Estimate
+from turtlebot_gym_lab.calibration.estimates import CLEAR, CalibrationEstimate
 from turtlebot_gym_lab.calibration.fit import LEVEL, Z
 from turtlebot_gym_lab.calibration.motions import Array
 
@@ -41,7 +41,7 @@ class GyroFit(NamedTuple):
 
     noise: ImuNoise
     """The sensor's parameters: the bias as recorded, as a deviation."""
-    estimates: dict[str, Estimate]
+    estimates: dict[str, CalibrationEstimate]
     """Bias at the start, and the other parameters of `ImuNoise`, by name."""
     by_truth: bool
     """Whether the truth's turning rate was taken off, because the robot does not stand."""
@@ -75,15 +75,15 @@ def fit_gyro(drive: Drive) -> GyroFit:
     deviation = max(deviation, fits[int(np.searchsorted(WALKS, inside[-1]))][1])
     walk, clear = float(WALKS[best]), bool(inside[-1] - inside[0] < 4.0 * CLEAR * WALKS[best])
     estimates = {
-        "bias": Estimate(value=bias, low=bias - Z * deviation, high=bias + Z * deviation, unit="rad/s"),
-        "variance": Estimate(
+        "bias": CalibrationEstimate(value=bias, low=bias - Z * deviation, high=bias + Z * deviation, unit="rad/s"),
+        "variance": CalibrationEstimate(
             value=variance,
             low=variance / (1.0 + off),
             high=variance / max(1.0 - off, 0.1),
             unit="(rad/s)^2",
             remedy="" if off < 2.0 * CLEAR else REMEDY,
         ),
-        "bias_walk": Estimate(
+        "bias_walk": CalibrationEstimate(
             value=walk,
             low=float(inside[0]),
             high=float(inside[-1]),

@@ -178,7 +178,7 @@ def _whiten(bands: Any, white: Any) -> float:
     return determinant
 
 
-class Problem(NamedTuple):
+class RegressionProblem(NamedTuple):
     """The regression of a drive with one integrator, without jumps; what remains is to fit the variances."""
 
     motions: Motions
@@ -228,7 +228,7 @@ class Problem(NamedTuple):
         return Regression(_parameters(coefficients, guess), covariance, z.reshape(-1, 3), influence, float(likelihood))
 
 
-def problem_of(motions: Motions, integrator: float, *, rounds: int = ROUNDS, prior: Array = FREE) -> Problem:
+def problem_of(motions: Motions, integrator: float, *, rounds: int = ROUNDS, prior: Array = FREE) -> RegressionProblem:
     """Return the regression of motions.
 
     Args:
@@ -241,7 +241,7 @@ def problem_of(motions: Motions, integrator: float, *, rounds: int = ROUNDS, pri
     while True:
         guess = _robust_guess(motions, integrator, prior)
         model = _model(motions, guess, integrator)
-        problem = Problem(motions, model, guess, _first_roots(motions, guess, model.rest(guess)), jumps, prior)
+        problem = RegressionProblem(motions, model, guess, _first_roots(motions, guess, model.rest(guess)), jumps, prior)
         # Motion by motion: noise of the truth would make a jump look like a place that lasts.
         far = problem.is_far()
         if rounds == 0 or not far.any() or far.mean() > MOST:
@@ -249,7 +249,7 @@ def problem_of(motions: Motions, integrator: float, *, rounds: int = ROUNDS, pri
         jumps, motions, rounds = np.union1d(jumps, motions.row[far]), motions.without(far), rounds - 1
 
 
-def relinearized(problem: Problem, guess: Array, integrator: float) -> Problem:
+def relinearized(problem: RegressionProblem, guess: Array, integrator: float) -> RegressionProblem:
     """Return a problem linear at a better guess, with the same roots; far from the first guess there is none."""
     if abs(guess[6] - problem.guess[6]) > TURNED:
         return problem

@@ -27,11 +27,11 @@ from turtlebot_gym.files import read_text
 from turtlebot_gym.models.angles import TWO_PI, wrap_all
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import WHEEL
-from turtlebot_gym.validation import POSITIVE, shown, typed
+from turtlebot_gym.validation import POSITIVE, check_fields, short_repr
 from turtlebot_gym_lab.calibration.calibrate import Calibration, detect_kind
 from turtlebot_gym_lab.calibration.coordinates import ALPHAS, PARAMETERS, value_of, with_values
 from turtlebot_gym_lab.calibration.diagnosis import Verdict
-from turtlebot_gym_lab.calibration.estimates import FINE, MOTIONS, WHEELS, Estimate
+from turtlebot_gym_lab.calibration.estimates import FINE, MOTIONS, WHEELS, CalibrationEstimate
 from turtlebot_gym_lab.calibration.execution import TYPICAL
 from turtlebot_gym_lab.calibration.fit import Z
 from turtlebot_gym_lab.calibration.motions import Array
@@ -73,7 +73,7 @@ class Leg:
     """Standard deviation of a measured turn, and of the frame of x and y, rad."""
 
     def __post_init__(self) -> None:
-        typed(self, "")
+        check_fields(self, "")
         if not np.isfinite(self.measured).any():
             raise ValueError("distance, x, y or turn must be measured, got none of them.")
 
@@ -147,7 +147,7 @@ def read_legs(path: Path, log: Drive, read: Callable[[Path], Drive], **deviation
     legs, drives = [], {"": log}
     rows = csv.DictReader(read_text(path, most=csv.field_size_limit()).splitlines(), skipinitialspace=True)
     if not rows.fieldnames or not set(rows.fieldnames) <= set(COLUMNS):
-        raise ValueError(f"{path}: the columns must be some of {', '.join(COLUMNS)}, got {shown(rows.fieldnames)}.")
+        raise ValueError(f"{path}: the columns must be some of {', '.join(COLUMNS)}, got {short_repr(rows.fieldnames)}.")
     for row in rows:
         try:
             name = row.pop("log", "") or ""
@@ -161,7 +161,7 @@ def read_legs(path: Path, log: Drive, read: Callable[[Path], Drive], **deviation
     return legs
 
 
-class _Driven(NamedTuple):
+class _DrivenLegs(NamedTuple):
     measured: Array
     """Distance, x, y, and the turn in all, in the frame of the start, shape (4,)."""
     heading: Array
@@ -170,14 +170,14 @@ class _Driven(NamedTuple):
     """In x and y, shape (2, n), m."""
 
 
-def _driven(path: _Steps, wheels: Array) -> _Driven:
+def _driven(path: _Steps, wheels: Array) -> _DrivenLegs:
     """Return the motion of wheels along a path."""
     scale, turn_scale, veer = wheels
     turn = scale * (turn_scale * path.turn + veer * path.ahead)
     heading = np.cumsum(turn) - 0.5 * turn
     steps = scale * path.ahead * np.stack([np.cos(heading), np.sin(heading)])
     x, y = steps.sum(axis=1)
-    return _Driven(np.array([math.hypot(x, y), x, y, turn.sum()]), heading, steps)
+    return _DrivenLegs(np.array([math.hypot(x, y), x, y, turn.sum()]), heading, steps)
 
 
 def _covariance(leg: Leg, path: _Steps, wheels: Array, noise: Noise) -> Array:
@@ -198,7 +198,7 @@ def _covariance(leg: Leg, path: _Steps, wheels: Array, noise: Noise) -> Array:
     return of_pose @ covariance @ of_pose.T + tape
 
 
-class _Fit(NamedTuple):
+class _TapeFit(NamedTuple):
     wheels: Array
     covariance: Array
     """Of `NAMES`, shape (3, 3)."""
@@ -206,7 +206,7 @@ class _Fit(NamedTuple):
     """Sum of the squared whitened residuals."""
 
 
-def _fitted(legs: Sequence[Leg], paths: Sequence[_Steps], start: Noise, free: NDArray[np.bool_]) -> _Fit:
+def _fitted(legs: Sequence[Leg], paths: Sequence[_Steps], start: Noise, free: NDArray[np.bool_]) -> _TapeFit:
     """Return the likeliest free parameters; the others have the values of the start."""
     pairs = list(zip(legs, paths, strict=True))
     masks = [np.isfinite(leg.measured) for leg in legs]
@@ -229,7 +229,7 @@ def _fitted(legs: Sequence[Leg], paths: Sequence[_Steps], start: Noise, free: ND
         info[np.ix_(free, free)] = solution.jac.T @ solution.jac
     covariance = np.zeros((3, 3))
     covariance[np.ix_(free, free)] = np.linalg.inv(info[np.ix_(free, free)])
-    return _Fit(wheels, covariance, float(z @ z))
+    return _TapeFit(wheels, covariance, float(z @ z))
 
 
 def calibrate_by_tape(legs: Sequence[Leg], *, start: Noise = WHEEL) -> Calibration:
@@ -272,9 +272,9 @@ def calibrate_by_tape(legs: Sequence[Leg], *, start: Noise = WHEEL) -> Calibrati
     )
 
 
-def _estimate(fit: _Fit, at: int, remedy: str) -> Estimate:
+def _estimate(fit: _TapeFit, at: int, remedy: str) -> CalibrationEstimate:
     value, off = float(fit.wheels[at]), Z * math.sqrt(fit.covariance[at, at])
-    return Estimate(value=value, low=value - off, high=value + off, unit=PARAMETERS[NAMES[at]].unit, remedy=remedy)
+    return CalibrationEstimate(value=value, low=value - off, high=value + off, unit=PARAMETERS[NAMES[at]].unit, remedy=remedy)
 
 
 def _require_likely(leg: Leg, path: _Steps) -> None:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.files import SUFFIXES
-from turtlebot_gym_agents.commands.console import FigureFile, File, Reporting, print_tables, progress, save_figure
-from turtlebot_gym_agents.outputs import Output
-from turtlebot_gym_lab.commands.recorded import Placed, Recorded
+from turtlebot_gym_agents.commands.console import FigureFile, File, ReportingOptions, print_tables, progress, save_figure
+from turtlebot_gym_agents.outputs import OutputFile
+from turtlebot_gym_lab.commands.recorded import RecordingOptions, StartOptions
 
 if TYPE_CHECKING:
     from turtlebot_gym import Robot
@@ -26,7 +26,7 @@ PARTS = 4
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibrate(Reporting, Placed, Recorded):
+class Calibrate(ReportingOptions, StartOptions, RecordingOptions):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
@@ -38,9 +38,9 @@ class Calibrate(Reporting, Placed, Recorded):
 
     log: tyro.conf.Positional[Path]
     """A bag of ROS 2 or ROS 1, laser arrays, or a table with named columns."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), OutputFile(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
-    imu_out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), Output(SUFFIXES)] = None
+    imu_out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), OutputFile(SUFFIXES)] = None
     """Write the noise of the gyro, if the log has one, here (FILE.yaml), for --imu; it needs stands, or the truth."""
     truth: str = "auto"
     """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag (TOPIC:FRAME

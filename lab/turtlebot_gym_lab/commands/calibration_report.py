@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from turtlebot_gym.plotting import BLUE, ORANGE, VERMILLION
-from turtlebot_gym_lab.calibration import Calibration, Estimate
+from turtlebot_gym_lab.calibration import Calibration, CalibrationEstimate
 from turtlebot_gym_lab.calibration.shown import Drift, Residuals, drift, residuals
 
 if TYPE_CHECKING:
@@ -71,12 +71,12 @@ def gyro_table(fitted: GyroFit, *, title: str) -> Table:
     return table
 
 
-def _interval(estimate: Estimate) -> str:
+def _interval(estimate: CalibrationEstimate) -> str:
     high = f"{estimate.high:.4g}" if math.isfinite(estimate.high) else "?"
     return f"{estimate.low:.4g} to {high}{' *' if estimate.is_profile else ''}"
 
 
-def _in_file(fitted: Calibration, name: str, estimate: Estimate) -> str:
+def _in_file(fitted: Calibration, name: str, estimate: CalibrationEstimate) -> str:
     from turtlebot_gym_lab.calibration.coordinates import PARAMETERS, value_of
 
     if name not in PARAMETERS and name != "dropout_probability":

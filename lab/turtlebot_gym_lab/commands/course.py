@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import tyro
 
 from turtlebot_gym.files import write_text
-from turtlebot_gym.own import failure
-from turtlebot_gym.validation import shown
+from turtlebot_gym.plugins import failure
+from turtlebot_gym.validation import short_repr
 
 NUMBERS = (1, 2, 3, 4)
 EXERCISES = tuple(f"exercise{number}.py" for number in NUMBERS)
@@ -72,5 +72,5 @@ def _names_of(path: Path) -> Mapping[str, Any]:
         raise failure(str(path), error) from error
     number = names.get("EXERCISE")
     if number not in NUMBERS:
-        raise ValueError(f"{path}: EXERCISE must be one of {', '.join(map(str, NUMBERS))}, got {shown(number)}.")
+        raise ValueError(f"{path}: EXERCISE must be one of {', '.join(map(str, NUMBERS))}, got {short_repr(number)}.")
     return names

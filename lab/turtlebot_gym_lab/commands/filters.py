@@ -9,13 +9,13 @@ from pathlib import Path
 
 import tyro
 
-from turtlebot_gym.validation import whole
-from turtlebot_gym_agents.commands.console import FigureFile, Reporting, print_tables, progress, save_figure
-from turtlebot_gym_lab.commands.recorded import Recorded
+from turtlebot_gym.validation import as_int
+from turtlebot_gym_agents.commands.console import FigureFile, ReportingOptions, print_tables, progress, save_figure
+from turtlebot_gym_lab.commands.recorded import RecordingOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate(Reporting):
+class Estimate(ReportingOptions):
     """Compare filters with the best that any filter could do, and with their own stated uncertainty.
 
     All filters see the same short drives, whose commands do not depend on the estimate.
@@ -60,7 +60,7 @@ class Estimate(Reporting):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replay(Reporting, Recorded):
+class Replay(ReportingOptions, RecordingOptions):
     """Run the filter over recorded drives with known truth.
 
     The filter predicts with the recorded wheel odometry, and is corrected by measured poses generated from the true ones with a
@@ -100,7 +100,7 @@ class Replay(Reporting, Recorded):
 
         if not self.files:
             raise ValueError("At least one FILE must be given.")
-        whole("seeds", self.seeds, 1)
+        as_int("seeds", self.seeds, 1)
         drives = {path: replayable(read(path, **self.reading())) for path in self.files}
         for remark in (remark for drive in drives.values() for remark in drive.remarks):
             print(remark, file=sys.stderr)

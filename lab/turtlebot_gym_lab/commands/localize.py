@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tyro
 
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, Reporting, print_tables, save_figure
-from turtlebot_gym_lab.commands.recorded import Placed, Recorded
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, ReportingOptions, print_tables, save_figure
+from turtlebot_gym_lab.commands.recorded import RecordingOptions, StartOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from turtlebot_gym.drive import Drive
     from turtlebot_gym.rooms.grid import GridMap
-    from turtlebot_gym_lab.evaluation.localize import Course
+    from turtlebot_gym_lab.evaluation.localize import RecordedCourse
 
 
 @dataclass(frozen=True, kw_only=True)
-class Localize(Reporting, Placed, Recorded):
+class Localize(ReportingOptions, StartOptions, RecordingOptions):
     """Localize a recorded drive in a map by its odometry and scans, and compare with its truth, if it has one."""
 
     file: tyro.conf.Positional[Path]
@@ -75,7 +75,7 @@ LABELS = {
 """Headings of errors."""
 
 
-def _path_figure(course: Course, drive: Drive, grid: GridMap, *, title: str) -> Figure:
+def _path_figure(course: RecordedCourse, drive: Drive, grid: GridMap, *, title: str) -> Figure:
     """Return a figure of a localized drive in its map: the path, where the localizer was unsure, and the truth."""
     from matplotlib.figure import Figure
 

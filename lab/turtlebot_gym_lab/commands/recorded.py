@@ -13,11 +13,11 @@ from turtlebot_gym_lab.drives.topics import Topics
 if TYPE_CHECKING:
     from turtlebot_gym.drive import Drive
     from turtlebot_gym.rooms.grid import GridMap
-    from turtlebot_gym_lab.evaluation.localize import Place
+    from turtlebot_gym_lab.evaluation.localize import KnownPlace
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recorded:
+class RecordingOptions:
     """How recordings are read."""
 
     truth: str = "auto"
@@ -36,7 +36,7 @@ class Recorded:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Placed:
+class StartOptions:
     """How a recording is localized."""
 
     localizer: str = "robot"
@@ -48,7 +48,7 @@ class Placed:
     start: tuple[float, float, float] | None = None
     """Pose in the map at the first row, within 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
 
-    def place(self, map: Path, drive: Drive, name: Path) -> tuple[GridMap, Place]:
+    def place(self, map: Path, drive: Drive, name: Path) -> tuple[GridMap, KnownPlace]:
         """Return a map, and the place of a drive in it."""
         from turtlebot_gym.drive import known
         from turtlebot_gym.localization.tuning import make_localizer
@@ -56,15 +56,15 @@ class Placed:
         from turtlebot_gym.rooms.maps import read_map
         from turtlebot_gym.validation import choose
         from turtlebot_gym.values import Pose
-        from turtlebot_gym_lab.evaluation.localize import KNOWN, Place
+        from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace
 
         tuning, grid = make_localizer(self.localizer, choose("lidar", self.lidar, LIDARS)), read_map(map).map
         assert grid is not None
         rows = np.flatnonzero(known(drive.truth))
         if self.start is not None:
-            return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, Pose(*self.start))
+            return grid, KnownPlace(grid.field(hits=self.hits), grid.frame, tuning, Pose(*self.start))
         if not len(rows):
             raise ValueError(f"{name} holds no truth: --start must say where in the map the drive begins.")
         first = int(rows[0])
         start = Pose(*drive.truth[first].tolist())
-        return grid, Place(grid.field(hits=self.hits), grid.frame, tuning, start, KNOWN, first)
+        return grid, KnownPlace(grid.field(hits=self.hits), grid.frame, tuning, start, KNOWN, first)

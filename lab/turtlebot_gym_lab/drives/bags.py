@@ -15,7 +15,7 @@ import numpy as np
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym_lab.drives.clocks import AHEAD, SIMULATED
-from turtlebot_gym_lab.drives.messages import ODOMETRY, POSES, TRANSFORMS, TWISTS, TYPES, Listener
+from turtlebot_gym_lab.drives.messages import ODOMETRY, POSES, TRANSFORMS, TWISTS, TYPES, DriveListener
 from turtlebot_gym_lab.drives.topics import Topics
 
 _TRUTHS = ("ground_truth", "true_state", "truth")
@@ -35,7 +35,7 @@ def is_bag(path: Path) -> bool:
 
 def read_bag(path: Path, *, topics: Topics, label: str, lidar: str) -> Drive:
     """Read a bag; see `reading.read`."""
-    listener, remarks = Listener(lidar=find_lidar(lidar)), []
+    listener, remarks = DriveListener(lidar=find_lidar(lidar)), []
     with _opened(path) as reader:
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
         roles, child = _roles(path, kinds, topics)
@@ -81,7 +81,7 @@ def read_bag(path: Path, *, topics: Topics, label: str, lidar: str) -> Drive:
     )
 
 
-def _by_one_clock(listener: Listener, roles: dict[str, str]) -> list[str]:
+def _by_one_clock(listener: DriveListener, roles: dict[str, str]) -> list[str]:
     """Move the times of all topics to the clock of the odometry, in place, and return remarks on the clocks."""
     remarks, odom = [], listener.clocks["odom"]
     if AHEAD < odom.ahead < SIMULATED:

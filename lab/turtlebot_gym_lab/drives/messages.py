@@ -119,7 +119,7 @@ def _stamped(message: Any, received: float, child: str) -> Iterator[tuple[float,
             yield received if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9, part
 
 
-class Listener:
+class DriveListener:
     """Takes the messages of a drive topic by topic, and returns rows.
 
     Args:

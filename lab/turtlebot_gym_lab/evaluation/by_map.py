@@ -25,7 +25,7 @@ from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.calibration import Calibration, calibrate
 from turtlebot_gym_lab.calibration.poses import Scanned
-from turtlebot_gym_lab.evaluation.localize import TRAIL, Course, Place, clocked, localize, recorded_of
+from turtlebot_gym_lab.evaluation.localize import TRAIL, KnownPlace, RecordedCourse, clocked, localize, recorded_of
 
 CLEAR = 0.05
 """Largest standard deviation of a pose that is used, m and rad: a scan does not tell where along a corridor it was taken."""
@@ -37,7 +37,7 @@ class Mapped(NamedTuple):
     drive: Drive
     scanned: Scanned
     """Covariances and period of the poses."""
-    course: Course
+    course: RecordedCourse
     """The localizer's beliefs, from which the descents started."""
     where: NDArray[np.intp]
     """Rows of the course at which the drive's rows are, shape (T,)."""
@@ -81,7 +81,7 @@ def _each_alone(
             k += 1
 
 
-def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Mapped:
+def by_map(drive: Drive, place: KnownPlace, wheels: ProcessNoise | None = None) -> Mapped:
     """Return a drive with the poses of its scans as truth, for `calibrate`.
 
     Args:
@@ -131,7 +131,7 @@ def by_map(drive: Drive, place: Place, wheels: ProcessNoise | None = None) -> Ma
     return Mapped(replace(drive, true_state=truth, remarks=(*drive.remarks, remark)), scanned, course, where)
 
 
-def calibrate_by_map(drive: Drive, place: Place, **options: Any) -> Calibration:
+def calibrate_by_map(drive: Drive, place: KnownPlace, **options: Any) -> Calibration:
     """Calibrate wheels by a map: first roughly, then with the beams of each scan aligned by the wheels found.
 
     Args:

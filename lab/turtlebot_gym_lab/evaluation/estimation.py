@@ -19,7 +19,7 @@ from turtlebot_gym.estimation.consistency import cramer_rao_bound, difference, m
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.validation import POSITIVE, choose, whole
+from turtlebot_gym.validation import POSITIVE, as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
@@ -120,8 +120,8 @@ def estimate(
     Raises:
         ValueError: If an argument is unknown or out of its range.
     """
-    whole("runs", runs, 1)
-    whole("seed", seed, 0, MAX_SEED + 1 - runs)
+    as_int("runs", runs, 1)
+    as_int("seed", seed, 0, MAX_SEED + 1 - runs)
     POSITIVE.check("seconds", seconds)
     DT.check("dt", dt)
     model, steps = in_force(noise, bias=bias, slip=slip), max(1, round(seconds / dt))

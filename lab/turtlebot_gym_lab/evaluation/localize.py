@@ -31,7 +31,7 @@ KNOWN = (0.01, 0.01, 0.001)
 """Variances of a start that is a true pose; m^2, m^2, rad^2."""
 
 
-class Recorded(NamedTuple):
+class RecordedScans(NamedTuple):
     """Inputs of a localizer from a recording of T rows and S scans."""
 
     time: NDArray[np.float64]
@@ -54,7 +54,7 @@ class Recorded(NamedTuple):
     """Greatest range that is used, m."""
 
 
-class Place(NamedTuple):
+class KnownPlace(NamedTuple):
     """A map, and where in it a drive starts."""
 
     field: NDArray[np.float32]
@@ -70,7 +70,7 @@ class Place(NamedTuple):
     """The first row; rows and scans before it are left out."""
 
 
-class Course(NamedTuple):
+class RecordedCourse(NamedTuple):
     """Beliefs at each row of a recording."""
 
     poses: NDArray[np.float64]
@@ -136,7 +136,7 @@ STATES = {"tracking": TRACKING, "unsure": UNSURE, "lost": LOST}
 """States of a localizer by name."""
 
 
-def localize(recorded: Recorded, place: Place) -> Course:
+def localize(recorded: RecordedScans, place: KnownPlace) -> RecordedCourse:
     """Return the beliefs of a localizer that sees a recording; those before the place's first row are NaN."""
     recorded = clocked(recorded)
     time = recorded.time
@@ -161,10 +161,10 @@ def localize(recorded: Recorded, place: Place) -> Course:
     )
     a, b, c, d, e, f = course[:, 3:9].T
     covariances = np.stack((a, b, c, b, d, e, c, e, f), axis=1).reshape(-1, 3, 3)
-    return Course(course[:, :3], covariances, course[:, 9], states, int(located.scans), float(located.scale.mean))
+    return RecordedCourse(course[:, :3], covariances, course[:, 9], states, int(located.scans), float(located.scale.mean))
 
 
-def clocked(recorded: Recorded) -> Recorded:
+def clocked(recorded: RecordedScans) -> RecordedScans:
     """Return a recording whose time increases: stamps that do not are replaced by the numbers of the rows."""
     rows = recorded.rows.astype(np.int64)
     if (np.diff(recorded.time) > 0.0).all():
@@ -173,7 +173,7 @@ def clocked(recorded: Recorded) -> Recorded:
     return recorded._replace(time=time, rows=rows, last=rows.astype(np.float64), interval=0.0)
 
 
-def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:
+def recorded_of(drive: Drive) -> tuple[RecordedScans, NDArray[np.intp]]:
     """Return a localizer's inputs from a drive, and the rows in them of the drive's rows, shape (T,).
 
     A scan that was recorded with an odometry pose of its own becomes a row.
@@ -198,7 +198,7 @@ def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:
     time = np.insert(drive.time, before, times[extra])
     where = np.arange(len(drive)) + np.searchsorted(before, np.arange(len(drive)), side="right")
     rows = np.where(extra, rows + np.cumsum(extra) - 1, where[rows])
-    recorded = Recorded(
+    recorded = RecordedScans(
         time,
         np.insert(drive.odometry[newest], before, poses, axis=0),
         rows,
@@ -212,7 +212,7 @@ def recorded_of(drive: Drive) -> tuple[Recorded, NDArray[np.intp]]:
     return recorded, where
 
 
-def errors_of(course: Course, rows: NDArray[np.intp], reference: NDArray[np.float64]) -> dict[str, float]:
+def errors_of(course: RecordedCourse, rows: NDArray[np.intp], reference: NDArray[np.float64]) -> dict[str, float]:
     """Return the errors of beliefs against reference poses at some rows, shape (K, 3); m, rad, and the median NEES."""
     poses = course.poses[rows]
     far, turned = position_error(poses, reference), heading_error(poses, reference)

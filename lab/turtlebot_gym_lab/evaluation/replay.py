@@ -24,7 +24,7 @@ from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
 from turtlebot_gym.plotting import PURPLE, legend_below, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import POSITIVE_OR_INFINITE, choose, whole
+from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int, choose
 from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 from turtlebot_gym_lab.calibration.plausibility import require_units
@@ -132,7 +132,7 @@ def replay(
         ValueError: If an argument is unknown or out of its range.
     """
     POSITIVE_OR_INFINITE.check("rate", rate)
-    whole("seed", seed, 0, MAX_SEED)
+    as_int("seed", seed, 0, MAX_SEED)
     in_force = replace(make_noise(noise), process=process)
     tuning, rule = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
     key = episode_key(seed, 0)

@@ -9,7 +9,7 @@ from typing import Annotated
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym.validation import POSITIVE, Range, typed
+from turtlebot_gym.validation import POSITIVE, Range, check_fields
 from turtlebot_gym.values import Command, Odometry, Pose
 from turtlebot_gym_ros.blocks.calibration_drive import CalibrationDrive
 from turtlebot_gym_ros.node.block import On
@@ -40,7 +40,7 @@ class MeasuredDrive:
         """Speed, m/s, or turning rate, rad/s; the robot's limits hold too."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
 
     inputs, outputs = CalibrationDrive.inputs, CalibrationDrive.outputs
     trigger = On("odometry")

@@ -21,7 +21,7 @@ from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE
 from turtlebot_gym_lab.field.findings import REFUSED, Finding, passed
 from turtlebot_gym_lab.field.rehearsal import Rehearsed, button, guards, simulated
 from turtlebot_gym_lab.field.report import MARKS, page, shown
-from turtlebot_gym_lab.field.session import Listener
+from turtlebot_gym_lab.field.session import TopicListener
 from turtlebot_gym_lab.field.shared import QUIET, Field, Person
 from turtlebot_gym_lab.field.steps import walk
 from turtlebot_gym_ros.base.parameters import descriptions
@@ -130,7 +130,7 @@ def _field(
     ending.enter_context(processes(nodes, QUIET))
     runner = Runner(["--ros-args", *QUIET], local=bool(options.simulate))
     ending.callback(runner.close)
-    listener = Listener(runner)
+    listener = TopicListener(runner)
     person: Person = Console(answers, agrees=options.yes)
     if options.simulate:
         person = Rehearsed(runner, ending.enter_context(button()))

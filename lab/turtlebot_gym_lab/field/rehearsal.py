@@ -85,7 +85,7 @@ class Rehearsed:
         return math.dist(poses[0][:2], poses[-1][:2])
 
 
-class _Button(Node):
+class _RehearsedButton(Node):
     """An emergency stop whose state comes line by line from the standard input: 1 for pressed."""
 
     def __init__(self, context: Context) -> None:
@@ -121,4 +121,4 @@ def button() -> Iterator[Callable[[bool], None]]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(run(_Button, ["--ros-args", *QUIET]))
+    raise SystemExit(run(_RehearsedButton, ["--ros-args", *QUIET]))

@@ -40,7 +40,7 @@ def page(
     Args:
         findings: The findings, in order.
         about: Lines of the head: robot, time, computer, where the bag is.
-        paths: Driven paths by name, shape (n, 2) each, m.
+        paths: DriveOptions paths by name, shape (n, 2) each, m.
         scan: End points of the beams of a scan, shape (n, 2), m.
     """
     counts = {verdict: sum(finding.verdict == verdict for finding in findings) for verdict in MARKS}

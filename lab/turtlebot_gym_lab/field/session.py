@@ -38,7 +38,7 @@ class Heard(NamedTuple):
     message: Any
 
 
-class Listener:
+class TopicListener:
     """A node that hears what the robot, the guard and the emergency stop say, and asks for services.
 
     Args:
@@ -107,7 +107,7 @@ def wait_for(condition: Callable[[], Any], timeout: float = PATIENCE) -> bool:
     return holds
 
 
-def enable(listener: Listener, node: str) -> str:
+def enable(listener: TopicListener, node: str) -> str:
     """Enable a node, which may have to hear a button first; return why it still refuses after a while, or an empty text."""
     until = time.monotonic() + PATIENCE
     while (why := listener.enable(node, True)) and time.monotonic() < until:
@@ -129,7 +129,7 @@ COMMANDS = {"cmd_vel": "cmd_vel_in"}
 
 
 @contextmanager
-def _running(listener: Listener, parts: Sequence[Part], *, stamped: bool) -> Iterator[list[Shell]]:
+def _running(listener: TopicListener, parts: Sequence[Part], *, stamped: bool) -> Iterator[list[Shell]]:
     """Run nodes in a thread of their own, and stop the robot at the end, however it ends."""
     runner = Runner(beside=listener.runner)  # whose context knows the emergency stop already
     try:
@@ -149,7 +149,7 @@ def _running(listener: Listener, parts: Sequence[Part], *, stamped: bool) -> Ite
         runner.close()
 
 
-def drive(listener: Listener, parts: Sequence[Part], *, stamped: bool, timeout: float) -> str:
+def drive(listener: TopicListener, parts: Sequence[Part], *, stamped: bool, timeout: float) -> str:
     """Drive with some nodes until the last of them is done; return why it was not, or an empty text.
 
     Args:

@@ -17,7 +17,7 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.calibration import Leg
-from turtlebot_gym_lab.field.session import Listener
+from turtlebot_gym_lab.field.session import TopicListener
 from turtlebot_gym_ros.node.geometry import read_pose
 
 QUIET = ("--log-level", "error")
@@ -40,7 +40,7 @@ class Person(Protocol):
 class Field:
     """What the steps share."""
 
-    listener: Listener
+    listener: TopicListener
     person: Person
     robot: str
     folder: Path
@@ -64,7 +64,7 @@ class Field:
     measured: list[Leg] = field(default_factory=list)
     """Drives that were measured."""
     paths: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Driven paths, shape (n, 2), m."""
+    """DriveOptions paths, shape (n, 2), m."""
     scan: NDArray[np.float64] | None = None
     """End points of a scan's beams, shape (n, 2), m."""
     begun: int = 0

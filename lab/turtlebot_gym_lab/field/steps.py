@@ -14,7 +14,7 @@ import numpy as np
 
 from turtlebot_gym import Noise, write_parameters
 from turtlebot_gym.rooms.scan import scan_of
-from turtlebot_gym_lab.calibration import Estimate, Leg, calibrate_by_tape
+from turtlebot_gym_lab.calibration import CalibrationEstimate, Leg, calibrate_by_tape
 from turtlebot_gym_lab.calibration.fit import Z
 from turtlebot_gym_lab.field import findings
 from turtlebot_gym_lab.field.findings import FINE, REFUSED, SKIPPED, WARNING, Figure, Finding
@@ -22,7 +22,7 @@ from turtlebot_gym_lab.field.measured import MeasuredDrive
 from turtlebot_gym_lab.field.session import COMMANDS, VELOCITIES, Part, drive, enable, wait_for
 from turtlebot_gym_lab.field.shared import QUIET, Field, drive_since, ends_of, poses_since, relative, turned
 from turtlebot_gym_ros.base.process import go_on, processes
-from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilter, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilterBlock, VelocityController, WaypointGenerator
 
 NOISE = "noise.yaml"
 """Name of the noise file."""
@@ -150,7 +150,7 @@ def drive_a_square(at: Field) -> list[Finding]:
         path.write_text("\n".join(",".join(map(str, corner)) for corner in corners))
         course = {"waypoints": str(path), "relative": True, "radius": 0.15}
         parts = [
-            Part(KalmanFilter, "field_filter", {"robot": at.robot, "noise": "wheel"}, topics),
+            Part(KalmanFilterBlock, "field_filter", {"robot": at.robot, "noise": "wheel"}, topics),
             Part(WaypointGenerator, "field_waypoints", course, topics),
             Part(VelocityController, "field_controller", {"robot": at.robot, "policy": "bearing"}, {**topics, **COMMANDS}),
         ]
@@ -210,7 +210,7 @@ def _by_tape(at: Field) -> tuple[Noise | None, list[Finding]]:
     return fitted.noise, [Finding("by tape", FINE, text, _figures(estimates))]
 
 
-def _figures(estimates: Mapping[str, Estimate]) -> tuple[Figure, ...]:
+def _figures(estimates: Mapping[str, CalibrationEstimate]) -> tuple[Figure, ...]:
     return tuple(Figure(name, fit.value, fit.unit, fit.low, fit.high) for name, fit in estimates.items())
 
 
@@ -224,7 +224,7 @@ def _drive(at: Field, parts: Sequence[Part], *, timeout: float) -> str:
     return why
 
 
-class Step(NamedTuple):
+class FieldStep(NamedTuple):
     """A step of the test."""
 
     name: str
@@ -240,17 +240,17 @@ class Step(NamedTuple):
 
 
 STEPS = (
-    Step("listening", hear, needs_robot=False, essential=("/odom", "clock of /odom", "odometry")),
-    Step("wheels", meet_the_wheels, needs_robot=False, essential=("wheels", "guard")),
-    Step("emergency stop", find_the_button, needs_robot=False, essential=("emergency stop",)),
-    Step("a press", try_the_button, essential=("a press",)),
-    Step("recording", record),
-    Step("a straight", drive_straight, "The robot will drive {distance:g} m straight ahead. Mark its place", "distance"),
-    Step("a turn", turn_round, "The robot will turn by {turn:g} degrees on the spot. Mark its heading", "turn"),
-    Step("calibration drive", drive_for_calibration, "The robot will drive for {duration:g} s, within 1 m", "duration"),
-    Step("a square", drive_a_square, "The robot will drive a square of {side:g} m to the left. Mark its place", "side"),
-    Step("latency", time_the_chain),
-    Step("calibration", calibrate),
+    FieldStep("listening", hear, needs_robot=False, essential=("/odom", "clock of /odom", "odometry")),
+    FieldStep("wheels", meet_the_wheels, needs_robot=False, essential=("wheels", "guard")),
+    FieldStep("emergency stop", find_the_button, needs_robot=False, essential=("emergency stop",)),
+    FieldStep("a press", try_the_button, essential=("a press",)),
+    FieldStep("recording", record),
+    FieldStep("a straight", drive_straight, "The robot will drive {distance:g} m straight ahead. Mark its place", "distance"),
+    FieldStep("a turn", turn_round, "The robot will turn by {turn:g} degrees on the spot. Mark its heading", "turn"),
+    FieldStep("calibration drive", drive_for_calibration, "The robot will drive for {duration:g} s, within 1 m", "duration"),
+    FieldStep("a square", drive_a_square, "The robot will drive a square of {side:g} m to the left. Mark its place", "side"),
+    FieldStep("latency", time_the_chain),
+    FieldStep("calibration", calibrate),
 )
 """The steps in order."""
 

@@ -13,12 +13,12 @@ import pytest
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_agents.cluster import ledger as ledger_module
-from turtlebot_gym_agents.cluster.grid import Grid, read_grid
+from turtlebot_gym_agents.cluster.grid import StudyGrid, read_grid
 from turtlebot_gym_agents.cluster.ledger import Ledger, difference, files_in, origin
 from turtlebot_gym_agents.cluster.study import study
 from turtlebot_gym_agents.cluster.workers import results
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.evaluation.comparison import Outcome, compare
+from turtlebot_gym_agents.evaluation.comparison import PairedOutcome, compare
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
@@ -33,7 +33,7 @@ HYPER = """default:
 
 
 def test_cells_are_all_combinations():
-    grid = Grid(policies=("bearing",), grid={"noise": ["clean", "rough"], "delay": [0, 2], "robot": "waffle"})
+    grid = StudyGrid(policies=("bearing",), grid={"noise": ["clean", "rough"], "delay": [0, 2], "robot": "waffle"})
     cells = grid.cells()
     assert len(cells) == 4
     assert cells[1] == {"env": NAV, "noise": "clean", "delay": 2, "robot": "waffle"}
@@ -51,8 +51,8 @@ def test_cells_are_all_combinations():
         ("policies: bearing\ngrid: {env: CartPole-v1}", "env must be one of"),
         ("policies: bearing\ntrainings: {ppo: {colour: red}}", "training 'ppo': TrainingConfig has no colour; it has "),
         ("policies: bearing\ntrainings: {ppo: {seeds: 0}}", "seeds of training 'ppo' must be"),
-        ("policy: bearing", "a study: Grid has no policy"),
-        ("- bearing", "a study must be a Grid or a mapping of its fields"),
+        ("policy: bearing", "a study: StudyGrid has no policy"),
+        ("- bearing", "a study must be a StudyGrid or a mapping of its fields"),
         ("policies: [", "study.yaml( is not YAML)?: "),
     ],
 )
@@ -83,8 +83,8 @@ def test_the_command_reports_the_evaluations_and_resumes(tmp_path, monkeypatch, 
     assert cell["policies"]["proportional"]["difference"]["low"] == paired(other, bearing).low
     assert set(cell["policies"]) == {"bearing", "proportional", "single"}
     bundles = sorted((tmp_path / "out" / "policies").glob("tiny seed *.onnx"))
-    learned = [Outcome.of(evaluate(BundlePolicy(bundle), **common)) for bundle in bundles]
-    expected = compare(learned, Outcome.of(bearing))
+    learned = [PairedOutcome.of(evaluate(BundlePolicy(bundle), **common)) for bundle in bundles]
+    expected = compare(learned, PairedOutcome.of(bearing))
     assert cell["trainings"]["tiny"]["time"]["value"] == expected["time"].value
     assert cell["trainings"]["tiny"]["difference"]["high"] == expected["difference"].high
     assert cell["trainings"]["tiny"]["p_holm"] >= cell["trainings"]["tiny"]["p"]
@@ -113,7 +113,7 @@ class Counted:
 
 
 def test_a_study_repeats_nothing_that_is_finished_and_grows(tmp_path):
-    grid = Grid(
+    grid = StudyGrid(
         policies=("bearing", "proportional"), compare_with="proportional", grid={"noise": ["clean", "rough"]}, episodes=9
     )
     expected = study(grid, tmp_path / "whole")
@@ -122,7 +122,7 @@ def test_a_study_repeats_nothing_that_is_finished_and_grows(tmp_path):
         study(grid, tmp_path / "parts", run=first)
     assert study(grid, tmp_path / "parts", run=second, progress=lambda *done: counts.append(done)) == expected
     assert (len(first.done), len(second.done), counts) == (3, 1, [(3, 4), (4, 4)])
-    more = Grid(policies=("bearing", "corner"), grid={"noise": ["rough", "tutorial"]}, episodes=9)
+    more = StudyGrid(policies=("bearing", "corner"), grid={"noise": ["rough", "tutorial"]}, episodes=9)
     rows = study(more, tmp_path / "parts", run=third)
     assert len(third.done) == 3
     assert rows[0]["policies"]["bearing"]["path"] == expected[1]["policies"]["bearing"]["path"]
@@ -135,7 +135,7 @@ def test_a_study_repeats_nothing_that_is_finished_and_grows(tmp_path):
 
 def test_a_changed_file_of_the_study_is_evaluated_anew(tmp_path):
     noise, runs = tmp_path / "mine.yaml", Counted()
-    grid = Grid(policies=("bearing",), grid={"noise": str(noise)}, episodes=9)
+    grid = StudyGrid(policies=("bearing",), grid={"noise": str(noise)}, episodes=9)
     for error in ("0.0009", "0.09", "0.0009"):
         noise.write_text(f"odometry: {{R: [{error}, {error}, 0.0025]}}\n")
         study(grid, tmp_path / "out", run=runs)

@@ -17,15 +17,15 @@ from turtlebot_gym.presets import FILTERS, FIXES, NOISES
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
-from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
+from turtlebot_gym_ros.blocks import KalmanFilterBlock, TurtlebotSimulator
 from turtlebot_gym_ros.blocks.credible import CERTAIN, Gate, bounded
-from turtlebot_gym_ros.node.block import Aged, Resume
+from turtlebot_gym_ros.node.block import Resume, Stamped
 
 COMMAND, AHEAD = Command(0.15, 0.4), Command(0.2, 0.0)
 
 
 def estimator(**parameters):
-    return KalmanFilter(KalmanFilter.Params(**parameters))
+    return KalmanFilterBlock(KalmanFilterBlock.Params(**parameters))
 
 
 def seen(x, y, theta, twist=STOP, measured=True):
@@ -73,7 +73,7 @@ def test_a_fix_of_long_ago_or_from_the_future_is_left_aside_and_noticed(age, cou
             node.step(0.1, seen(0.02 * k, 0.0, 0.0, AHEAD))
     fix = Fix(Pose(0.1, 0.2, 0.0), (0.01, 0.01, math.inf), 0.0, True)
     last = seen(0.18, 0.0, 0.0, AHEAD)
-    with_fix, without = nodes[0].step(0.1, last, fix=Aged(fix, age)), nodes[1].step(0.1, last)
+    with_fix, without = nodes[0].step(0.1, last, fix=Stamped(fix, age)), nodes[1].step(0.1, last)
     assert (with_fix["estimate"].belief != without["estimate"].belief) is counts
     assert (nodes[0].notice is None) is counts
     nodes[0].reset()
@@ -81,7 +81,7 @@ def test_a_fix_of_long_ago_or_from_the_future_is_left_aside_and_noticed(age, cou
 
 
 def test_a_fix_is_heard_only_where_it_is_asked_for():
-    assert set(estimator().inputs) == {"odometry", "command", "seat", "resume"}
+    assert set(estimator().inputs) == {"odometry", "command", "initial_pose", "resume"}
     assert estimator(takes_fixes=True).inputs["fix"].topic == "pose_fix"
     assert "fix" not in TurtlebotSimulator(TurtlebotSimulator.Params()).outputs
 
@@ -250,7 +250,7 @@ def test_odometry_that_goes_on_lying_is_refused_again():
 def test_a_fix_lets_a_displaced_robot_go_on_by_itself_if_it_stands():
     """Partner: not while it drives, and not where the pose does not move though the wheels turn."""
     displaced = FAR._replace(twist=STOP)
-    fix = Aged(Fix(Pose(1.0, 0.0, 0.0), (1e-4, 1e-4, 1e-4), 0.0, True), 0.0)
+    fix = Stamped(Fix(Pose(1.0, 0.0, 0.0), (1e-4, 1e-4, 1e-4), 0.0, True), 0.0)
     node = driving()
     assert node.step(0.05, displaced) == {}
     answer = node.step(0.05, displaced, fix=fix)
@@ -318,12 +318,12 @@ SURE = (1e-4, 1e-4, 1e-4)
 )
 def test_a_fix_that_the_belief_rules_out_is_counted_and_not_used(pose, R, age, said):
     node, other = driving(), driving()
-    answer = node.step(0.1, NEXT, fix=Aged(Fix(pose, R, 0.0, True), age))
+    answer = node.step(0.1, NEXT, fix=Stamped(Fix(pose, R, 0.0, True), age))
     assert answer == other.step(0.1, NEXT)
     assert node.notice.startswith("fixes refused: ")
     assert said in node.notice
     assert node.figures["refused fixes"] == 1
-    node.step(0.1, NEXT, fix=Aged(Fix(NEXT.pose, SURE, 0.0, True), 0.1))
+    node.step(0.1, NEXT, fix=Stamped(Fix(NEXT.pose, SURE, 0.0, True), 0.1))
     assert node.notice is None
     assert node.figures["refused fixes"] == 1
 
@@ -331,9 +331,9 @@ def test_a_fix_that_the_belief_rules_out_is_counted_and_not_used(pose, R, age, s
 def test_a_fix_is_judged_by_the_belief_of_its_own_time():
     """A certain fix of 0.5 s ago is 0.05 m behind: where the robot was; one of now at that place is refused."""
     node = driving()
-    node.step(0.1, NEXT, fix=Aged(Fix(Pose(0.96, 0.0, 0.0), (1e-8, 1e-8, math.inf), 0.0, True), 0.5))
+    node.step(0.1, NEXT, fix=Stamped(Fix(Pose(0.96, 0.0, 0.0), (1e-8, 1e-8, math.inf), 0.0, True), 0.5))
     assert node.figures["refused fixes"] == 0
-    node.step(0.1, seen(1.02, 0.0, 0.0, Command(0.1, 0.0)), fix=Aged(Fix(Pose(0.97, 0.0, 0.0), (1e-8,) * 3, 0.0, True), 0.0))
+    node.step(0.1, seen(1.02, 0.0, 0.0, Command(0.1, 0.0)), fix=Stamped(Fix(Pose(0.97, 0.0, 0.0), (1e-8,) * 3, 0.0, True), 0.0))
     assert node.figures["refused fixes"] == 1
 
 
@@ -379,7 +379,7 @@ SEAT = Fix(Pose(5.0, -3.0, math.pi / 2.0), (0.25, 0.25, 0.07), 0.0, True)
 @pytest.mark.parametrize("noise", ["wheel", "tutorial", "clean"])
 def test_a_person_puts_a_standing_robot_elsewhere_and_odometry_goes_on_from_there(noise, filter):
     node = driving(noise=noise, filter=filter)
-    belief = node.step(0.1, STANDING, seat=SEAT)["estimate"].belief
+    belief = node.step(0.1, STANDING, initial_pose=SEAT)["estimate"].belief
     assert belief.mean[:3] == pytest.approx(SEAT.pose)
     assert (belief.covariance.xx, belief.covariance.yy, belief.covariance.tt) == pytest.approx(SEAT.R, rel=0.05)
     for k in range(1, 200):
@@ -390,7 +390,7 @@ def test_a_person_puts_a_standing_robot_elsewhere_and_odometry_goes_on_from_ther
 
 
 @pytest.mark.parametrize(
-    ("odometry", "seat", "said"),
+    ("odometry", "initial_pose", "said"),
     [
         (NEXT, SEAT, "the robot must stand, but drives with 0.1 m/s"),
         (STANDING._replace(twist=Command(0.0, 0.3)), SEAT, "the robot must stand"),
@@ -399,9 +399,9 @@ def test_a_person_puts_a_standing_robot_elsewhere_and_odometry_goes_on_from_ther
         (STANDING, SEAT._replace(pose=Pose(1e300, 0.0, 0.0)), "it is at (1e+300, 0)"),
     ],
 )
-def test_a_persons_pose_is_refused_with_the_reason(odometry, seat, said):
+def test_a_persons_pose_is_refused_with_the_reason(odometry, initial_pose, said):
     node, other = driving(), driving()
-    assert node.step(0.1, odometry, seat=seat) == other.step(0.1, odometry)
+    assert node.step(0.1, odometry, initial_pose=initial_pose) == other.step(0.1, odometry)
     assert node.notice.startswith(f"initial poses refused: {said}")
     assert node.figures["refused initial poses"] == 1
 
@@ -409,5 +409,5 @@ def test_a_persons_pose_is_refused_with_the_reason(odometry, seat, said):
 def test_a_persons_pose_ends_the_refusal_of_a_jump():
     node, far = driving(), STANDING._replace(pose=Pose(9.0, 9.0, 1.0))
     final(node, far)
-    assert node.step(0.1, far, seat=SEAT)["estimate"].belief.mean[:3] == pytest.approx(SEAT.pose)
+    assert node.step(0.1, far, initial_pose=SEAT)["estimate"].belief.mean[:3] == pytest.approx(SEAT.pose)
     assert node.step(0.1, far)

@@ -9,7 +9,7 @@ from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import STOP, Command, Fix, Pose
 from turtlebot_gym_ros.blocks import Localizer, TurtlebotSimulator
-from turtlebot_gym_ros.node.block import Aged
+from turtlebot_gym_ros.node.block import Stamped
 
 COMMAND = Command(0.1, 0.5)
 
@@ -35,15 +35,15 @@ class Drive:
         options = {"localizer": "match", "hits": False, "start": "odometry", **parameters}
         self.node, self.scan, self.answer, self.at = Localizer(Localizer.Params(**options)), None, {}, 0
 
-    def go(self, seconds, command=COMMAND, seat=None, see=lambda scan: scan):
+    def go(self, seconds, command=COMMAND, initial_pose=None, see=lambda scan: scan):
         """Drive, and return how often an estimate was published."""
         published = 0
         for _ in range(round(10.0 * seconds)):
             sent = self.plant.step(0.1, command)
             self.scan = sent.get("scan", self.scan and self.scan._replace(age=self.scan.age + 0.1))
             scan = self.scan._replace(value=see(self.scan.value))
-            self.answer = self.node.step(0.1 if self.at else 0.0, sent["odometry"], scan, GRID, seat)
-            seat, self.truth, self.odometry = None, sent["truth"], sent["odometry"]
+            self.answer = self.node.step(0.1 if self.at else 0.0, sent["odometry"], scan, GRID, initial_pose)
+            initial_pose, self.truth, self.odometry = None, sent["truth"], sent["odometry"]
             self.at += 1
             published += "estimate" in self.answer
         return published
@@ -102,9 +102,9 @@ def test_it_looks_anew_when_asked(drive):
 def test_a_person_says_where_it_is(drive):
     loop = drive()
     loop.go(1.0)
-    loop.go(0.1, seat=Fix(Pose(1.0, 1.0, 0.3), (0.01, 0.01, 0.01), 0.0, True))
+    loop.go(0.1, initial_pose=Fix(Pose(1.0, 1.0, 0.3), (0.01, 0.01, 0.01), 0.0, True))
     assert loop.error > 0.2
-    loop.go(0.1, seat=Fix(Pose(*loop.truth[:3]), (0.01, 0.01, 0.01), 0.0, True))
+    loop.go(0.1, initial_pose=Fix(Pose(*loop.truth[:3]), (0.01, 0.01, 0.01), 0.0, True))
     assert loop.error < 0.15
 
 
@@ -168,7 +168,7 @@ def test_a_scan_is_read_as_it_was_sent(drive):
 
     mount = Pose(-0.032, 0.0, -0.3)
     step = loop.node.step
-    loop.node.step = lambda dt, odometry, scan, *rest: step(dt, odometry, Aged(scan.value, scan.age, mount), *rest)
+    loop.node.step = lambda dt, odometry, scan, *rest: step(dt, odometry, Stamped(scan.value, scan.age, mount), *rest)
     loop.go(10.0, see=turned)
     assert loop.error < 0.05
     assert loop.node.figures["localization"] == "tracking"

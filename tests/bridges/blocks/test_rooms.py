@@ -11,8 +11,8 @@ from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.values import STOP, Pose
 from turtlebot_gym_agents.policies import make_policy
-from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
-from turtlebot_gym_ros.node.block import Aged
+from turtlebot_gym_ros.blocks import KalmanFilterBlock, TurtlebotSimulator, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.node.block import Stamped
 
 DT = 0.1
 
@@ -26,7 +26,7 @@ class Loop:
 
     def __init__(self, *, world, lidar, seed, noise="tutorial", policy="vfh"):
         self.plant = make(TurtlebotSimulator, world=world, lidar=lidar, seed=seed, noise=noise)
-        self.filter = make(KalmanFilter, noise=noise)
+        self.filter = make(KalmanFilterBlock, noise=noise)
         self.generator = make(WaypointGenerator, waypoints="room")
         lidar_parameters = {"lidar_yaw": LIDARS[lidar].yaw, "lidar_beams": LIDARS[lidar].beams}
         self.controller = make(VelocityController, policy=policy, noise=noise, goal_tolerance=0.0, **lidar_parameters)
@@ -42,7 +42,7 @@ class Loop:
             self.stamp = now - round(values["scan"].age * 1e9)
         estimate = self.filter.step(DT if self.at else 0.0, values["odometry"])["estimate"]
         way = self.generator.step(DT, estimate, None, values["goal"])
-        scan = Aged(self.scan, (now - self.stamp) / 1e9)
+        scan = Stamped(self.scan, (now - self.stamp) / 1e9)
         self.command = self.controller.step(DT, estimate, **way, scan=scan)["command"]
         self.at += 1
         return values
@@ -120,11 +120,11 @@ def test_a_scan_is_observed_with_its_age_up_to_a_second_and_refused_with_another
     loop.step()
     estimate = loop.filter.step(DT, loop.plant.step(DT, loop.command)["odometry"])["estimate"]
     for age, observed in ((-0.1, 0.0), (0.4, 0.4), (3.0, 1.0)):
-        loop.controller.step(DT, estimate, Pose(3.0, 0.0, 0.0), None, scan=Aged(loop.scan, age))
+        loop.controller.step(DT, estimate, Pose(3.0, 0.0, 0.0), None, scan=Stamped(loop.scan, age))
         assert loop.controller.deployment.observation[-1] == np.float32(observed)
     with pytest.raises(ValueError, match="the scan has 359 beams, but lidar_beams says 360"):
         loop.controller.step(
-            DT, estimate, Pose(3.0, 0.0, 0.0), None, scan=Aged(loop.scan._replace(ranges=loop.scan.ranges[1:]), 0.0)
+            DT, estimate, Pose(3.0, 0.0, 0.0), None, scan=Stamped(loop.scan._replace(ranges=loop.scan.ranges[1:]), 0.0)
         )
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated, summary
-from turtlebot_gym_lab.calibration import Estimate, calibrate, detect_kind
+from turtlebot_gym_lab.calibration import CalibrationEstimate, calibrate, detect_kind
 from turtlebot_gym_lab.calibration.calibrate import _capped
 from turtlebot_gym_lab.calibration.coordinates import value_of
 from turtlebot_gym_lab.calibration.diagnosis import Verdict
@@ -158,7 +158,7 @@ def test_heavy_tails_are_named(truth):
 
 @pytest.mark.parametrize(("low", "is_good"), [(2.4, True), (2.6, False)])
 def test_an_alpha_beyond_any_robot_is_not_described(low, is_good):
-    usual = Estimate(value=0.01, low=0.005, high=0.02)
+    usual = CalibrationEstimate(value=0.01, low=0.005, high=0.02)
     good = Verdict(True, False, "The model describes the drive.", 1.0, 3.0)
     verdict = _capped(good, {**dict.fromkeys(ALPHAS, usual), "alpha3": replace(usual, value=174.0, low=low)})
     assert verdict.is_good == is_good

@@ -23,9 +23,9 @@ from turtlebot_gym_lab.field import findings, program, session, steps
 from turtlebot_gym_lab.field.findings import FINE, REFUSED, SKIPPED, WARNING, End, Figure, Finding, Topic
 from turtlebot_gym_lab.field.measured import MeasuredDrive
 from turtlebot_gym_lab.field.report import page
-from turtlebot_gym_lab.field.session import Heard, Listener, _follow
+from turtlebot_gym_lab.field.session import Heard, TopicListener, _follow
 from turtlebot_gym_lab.field.shared import Field
-from turtlebot_gym_lab.field.steps import Step, walk
+from turtlebot_gym_lab.field.steps import FieldStep, walk
 
 ODOMETRY, STAMPED, TWIST = "nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/Twist"
 BOOL = "std_msgs/msg/Bool"
@@ -203,7 +203,7 @@ class TestAPress:
         monkeypatch.setattr(steps, "PRESSING", 0.05)
         stand_in = Told(button, guard)
         (finding,) = steps.try_the_button(
-            Field(listener=cast(Listener, stand_in), person=stand_in, robot="burger", folder=tmp_path)
+            Field(listener=cast(TopicListener, stand_in), person=stand_in, robot="burger", folder=tmp_path)
         )
         assert finding.verdict == (REFUSED if delay is None else FINE)
         assert [figure.value for figure in finding.figures] == ([] if delay is None else [pytest.approx(delay)])
@@ -212,7 +212,7 @@ class TestAPress:
         monkeypatch.setattr(session, "PATIENCE", 0.0)
         stand_in = Told([], [], refuses="cmd_vel_guard does not run")
         (finding,) = steps.try_the_button(
-            Field(listener=cast(Listener, stand_in), person=stand_in, robot="burger", folder=tmp_path)
+            Field(listener=cast(TopicListener, stand_in), person=stand_in, robot="burger", folder=tmp_path)
         )
         assert (finding.verdict, finding.text) == (REFUSED, "The guard refuses: cmd_vel_guard does not run.")
 
@@ -249,7 +249,7 @@ def test_a_model_that_does_not_describe_the_drive_is_a_warning_and_gives_no_file
     monkeypatch.setattr("turtlebot_gym_lab.calibration.calibrate", lambda drive, kind: fitted)
     monkeypatch.setattr("turtlebot_gym_lab.drives.read", lambda path: None)
     monkeypatch.setattr(steps, "_by_tape", lambda at: (noise(0.8), [Finding("by tape", FINE, "")]))
-    at = Field(listener=cast(Listener, None), person=Agrees(), robot="burger", folder=tmp_path)
+    at = Field(listener=cast(TopicListener, None), person=Agrees(), robot="burger", folder=tmp_path)
     tape, fitted = steps.calibrate(at)
     assert fitted.verdict == verdict
     assert ["noise.yaml" in finding.text for finding in (tape, fitted)] == [not is_good, is_good]
@@ -301,9 +301,13 @@ def taken(monkeypatch, tmp_path):
     """Take steps that find given things, and return which moved the robot, what was found, and the field."""
 
     def take(found, agrees=True, moved=lambda at: [Finding("a straight", FINE, "")]):
-        moves, seen, at = [], [], Field(listener=cast(Listener, None), person=Agrees(agrees), robot="burger", folder=tmp_path)
-        look = Step("listening", lambda at: list(found), needs_robot=False, essential=ESSENTIAL)
-        move = Step("a straight", lambda at: [moves.append(at), *moved(at)][1:], "It will drive {distance:g} m")
+        moves, seen, at = (
+            [],
+            [],
+            Field(listener=cast(TopicListener, None), person=Agrees(agrees), robot="burger", folder=tmp_path),
+        )
+        look = FieldStep("listening", lambda at: list(found), needs_robot=False, essential=ESSENTIAL)
+        move = FieldStep("a straight", lambda at: [moves.append(at), *moved(at)][1:], "It will drive {distance:g} m")
         monkeypatch.setattr(steps, "STEPS", (look, move))
         walk(at, seen)
         return moves, seen, at

@@ -15,7 +15,7 @@ from turtlebot_gym import read_parameters
 from turtlebot_gym.parameters import Noise
 from turtlebot_gym_lab.field.findings import FINE, REFUSED, WARNING
 from turtlebot_gym_lab.field.measured import MeasuredDrive
-from turtlebot_gym_lab.field.session import COMMANDS, Listener, Part, _running
+from turtlebot_gym_lab.field.session import COMMANDS, Part, TopicListener, _running
 
 QUICK = ["--seconds", "1", "--distance", "0.3", "--turn", "40", "--side", "0.2", "--duration", "0"]
 
@@ -42,7 +42,7 @@ def test_an_afternoon_with_a_robot_that_speaks_as_a_recorded_one(launch, tmp_pat
 def test_the_nodes_of_a_drive_are_in_the_context_that_knows_the_emergency_stop(runner):
     """Those of a new one may be deaf to it for seconds."""
     part = Part(MeasuredDrive, "field_drive", {}, COMMANDS)
-    with _running(Listener(runner), [part], stamped=True) as (shell,):
+    with _running(TopicListener(runner), [part], stamped=True) as (shell,):
         assert shell.node.context is runner.context
 
 

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from turtlebot_gym.validation import shown
+from turtlebot_gym.validation import short_repr
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _NUMBER, _LAST = "callbacks that failed", "last one"
@@ -21,7 +21,7 @@ def note(node: Node, name: str, error: BaseException) -> None:
     failed = _FAILED.setdefault(node, {})
     failed[_NUMBER] = failed.get(_NUMBER, 0) + 1
     if _LAST not in failed:
-        failed[_LAST] = f"{name}: refused: {type(error).__name__}: {shown(str(error))}"
+        failed[_LAST] = f"{name}: refused: {type(error).__name__}: {short_repr(str(error))}"
         node.get_logger().error(failed[_LAST])
 
 

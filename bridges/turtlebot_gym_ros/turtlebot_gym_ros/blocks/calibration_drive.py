@@ -13,7 +13,7 @@ from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.parameters import Noise
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import POSITIVE, Range, typed
+from turtlebot_gym.validation import POSITIVE, Range, check_fields
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_ros.node.block import Input, On, Output
 
@@ -33,7 +33,7 @@ ASIDE = 0.5
 """Bearing of the centre above which the robot turns on the spot instead of driving an arc, rad."""
 
 
-class _Leg(NamedTuple):
+class _DriveLeg(NamedTuple):
     """A command and its duration."""
 
     command: Command
@@ -41,7 +41,7 @@ class _Leg(NamedTuple):
     """s"""
 
 
-def _script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[_Leg]:
+def _script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iterator[_DriveLeg]:
     """Yield one round of the drive, which would end where it began if the robot executed commands exactly.
 
     For each level: a straight, half a turn to the left, the straight back, half a turn to the right, a circle to the left and a
@@ -64,8 +64,8 @@ def _script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iter
             (Command(v, -v * curvature), 0.0, 2.0 * math.pi),
         ):
             command = limit(wish, robot)
-            yield _Leg(command, length / command.v if length else angle / abs(command.omega))
-            yield _Leg(STOP, PAUSE)
+            yield _DriveLeg(command, length / command.v if length else angle / abs(command.omega))
+            yield _DriveLeg(STOP, PAUSE)
 
 
 class CalibrationDrive:
@@ -99,7 +99,7 @@ class CalibrationDrive:
         """Highest turning rate, rad/s; the robot's limits hold too."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
 
     inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False)}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}

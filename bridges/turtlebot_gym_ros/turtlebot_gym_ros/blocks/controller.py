@@ -18,11 +18,11 @@ from turtlebot_gym.observations import ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import NAV, believed_to_arrive
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, shown, typed
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents import Deployment
 from turtlebot_gym_ros.base.scan_watch import ScanWatch
-from turtlebot_gym_ros.node.block import HALT, Aged, Input, Nis, On, Output
+from turtlebot_gym_ros.node.block import HALT, Input, Nis, On, Output, Stamped
 
 PLACE, AT_PLACE = (-0.032, 0.0), 0.05
 """Place of the LiDAR that policies are trained with, and distance up to which another is taken for it, m: in training the
@@ -55,7 +55,8 @@ def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> In
         raise ValueError(f"the policy reads {term.name!r}: name it in the parameter terms, MODULE:NAME{made_with}.")
     if here.bounds != term.bounds:
         raise ValueError(
-            f"the policy reads {term.name!r} with bounds {shown(term.bounds)}, but {here.source} has {shown(here.bounds)}."
+            f"the policy reads {term.name!r} with bounds {short_repr(term.bounds)}, "
+            f"but {here.source} has {short_repr(here.bounds)}."
         )
     convert = here.convert
     if convert is None:
@@ -126,7 +127,7 @@ class VelocityController:
         the guard's collision monitor hardly ever intervenes."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
             if 0.0 < self.goal_tolerance < 0.01:
                 rule = "must be 0, or at least 0.01 m, the resolution of a TurtleBot3"
                 raise ValueError(f"goal_tolerance {rule}, got {self.goal_tolerance!r}.")
@@ -180,7 +181,7 @@ class VelocityController:
         estimate: Estimate,
         reference: Pose,
         following: Pose | None,
-        scan: Aged | None = None,
+        scan: Stamped | None = None,
         nis: Nis | None = None,
         **own: tuple[float, ...],
     ) -> dict[str, Any]:
@@ -222,7 +223,7 @@ class VelocityController:
         self.notice = self.deployment.seen_space.notice or None
         return {"command": command}
 
-    def _refusal(self, scan: Aged, twist: Command) -> str:
+    def _refusal(self, scan: Stamped, twist: Command) -> str:
         """Return why a scan must not be used, or an empty text."""
         measured, (ranges, first, increment) = self._time - scan.age, scan.value[:3]
         yaw = scan.mount.theta if scan.mount else self._yaw

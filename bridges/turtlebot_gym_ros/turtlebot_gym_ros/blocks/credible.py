@@ -67,7 +67,7 @@ class Gate:
         return ""
 
 
-class Verdict:
+class Credibility:
     """What a filter says of its odometry on the topic ``disagreement``: the cause of its `Agreement`, when that changes."""
 
     def __init__(self) -> None:

@@ -16,10 +16,10 @@ from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.parameters import MAX_FIX_AGE, DeadReckoning, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
-from turtlebot_gym.validation import Names, Range, choose, typed
+from turtlebot_gym.validation import Names, Range, check_fields, choose
 from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, senses_of
-from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Gate, Verdict, bounded
-from turtlebot_gym_ros.node.block import COMMANDED, RESUME, Aged, Input, Nis, On, Output, Resume
+from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility, Gate, bounded
+from turtlebot_gym_ros.node.block import COMMANDED, RESUME, Input, Nis, On, Output, Resume, Stamped
 
 REMEMBERED = depth_of(0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
@@ -31,7 +31,7 @@ robot took that way to stand."""
 _SENSES = senses_of(("odometry", "fix"))
 
 
-class KalmanFilter:
+class KalmanFilterBlock:
     """Estimate the pose from odometry.
 
     It begins with the first odometry, and predicts with the twist that the wheels executed: the exact one from the simulator,
@@ -49,8 +49,8 @@ class KalmanFilter:
     odometry was reset goes on by itself if it stands and a fix says where it is.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message); ``command`` (`Command`, on ``cmd_vel``; optional, the last
-    value holds; not in lock-step); with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional); ``seat`` (`Fix`, on
-    ``initialpose``, optional); and ``resume`` (`Resume`, on ``resume``, optional).
+    value holds; not in lock-step); with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional); ``initial_pose`` (`Fix`,
+    on ``initialpose``, optional); and ``resume`` (`Resume`, on ``resume``, optional).
     Outputs: ``nis`` (`Nis`, on ``nis``), the normalized innovation squared, and ``estimate`` (`Estimate`, on ``estimate``), at
     odometry's stamp and in its frame; and ``disagreement`` (`Disagreement`, on ``disagreement``, when it changes).
     Parameters: those of `Params`.
@@ -88,14 +88,14 @@ class KalmanFilter:
         owner: set it only if the robot's bring-up does not publish it. Needs a ROS installation."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
             if self.period > self.max_gap:
                 raise ValueError(f"period must be at most max_gap, {self.max_gap!r} s, got {self.period!r}.")
 
     inputs = {
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
         "command": COMMANDED,
-        "seat": Input(topic="initialpose", type=Fix, required=False, once=True),
+        "initial_pose": Input(topic="initialpose", type=Fix, required=False, once=True),
         "resume": RESUME,
     }
     outputs = {
@@ -125,7 +125,7 @@ class KalmanFilter:
             self.inputs = {**self.inputs, "fix": fix}
         self.notice: str | None = None
         """Why the last message was refused, until the next one of its kind is accepted."""
-        self._verdict = Verdict()
+        self._verdict = Credibility()
         self.figures: dict[str, Any] = {"refused odometry": 0, "refused fixes": 0, "refused initial poses": 0}
         """Number of messages that were refused, by kind, and what the last ten seconds say of the filter's model."""
         self.reset()
@@ -167,15 +167,15 @@ class KalmanFilter:
         dt: float,
         odometry: Odometry,
         command: Command | None = None,
-        fix: Aged | None = None,
-        seat: Fix | None = None,
+        fix: Stamped | None = None,
+        initial_pose: Fix | None = None,
         resume: Resume | None = None,
     ) -> dict[str, Any]:
         """Return the estimate after an odometry message that is ``dt`` later than the one before; none if it is refused."""
         if self._estimate is not None and dt <= 0.0:
             self.pause()
         self._time += dt
-        tuning = self._take_seat(odometry, seat) if seat else self._tuning
+        tuning = self._take_seat(odometry, initial_pose) if initial_pose else self._tuning
         if self._agreement.cause and resume is not None:
             tuning = self._go_on(odometry)
         begins = self._estimate is None
@@ -228,17 +228,17 @@ class KalmanFilter:
         elif self.notice and self.notice.startswith("the filter doubts"):
             self.notice = None
 
-    def _take_seat(self, odometry: Odometry, seat: Fix) -> FilterTuning:
+    def _take_seat(self, odometry: Odometry, initial_pose: Fix) -> FilterTuning:
         """Start anew where a person says that the robot is, if it stands; return the tuning to start with."""
         v, omega = odometry.twist
         if not _stands(odometry):
             self._refuse("initial poses", f"the robot must stand, but drives with {v:g} m/s and {omega:g} rad/s")
-        elif seat.R[2] == math.inf:
+        elif initial_pose.R[2] == math.inf:
             self._refuse("initial poses", "it has no heading")
-        elif why := Gate().refusal(seat, self._time):
+        elif why := Gate().refusal(initial_pose, self._time):
             self._refuse("initial poses", why)
         else:
-            return self._place(odometry, seat)
+            return self._place(odometry, initial_pose)
         return self._tuning
 
     def _place(self, odometry: Odometry, place: Fix) -> FilterTuning:
@@ -257,14 +257,14 @@ class KalmanFilter:
         variances = P.xx + UNSEEN**2, P.yy + UNSEEN**2, P.tt + UNSEEN**2
         return self._place(odometry, Fix(Pose(*mean[:3]), variances, 0.0, True))
 
-    def _back(self, odometry: Odometry, fix: Aged | None) -> FilterTuning | None:
+    def _back(self, odometry: Odometry, fix: Stamped | None) -> FilterTuning | None:
         """Return the tuning to start with where a fix says where a standing robot is whose odometry was displaced."""
         if fix is None or fix.value.R[2] == math.inf or not self._agreement.displaced or not _stands(odometry):
             return None
         new = self._new(fix)
         return self._place(odometry, new) if new.arrived else None
 
-    def _new(self, fix: Aged | None) -> Fix:
+    def _new(self, fix: Stamped | None) -> Fix:
         """Return a fix with its age, if it is new, recent enough and credible."""
         if fix is None:
             return no_fix()

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.hypotheses import ROWS, followed, look, nowhere
-from turtlebot_gym.localization.information import Sight
+from turtlebot_gym.localization.information import ScanPoints
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, Located, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points
 from turtlebot_gym.localization.tuning import make_localizer
@@ -27,10 +27,10 @@ from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.localizing import drift_of
-from turtlebot_gym.validation import Names, Range, typed
+from turtlebot_gym.validation import Names, Range, check_fields
 from turtlebot_gym.values import ORIGIN, Command, Fix, Odometry, Pose
-from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Verdict
-from turtlebot_gym_ros.node.block import COMMANDED, RESUME, Aged, Correction, Input, Nis, On, Output, Places, Resume
+from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility
+from turtlebot_gym_ros.node.block import COMMANDED, RESUME, Correction, Input, Nis, On, Output, PoseCandidates, Resume, Stamped
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
@@ -58,14 +58,16 @@ class Localizer:
     A pose on ``initialpose``, as RViz sends it, puts it elsewhere; the service ``reinitialize_global_localization`` makes it
     look anew. The diagnostics show whether it is tracking, unsure or lost, and the share of fitting beams.
 
-    Odometry that contradicts itself or the command in force (`agreement`) is refused, as by `KalmanFilter`.
+    Odometry that contradicts itself or the command in force (`agreement`) is refused, as by `KalmanFilterBlock`.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``),
-    ``command``, ``seat`` and ``resume`` as for `KalmanFilter`, and without a map's file ``map`` (`GridMap`, on ``map``).
+    ``command``, ``initial_pose`` and ``resume`` as for `KalmanFilterBlock`, and without a map's file ``map`` (`GridMap`, on
+    ``map``).
     Outputs: ``pose`` (`Located`, on ``amcl_pose``, with the covariance of x, y and heading), ``nis`` (`Nis`, on ``nis``),
-    ``estimate`` (`Estimate`, on ``estimate``), and while it doubts its place ``places`` (`Places`, on ``hypotheses``), all
-    that it considers; at odometry's stamp, in the frame ``frame``; ``disagreement`` as for `KalmanFilter`; with ``publish_tf``
-    the transform from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on ``map``), once.
+    ``estimate`` (`Estimate`, on ``estimate``), and while it doubts its place ``places`` (`PoseCandidates`, on ``hypotheses``),
+    all that it considers; at odometry's stamp, in the frame ``frame``; ``disagreement`` as for `KalmanFilterBlock`; with
+    ``publish_tf`` the transform from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on
+    ``map``), once.
     Parameters: those of `Params`.
     """
 
@@ -101,20 +103,20 @@ class Localizer:
         """Whether to publish the transform from ``frame`` to ``odom_frame``; needs ``tf2_msgs``."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
 
     inputs = {
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
         "scan": Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, wakes=False),
         "command": COMMANDED,
-        "seat": Input(topic="initialpose", type=Fix, required=False, once=True),
+        "initial_pose": Input(topic="initialpose", type=Fix, required=False, once=True),
         "resume": RESUME,
     }
     outputs = {
         "pose": Output(topic="amcl_pose", type=Located),
         "nis": Output(topic="nis", type=Nis),
         "estimate": Output(topic="estimate", type=Estimate),
-        "places": Output(topic="hypotheses", type=Places),
+        "places": Output(topic="hypotheses", type=PoseCandidates),
         "disagreement": DISAGREEMENT,
     }
 
@@ -134,7 +136,7 @@ class Localizer:
         self._q: Any = make_localizer(params.localizer, self._lidar)
         noise = make_noise(params.noise)
         self._tuning = make_filter("matched", noise)
-        self._agreement, self._verdict = Agreement(make_robot(params.robot), noise), Verdict()
+        self._agreement, self._verdict = Agreement(make_robot(params.robot), noise), Credibility()
         self._beams = np.zeros((3, self._lidar.beams))
         aim(self._beams, self._lidar)
         self._points = np.empty((5, self._q.beams))
@@ -175,9 +177,9 @@ class Localizer:
         self,
         dt: float,
         odometry: Odometry,
-        scan: Aged,
+        scan: Stamped,
         map: GridMap | None = None,
-        seat: Fix | None = None,
+        initial_pose: Fix | None = None,
         command: Command | None = None,
         resume: Resume | None = None,
     ) -> dict[str, Any]:
@@ -188,7 +190,7 @@ class Localizer:
         """
         if map is not None and map is not self._grid:
             self._take_map(map)
-        if seat is not None or resume is not None:
+        if initial_pose is not None or resume is not None:
             self._agreement.begin()
         displaced = False
         if dt <= 0.0 and self._located is not None:
@@ -212,8 +214,8 @@ class Localizer:
             after = move(self._located, before.pose, odometry.pose, odometry.twist, drift, self._q)
             if odometry.measured:
                 remember(self._trail, self._time, odometry.pose)
-        if seat is not None:
-            after = self._take_seat(after, seat)
+        if initial_pose is not None:
+            after = self._take_seat(after, initial_pose)
         self._located, self._odometry = self._correct(after, scan), odometry
         drawn, self._unsaid = self._unsaid, None
         return self._answer(self._located, odometry) | ({"map": drawn} if drawn else {}) | self._verdict.news("")
@@ -225,7 +227,7 @@ class Localizer:
             self._agreement.begin()
         return displaced
 
-    def _begin(self, odometry: Odometry, scan: Aged) -> Located:
+    def _begin(self, odometry: Odometry, scan: Stamped) -> Located:
         """Return the belief at the first odometry; scans from before it are not used."""
         rest(self._trail, 0.0, odometry.pose)
         self._measured, self._used = -scan.age, 0.0
@@ -241,16 +243,16 @@ class Localizer:
         self._ticks += 1
         self._time = self._since + self._ticks * dt
 
-    def _take_seat(self, located: Located, seat: Fix) -> Located:
+    def _take_seat(self, located: Located, initial_pose: Fix) -> Located:
         """Return the belief where a person says that the robot is."""
-        (x, y, heading), (xy, xt, yt) = seat.R, seat.cross
+        (x, y, heading), (xy, xt, yt) = initial_pose.R, initial_pose.cross
         if heading == math.inf:
             return located
-        place = locate(seat.pose, (x, y, heading), self._q)
+        place = locate(initial_pose.pose, (x, y, heading), self._q)
         belief = place.belief._replace(covariance=place.belief.covariance._replace(xy=xy, xt=xt, yt=yt))
         return place._replace(belief=belief, scans=located.scans, moves=located.moves)
 
-    def _correct(self, located: Located, scan: Aged) -> Located:
+    def _correct(self, located: Located, scan: Stamped) -> Located:
         """Condition the belief on a scan, if it is new and the odometry has reached its last beam."""
         stamp = self._time - scan.age
         if stamp <= self._measured + 1e-6:
@@ -262,7 +264,7 @@ class Localizer:
         self._measured, ranges, q = stamp, scan.value.ranges, self._q
         number = to_points(ranges, beams, int(located.scans), timing, self._trail, self._points)
         unseen, points = swept(timing, len(ranges), self._trail), self._points
-        sight = Sight(self._field, self._grid.frame, points, number)
+        sight = ScanPoints(self._field, self._grid.frame, points, number)
         after = look(located, self._bank, sight, self._wheels(), q, unseen)
         if after.scans > located.scans:
             self._used = self._time
@@ -272,7 +274,7 @@ class Localizer:
         """Return the odometry at the present pose."""
         return Pose(*self._trail[0, 1:4].tolist())
 
-    def _seen(self, scan: Aged, stamp: float) -> tuple[NDArray[np.float64], Timing]:
+    def _seen(self, scan: Stamped, stamp: float) -> tuple[NDArray[np.float64], Timing]:
         """Return the directions of a scan's beams in the robot's frame, and when and from where they were measured."""
         lidar, sent, mount = self._lidar, scan.value, scan.mount
         number, turn = len(sent.ranges), sent.increment * len(sent.ranges)
@@ -304,7 +306,7 @@ class Localizer:
             "scans used": int(located.scans),
         }
         others = tuple(Pose(*place) for place in followed(located, self._bank, self._wheels(), self._q)[:, :3].tolist())
-        places = {"places": Places(others)} if others or self._considered else {}
+        places = {"places": PoseCandidates(others)} if others or self._considered else {}
         self._considered = others
         if state == LOST and self._params.when_lost == "stop":
             return places
@@ -313,5 +315,5 @@ class Localizer:
         if self._params.publish_tf:
             mean, wheels = located.belief.mean, odometry.pose
             frame = increment(Pose(*mean[:3]), wheels, ORIGIN, sincos(wrap(mean.theta - wheels.theta)))
-            values["tied"] = Aged(Correction(frame, self._params.odom_frame), -AHEAD)
+            values["tied"] = Stamped(Correction(frame, self._params.odom_frame), -AHEAD)
         return values

@@ -19,11 +19,11 @@ from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, as_sent, obstac
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
-from turtlebot_gym.validation import Names, Range, typed
+from turtlebot_gym.validation import Names, Range, check_fields
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
-from turtlebot_gym_ros.node.block import PERIOD, Aged, Every, Input, Nis, Output
+from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Nis, Output, Stamped
 
 THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
 """Topics from a step's odometry to the command that answers it, in order."""
@@ -48,7 +48,7 @@ OPEN_GROUND = ("open", "")
 _BURGER = MujocoBurger()
 
 
-class Speech(NamedTuple):
+class DriverEmulation(NamedTuple):
     """What a recorded robot sends, and its clock."""
 
     lidar: str
@@ -63,9 +63,9 @@ class Speech(NamedTuple):
 
 SPEECHES = {
     # 62.7 s of a real TurtleBot3 with an LDS-02: 20 Hz, up to 0.12 s late, all covariances 0.
-    "turtlebot3": Speech("lds02", 0.05, ahead=0.775, held_up=0.03),
+    "turtlebot3": DriverEmulation("lds02", 0.05, ahead=0.775, held_up=0.03),
     # A TurtleBot 4 Lite, whose computer is that of the driver.
-    "turtlebot4": Speech("a1", 0.05),
+    "turtlebot4": DriverEmulation("a1", 0.05),
 }
 """What recorded robots send, by their name."""
 MOST_HELD_UP = 2
@@ -129,7 +129,7 @@ class TurtlebotSimulator:
         localizer: str = ""
         """Localizer by whose belief goals in turn are reached, as in the environment, and for which the map of a drawn room is
         published: a name in `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file. Empty for the filter's belief."""
-        speaks_as: Annotated[str, Names(("none", *SPEECHES))] = "none"
+        emulate_driver: Annotated[str, Names(("none", *SPEECHES))] = "none"
         """Recorded robot whose messages it imitates, "turtlebot3" or "turtlebot4", with its LiDAR and rate of odometry whatever
         ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead, and odometry that is
         late and has covariances of 0, and its LiDAR's mount on ``/tf_static`` if tf2_msgs is installed. "none" for perfect
@@ -146,7 +146,7 @@ class TurtlebotSimulator:
         """With the plant "mujoco", coefficient of friction between caster and floor; 0.3 is a clogged caster."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
             if self.in_room and self.plant != "unicycle":
                 raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo supports open ground only.")
             self.physics()
@@ -156,9 +156,9 @@ class TurtlebotSimulator:
                 raise ValueError("random_start must be false in a world: the room says where the robot starts.")
 
         @property
-        def speech(self) -> Speech | None:
+        def speech(self) -> DriverEmulation | None:
             """What the imitated robot sends, if there is one."""
-            return SPEECHES.get(self.speaks_as)
+            return SPEECHES.get(self.emulate_driver)
 
         @property
         def in_room(self) -> bool:
@@ -250,7 +250,7 @@ class TurtlebotSimulator:
         values: dict[str, Any] = {"truth": world.body.true_state, "odometry": odometry}
         if self._sees_fixes and world.senses.fix.arrived:
             now = world.senses.fix
-            values["fix"] = Aged(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
+            values["fix"] = Stamped(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
         self._uncertainty.hear(odometry)
         if self._map:
             values["map"], self._map = self._map, None
@@ -265,10 +265,10 @@ class TurtlebotSimulator:
         self._waiting.append((0.0, values.pop("odometry")))
         if len(self._waiting) > MOST_HELD_UP or self._rng.random() >= self._held_up:
             age, odometry = self._waiting.pop(0)
-            values["odometry"] = Aged(odometry, age)
+            values["odometry"] = Stamped(odometry, age)
             if self._rng.random() < 0.5:
                 self._waiting.clear()  # it catches up: what still waits is lost
-        aged = {key: value if isinstance(value, Aged) else Aged(value, 0.0) for key, value in values.items()}
+        aged = {key: value if isinstance(value, Stamped) else Stamped(value, 0.0) for key, value in values.items()}
         return {key: value._replace(age=value.age - self._ahead) for key, value in aged.items()}
 
     def _look_round(self, lidar: Lidar) -> dict[str, Any]:
@@ -283,7 +283,7 @@ class TurtlebotSimulator:
             is_blind = np.isinf(episode.scene.lidar.beams[2, : lidar.beams])
             ranges = np.where(is_blind, np.float32(np.nan), episode.scene.lidar.ranges[1, : lidar.beams])
             scan = Scan(ranges, 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max, beam_period, 1.0 / lidar.rate)
-            values["scan"] = Aged(as_sent(scan, self._driver, self._rng) if self._driver else scan, room.scan_age)
+            values["scan"] = Stamped(as_sent(scan, self._driver, self._rng) if self._driver else scan, room.scan_age)
         if at % SHOWN_EVERY == 0:
             values["obstacles"] = obstacles_of(episode.scene)
         return values

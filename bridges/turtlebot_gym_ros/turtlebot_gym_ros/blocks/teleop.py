@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from turtlebot_gym.validation import typed
+from turtlebot_gym.validation import check_fields
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.node.block import PERIOD, Every, Output
 
@@ -39,7 +39,7 @@ class SimulatedTeleop:
         """Whether to drive at once, without a call of ``~/enable``."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
 
     inputs = {}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}

@@ -17,7 +17,7 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, shown, typed
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_ros.blocks.ways import Ways
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output
@@ -78,7 +78,7 @@ class WaypointGenerator:
         """Period of publishing, s."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
 
     inputs = {
         "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False),
@@ -248,7 +248,7 @@ def _read_yaml(file: Path) -> list[Any]:
         raise ValueError(f"waypoints: {error}") from error
     rows = content.get("waypoints") if isinstance(content, dict) else content
     if not isinstance(rows, list):
-        raise ValueError(f"waypoints: {str(file)!r} must hold a list of waypoints, got {shown(content)}.")
+        raise ValueError(f"waypoints: {str(file)!r} must hold a list of waypoints, got {short_repr(content)}.")
     return rows
 
 
@@ -261,4 +261,4 @@ def _pose(path: str, number: int, row: Any) -> Pose:
         return place(x, y, theta)
     except (TypeError, ValueError, OverflowError) as error:
         rule = f"x, y and theta of finite poses within {FARTHEST:g} m"
-        raise ValueError(f"waypoints: entry {number} of {path!r} must be {rule}, got {shown(row)}.") from error
+        raise ValueError(f"waypoints: entry {number} of {path!r} must be {rule}, got {short_repr(row)}.") from error

@@ -23,7 +23,7 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.tasks import ROOM, arrived
-from turtlebot_gym.validation import POSITIVE_OR_INFINITE, whole
+from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.base.process import be_interruptible, go_on, refuse
@@ -118,7 +118,10 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--goals", type=int, help="with a world, number of goals in turn, as in missions (default one)")
     parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
     parser.add_argument(
-        "--as", dest="speaks_as", choices=list(SPEECHES), help="send what this recorded robot sends: gaps, its clock, its rates"
+        "--as",
+        dest="emulate_driver",
+        choices=list(SPEECHES),
+        help="send what this recorded robot sends: gaps, its clock, its rates",
     )
     parser.add_argument("--plant", choices=list(PLANTS), help="model of the motion (default unicycle); mujoco needs MuJoCo")
     parser.add_argument("--friction", type=float, help="with --plant mujoco, friction of wheels on the floor (default 1)")
@@ -143,7 +146,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     try:
         POSITIVE_OR_INFINITE.check("--duration", duration)
-        whole("--seed", chosen.get("seed", 0), 0, MAX_SEED)
+        as_int("--seed", chosen.get("seed", 0), 0, MAX_SEED)
         written = [("--figure", figure, FIGURE), ("--json", report, JSON)]
         require_outputs([output for output in written if output[1] is not None], inputs=chosen.values(), force=force)
     except (ValueError, OSError) as error:
@@ -170,7 +173,7 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
                 if view:
                     view.open()
                 try:
-                    graph.wait_until(_End(duration), timeout=None)
+                    graph.wait_until(_GraphEnd(duration), timeout=None)
                 except KeyboardInterrupt:
                     be_interruptible()  # anew, for what follows
                     print("interrupted", file=sys.stderr)
@@ -188,7 +191,7 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
     return code
 
 
-class _End:
+class _GraphEnd:
     """The condition that a drive has lasted so long, s; it raises RuntimeError if the drive cannot go on."""
 
     def __init__(self, duration: float) -> None:

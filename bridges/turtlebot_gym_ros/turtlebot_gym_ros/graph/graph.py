@@ -97,7 +97,7 @@ class Graph:
             Range(0.0, 1e3, open_low=True, open_high=True).check("speed", speed)
         self._lock_step = self._autonomous and speed != 1.0
         pace = float(speed or (0.0 if self._autonomous else 1.0))
-        if speech := SPEECHES.get(parameters.get("speaks_as", "none")):
+        if speech := SPEECHES.get(parameters.get("emulate_driver", "none")):
             # In lock-step, stamps are those of the steps.
             parameters = {"lidar_beams": 0, "own_clock": not self._lock_step, **parameters, "lidar": speech.lidar}
         if self._autonomous:

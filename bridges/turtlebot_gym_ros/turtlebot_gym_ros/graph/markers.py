@@ -19,7 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.plotting import BLACK, GREEN, VERMILLION
-from turtlebot_gym.validation import POSITIVE, typed
+from turtlebot_gym.validation import POSITIVE, check_fields
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros.node.block import Input, On, Output
 from turtlebot_gym_ros.node.convert import register
@@ -34,7 +34,7 @@ HEIGHT = 0.01
 """Height of a waypoint's disc, and of paths above it, m."""
 
 
-class Scene(NamedTuple):
+class MarkerScene(NamedTuple):
     """Waypoints and paths, all in the world frame."""
 
     reference: Pose | None
@@ -54,7 +54,7 @@ class Visualization:
 
     Inputs: ``estimate`` (`Estimate`, on ``estimate``), ``reference`` (`Pose`, on ``reference``; optional), ``following``
     (`Pose`, on ``next_reference``; optional), ``truth`` (`State`, on ``true_state``; optional). All in the world frame.
-    Outputs: ``scene`` (`Scene`, on ``markers``), in the world frame.
+    Outputs: ``scene`` (`MarkerScene`, on ``markers``), in the world frame.
     Parameters: those of `Params`. A reset forgets the paths.
     """
 
@@ -70,7 +70,7 @@ class Visualization:
         """Distance within which a waypoint counts as reached, m, as in ``waypoint_generator``."""
 
         def __post_init__(self) -> None:
-            typed(self, "")
+            check_fields(self, "")
             if not self.period <= self.trail <= 1e4 * self.period:
                 rule = "must satisfy period <= trail <= 10000 period"
                 raise ValueError(f"period and trail {rule}, got {self.period!r} and {self.trail!r}.")
@@ -81,7 +81,7 @@ class Visualization:
         "following": Input(topic="next_reference", type=Pose, required=False),
         "truth": Input(topic="true_state", type=State, required=False, reliable=False),
     }
-    outputs = {"scene": Output(topic="markers", type=Scene)}
+    outputs = {"scene": Output(topic="markers", type=MarkerScene)}
 
     def __init__(self, params: Params) -> None:
         self.trigger = On("estimate", period=params.period)
@@ -96,13 +96,13 @@ class Visualization:
 
     def step(
         self, dt: float, estimate: Estimate, reference: Pose | None, following: Pose | None, truth: State | None
-    ) -> dict[str, Scene]:
+    ) -> dict[str, MarkerScene]:
         """Return the scene with the current poses at the ends of the paths."""
         self._believed.append((estimate.belief.mean.x, estimate.belief.mean.y))
         if truth is not None:
             self._true.append((truth.x, truth.y))
         ahead = None if following == reference else following
-        return {"scene": Scene(reference, ahead, self._radius, tuple(self._believed), tuple(self._true))}
+        return {"scene": MarkerScene(reference, ahead, self._radius, tuple(self._believed), tuple(self._true))}
 
 
 def _color(html: str, opacity: float = 1.0) -> ColorRGBA:
@@ -133,7 +133,7 @@ def _path(header: Header, name: str, points: Iterable[tuple[float, float]], html
     return [marker] if len(marker.points) > 1 else []
 
 
-def _scene_to_message(scene: Scene, header: Header) -> MarkerArray:
+def _scene_to_message(scene: MarkerScene, header: Header) -> MarkerArray:
     markers = _path(header, "believed_path", scene.believed, VERMILLION) + _path(header, "true_path", scene.true, BLACK)
     if scene.reference is not None:
         markers += _waypoint(header, "waypoint", scene.reference, scene.radius, 1.0)
@@ -142,4 +142,4 @@ def _scene_to_message(scene: Scene, header: Header) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-register(Scene, MarkerArray, unread, _scene_to_message, in_world=True)
+register(MarkerScene, MarkerArray, unread, _scene_to_message, in_world=True)

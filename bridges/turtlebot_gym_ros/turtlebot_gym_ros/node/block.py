@@ -46,7 +46,7 @@ class Input:
     halts: bool = False
     """Whether a `Disagreement` with a cause on it stops a robot that the block moves, until it is enabled again."""
     aged: bool = False
-    """Whether ``step`` receives the value with its age by the stamps, as an `Aged`, and with the mount of its frame."""
+    """Whether ``step`` receives the value with its age by the stamps, as an `Stamped`, and with the mount of its frame."""
     reliable: bool = True
     """Reliable QoS if true; best effort otherwise, which matches both kinds of publisher."""
     latched: bool = False
@@ -118,7 +118,7 @@ class Resume(NamedTuple):
     said: bool = True
 
 
-class Aged(NamedTuple):
+class Stamped(NamedTuple):
     """A value measured before the step: any output may be one, and inputs with ``aged`` are."""
 
     value: Any
@@ -128,7 +128,7 @@ class Aged(NamedTuple):
     """Pose of an input's frame in the robot's, by ``/tf_static``; None if that does not state it."""
 
 
-class Places(NamedTuple):
+class PoseCandidates(NamedTuple):
     """Poses at which a lost robot may be."""
 
     poses: tuple[Pose, ...]

@@ -35,7 +35,7 @@ from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.parameters import is_covariance
-from turtlebot_gym.validation import LARGEST, LEAST, shown
+from turtlebot_gym.validation import LARGEST, LEAST, short_repr
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.node.block import Correction, Disagreement, Input, Nis, Resume
@@ -259,7 +259,7 @@ def _nis_of(message: DiagnosticArray) -> Nis:
         except ValueError:
             numbers[pair.key] = math.nan
         if not math.isfinite(numbers[pair.key]):
-            raise ValueError(f"the {pair.key} must be a finite number, got {shown(pair.value)}")
+            raise ValueError(f"the {pair.key} must be a finite number, got {short_repr(pair.value)}")
     if _NIS[0] not in numbers:
         raise ValueError(f"it must have one value named {_NIS[0]!r}, but has none")
     return Nis(*map(numbers.get, _NIS))  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from turtlebot_gym_ros.nodes import NODES, SATELLITES
 _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}
 
 
-class Problem(NamedTuple):
+class NodeProblem(NamedTuple):
     """A problem to report to users."""
 
     level: bytes
@@ -38,7 +38,7 @@ class Endpoint(NamedTuple):
     """Whether the node refuses its messages if there is a second publisher."""
 
 
-def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -> Problem:
+def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -> NodeProblem:
     text = f"{mine.topic}: {node_name(other)} {verb} {other.topic_type}, this node uses {mine.message}: they cannot be matched."
     if mine.message in _VELOCITIES and other.topic_type in _VELOCITIES:
         stamped = _VELOCITIES[other.topic_type]
@@ -46,10 +46,10 @@ def _mismatch(node: Node, mine: Endpoint, other: TopicEndpointInfo, verb: str) -
         words = "" if space == "/" else f"-r __ns:={space} "
         start = f"python -m turtlebot_gym_ros {node.get_name()} --ros-args {words}-p enable_stamped_cmd_vel:={stamped}"
         text += f" Start this one with: {start}"
-    return Problem(ERROR, text)
+    return NodeProblem(ERROR, text)
 
 
-def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = False) -> list[Problem]:
+def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = False) -> list[NodeProblem]:
     """Return the problems in the graph around a node.
 
     Args:
@@ -57,22 +57,24 @@ def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = 
         endpoints: Its topics.
         plant: Whether the node simulates a robot, so that no other node should obey the same commands.
     """
-    problems: list[Problem] = []
+    problems: list[NodeProblem] = []
     for mine in endpoints:
         publishers = node.get_publishers_info_by_topic(mine.topic)
         subscriptions = node.get_subscriptions_info_by_topic(mine.topic)
         for verb, others in (("publishes", publishers), ("subscribes to", subscriptions)):
             problems += [_mismatch(node, mine, other, verb) for other in others if other.topic_type != mine.message]
         if mine.moves and not any(other.topic_type == mine.message for other in subscriptions):
-            problems.append(Problem(WARN, f"{mine.topic}: there is no listener."))
+            problems.append(NodeProblem(WARN, f"{mine.topic}: there is no listener."))
         rivals = [name for other in publishers if (name := node_name(other)) != node.get_fully_qualified_name()]
         if mine.moves and len(publishers) > 1:
             rival = ", ".join(rivals) or "another node of this name"
-            problems.append(Problem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined."))
+            problems.append(
+                NodeProblem(ERROR, f"{mine.topic}: {rival} publishes too; which of them the robot obeys is undefined.")
+            )
         elif not mine.publishes and len(publishers) > 1 and (plant or mine.message not in _VELOCITIES):
             names = " and ".join(sorted(map(node_name, publishers)))
             effect = "refused until there is one" if mine.sole else "which of them counts is undefined"
-            problems.append(Problem(ERROR if mine.sole else WARN, f"{mine.topic}: {names} publish it: {effect}."))
+            problems.append(NodeProblem(ERROR if mine.sole else WARN, f"{mine.topic}: {names} publish it: {effect}."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
             names = [node_name(other) for other in subscriptions]
             strangers = {node_name(other) for other in subscriptions if other.node_name not in {*NODES, *SATELLITES}}
@@ -81,7 +83,7 @@ def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = 
                 strangers.add("another simulator")
             who = ", ".join(sorted(strangers))
             text = f"{mine.topic}: {who} obeys the same commands as this simulation. Is it a real robot?"
-            problems += [Problem(WARN, text)] if strangers else []
+            problems += [NodeProblem(WARN, text)] if strangers else []
     return problems
 
 
@@ -96,10 +98,10 @@ class Reporter:
 
     def __init__(self, node: Node, endpoints: Iterable[Endpoint], *, plant: bool) -> None:
         self._node, self._endpoints, self._plant = node, list(endpoints), plant
-        self._known: set[Problem] = set()
+        self._known: set[NodeProblem] = set()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
 
-    def publish(self, problems: Iterable[Problem], summary: str, values: Mapping[str, object]) -> None:
+    def publish(self, problems: Iterable[NodeProblem], summary: str, values: Mapping[str, object]) -> None:
         """Publish the problems.
 
         Args:

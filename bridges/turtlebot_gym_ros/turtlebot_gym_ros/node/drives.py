@@ -24,14 +24,14 @@ from turtlebot_gym_ros.node.chain import Chain
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.lockstep import RESEND, Answers, Plant, Turn, trigger_of
 from turtlebot_gym_ros.node.outputs import Outputs
-from turtlebot_gym_ros.node.triggers import Grid, Messages, SimulatedGrid
+from turtlebot_gym_ros.node.triggers import Messages, SimulatedGrid, StampGrid
 
 QUIET = 0.3
 """Time without steps after a reset of a plant that does not run in lock-step, s, by the steady clock."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hands:
+class ShellCallbacks:
     """A drive's access to its node."""
 
     node: Node
@@ -65,7 +65,7 @@ class Scheduler:
     """Time that a step may take, s; 0 for no limit."""
 
     def __init__(
-        self, hands: Hands, messages: Messages | None = None, *, period: float = 0.0, sets_clock: bool = False
+        self, hands: ShellCallbacks, messages: Messages | None = None, *, period: float = 0.0, sets_clock: bool = False
     ) -> None:
         self._hands, self._messages, self._period, self.sets_clock = hands, messages, period, sets_clock
         if sets_clock:
@@ -75,11 +75,11 @@ class Scheduler:
         """Return the current time of the block's clock, ns: the ROS clock."""
         return self._hands.node.get_clock().now().nanoseconds
 
-    def takes(self, key: str, stamp: int) -> bool:
+    def accepts(self, key: str, stamp: int) -> bool:
         """Return whether a value with a stamp counts; raise `ValueError` for an impossible stamp."""
         return True
 
-    def heard(self, key: str, stamp: int) -> None:
+    def on_message(self, key: str, stamp: int) -> None:
         """Handle a new value, and run the block if a step is due."""
 
     def missing(self) -> str | None:
@@ -110,13 +110,13 @@ class Scheduler:
 class _ByClock(Scheduler):
     """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
 
-    def __init__(self, hands: Hands, trigger: Every) -> None:
+    def __init__(self, hands: ShellCallbacks, trigger: Every) -> None:
         if trigger.speed == 0.0:
             raise ValueError("speed must be positive, unless lock_step is true: 0 is as fast as the nodes answer.")
         super().__init__(hands, period=trigger.period, sets_clock=trigger.speed not in (None, 1.0))
         self._quiet_until = -math.inf
         self.limit = trigger.period
-        self._grid = (SimulatedGrid if self.sets_clock else Grid)(trigger)
+        self._grid = (SimulatedGrid if self.sets_clock else StampGrid)(trigger)
         steady, ros = Clock(clock_type=ClockType.STEADY_TIME), hands.node.get_clock()
         self._watch = steady if self.sets_clock else ros
         simulated = hands.node.get_parameter("use_sim_time").value and not self.sets_clock
@@ -147,18 +147,18 @@ class _ByClock(Scheduler):
 class _ByMessages(Scheduler):
     """Steps on the messages of an input."""
 
-    def __init__(self, hands: Hands, trigger: On) -> None:
+    def __init__(self, hands: ShellCallbacks, trigger: On) -> None:
         self._rule = Messages(trigger)
         super().__init__(hands, self._rule)
         self.limit = trigger.period
 
-    def takes(self, key: str, stamp: int) -> bool:
+    def accepts(self, key: str, stamp: int) -> bool:
         """Refuse repeated and late messages."""
         if key == self._rule.input:
             self._rule.check(stamp)
         return True
 
-    def heard(self, key: str, stamp: int) -> None:
+    def on_message(self, key: str, stamp: int) -> None:
         """Step, if the message is due."""
         if key != self._rule.input:
             return
@@ -181,7 +181,7 @@ class _ByMessages(Scheduler):
 class _ByAnswers(Scheduler):
     """Answers the steps of lock-step."""
 
-    def __init__(self, hands: Hands, rule: Answers) -> None:
+    def __init__(self, hands: ShellCallbacks, rule: Answers) -> None:
         super().__init__(hands, rule.messages)
         self._rule = rule
 
@@ -189,12 +189,12 @@ class _ByAnswers(Scheduler):
         """Return 0: a message that answers no step, such as a stop, has no time."""
         return 0
 
-    def takes(self, key: str, stamp: int) -> bool:
+    def accepts(self, key: str, stamp: int) -> bool:
         """Refuse stamps of a real robot."""
         self._rule.check(key, stamp)
         return True
 
-    def heard(self, key: str, stamp: int) -> None:
+    def on_message(self, key: str, stamp: int) -> None:
         """Answer the step if its inputs are complete, or repeat the answer."""
         hands, rule = self._hands, self._rule
         steps = {name: feed.step for name, feed in hands.feeds.items()}
@@ -219,7 +219,7 @@ class _ByAnswers(Scheduler):
 class _AsPlant(Scheduler):
     """Takes each step of lock-step when the previous one has been answered, and reports nodes that do not answer."""
 
-    def __init__(self, hands: Hands, trigger: Every) -> None:
+    def __init__(self, hands: ShellCallbacks, trigger: Every) -> None:
         super().__init__(hands, period=trigger.period, sets_clock=True)
         self._rule = Plant(trigger, now=hands.now())
         self._answers = {key: feed for key, feed in hands.feeds.items() if feed.declared.lock_step == "same"}
@@ -238,12 +238,12 @@ class _AsPlant(Scheduler):
         """Return the stamp of the step that awaits its answer, ns."""
         return self._rule.present
 
-    def takes(self, key: str, stamp: int) -> bool:
+    def accepts(self, key: str, stamp: int) -> bool:
         """Take the first answer to the current step; ignore stops and answers to other steps."""
         feed = self._answers.get(key)
         return feed is None or stamp == self._rule.present != feed.stamp
 
-    def heard(self, key: str, stamp: int) -> None:
+    def on_message(self, key: str, stamp: int) -> None:
         """Take the next step if this one has been answered and the witness has received it."""
         answered = self._rule.answers(feed.stamp for feed in self._answers.values())
         if self._started and answered and self._rule.is_witnessed:
@@ -254,7 +254,7 @@ class _AsPlant(Scheduler):
         waited = not self._rule.is_witnessed
         self._rule.witnessed = Time.from_msg(message.stamp).nanoseconds
         if waited:
-            self.heard("", 0)
+            self.on_message("", 0)
 
     def _go_on(self) -> None:
         """Take the next step, or set the timer for it."""
@@ -289,7 +289,7 @@ class _AsPlant(Scheduler):
         self._go_on()
 
 
-def make_drive(hands: Hands, block: Block, *, lock_step: bool) -> Scheduler:
+def make_drive(hands: ShellCallbacks, block: Block, *, lock_step: bool) -> Scheduler:
     """Return the drive of a block, or raise `ValueError` if the block cannot be driven that way."""
     trigger = block.trigger
     if not lock_step:

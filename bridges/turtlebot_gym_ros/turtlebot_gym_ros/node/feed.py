@@ -12,14 +12,14 @@ from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
-from turtlebot_gym.validation import shown
+from turtlebot_gym.validation import short_repr
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.executor import PolledGroup, take
 from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
-from turtlebot_gym_ros.node.block import Aged, Input
+from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import Conversion
 from turtlebot_gym_ros.node.triggers import SECOND
@@ -142,7 +142,7 @@ class Feed:
                 that is mounted tilted.
         """
         if self.conversion.in_world and message.header.frame_id != frame:
-            received = shown(message.header.frame_id)
+            received = short_repr(message.header.frame_id)
             raise ValueError(f"its frame is {received} instead of {frame!r} (the parameters frame_prefix and frame)")
         if self.declared.aged and not self.conversion.in_world:
             self._mount = self._mount_of(message.header.frame_id)
@@ -196,7 +196,7 @@ class Feed:
         if self.declared.once:
             self._latest = None
         if value is not None and self.declared.aged and self.stamp is not None:
-            return Aged(value, (stamp - self.stamp) / SECOND, self._mount)
+            return Stamped(value, (stamp - self.stamp) / SECOND, self._mount)
         return value
 
     def figures(self, now: float) -> dict[str, str]:

@@ -68,7 +68,7 @@ class Inputs:
         """Subscribe for a drive, which is notified of each new value; return the topics for the diagnostics."""
         self._drive = drive
         return [
-            feed.connect(self._node, partial(self.receive, key), partial(drive.heard, key, 0))
+            feed.connect(self._node, partial(self.receive, key), partial(drive.on_message, key, 0))
             for key, feed in self.feeds.items()
         ]
 
@@ -93,7 +93,7 @@ class Inputs:
             feed.count(info, steady)
             age = feed.age(message, info, steady)
             value = feed.read(message, self._common.fixed(feed.declared.frame))
-            if not drive.takes(key, stamp):
+            if not drive.accepts(key, stamp):
                 return
         except Exception as error:  # whatever a message holds, it is refused, and ends no node
             why = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
@@ -102,7 +102,7 @@ class Inputs:
             return
         sent = 0 if stamp else drive.present() - round(age.sent * SECOND)  # reading the clock takes long
         feed.accept(value, self._now(), stamp, age, sent)
-        drive.heard(key, stamp)
+        drive.on_message(key, stamp)
 
     def resting_on(self) -> int:
         """Return the stamp of a command, ns: outside lock-step, that of the measurement on which it rests."""

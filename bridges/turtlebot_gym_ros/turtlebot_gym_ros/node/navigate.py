@@ -39,7 +39,7 @@ class SendsGoals(Protocol):
         ...
 
 
-class _Server(ActionServer):
+class _ActionServer(ActionServer):
     """An action server whose goals are executed elsewhere, and only end here.
 
     rclpy would await the outcome in a coroutine that its executor resumes each time it wakes.
@@ -71,7 +71,7 @@ class NavigateToPose:
 
         self._node, self._block, self._read, self._frame, self._action = node, block, read, frame, Action
         self._open: list[tuple[Any, Errand]] = []
-        self._server = _Server(
+        self._server = _ActionServer(
             node,
             Action,
             NAME,

@@ -19,7 +19,7 @@ from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.base.frames import Common, Mount
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
-from turtlebot_gym_ros.node.block import Aged, Output
+from turtlebot_gym_ros.node.block import Output, Stamped
 from turtlebot_gym_ros.node.convert import NO_TF, conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import transform_to
@@ -82,7 +82,7 @@ class Outputs:
         Raises:
             ValueError: If the value is not finite.
         """
-        if isinstance(value, Aged):
+        if isinstance(value, Stamped):
             value, stamp = value.value, stamp - round(value.age * SECOND)
         way, mount, is_command = self._ways[key], self._declared[key].mount, self._declared[key].type is Command
         body = self._common.sensor(mount) if mount else self._common.body

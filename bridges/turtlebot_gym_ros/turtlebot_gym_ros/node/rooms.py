@@ -25,7 +25,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from turtlebot_gym.beams import TURN
 from turtlebot_gym.rooms.grid import GridMap, grid_of
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
-from turtlebot_gym_ros.node.block import Correction, Places
+from turtlebot_gym_ros.node.block import Correction, PoseCandidates
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, transform_to, unread, write_pose
 
 HEIGHT = 0.3
@@ -118,7 +118,7 @@ def _write_grid(grid: GridMap, header: Header) -> OccupancyGrid:
     return message
 
 
-def _write_places(places: Places, header: Header) -> PoseArray:
+def _write_places(places: PoseCandidates, header: Header) -> PoseArray:
     message = PoseArray(header=header, poses=[RosPose() for _ in places.poses])
     for pose, place in zip(message.poses, places.poses, strict=True):
         write_pose(pose, place)
@@ -130,7 +130,7 @@ ROOM_CONVERSIONS: dict[type, Conversion] = {
     Obstacles: Conversion(MarkerArray, _read_obstacles, _write_obstacles, True),
     Clearance: Conversion(Range, _read_clearance, _write_clearance, False),
     GridMap: Conversion(OccupancyGrid, _read_grid, _write_grid, True),
-    Places: Conversion(PoseArray, unread, _write_places, True),
+    PoseCandidates: Conversion(PoseArray, unread, _write_places, True),
 }
 """The conversions of this module, by the type of the value; that of a `Correction` only where its message is installed."""
 try:  # it comes with a ROS installation, and is not on PyPI

@@ -30,8 +30,8 @@ from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
 from turtlebot_gym_ros.base.sent import read_clocks
 from turtlebot_gym_ros.node.block import Block, Every
-from turtlebot_gym_ros.node.diagnostics import Problem, Reporter
-from turtlebot_gym_ros.node.drives import Hands, make_drive
+from turtlebot_gym_ros.node.diagnostics import NodeProblem, Reporter
+from turtlebot_gym_ros.node.drives import ShellCallbacks, make_drive
 from turtlebot_gym_ros.node.inputs import Inputs
 from turtlebot_gym_ros.node.navigate import offer
 from turtlebot_gym_ros.node.outputs import Outputs
@@ -114,7 +114,7 @@ class Shell:
         declared = {key: item for key, item in block.inputs.items() if not (lock_step and item.lock_step == "absent")}
         self.inputs = Inputs(node, declared, self.common, headers=headers, group=group, now=self._now)
         self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)
-        hands = Hands(
+        hands = ShellCallbacks(
             group=group,
             node=node,
             feeds=self.inputs.feeds,
@@ -279,10 +279,10 @@ class Shell:
 
     def _report(self, now: float) -> None:
         """Publish the diagnostics."""
-        problems = [Problem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.inputs.feeds.values() if feed.refusal]
-        problems += [Problem(WARN, self._notice)] if self._notice else []
+        problems = [NodeProblem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.inputs.feeds.values() if feed.refusal]
+        problems += [NodeProblem(WARN, self._notice)] if self._notice else []
         faults = self._drive.trouble(), self._trouble, getattr(self.block, "fault", None)
-        problems += [Problem(ERROR, why) for why in faults if why]
+        problems += [NodeProblem(ERROR, why) for why in faults if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
         values |= getattr(self.block, "figures", {})

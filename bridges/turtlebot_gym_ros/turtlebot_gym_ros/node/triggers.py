@@ -11,7 +11,7 @@ SLOW_AFTER = 5
 """Number of late steps in a row that no longer count as drop-outs."""
 
 
-class Grid:
+class StampGrid:
     """Steps at exact multiples of a period after the first one; late steps are made up for.
 
     The first call may be late by any part of a period, and punctual calls then come that much before their stamps. So a call
@@ -38,7 +38,7 @@ class Grid:
             yield stamp
 
 
-class SimulatedGrid(Grid):
+class SimulatedGrid(StampGrid):
     """A grid of simulated time, which begins at one second and runs faster or slower than the steady clock.
 
     If the machine cannot keep up, simulated time slows down: two steps are never closer than the speed allows, so that other

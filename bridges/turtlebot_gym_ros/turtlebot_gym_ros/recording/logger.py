@@ -5,7 +5,7 @@ the root, such as ``/tf``, which robots share; topics of other robots are left t
 most the last second, see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``. If the disk is full, the bag
 ends, is complete, and ``/diagnostics`` (1 Hz) has an error.
 
-Parameters: see `Parameters`.
+LoggerParameters: see `LoggerParameters`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.interfaces import Connection
 
-from turtlebot_gym.validation import Names, Range, typed
+from turtlebot_gym.validation import Names, Range, check_fields
 from turtlebot_gym.values import Command, Pose, State
 from turtlebot_gym_ros.base.executor import PolledGroup, waiting
 from turtlebot_gym_ros.base.names import message_type
@@ -57,7 +57,7 @@ REMEMBERED = 2 * DEPTH
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parameters:
+class LoggerParameters:
     """Parameters of ``data_logger``."""
 
     output: str = ""
@@ -70,10 +70,10 @@ class Parameters:
     """Type to record if a topic has both: TwistStamped (true) or Twist (false)."""
 
     def __post_init__(self) -> None:
-        typed(self, "")
+        check_fields(self, "")
 
 
-class _Topic(NamedTuple):
+class _LoggedTopic(NamedTuple):
     """A recorded topic, with a subscription for each quality of service that its publishers have had.
 
     No subscription is given up for another, since what is sent between the two would be lost.
@@ -96,7 +96,7 @@ class DataLogger(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("data_logger", context=context, automatically_declare_parameters_from_overrides=True)
-        (p,) = declare(self, Parameters)
+        (p,) = declare(self, LoggerParameters)
         self._p = p
         space = self.get_namespace().strip("/")
         self._own = f"/{space}/" if space else "/"
@@ -104,7 +104,7 @@ class DataLogger(Node):
         if folder.exists():
             raise ValueError(f"parameter 'output' must name a new folder, but {str(folder)!r} exists")
         self._bag = Bag(folder)
-        self._recorded: dict[str, _Topic] = {}
+        self._recorded: dict[str, _LoggedTopic] = {}
         self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
         self._refused: set[tuple[str, str]] = set()
         self._latest: dict[str, tuple[float, type, bytes]] = {}
@@ -200,7 +200,7 @@ class DataLogger(Node):
                 self.destroy_subscription(subscription)
             recorded = None
         if recorded is None:
-            recorded = self._recorded[topic] = _Topic(kind, self._writer_of(topic, message, connection), {})
+            recorded = self._recorded[topic] = _LoggedTopic(kind, self._writer_of(topic, message, connection), {})
         for reliable, latched in wanted - recorded.subscriptions.keys():
             profile = QoSProfile(
                 depth=DEPTH,
