@@ -120,3 +120,8 @@ def test_a_bundles_term_is_brought_by_the_topic_that_a_person_names():
 
 def test_a_controller_without_own_terms_is_as_before():
     assert not [name for name in VelocityController(VelocityController.Params()).inputs if name.startswith("own_")]
+
+
+def test_a_term_that_the_policy_does_not_read_is_refused():
+    with pytest.raises(ValueError, match="the parameter terms names 'bumper', which the policy does not read"):
+        VelocityController(VelocityController.Params(policy="bearing", terms="own_terms:BUMPER"))

@@ -160,6 +160,9 @@ class VelocityController:
             scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
             self.inputs = {**self.inputs, "scan": scan}
         named = {term.name: term for term in map(own_term, filter(None, params.terms.split(",")))}
+        unread = sorted(named.keys() - {term.name for term in self.deployment.own_terms})
+        if unread:
+            raise ValueError(f"the parameter terms names {unread[0]!r}, which the policy does not read: leave it out.")
         self.inputs = {**self.inputs, **{f"{OWN}{term.name}": _input_of(term, named) for term in self.deployment.own_terms}}
         self.notice: str | None = None
         """Why the robot stands in spite of its policy, if so."""
