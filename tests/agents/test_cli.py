@@ -271,7 +271,7 @@ def test_a_flag_has_the_name_and_the_default_of_its_option(part, owner):
         assert item.default == defaults[item.name], item.name
     if owner is Options:
         flags = {item.name for each in (Environment, OfDrive) for item in fields(each)}
-        assert {*defaults} - flags == {"task", "waypoints", "reward", "dt", "integrator"}  # in Python only
+        assert {*defaults} - flags == {"task", "waypoints", "dt", "integrator"}  # in Python only
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -27,6 +27,8 @@ class Environment:
     """What the policy observes. The task's terms, from the robot's pose: ekf (the estimated one), odometry or truth; or
     located, a localizer's, and with it how uncertain it is ahead and aside, and whether its last scan fits. After it, with
     commas, or alone, terms by name, or of your own (MODULE:NAME): "ekf,scan*2"."""
+    reward: Annotated[dict[str, float] | None, tyro.conf.arg(metavar="TERM WEIGHT ...")] = None
+    """Weights of terms of the reward by name, such as "effort 0.2"; a term of your own is MODULE:NAME."""
     fix: str | None = None
     """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
     file of your own (FILE.yaml)."""

@@ -32,7 +32,7 @@ def describe_robot(robot: str | Robot) -> dict[str, Any]:
     made = make_robot(robot)
     preset = next((name for name, limits in ROBOTS.items() if limits == made), "custom")
     name = Path(robot).stem if is_file(robot) else robot if isinstance(robot, str) else preset
-    limits = {item.name: getattr(build, item.name) for item in fields(made) if item.metadata.get("number", True)}
+    limits = {item.name: getattr(made, item.name) for item in fields(made) if item.metadata.get("number", True)}
     return plain({"name": name, **limits})
 
 
