@@ -174,7 +174,7 @@ LAW = {
 IN_A_ROOM = "Open ground has nothing to collide with: see tests/rooms/test_rooms.py."
 MISSIONS = "Only goals in a room that are drawn in turn are given up: see tests/rooms/test_missions.py."
 LOCALIZER = "Only a robot that localizes itself has to know where it starts: see the option start, below."
-ON_A_ROBOT = "Only the collision monitor of a robot reads it: see tests/bridges/test_collision.py."
+ON_A_ROBOT = "Only the collision monitor of a robot reads it: see tests/guard/test_collision.py."
 EXCEPTIONS = {
     (Robot, "radius"): IN_A_ROOM,
     (Robot, "footprint_x"): ON_A_ROBOT,
