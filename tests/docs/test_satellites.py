@@ -20,7 +20,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 SATELLITES = {
     "turtlebot_gym_lab": ("lab/turtlebot_gym_lab", "tests/lab"),
     "turtlebot_gym_view": ("lab/turtlebot_gym_view", "tests/view"),
-    "cmd_vel_guard": ("bridges/cmd_vel_guard", "tests/cmd_vel_guard"),
+    "cmd_vel_guard": ("bridges/cmd_vel_guard", "tests/guard"),
 }
 """Packages with what is deleted with them."""
 HERE = [name for name, (folder, _) in SATELLITES.items() if (ROOT / folder).is_dir()]
