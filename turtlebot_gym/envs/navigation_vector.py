@@ -293,7 +293,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return self._pictures.draw(dark=self.dark)
 
     def close_extras(self, **kwargs: Any) -> None:
-        self._pictures.close()
+        if hasattr(self, "_pictures"):  # older Gymnasiums close an environment whose options were refused
+            self._pictures.close()
 
     def snapshot(self, index: int) -> Snapshot:
         """Return the whole state of one environment, which holds more than its ``info``: also what the sensors say."""
