@@ -80,7 +80,7 @@ MISSPELT = [
 
 REFUSED = [
     (["evaluate", "--robot", "roomba"], "robot must be one of 'burger', "),
-    (["fly"], "command must be one of 'evaluate', 'watch', "),
+    (["fly"], "command must be one of 'evaluate', 'train', "),
     *((arguments, f"Did you mean {meant!r}?") for arguments, meant in MISSPELT),
     (["evaluate", "--policy", "vfh"], f"vfh: it steers by a LiDAR, which {NAV} does not have: choose --env {ROOMS}."),
     (["evaluate", "--policy", "gap+safety", "--allow-mismatch"], f"choose --env {ROOMS}."),
