@@ -20,7 +20,7 @@ from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.validation import Range, as_int, choose
-from turtlebot_gym_agents.commands.console import Setting
+from turtlebot_gym_agents.commands.console import EnvironmentOptions
 from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
 from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers
@@ -151,7 +151,7 @@ def _share(span: Range, value: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config(Setting):
+class Config(EnvironmentOptions):
     """Tune a baseline for a scenario, and write the best numbers to a file for ``turtlebot-gym evaluate --policy``."""
 
     policy: str = "bearing"

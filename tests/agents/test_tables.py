@@ -3,10 +3,10 @@
 import json
 import re
 from io import StringIO
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from optuna.trial import TrialState, create_trial
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
@@ -106,8 +106,10 @@ def test_evaluate(monkeypatch, capsys, tmp_path):
 
 
 def test_a_search_shows_its_best_trials():
-    trials = [SimpleNamespace(number=at, value=float(at), params={"gamma": 0.98}) for at in range(9)]
-    table = _search_table([*trials, SimpleNamespace(number=9, value=None, params={})], title="")  # pyright: ignore[reportArgumentType]
+    trials = [create_trial(state=TrialState.COMPLETE, value=float(at)) for at in range(9)]
+    for number, trial in enumerate(trials):
+        trial.number = number
+    table = _search_table([*trials, create_trial(state=TrialState.FAIL)], title="")
     assert [*table.columns[0].cells] == ["8", "7", "6", "5", "4"]
 
 
