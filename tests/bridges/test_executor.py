@@ -22,7 +22,7 @@ from turtlebot_gym_ros import Input, On, Output, Shell
 from turtlebot_gym_ros.base import executor, reports
 from turtlebot_gym_ros.base.executor import MOST, FastExecutor, FastGroup, PolledGroup, best_executor, take
 from turtlebot_gym_ros.base.process import Runner
-from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilterBlock
+from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
 
 
 def test_an_entity_that_is_destroyed_while_it_is_waited_for_does_not_end_it(peer, wait_for):
@@ -128,7 +128,7 @@ def any_runner(request):
 
 def test_a_filter_estimates_in_any_executor(any_runner, peer, wait_for):
     publisher, estimates = peer.speak("odom", Odometry), peer.hear("estimate", Odometry)
-    any_runner.add(Shell(KalmanFilterBlock, KalmanFilterBlock.Params, context=any_runner.context))
+    any_runner.add(Shell(KalmanFilter, KalmanFilter.Params, context=any_runner.context))
     wait_for(lambda: publisher.publish(odometry()) or len(estimates) > 10)
 
 

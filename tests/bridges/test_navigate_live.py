@@ -77,7 +77,7 @@ def door(runner, monkeypatch):
     module.NavigateToPose = StandInNavigateToPose
     monkeypatch.setitem(sys.modules, "nav2_msgs", ModuleType("nav2_msgs"))
     monkeypatch.setitem(sys.modules, "nav2_msgs.action", module)
-    monkeypatch.setattr(navigate, "_Server", StandInServer)
+    monkeypatch.setattr(navigate, "_ActionServer", StandInServer)
     node = Node("planner", context=runner.context)
     yield navigate.NavigateToPose(node, Planner(), read, "map")
     node.destroy_node()

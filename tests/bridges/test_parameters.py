@@ -12,7 +12,7 @@ from turtlebot_gym.validation import Range, rules
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.nodes import BLOCKS, load
-from turtlebot_gym_ros.recording.logger import LoggerParameters as LoggerParameters
+from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
 
 BLOCK = {name: load(name) for name in BLOCKS}
 CLASSES = {name: block.Params for name, block in BLOCK.items()} | {

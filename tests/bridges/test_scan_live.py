@@ -20,7 +20,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph, Shell
-from turtlebot_gym_ros.blocks import KalmanFilterBlock, TurtlebotSimulator, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.graph.bringup import main as bringup
 from turtlebot_gym_ros.graph.bringup import room_metrics
 from turtlebot_gym_ros.node.block import Input, On, Output
@@ -53,7 +53,7 @@ def test_behind_filter_controller_guard_and_monitor_a_robot_that_speaks_like_a_r
     driving |= {} if states_mount else {"lidar_yaw": yaw}
     room = {"robot": robot, "world": "dense", "seed": 3, "emulate_driver": name}
     for make, overrides, arguments in (
-        (KalmanFilterBlock, {}, ()),
+        (KalmanFilter, {}, ()),
         (WaypointGenerator, {"waypoints": "room"}, ()),
         (VelocityController, driving, ("-r", "cmd_vel:=cmd_vel_in")),
         (TurtlebotSimulator, room, ()),

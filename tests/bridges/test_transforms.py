@@ -15,7 +15,7 @@ from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.qos import LATCHED
-from turtlebot_gym_ros.blocks import KalmanFilterBlock, TurtlebotSimulator
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.node import outputs
 from turtlebot_gym_ros.node.block import Mount
 from turtlebot_gym_ros.node.convert import conversion
@@ -126,7 +126,7 @@ class StandInTransforms:
 heard, mounted = [], []
 
 
-@pytest.mark.parametrize(("block", "output"), [(TurtlebotSimulator, "odometry"), (KalmanFilterBlock, "estimate")])
+@pytest.mark.parametrize(("block", "output"), [(TurtlebotSimulator, "odometry"), (KalmanFilter, "estimate")])
 def test_a_node_publishes_the_pose_that_it_owns_and_only_if_asked(runner, monkeypatch, block, output):
     monkeypatch.setattr(outputs, "_Transforms", StandInTransforms)
     for asked in (True, False):

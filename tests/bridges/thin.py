@@ -26,13 +26,13 @@ def drive(steps=40):
     from cmd_vel_guard.parameters import Parameters
     from cmd_vel_guard.robots import SOURCES
     from turtlebot_gym.values import Pose
-    from turtlebot_gym_ros.blocks import KalmanFilterBlock, TurtlebotSimulator, VelocityController, WaypointGenerator
+    from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
     from turtlebot_gym_ros.guarded import numbers_of
 
     rows = []
     for noise, filter in (("tutorial", "matched"), ("rough", "mixture"), ("wheel", "matched"), ("rough", "slip")):
         plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise=noise, seed=11))
-        estimator = KalmanFilterBlock(KalmanFilterBlock.Params(noise=noise, filter=filter))
+        estimator = KalmanFilter(KalmanFilter.Params(noise=noise, filter=filter))
         generator = WaypointGenerator(WaypointGenerator.Params())
         controller = VelocityController(VelocityController.Params(goal_tolerance=0.0))
         SOURCES.append(numbers_of)  # where the entry point is not installed

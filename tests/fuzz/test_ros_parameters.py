@@ -23,7 +23,7 @@ from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.nodes import BLOCKS, load
-from turtlebot_gym_ros.recording.logger import LoggerParameters as LoggerParameters
+from turtlebot_gym_ros.recording.logger import Parameters as LoggerParameters
 
 prepare()
 (FOLDER / "waypoints.yaml").write_text("- [1.0, 0.0, 0.0]\n- {x: 1, y: [2]}\n")

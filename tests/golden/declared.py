@@ -67,7 +67,7 @@ def of_nodes() -> dict[str, Any]:
     from turtlebot_gym_ros.nodes import BLOCKS, load
     from turtlebot_gym_ros.recording import logger
 
-    classes = {name: load(name).Params for name in BLOCKS} | {"data_logger": logger.LoggerParameters}
+    classes = {name: load(name).Params for name in BLOCKS} | {"data_logger": logger.Parameters}
     return {name: of_class(kind) for name, kind in classes.items()}
 
 

@@ -52,7 +52,7 @@ NODES = {
     "turtlebot_simulator": Entry(
         "blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state", modes=BOTH
     ),
-    "kalman_filter": Entry("blocks.kalman_filter:KalmanFilterBlock", "estimates the pose: /odom to /estimate", modes=BOTH),
+    "kalman_filter": Entry("blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate", modes=BOTH),
     "localizer": Entry(
         "blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate and /amcl_pose"
     ),

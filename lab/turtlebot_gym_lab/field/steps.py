@@ -22,7 +22,7 @@ from turtlebot_gym_lab.field.measured import MeasuredDrive
 from turtlebot_gym_lab.field.session import COMMANDS, VELOCITIES, Part, drive, enable, wait_for
 from turtlebot_gym_lab.field.shared import QUIET, Field, drive_since, ends_of, poses_since, relative, turned
 from turtlebot_gym_ros.base.process import go_on, processes
-from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilterBlock, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.blocks import CalibrationDrive, KalmanFilter, VelocityController, WaypointGenerator
 
 NOISE = "noise.yaml"
 """Name of the noise file."""
@@ -150,7 +150,7 @@ def drive_a_square(at: Field) -> list[Finding]:
         path.write_text("\n".join(",".join(map(str, corner)) for corner in corners))
         course = {"waypoints": str(path), "relative": True, "radius": 0.15}
         parts = [
-            Part(KalmanFilterBlock, "field_filter", {"robot": at.robot, "noise": "wheel"}, topics),
+            Part(KalmanFilter, "field_filter", {"robot": at.robot, "noise": "wheel"}, topics),
             Part(WaypointGenerator, "field_waypoints", course, topics),
             Part(VelocityController, "field_controller", {"robot": at.robot, "policy": "bearing"}, {**topics, **COMMANDS}),
         ]

@@ -17,7 +17,7 @@ from turtlebot_gym.presets import FILTERS, FIXES, NOISES
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
-from turtlebot_gym_ros.blocks import KalmanFilterBlock, TurtlebotSimulator
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.blocks.credible import CERTAIN, Gate, bounded
 from turtlebot_gym_ros.node.block import Resume, Stamped
 
@@ -25,7 +25,7 @@ COMMAND, AHEAD = Command(0.15, 0.4), Command(0.2, 0.0)
 
 
 def estimator(**parameters):
-    return KalmanFilterBlock(KalmanFilterBlock.Params(**parameters))
+    return KalmanFilter(KalmanFilter.Params(**parameters))
 
 
 def seen(x, y, theta, twist=STOP, measured=True):

@@ -11,7 +11,7 @@ from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
 from turtlebot_gym.values import STOP, Pose
 from turtlebot_gym_agents.policies import make_policy
-from turtlebot_gym_ros.blocks import KalmanFilterBlock, TurtlebotSimulator, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
 from turtlebot_gym_ros.node.block import Stamped
 
 DT = 0.1
@@ -26,7 +26,7 @@ class Loop:
 
     def __init__(self, *, world, lidar, seed, noise="tutorial", policy="vfh"):
         self.plant = make(TurtlebotSimulator, world=world, lidar=lidar, seed=seed, noise=noise)
-        self.filter = make(KalmanFilterBlock, noise=noise)
+        self.filter = make(KalmanFilter, noise=noise)
         self.generator = make(WaypointGenerator, waypoints="room")
         lidar_parameters = {"lidar_yaw": LIDARS[lidar].yaw, "lidar_beams": LIDARS[lidar].beams}
         self.controller = make(VelocityController, policy=policy, noise=noise, goal_tolerance=0.0, **lidar_parameters)

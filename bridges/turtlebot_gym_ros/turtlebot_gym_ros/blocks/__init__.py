@@ -2,7 +2,7 @@
 
 from turtlebot_gym_ros.blocks.calibration_drive import CalibrationDrive
 from turtlebot_gym_ros.blocks.controller import VelocityController
-from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilterBlock
+from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
 from turtlebot_gym_ros.blocks.localizer import Localizer
 from turtlebot_gym_ros.blocks.simulator import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.teleop import SimulatedTeleop
@@ -10,7 +10,7 @@ from turtlebot_gym_ros.blocks.waypoints import WaypointGenerator
 
 __all__ = [
     "CalibrationDrive",
-    "KalmanFilterBlock",
+    "KalmanFilter",
     "Localizer",
     "SimulatedTeleop",
     "TurtlebotSimulator",

@@ -31,7 +31,7 @@ robot took that way to stand."""
 _SENSES = senses_of(("odometry", "fix"))
 
 
-class KalmanFilterBlock:
+class KalmanFilter:
     """Estimate the pose from odometry.
 
     It begins with the first odometry, and predicts with the twist that the wheels executed: the exact one from the simulator,

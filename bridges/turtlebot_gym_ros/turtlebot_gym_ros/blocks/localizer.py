@@ -58,14 +58,14 @@ class Localizer:
     A pose on ``initialpose``, as RViz sends it, puts it elsewhere; the service ``reinitialize_global_localization`` makes it
     look anew. The diagnostics show whether it is tracking, unsure or lost, and the share of fitting beams.
 
-    Odometry that contradicts itself or the command in force (`agreement`) is refused, as by `KalmanFilterBlock`.
+    Odometry that contradicts itself or the command in force (`agreement`) is refused, as by `KalmanFilter`.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``),
-    ``command``, ``initial_pose`` and ``resume`` as for `KalmanFilterBlock`, and without a map's file ``map`` (`GridMap`, on
+    ``command``, ``initial_pose`` and ``resume`` as for `KalmanFilter`, and without a map's file ``map`` (`GridMap`, on
     ``map``).
     Outputs: ``pose`` (`Located`, on ``amcl_pose``, with the covariance of x, y and heading), ``nis`` (`Nis`, on ``nis``),
     ``estimate`` (`Estimate`, on ``estimate``), and while it doubts its place ``places`` (`PoseCandidates`, on ``hypotheses``),
-    all that it considers; at odometry's stamp, in the frame ``frame``; ``disagreement`` as for `KalmanFilterBlock`; with
+    all that it considers; at odometry's stamp, in the frame ``frame``; ``disagreement`` as for `KalmanFilter`; with
     ``publish_tf`` the transform from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on
     ``map``), once.
     Parameters: those of `Params`.

@@ -5,7 +5,7 @@ the root, such as ``/tf``, which robots share; topics of other robots are left t
 most the last second, see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``. If the disk is full, the bag
 ends, is complete, and ``/diagnostics`` (1 Hz) has an error.
 
-LoggerParameters: see `LoggerParameters`.
+Parameters: see `Parameters`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ REMEMBERED = 2 * DEPTH
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoggerParameters:
+class Parameters:
     """Parameters of ``data_logger``."""
 
     output: str = ""
@@ -96,7 +96,7 @@ class DataLogger(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("data_logger", context=context, automatically_declare_parameters_from_overrides=True)
-        (p,) = declare(self, LoggerParameters)
+        (p,) = declare(self, Parameters)
         self._p = p
         space = self.get_namespace().strip("/")
         self._own = f"/{space}/" if space else "/"
