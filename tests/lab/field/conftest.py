@@ -1,3 +1,3 @@
-"""The fixtures of live ROS nodes: those of `tests/bridges`, whose folder is on the path."""
+"""The fixtures of live ROS nodes: see `tests/bridges/ros_fixtures.py`."""
 
-from conftest import *  # noqa: F403
+from ros_fixtures import *  # noqa: F403

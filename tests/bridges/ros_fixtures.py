@@ -1,0 +1,215 @@
+"""Real ROS 2 for the tests: contexts and processes that are shut down, and waiting for states."""
+
+import functools
+import importlib.util
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+try:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # rclpy's parser warns of a module of Python's own
+        import rclpy.node
+        import rosidl_generator_py  # noqa: F401
+except ImportError:
+    pytest.skip("needs the extra [ros]", allow_module_level=True)
+
+from bench import PATIENCE, Bench, wait_for
+from rclpy.serialization import deserialize_message
+from rosbags.highlevel import AnyReader
+
+from turtlebot_gym_ros.base.discovery import prepare
+from turtlebot_gym_ros.base.process import Runner
+
+prepare()
+if importlib.util.find_spec("cmd_vel_guard"):
+    import guarded  # noqa: F401  (it names the robots)
+else:  # it may be absent
+    tests = Path(__file__).parent.glob("test_*.py")
+    collect_ignore = [path.name for path in tests if re.search("^from (cmd_vel_guard|guard)", path.read_text(), re.MULTILINE)]
+
+
+@pytest.fixture(name="wait_for", scope="session")
+def wait_for_fixture():
+    return wait_for
+
+
+def running():
+    """A context with its executor's thread, started; what runs in another one is as far away as in another process."""
+    runner = Runner()
+    runner.start()
+    yield runner
+    runner.close()
+
+
+runner, another_runner, third_runner = (
+    pytest.fixture(running, name=name) for name in ("runner", "another_runner", "third_runner")
+)
+module_runner = pytest.fixture(running, name="module_runner", scope="module")
+
+
+class Peer:
+    """An independent node that shares nothing with the shell: it receives topics, sends messages and calls services."""
+
+    def __init__(self, runner, name="peer"):
+        self.node = rclpy.node.Node(name, context=runner.context)
+        self.subscriptions = {}
+        self._clients = {}
+        runner.add(self)
+
+    def hear(self, topic, message_type, qos=100):
+        """Collect the messages of a topic; returns the growing list."""
+        heard = []
+        self.subscriptions[topic] = self.node.create_subscription(message_type, topic, heard.append, qos)
+        return heard
+
+    def speak(self, topic, message_type, qos=100):
+        return self.node.create_publisher(message_type, topic, qos)
+
+    def ask(self, service, service_type, request):
+        """Call a service, and return the response."""
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(service_type, service)
+        client, deadline = self._clients[service], time.monotonic() + PATIENCE
+        wait_for(client.service_is_ready)
+        while time.monotonic() < deadline:
+            future, again = client.call_async(request), time.monotonic() + 1.0
+            while not future.done() and time.monotonic() < again:
+                time.sleep(0.002)
+            if future.done():
+                return future.result()
+            client.remove_pending_request(future)  # it went to a killed server whose loss is not detected yet
+        pytest.fail(f"{service} did not answer")
+
+    def close(self):
+        self.node.destroy_node()
+
+
+@pytest.fixture
+def peer(another_runner):
+    return Peer(another_runner)
+
+
+@pytest.fixture(scope="module")
+def module_peer(module_runner):
+    """A peer for all tests of a module."""
+    return Peer(module_runner)
+
+
+@pytest.fixture
+def launch(tmp_path):
+    """Start processes, and let none survive the test."""
+    started = []
+
+    def start(*arguments, **environment):
+        process = subprocess.Popen(
+            [sys.executable, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
+            env={**os.environ, **environment},
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)
+            process.terminate()
+    for process in started:
+        try:
+            process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            pytest.fail(f"{process.args} did not end at SIGTERM")
+
+
+@pytest.fixture
+def hangs_up():
+    """Let hang-ups count in processes that a test starts, even if this one runs under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+def script(name):
+    """Return a script of the repository as a module: "benchmarks/faults"."""
+    path = Path(__file__).parents[2] / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name.replace("/", "_"), path)
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def compare():
+    """The benchmark's comparison of the live graph with the environment, as a module."""
+    return script("benchmarks/lockstep_drives")
+
+
+@pytest.fixture(scope="session")
+def busy():
+    """Keep the machine busy with a number of processes."""
+    from harness.machine import busy
+
+    return busy
+
+
+@pytest.fixture(scope="session")
+def builder():
+    """The script that builds nav2_msgs and tf2_msgs, as a module."""
+    return script("tools/build_nav2_msgs")
+
+
+@pytest.fixture(scope="session")
+def interfaces(tmp_path_factory, builder):
+    """The environment variables by which a process has nav2_msgs and tf2_msgs, built as a user builds them."""
+    if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
+        return {}
+    try:
+        wheel = builder.build(tmp_path_factory.mktemp("wheel"))
+    except (ValueError, OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"nav2_msgs and tf2_msgs cannot be built: {error}")
+    folder = tmp_path_factory.mktemp("interfaces")
+    install = ("-m", "pip", "install", "-q", "--no-deps", "--disable-pip-version-check", "--prefix", str(folder), str(wheel))
+    subprocess.run([sys.executable, *install], check=True)
+    (package,) = folder.glob("**/nav2_msgs/__init__.py")
+    paths = {"PYTHONPATH": package.parents[1], "LD_LIBRARY_PATH": folder / "lib"}
+    return {name: os.pathsep.join(filter(None, (str(path), os.environ.get(name)))) for name, path in paths.items()}
+
+
+@pytest.fixture
+def read_bag():
+    def read(folder):
+        """Return the contents of a bag: messages by topic, in order."""
+        held = {}
+        with AnyReader([folder]) as reader:
+            for connection, _, data in reader.messages():
+                reader.deserialize(data, connection.msgtype)  # the definition is in the bag, and fits
+                package, _, name = connection.msgtype.split("/")
+                message = deserialize_message(data, getattr(import_module(f"{package}.msg"), name))
+                held.setdefault(connection.topic, []).append(message)
+        return held
+
+    return read
+
+
+@pytest.fixture
+def make_bench(runner, peer):
+    return functools.partial(Bench, runner, peer)
+
+
+@pytest.fixture
+def bench(make_bench):
+    return make_bench()
