@@ -186,7 +186,8 @@ def test_a_ledger_returns_what_was_added_to_the_bit_and_reports_damage(tmp_path)
     "group", [pytest.param(False, marks=pytest.mark.nightly, id="one process"), pytest.param(True, id="all")]
 )
 def test_an_interrupt_ends_all_processes_and_the_study_resumes(group, tmp_path):
-    (tmp_path / "study.yaml").write_text("policies: [bearing, proportional]\nepisodes: 3000\ngrid: {noise: [clean, rough]}\n")
+    grid = "{noise: [clean, tutorial, documented, rough], delay: [0, 1]}"  # the last jobs must be far on a busy machine, too
+    (tmp_path / "study.yaml").write_text(f"policies: [bearing, proportional]\nepisodes: 2000\ngrid: {grid}\n")
     command = [sys.executable, "-m", "turtlebot_gym_agents", "study", "study.yaml", "--out", "out", "--json", "out.json"]
     finished = tmp_path / "out" / "finished.jsonl"
     process = subprocess.Popen(
@@ -205,7 +206,7 @@ def test_an_interrupt_ends_all_processes_and_the_study_resumes(group, tmp_path):
     assert process.returncode == 130
     assert err.strip() == "turtlebot-gym: interrupted. The same command continues: finished jobs are in out."
     before = finished.read_text()
-    assert 1 <= before.count("\n") < 4
+    assert 1 <= before.count("\n") < 16
     for folder in ("out", "plain"):
         done = subprocess.run([*command, "--out", folder, "--json", f"{folder}.json"], cwd=tmp_path, capture_output=True)
         assert done.returncode == 0, done.stderr
