@@ -10,6 +10,7 @@ They are entry points, declared in the ``pyproject.toml`` of the package that br
 
 from __future__ import annotations
 
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from typing import Any
@@ -28,6 +29,15 @@ def _installed(group: str) -> EntryPoints:
 def names_in(group: str) -> tuple[str, ...]:
     """Return the names that installed packages offer in a group, in order; some may fail to load."""
     return tuple(sorted(_installed(group).names))
+
+
+def loadable(group: str) -> dict[str, Any]:
+    """Return what installed packages offer in a group, by name; what cannot be loaded is left out."""
+    found = {}
+    for name in names_in(group):
+        with suppress(ImportError):
+            found[name] = load_entry_point(group, name)
+    return found
 
 
 def load_entry_point(group: str, name: str, *, extra: str = "all") -> Any:

@@ -10,14 +10,13 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import tyro
 
-from turtlebot_gym.entry_points import load_entry_point, names_in
+from turtlebot_gym.entry_points import load_entry_point, loadable, names_in
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.commands.benchmark import Benchmark, Compile
 from turtlebot_gym_agents.commands.bundles import Export, ShowCard
@@ -137,11 +136,7 @@ GROUP = "turtlebot_gym.commands"
 
 def commands() -> dict[str, type[_CommandLine]]:
     """Return all subcommands by name; an entry point that cannot be loaded is left out."""
-    found = dict(COMMANDS)
-    for name in names_in(GROUP):
-        with suppress(ImportError):
-            found[name] = load_entry_point(GROUP, name)
-    return found
+    return COMMANDS | loadable(GROUP)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

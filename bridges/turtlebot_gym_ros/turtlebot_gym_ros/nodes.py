@@ -6,7 +6,6 @@ graph's modes, the diagnostics, the reference and the tests read it.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -110,13 +109,9 @@ def entry_of(name: str) -> Entry:
 
 def programs() -> dict[str, Entry]:
     """Return the entries of satellites' programs by name; one that cannot be loaded is left out."""
-    from turtlebot_gym.entry_points import names_in
+    from turtlebot_gym.entry_points import loadable
 
-    found = {}
-    for name in names_in(GROUP):
-        with suppress(ImportError):
-            found[name] = entry_of(name)
-    return found
+    return loadable(GROUP)
 
 
 def load(name: str) -> Any:
