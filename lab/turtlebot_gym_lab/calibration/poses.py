@@ -23,7 +23,7 @@ from turtlebot_gym.estimation.update import innovation_variance, of_row, update,
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import Noise, OdometryNoise
+from turtlebot_gym.parameters import Noise
 from turtlebot_gym.validation import choose
 from turtlebot_gym.values import Belief, Command, Covariance, State
 from turtlebot_gym_lab.calibration.coordinates import ALPHAS, from_coordinates
@@ -185,22 +185,6 @@ def fit_poses(drive: Drive, truth: Scanned, start: Noise, integrator: str | None
     if fitted is None:
         raise ValueError(f"only {int(known(drive.truth).sum())} true poses are known, too few of them {APART[0]:g} m apart.")
     return fitted
-
-
-def nees_of(drive: Drive, truth: Scanned, noise: Noise, integrator: str, apart: float) -> Array:
-    """Return the NEES of a filter's predictions of true poses, each corrected by those before it, shape (n,); 3 if exact.
-
-    Args:
-        drive: The drive, with its truth at the middle of the axle.
-        truth: What is known of it; its covariances count as they are.
-        noise: The noise model; only its process is used.
-        integrator: "euler" or "midpoint".
-        apart: Way between two poses that count, m.
-    """
-    due = _spaced(drive, apart)
-    rows, R = _rows(drive, due, truth)
-    white = _innovations(rows, replace(noise, odometry=OdometryNoise(R=R)), integrator)[1]
-    return (white[np.isfinite(white).all(axis=1)] ** 2).sum(axis=1)
 
 
 def _rows(drive: Drive, due: NDArray[np.bool_], truth: Scanned) -> tuple[Poses, tuple[float, ...]]:

@@ -58,14 +58,6 @@ class _Table(NamedTuple):
     """Line number of each row in the file, from 1."""
 
 
-def first_lines(path: Path) -> list[str]:
-    """Return the lines of the first 4096 bytes of a file; none if there is no such file."""
-    if not path.is_file():
-        return []
-    with path.open("rb") as file:
-        return file.read(4096).decode("utf-8", errors="replace").splitlines()
-
-
 def is_table(path: Path) -> bool:
     """Return whether a file may be a table: text, or arrays; a file that cannot be opened is for the reader to refuse."""
     if not path.is_file() or zipfile.is_zipfile(path):
