@@ -77,8 +77,8 @@ def no_fix() -> Fix:
 
 
 @kernel
-def _with_fix(history: StoredStep, fix: Fix, here: bool) -> StoredStep:
-    return StoredStep(history.senses, fix if here else history.fix, history.dt)
+def _with_fix(stored: StoredStep, fix: Fix, here: bool) -> StoredStep:
+    return StoredStep(stored.senses, fix if here else stored.fix, stored.dt)
 
 
 def filled(count: int) -> Callable[[Any], Any]:

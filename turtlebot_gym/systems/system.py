@@ -73,7 +73,7 @@ class System(NamedTuple):
     example: Any
     """Example parameters with the types that the kernels take."""
     surroundings: RoomParts | None = None
-    """RoomParts of the robot; None on open ground, where a scene is an empty tuple."""
+    """What a robot in a room has besides; None on open ground, where a scene is an empty tuple."""
     reads_scan: bool = False
     """Whether the filter reads the scan, and estimates after the robot has looked."""
     compiled: bool = True
