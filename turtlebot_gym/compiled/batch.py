@@ -248,9 +248,16 @@ class Batch:
             self._loops.step(
                 actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
             )
-            if self._history is not None:
-                self._history.advance(observations)
-            return observations, outcomes
+        else:
+            self._step_at_pace(actions, observations, outcomes)
+        if self._history is not None:
+            self._history.advance(observations)
+        return observations, outcomes
+
+    def _step_at_pace(
+        self, actions: NDArray[np.float32], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
+    ) -> None:
+        """Step on one thread or on all, as the measured times say, unless another Python thread uses all."""
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         parallel, start = self._pace.parallel, time.perf_counter()
         shared = parallel and Threads.acquire()
@@ -262,9 +269,6 @@ class Batch:
                 Threads.release()
         if shared or not parallel:  # otherwise the pace's choice was not tried
             self._pace.tell(time.perf_counter() - start)
-        if self._history is not None:
-            self._history.advance(observations)
-        return observations, outcomes
 
     def is_flagged(self) -> bool:
         """Return whether the last step has set a flag of any environment: success, termination or truncation."""
@@ -287,7 +291,7 @@ class Batch:
         self._selected = [np.asarray(part, np.intp) for part in parts]
         at = np.array(self._loops.layout.world.places, np.intp)
         places = [at[part] for part in self._selected]
-        self._told_places = np.concatenate([at[:0], *map(np.ravel, places)])
+        self._selected_places = np.concatenate([at[:0], *map(np.ravel, places)])
         self._first_places = tuple(part * TILE for part in places)
 
     def selected(self) -> NDArray[np.float64]:
@@ -296,7 +300,7 @@ class Batch:
         Each tile's run is copied as a whole; rows of k numbers would take five times as long.
         """
         tiles = self._tiles.reshape(len(self._tiles), -1, TILE)
-        return tiles.transpose(1, 0, 2)[self._told_places].reshape(len(self._told_places), -1)[:, : self.num_envs]
+        return tiles.transpose(1, 0, 2)[self._selected_places].reshape(len(self._selected_places), -1)[:, : self.num_envs]
 
     def put(self, path: str, values: NDArray[np.float64]) -> None:
         """Write one part of all worlds, shape (N, k), as `numbers` returns it: to carry robots elsewhere, for example."""
