@@ -62,9 +62,12 @@ def transform(seconds, place, child="base"):
     return make(TRANSFORM, header(seconds), child, make("geometry_msgs/msg/Transform", vector(x, y), turn(theta)))
 
 
-def write_bag(folder, messages, *, plugin=Plugin.SQLITE3):
+def write_bag(folder, messages, *, plugin=Plugin.SQLITE3, compressed=False):
     """Write messages, each given as its topic, its type, when it was received, and itself."""
-    with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+    writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+    if compressed:
+        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+    with writer:
         opened = {}
         for topic, kind, received, message in messages:
             if topic not in opened:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from hostile import Reader, Rng, aliases, large, nested, no_file, put, written
 from lz4 import frame as lz4
-from rosbag_messages import ODOMETRY, TF, Plugin, header, make, odometry, rosbag2, transform, write_bag
+from rosbag_messages import ODOMETRY, TF, Plugin, header, make, odometry, transform, write_bag
 
 from turtlebot_gym_lab.calibration.tape import read_legs
 from turtlebot_gym_lab.drives import read
@@ -87,17 +87,7 @@ def mcap_that_lies_about_sizes(folder, rng):
 
 
 def compressed_bag(folder, messages):
-    writer = rosbag2.Writer(folder, version=9, storage_plugin=Plugin.MCAP)
-    writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
-    from rosbag_messages import TYPES
-
-    with writer:
-        opened = {}
-        for topic, type_, received, message in messages:
-            if topic not in opened:
-                opened[topic] = writer.add_connection(topic, type_, typestore=TYPES)
-            writer.write(opened[topic], round(received * 1e9), TYPES.serialize_cdr(message, type_))
-    return folder
+    return write_bag(folder, messages, plugin=Plugin.MCAP, compressed=True)
 
 
 @kind
