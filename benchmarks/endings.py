@@ -41,7 +41,7 @@ STEPS = (-3600.0, -600.0, -30.0, -2.0, -0.775, 0.775, 2.0, 30.0, 600.0, 3600.0)
 """Steps of the system clock, s."""
 PROGRAM = f"{sys.executable} -m turtlebot_gym_ros"
 SCRIPT = f"""
-{PROGRAM} cmd_vel_guard --ros-args -p require_standby:=true --log-level fatal & echo $! > guard
+{PROGRAM} cmd_vel_guard --ros-args -p robot:=burger -p require_standby:=true --log-level fatal & echo $! > guard
 {PROGRAM} cmd_vel_standby --ros-args --log-level fatal & echo $! > standby
 wait; wait
 """

@@ -1,4 +1,4 @@
-"""The study: its text follows from its numbers, losses first; published pages agree with it; and it resumes."""
+"""The studies: their verdicts follow from their numbers, published claims have their seeds, and finished work is kept."""
 
 import json
 from dataclasses import replace
@@ -16,63 +16,7 @@ from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.provenance import plain
 
 ROOT = Path(__file__).parents[2]
-pretrained, publish, robustness, rooms_study, scenarios, text = map(
-    import_module, ("pretrained", "publish", "robustness", "rooms_study", "scenarios", "robustness_text")
-)
-
-
-def interval(value, low, high):
-    return {"value": value, "low": low, "high": high}
-
-
-def row(scenario, untuned, tuned, ppo, margin, verdict):
-    """Return a comparison as the study writes it."""
-    gap = ppo - tuned
-    return {
-        "scenario": scenario,
-        "compared_with": "bearing",
-        "baselines": [{"policy": "bearing", "time": interval(tuned, 0, 99), "time_untuned": interval(untuned, 0, 99)}],
-        "ppo": {
-            "trainings": 5,
-            "episodes": 2000,
-            "time": interval(ppo, ppo - 0.3, ppo + 0.3),
-            "difference": interval(gap, gap - margin, gap + margin),
-        },
-        "p_holm": 0.01,
-        "verdict": verdict,
-    }
-
-
-RESULTS = {
-    "config": {"seeds": 5, "episodes": 2000, "first_seed": 1_000_000, "tries": 40},
-    "comparisons": [
-        row("Nav, raw odometry, tutorial", 16.5, 12.16, 12.18, 0.1, "no difference found"),
-        row("Nav, estimate, tutorial", 10.34, 10.3, 10.45, 0.05, "PPO slower"),
-        row("Nav, wheel", 12.0, 11.9, 11.0, 0.2, "PPO faster"),
-    ],
-    "false_arrivals": [{"noise": "tutorial", "policy": "bearing", "false_arrival": interval(0.39, 0.37, 0.411)}],
-}
-
-
-def test_losses_of_learning_are_reported_first():
-    assert text.summary(RESULTS) == [
-        "* **PPO is slower than the tuned baseline in 1 of 3 scenarios**: Nav, estimate, tutorial "
-        "(10.45 s to 10.30 s: +0.15 s, +0.10 to +0.20).",
-        "* **No difference is found in 1**: Nav, raw odometry, tutorial (12.18 s to 12.16 s: +0.02 s, -0.08 to +0.12).",
-        "* **PPO is faster in 1**: Nav, wheel (11.00 s to 11.90 s: -0.90 s, -1.10 to -0.70).",
-        "* **Against the baselines' defaults PPO would have won 1 more**: "
-        "Nav, raw odometry, tutorial (16.50 s instead of 12.16 s).",
-        "* **What the filter buys**, from raw odometry to its estimate: "
-        "`tutorial` 12.16 s to 10.30 s for geometry, 12.18 s to 10.45 s for PPO.",
-        "* **Where the episode ends on belief**, which must be inside by a margin, the robot is not within 0.15 m "
-        "in 39.0 % (37.0 to 41.1) under `tutorial` (the bearing law, 2000 episodes each).",
-    ]
-    assert text.headline(RESULTS) == (
-        "PPO is slower than the tuned baseline in 1 of 3 scenarios. No difference is found in 1. PPO is faster in 1. "
-        "Against the baselines' defaults PPO would have won 1 more."
-    )
-    assert "5 trainings (seeds 0 to 4) and 2000 paired episodes (seeds from 1,000,000)" in text.conditions(RESULTS)
-    assert "Holm's correction for 3 scenarios" in text.conditions(RESULTS)
+robustness, rooms_study, scenarios = map(import_module, ("robustness", "rooms_study", "scenarios"))
 
 
 def test_a_verdict_needs_the_corrected_p_value():
@@ -83,15 +27,6 @@ def test_a_verdict_needs_the_corrected_p_value():
         (1.0, 0.1, "no difference found"),
     ):
         assert robustness.verdict({"p_holm": p, "ppo": {"difference": Interval(difference, -9.0, 9.0)}}) == verdict
-
-
-def test_the_readme_agrees_with_the_published_study():
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    findings = publish.findings(ROOT / "benchmarks" / "robustness.json")
-    assert findings in readme
-    assert publish.between(readme, findings, publish.BEGIN, publish.END) == readme
-    with pytest.raises(ValueError, match="The page must hold"):
-        publish.between("nothing", "something", publish.BEGIN, publish.END)
 
 
 def test_every_published_claim_has_five_trainings_and_its_seeds():
@@ -114,21 +49,8 @@ def test_scenarios_have_files_of_their_own():
     assert len(set(names)) == len(names)
     assert max(map(len, names)) < 100
     assert scenarios.slug(**robustness.SCENARIOS["Nav, no reverse, tutorial"]) == "TurtleBotNav-v0-ekf-tutorial-reverse-False"
-    assert scenarios.slug(**pretrained.scenario("pose", "tutorial")) == scenarios.slug(
-        **robustness.SCENARIOS["Pose, tutorial"]
-    )  # tuned once
     assert scenarios.short("46bf714aaaabbbbccccdddd-dirty") == "46bf714aaaab-dirty"
     assert scenarios.short(None) == "unknown"
-
-
-def test_the_figure_has_a_line_and_a_bar_for_each_scenario(tmp_path):
-    figure = import_module("robustness_figure").draw(RESULTS["comparisons"])
-    figure.savefig(tmp_path / "figure.png")
-    left, right = figure.axes
-    lines = [label.get_text().partition("\n")[0] for label in left.get_yticklabels()]
-    assert lines == [comparison["scenario"] for comparison in RESULTS["comparisons"]]
-    assert [bar.get_width() for bar in right.patches] == pytest.approx([16.5 - 12.16, 10.34 - 10.3, 12.0 - 11.9])
-    assert len({container.lines[0].get_color() for container in left.containers}) == 3
 
 
 @pytest.fixture
@@ -154,21 +76,6 @@ def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
         "tuned/bearing-TurtleBotSquare-v0-ekf-tutorial.json",
         "tuned/corner-TurtleBotSquare-v0-ekf-tutorial.json",
     ]
-
-
-def test_a_card_states_its_losses_first_and_its_origin(small, tmp_path):
-    config = pretrained.Config(seeds=1, steps=1024, episodes=12, tries=1, tasks=("nav",), out=tmp_path)
-    (training,) = scenarios.trainings(tmp_path, config.steps, config.seeds, pretrained.NAV)
-    run = training()
-    assert scenarios.best_of_trainings([run]) == run
-    bundle = run / "policy.onnx"
-    rows = pretrained.compared(config, tmp_path, bundle, "nav")
-    text = pretrained.card("nav", config, bundle, rows)
-    losses = "Slower than the tuned `bearing` (tutorial), `bearing` (documented), `bearing` (rough).\n"
-    assert text.startswith(f"# ppo-nav\n\n{losses}")
-    assert "12 episodes on seeds from 2,000,000" in text
-    assert "--randomize --seed 0`" in text
-    assert text.count("| ppo-nav |") == 3
 
 
 def test_jobs_return_in_order_whether_they_run_here_or_in_two_processes():

@@ -40,7 +40,7 @@ COMMANDS = {
     "kalman_filter": ["noise:=clean"],
     "waypoint_generator": ["waypoints:=far.csv"],
     "velocity_controller": ["policy:=policy:drive"],
-    "cmd_vel_guard": [],
+    "cmd_vel_guard": ["robot:=burger"],
 }
 
 

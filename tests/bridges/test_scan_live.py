@@ -48,7 +48,7 @@ def test_behind_filter_controller_guard_and_monitor_a_robot_that_speaks_like_a_r
     clearances, reports = peer.hear("clearance", Range), peer.hear("/diagnostics", DiagnosticArray)
     robot, yaw = {"turtlebot3": ("burger", 0.0), "turtlebot4": ("turtlebot4", math.pi / 2.0)}[name]
     given = (f"robot:={robot}", "collision_monitor:=true", "scan_period:=0.135", "reaction:=0.1", "collision_margin:=0.04")
-    launch(*node("cmd_vel_guard", *given))
+    launch(*node("cmd_vel_guard", "robot:=burger", *given))
     driving = {"robot": robot, "policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0}
     driving |= {} if states_mount else {"lidar_yaw": yaw}
     room = {"robot": robot, "world": "dense", "seed": 3, "emulate_driver": name}

@@ -99,7 +99,7 @@ def test_the_robots_nodes_load_nothing_beside_ros_that_the_extra_deploy_does_not
     assert foreign <= {"numpy", "yaml", "typing_extensions", *brought_by_rosbags}
 
 
-@pytest.mark.parametrize("node", ["cmd_vel_guard", "kalman_filter", "localizer", "velocity_controller", "waypoint_generator"])
+@pytest.mark.parametrize("node", ["cmd_vel_standby", "kalman_filter", "localizer", "velocity_controller", "waypoint_generator"])
 def test_a_robots_node_comes_up_and_ends_without_what_trains_and_draws(launch, peer, wait_for, node):
     body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main(['{node}']))"
     process = launch(*without(body))

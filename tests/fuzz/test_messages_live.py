@@ -30,7 +30,7 @@ NODES = {
     "velocity_controller": "-p start_enabled:=true",
     "localizer": "",
     "turtlebot_simulator": "",
-    "cmd_vel_guard": "-p collision_monitor:=true -p geofence:=3.0 -p require_standby:=true",
+    "cmd_vel_guard": "-p robot:=burger -p collision_monitor:=true -p geofence:=3.0 -p require_standby:=true",
     "cmd_vel_standby": "",
     "visualization": "",
     "data_logger": "-p output:=bag",

@@ -20,8 +20,6 @@ class Entry(NamedTuple):
     """One line of help."""
     modes: tuple[str, ...] = ()
     """Modes of the graph to which it belongs."""
-    given: tuple[str, ...] = ()
-    """ROS arguments that hold where others do not say otherwise."""
     package: str = "turtlebot_gym_ros"
     """Package of the target."""
 
@@ -67,10 +65,7 @@ NODES = {
 if find_spec(GUARD):
     NODES |= {
         "cmd_vel_guard": Entry(
-            "guard:main",
-            "on the robot: the only one on /cmd_vel; limits, watches and stops",
-            given=("-p", "robot:=burger"),
-            package=GUARD,
+            "guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", package=GUARD
         ),
         "cmd_vel_standby": Entry(
             "standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives", package=GUARD
@@ -129,4 +124,4 @@ def load(name: str) -> Any:
     from turtlebot_gym_ros.guarded import numbers_of  # slow to import
 
     import_module(f"{GUARD}.robots").SOURCES.append(numbers_of)  # also where nothing is installed
-    return lambda argv: code(["--ros-args", *entry.given, "--", *argv])
+    return code
