@@ -8,6 +8,7 @@ A distribution names its robots by an entry point of the group `GROUP`: a functi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -23,10 +24,16 @@ def numbers_of(name: str) -> Mapping[str, Any]:
     Raises:
         ValueError: If no distribution knows the robot, or one refuses it.
     """
-    for known in [*SOURCES, *(found.load() for found in entry_points(group=GROUP))]:
+    for known in (*SOURCES, *_installed()):
         if (numbers := known(name)) is not None:
             return numbers
     raise ValueError(
         f"robot must be one that an installed package knows, got {name!r}: leave robot empty, and set max_linear, max_angular, "
         f"wheel_separation and radius."
     )
+
+
+@cache  # the metadata of all distributions are read
+def _installed() -> tuple[Callable[[str], Mapping[str, Any] | None], ...]:
+    """Return the functions of entry points."""
+    return tuple(found.load() for found in entry_points(group=GROUP))
