@@ -21,8 +21,8 @@ WORLD = """<sdf version="1.6"><world name="default">
 <geometry><cylinder><radius>0.25</radius><length>1</length></cylinder></geometry></collision></link></model>
 <model name="shelf"><static>1</static><pose>-1 0 0 0 0 1.5707963267948966</pose><link name="l"><pose>1 0 0 0 0 0</pose>
 <collision name="c"><pose>0 0.5 0 0 0 0.25</pose><geometry><box><size>0.4 0.2 1</size></box></geometry></collision></link>
-</model><model name="ball"><link name="l"><collision name="c"><geometry><cylinder><radius>9</radius></cylinder></geometry>
-</collision></link></model></world></sdf>"""
+</model><model name="lamp"><static>1</static><pose>0 0 2.4 0 0 0</pose><link name="l"><collision name="c"><geometry><cylinder>
+<radius>9</radius><length>0.2</length></cylinder></geometry></collision></link></model></world></sdf>"""
 
 
 def test_a_gazebo_world_gives_its_static_cylinders_and_boxes(tmp_path):
@@ -102,7 +102,7 @@ NUMBERS = "holds a shape or a pose with missing or malformed numbers"
         ("no xml", "is not a Gazebo world"),
         ("<?xml version='1.0' encoding='utf-99'?><sdf/>", "is not a Gazebo world: unknown encoding"),
         ("<?xml version='1.0' encoding='shift-jis'?><sdf/>", "is not a Gazebo world: multi-byte encodings"),
-        ("<sdf/>", "holds no static cylinder and no static box"),
+        ("<sdf/>", "holds no obstacle at the height of a robot"),
         *((WORLD.replace(*change), NUMBERS) for change in (("0.4 0.2 1", "0.4 0.2"), ("<radius>0.25", "<radius>wide"))),
     ],
 )

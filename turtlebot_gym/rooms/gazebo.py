@@ -1,39 +1,50 @@
-"""Gazebo worlds: the static cylinders and boxes of an SDF file as a floor plan."""
+"""Gazebo worlds: what stands on the ground in an SDF file as a floor plan."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
 
 from turtlebot_gym.files import in_bounds
+from turtlebot_gym.notices import notify
+from turtlebot_gym.resources import find_resource
+from turtlebot_gym.rooms.enclosure import maps_of
+from turtlebot_gym.rooms.meshes import load_mesh
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import Walls
+from turtlebot_gym.rooms.sdf import Collision, read_sdf, searched
+from turtlebot_gym.rooms.solids import Body, Cut, cut
+from turtlebot_gym.transforms import MalformedError, numbers_of
 from turtlebot_gym.values import Pose
 
 APRON = 1.0
 """Free space between the contents of a world and the walls added around them, m."""
+_UNREAD = ("heightmap", "image")
+_NAMED = 6
+"""Most names in a notice."""
 
 
-class _GazeboFrame(NamedTuple):
-    x: float
-    y: float
-    yaw: float
+class _Contents(NamedTuple):
+    """The shapes of a world, and what is to be said about it."""
 
-    def __add__(self, other: object) -> _GazeboFrame:
-        assert isinstance(other, _GazeboFrame)
-        cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
-        return _GazeboFrame(
-            self.x + cosine * other.x - sine * other.y, self.y + sine * other.x + cosine * other.y, self.yaw + other.yaw
-        )
+    shapes: Cut
+    is_whole: bool
+    """Whether nothing is missing that may be an obstacle."""
+    notices: list[str]
 
 
 def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | None = None) -> FloorPlan:
-    """Read the static cylinders and boxes of a Gazebo world.
+    """Read a Gazebo world: the collisions of all its models, those included by it as well, cut at a LiDAR's height.
 
-    Objects that lie flat on the ground or hang, and other shapes, are ignored. Walls are added around everything.
+    Models are searched for along ``GZ_SIM_RESOURCE_PATH``, ``IGN_GAZEBO_RESOURCE_PATH`` and ``GAZEBO_MODEL_PATH``, and beside
+    the world. What lies flat on the ground or hangs is left out, see `solids`. Robots are left out as well; other models that
+    can be moved stand still. Starts and goals are drawn in what the contents enclose (where a mesh or a
+    model is missing, and nothing encloses, between the others); walls are added around everything.
 
     Args:
         path: An SDF file, ``.world`` or ``.sdf``.
@@ -41,66 +52,85 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
         goal: Goal pose of the robot; None to draw it.
 
     Raises:
-        ValueError: If the file cannot be read, or holds no static cylinder or box.
+        ValueError: If a file cannot be read, or nothing in it is an obstacle.
+
+    Warns:
+        Notice: Of each thing that is left out but may be an obstacle, and of models that can be moved.
     """
-    circles, boxes = _shapes(path)
-    return enclosed(circles, boxes, start=start, goal=goal)
+    contents = _read(Path(path))
+    notify(f"{Path(path).name}: {text}." for text in contents.notices)
+    return enclosed(contents.shapes, start=start, goal=goal, is_whole=contents.is_whole)
 
 
 @in_bounds
-def _shapes(path: str | Path) -> tuple[list[tuple[float, ...]], list[tuple[float, ...]]]:
-    """Return the circles and the boxes of a world."""
+def _read(path: Path) -> _Contents:
+    """Return the contents of a world."""
+    meshes: dict[str, str] = {}
+    shapes, unread = Cut([], [], []), set()
     try:
-        root = ElementTree.parse(path).getroot()
-    except OSError as error:
-        raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
-    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: an encoding that is unknown
-        raise ValueError(f"{str(path)!r} is not a Gazebo world: {error}.") from error
-    circles: list[tuple[float, ...]] = []
-    boxes: list[tuple[float, ...]] = []
-    try:
-        for frame, geometry in _geometries(root):
-            cylinder, box = geometry.find("cylinder"), geometry.find("box")
-            if cylinder is not None:
-                circles.append((frame.x, frame.y, float(cylinder.findtext("radius", "nan"))))
-            elif box is not None:
-                length, width, _ = map(float, box.findtext("size", "").split())
-                boxes.append((frame.x, frame.y, length, width, frame.yaw))
-    except ValueError as error:
-        raise ValueError(f"{str(path)!r} holds a shape or a pose with missing or malformed numbers: {error}.") from error
-    if not circles and not boxes:
-        raise ValueError(f"{str(path)!r} holds no static cylinder and no static box.")
-    return circles, boxes
+        world = read_sdf(path)
+        for collision in world.collisions:
+            unread.update(shape.tag for shape in collision.geometry if shape.tag in _UNREAD)
+            shapes = shapes + _cut(collision, meshes)
+    except (ArithmeticError, MalformedError) as error:
+        message = f"{str(path)!r} holds a shape or a pose with missing or malformed numbers: {error}."
+        raise ValueError(message) from error
+    notices = [f"the mesh {uri!r} is left out: {reason}" for uri, reason in meshes.items()]
+    if world.missing:
+        notices.append(f"left out, since not found ({searched()}): {_listed(world.missing)}")
+    if unread:
+        notices.append(f"left out, since not read here: {_listed(sorted(unread))}")
+    if world.robots:
+        notices.append(f"left out as robots: {_listed(world.robots)}")
+    if world.actors:
+        notices.append(f"left out, since their ways are not read: {_listed(world.actors)}")
+    if world.movable:
+        notices.append(f"models that are not static stand still here: {_listed(world.movable)}")
+    if not any(shapes):
+        said = f" ({'; '.join(notices)})" if notices else ""
+        raise ValueError(f"{str(path)!r} holds no obstacle at the height of a robot{said}.")
+    return _Contents(shapes, not (meshes or world.missing or unread), notices)
 
 
-def enclosed(
-    circles: Sequence[tuple[float, ...]],
-    boxes: Sequence[tuple[float, ...]],
-    *,
-    start: Pose | None = None,
-    goal: Pose | None = None,
-) -> FloorPlan:
-    """Return a floor plan with walls `APRON` away from its contents; the arguments are those of `FloorPlan`."""
-    reach = [(x, y, radius) for x, y, radius in circles]
-    reach += [(x, y, math.hypot(length, width) / 2.0) for x, y, length, width, _ in boxes]
-    reach += [(pose.x, pose.y, 0.0) for pose in (start, goal) if pose is not None]
-    left, right = min(x - r for x, _, r in reach) - APRON, max(x + r for x, _, r in reach) + APRON
-    bottom, top = min(y - r for _, y, r in reach) - APRON, max(y + r for _, y, r in reach) + APRON
-    walls = Walls((left + right) / 2.0, (bottom + top) / 2.0, (right - left) / 2.0, (top - bottom) / 2.0)
-    return FloorPlan(walls=walls, circles=tuple(circles), boxes=tuple(boxes), start=start, goal=goal)
+def _cut(collision: Collision, meshes: dict[str, str]) -> Cut:
+    """Return the shapes of a collision; meshes that cannot be read are noted with the reason."""
+
+    def load(shape: Element) -> list[Body]:
+        uri = shape.findtext("uri", "").strip()
+        path = find_resource(uri, collision.files)
+        if path is None:
+            meshes[uri] = f"there is no such file ({searched()})"
+        if uri in meshes or path is None:
+            return []
+        try:
+            scale = np.array(numbers_of(shape.findtext("scale"), 3, (1.0, 1.0, 1.0)))
+            return load_mesh(path, scale, shape.findtext("submesh/name", "").strip())
+        except (ValueError, ImportError) as error:
+            meshes[uri] = str(error).rstrip(".")
+            return []
+
+    return cut(collision.geometry, collision.pose, load)
 
 
-def _geometries(root: ElementTree.Element) -> Iterator[tuple[_GazeboFrame, ElementTree.Element]]:
-    """Yield the frame and the geometry of each collision of each static model."""
-    for model in root.iter("model"):
-        if model.findtext("static", "0").strip() in ("1", "true"):
-            for link in model.iter("link"):
-                for collision in link.iter("collision"):
-                    geometry = collision.find("geometry")
-                    if geometry is not None:
-                        yield _frame(model) + _frame(link) + _frame(collision), geometry
+def _listed(names: Sequence[str]) -> str:
+    """Return names in a row, the last ones as their number."""
+    names = list(dict.fromkeys(names))
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{', '.join(names[:_NAMED])}{more}"
 
 
-def _frame(element: ElementTree.Element) -> _GazeboFrame:
-    x, y, _, _, _, yaw = map(float, element.findtext("pose", "0 0 0 0 0 0").split())
-    return _GazeboFrame(x, y, yaw)
+def enclosed(shapes: Cut, *, start: Pose | None = None, goal: Pose | None = None, is_whole: bool = True) -> FloorPlan:
+    """Return a floor plan with walls `APRON` away from its contents; see `enclosure.maps_of` for the arguments."""
+    reach = [(x - r, y - r, x + r, y + r) for x, y, r in shapes.circles]
+    for x, y, length, width, heading in shapes.boxes:
+        a, b = abs(math.cos(heading)), abs(math.sin(heading))
+        along, up = 0.5 * (a * length + b * width), 0.5 * (b * length + a * width)
+        reach.append((x - along, y - up, x + along, y + up))
+    reach += [(*segments.min(axis=(0, 1)), *segments.max(axis=(0, 1))) for segments, _ in shapes.outlines]
+    reach += [(pose.x, pose.y, pose.x, pose.y) for pose in (start, goal) if pose is not None]
+    (left, bottom), (right, top) = np.min(reach, axis=0)[:2] - APRON, np.max(reach, axis=0)[2:] + APRON
+    walls = Walls(*map(float, ((left + right) / 2.0, (bottom + top) / 2.0, (right - left) / 2.0, (top - bottom) / 2.0)))
+    seen, known = maps_of(walls, shapes, start, goal, is_whole=is_whole)
+    return FloorPlan(
+        walls=walls, circles=tuple(shapes.circles), boxes=tuple(shapes.boxes), start=start, goal=goal, map=seen, chart=known
+    )

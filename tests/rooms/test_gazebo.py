@@ -1,0 +1,273 @@
+"""Gazebo worlds as people have them: includes, frames, solid shapes, meshes, and starts inside of what encloses."""
+
+import math
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from turtlebot_gym.notices import Notice
+from turtlebot_gym.rooms.gazebo import read_gazebo
+from turtlebot_gym.rooms.sensing import clearance
+from turtlebot_gym.values import Pose
+
+WORLDS = Path(__file__).parents[3] / "shared" / "data" / "worlds"
+INPUTS = Path(__file__).parents[3] / "shared" / "inputs"
+PILLAR = "<cylinder><radius>0.2</radius><length>1</length></cylinder>"
+BOX = "<box><size>2 0.4 1</size></box>"
+
+
+def model(geometry, pose="", *, name="m", static="1", more="", link="", collision=""):
+    """Return a model with one collision; poses are elements or texts."""
+    tags = [f"<pose>{text}</pose>" if text and text[0] != "<" else text for text in (pose, link, collision)]
+    return (
+        f'<model name="{name}"><static>{static}</static>{tags[0]}{more}<link name="l">{tags[1]}'
+        f'<collision name="c">{tags[2]}<geometry>{geometry}</geometry></collision></link></model>'
+    )
+
+
+def world(folder, *models, name="a.world", version="1.9"):
+    """Write a world, and return its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(f'<sdf version="{version}"><world name="w">{"".join(models)}</world></sdf>')
+    return folder / name
+
+
+def ring(half=2.0, height="0.5 0 0 0"):
+    """Return four walls around the origin."""
+    places = [(0, half, 0), (0, -half, 0), (half, 0, 90), (-half, 0, 90)]
+    return [
+        model(f"<box><size>{2 * half + 0.1} 0.1 1</size></box>", f'<pose degrees="1">{x} {y} 0.5 0 0 {yaw}</pose>')
+        for x, y, yaw in places
+    ]
+
+
+def starts(plan, seeds=50):
+    """Return the places where episodes start and end, shape (2 seeds, 2), in plain Python and in a batch alike."""
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=plan)
+    infos = [env.reset(seed=seed)[1] for seed in range(seeds)]
+    batch = gym.make_vec("turtlebot_gym/TurtleBotRooms-v0", num_envs=seeds, world=plan, info="full")
+    many = batch.reset(seed=list(range(seeds)))[1]
+    np.testing.assert_array_equal(many["true_state"], [info["true_state"] for info in infos])
+    return np.array([info[key][:2] for info in infos for key in ("true_state", "reference")])
+
+
+@pytest.mark.parametrize(
+    ("shape", "pose", "expected"),
+    [
+        (BOX, "1 2 0.5 0 0 0.3", (1.0, 2.0, 2.0, 0.4, 0.3)),
+        (BOX, '<pose degrees="true">1 2 0.5 0 0 90</pose>', (1.0, 2.0, 2.0, 0.4, math.pi / 2)),
+        (BOX, '<pose rotation_format="quat_xyzw">1 2 0.5 0 0 0.7071068 0.7071068</pose>', (1.0, 2.0, 2.0, 0.4, math.pi / 2)),
+        (BOX, "1 2 0.5 1.5708 0 0.3", (1.0, 2.0, 2.0, 1.0, 0.3)),  # it lies on its side
+        (BOX, "1 2 1 0 1.5708 0", (1.0, 2.0, 0.4, 1.0, math.pi / 2)),  # it stands on its end
+        (PILLAR, "1 2 0.5 0 0 0", (1.0, 2.0, 0.2)),
+        ("<sphere><radius>0.5</radius></sphere>", "1 2 0.48 0 0 0", (1.0, 2.0, 0.4)),  # cut 0.3 m below its centre
+        ("<box><size>1 1 0.1</size></box>", "1 2 0.05 0 0 0", (1.0, 2.0, 1.0, 1.0, 0.0)),  # low, and no robot climbs it
+        (BOX, "1 2 2.4 0 0 0", None),
+        ("<box><size>1 1 0.01</size></box>", "1 2 0 0 0 0", None),
+        ("<plane><normal>0 0 1</normal></plane>", "", None),
+    ],
+)
+def test_shapes_are_cut_at_the_height_of_the_lidar(tmp_path, shape, pose, expected):
+    plan = read_gazebo(world(tmp_path, model(shape, pose), model(PILLAR, "9 9 0.5 0 0 0")))
+    found = [*plan.boxes, *(circle[:3] for circle in plan.circles if circle[0] != 9.0)]
+    assert len(found) == (expected is not None)
+    for row in found:
+        np.testing.assert_allclose(row[:4], expected[:4], atol=1e-4)
+        assert math.remainder(sum(row[4:]) - sum(expected[4:]), math.pi) == pytest.approx(0.0, abs=1e-4)  # of a rectangle
+
+
+@pytest.mark.parametrize(
+    ("shape", "pose", "inside", "outside"),
+    [
+        (BOX, "0 0 0.4 0.5 0.4 0", (0.0, 0.0), (0.0, 0.9)),
+        ("<cylinder><radius>0.1</radius><length>2</length></cylinder>", "0 0 0.18 1.2 0 0", (0.0, 0.0), (0.3, 0.0)),
+        ("<capsule><radius>0.3</radius><length>1</length></capsule>", "0 0 0.18 1.5708 0 0", (0.0, 0.7), (0.4, 0.0)),
+        ("<ellipsoid><radii>1 0.3 0.4</radii></ellipsoid>", "0 0 0.18 0 0 0", (0.9, 0.0), (0.0, 0.4)),
+        ("<cone><radius>1</radius><length>1</length></cone>", "0 0 0.5 0 0 0", (0.75, 0.0), (0.9, 0.0)),
+        (
+            "<polyline><point>0 0</point><point>1 0</point><point>0 1</point><height>1</height></polyline>",
+            "0 0 0 0 0 0",
+            (0.3, 0.3),
+            (0.6, 0.6),
+        ),
+    ],
+)
+def test_other_shapes_are_outlines(tmp_path, shape, pose, inside, outside):
+    scene = read_gazebo(world(tmp_path, model(shape, pose))).scene()
+    assert clearance(scene, *inside) <= 0.0 < clearance(scene, *outside) < 0.6
+
+
+FRAME = '<frame name="f" {0}><pose>1 0 0 0 0 1.5707963267948966</pose></frame>'
+
+
+@pytest.mark.parametrize(
+    ("models", "place"),
+    [
+        ([model(PILLAR, "1 0 0 0 0 1.5707963267948966", link="1 0 0 0 0 0", collision="0 1 0 0 0 0")], (0.0, 1.0)),
+        ([FRAME.format(""), model(PILLAR, '<pose relative_to="f">1 2 0 0 0 0</pose>')], (-1.0, 1.0)),
+        ([model(PILLAR, "0 5 0 0 0 0", more=FRAME.format(""), link='<pose relative_to="f">1 0 0 0 0 0</pose>')], (1.0, 6.0)),
+        (
+            [
+                model(
+                    PILLAR,
+                    "0 5 0 0 0 0",
+                    more=FRAME.format('attached_to="l"'),
+                    link="3 0 0 0 0 0",
+                    collision='<pose relative_to="f">1 0 0 0 0 0</pose>',
+                )
+            ],
+            (4.0, 6.0),
+        ),
+        (
+            [f'<model name="o"><static>1</static><pose>0 5 0 0 0 0</pose>{model(PILLAR, "1 1 0 0 0 0", static="0")}</model>'],
+            (1.0, 6.0),
+        ),
+        (
+            [
+                model(PILLAR, "1 0 0 0 0 0", name="b"),
+                model("<plane/>", '<pose relative_to="b::l">0 0 0 0 0 0</pose>', name="p"),
+            ],
+            (1.0, 0.0),
+        ),
+        (
+            [model(PILLAR, "9 9 0 0 0 0"), '<state world_name="w"><model name="m"><pose>1 2 0 0 0 0</pose></model></state>'],
+            (1.0, 2.0),
+        ),
+    ],
+)
+def test_poses_are_those_of_nested_frames(tmp_path, models, place):
+    (circle,) = read_gazebo(world(tmp_path, *models)).circles
+    np.testing.assert_allclose(circle[:2], place, atol=1e-9)
+
+
+def library(folder, name="shelf", geometry=PILLAR, more=""):
+    """Write a model into a folder of models, its newest file under another name than the others."""
+    home = folder / name
+    home.mkdir(parents=True)
+    (home / "model.config").write_text(
+        f'<model><sdf version="1.10">new.sdf</sdf><sdf version="1.5">model.sdf</sdf><sdf version="9.0">x.sdf</sdf>'
+        f"<name>{name}</name></model>"
+    )
+    (home / "new.sdf").write_text(f'<sdf version="1.10">{model(geometry, "5 5 0 0 0 0", name=name)}{more}</sdf>')
+    (home / "model.sdf").write_text("<sdf/>")
+    return home
+
+
+@pytest.mark.parametrize("where", ["models", "../models", "../../elsewhere"])
+@pytest.mark.parametrize(
+    ("include", "place"),
+    [
+        ("<uri>model://shelf</uri>", (5.0, 5.0)),
+        ("<uri>model://shelf/new.sdf</uri><pose>1 2 0 0 0 0</pose>", (1.0, 2.0)),
+        ('<uri>model://shelf</uri><pose degrees="1">1 2 0 0 0 9</pose><name>n</name><static>0</static>', (1.0, 2.0)),
+        ("<uri>model://shelf</uri><placement_frame>l</placement_frame><pose>1 1 0 0 0 0</pose>", (1.0, 1.0)),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*stand still here. n")
+def test_includes_are_followed(tmp_path, monkeypatch, where, include, place):
+    path = world(tmp_path / "a" / "worlds", f"<include>{include}</include>")
+    library((path.parent / where).resolve())
+    monkeypatch.setenv("GZ_SIM_RESOURCE_PATH", f"/nowhere:{tmp_path / 'elsewhere'}")
+    (circle,) = read_gazebo(path).circles
+    np.testing.assert_allclose(circle[:2], place)
+
+
+def test_what_is_left_out_is_said(tmp_path):
+    robot = model(BOX, name="tb", static="0", more='<plugin filename="libgazebo_ros_diff_drive.so" name="d"/>')
+    path = world(
+        tmp_path,
+        model(PILLAR, "1 2 0.5 0 0 0", name="box", static="0"),
+        robot,
+        model("<mesh><uri>model://hall/wall.dae</uri></mesh>"),
+        "<include><uri>model://nowhere</uri></include><include><uri>https://fuel.org/1.0/x/models/Ground Plane</uri></include>",
+        model("<heightmap><uri>h.png</uri></heightmap>"),
+        '<actor name="ann"/>',
+    )
+    with pytest.warns(Notice) as said:
+        plan = read_gazebo(path)
+    assert (len(plan.circles), len(plan.boxes)) == (1, 0)
+    texts = sorted(str(notice.message) for notice in said)
+    begins = [
+        "left out as robots: tb.",
+        "left out, since not found (",
+        "left out, since not read here: heightmap.",
+        "left out, since their ways are not read: ann.",
+        "models that are not static stand still here: box.",
+        "the mesh 'model://hall/wall.dae' is left out: there is no",
+    ]
+    assert len(texts) == 6
+    assert all(text.startswith(f"a.world: {begin}") and "\n" not in text for text, begin in zip(texts, begins, strict=True))
+    assert "model://nowhere" in texts[1]
+
+
+@pytest.mark.parametrize(
+    ("models", "message"),
+    [
+        ([model(PILLAR, '<pose relative_to="x">0 0 0 0 0 0</pose>')], "there is no frame 'x'"),
+        ([FRAME.format('attached_to="f"'), model(PILLAR, '<pose relative_to="f">0 0 0 0 0 0</pose>')], "relative to itself"),
+        ([model(PILLAR, "0 0 0 0 0")], "'0 0 0 0 0' must be 6 finite numbers"),
+        ([model("<cylinder><radius>-1</radius><length>1</length></cylinder>")], "radius must be positive, not -1"),
+        ([model(BOX, "0 0 4 0 0 0")], "holds no obstacle at the height of a robot"),
+        (["<include><uri>model://a.world</uri></include>", "<include><uri>model://loop</uri></include>"], "nested, or include themselves, more than 20 deep"),
+    ],
+)
+def test_worlds_that_cannot_be_read_are_refused(tmp_path, models, message):
+    loop = tmp_path / "models" / "loop"
+    loop.mkdir(parents=True)
+    (loop / "model.sdf").write_text("<sdf><model name='l'><include><uri>model://loop</uri></include></model></sdf>")
+    with pytest.raises(ValueError, match=message):
+        read_gazebo(world(tmp_path, *models))
+
+
+def test_starts_and_goals_are_inside_of_what_encloses(tmp_path):
+    far = model(PILLAR, "8 0 0.5 0 0 0")
+    places = starts(read_gazebo(world(tmp_path, *ring(), far)), seeds=20)
+    assert (abs(places) < 2.0).all()
+    assert abs(places).max() > 1.2
+    gap = [*ring()[:3], model("<box><size>3 0.1 1</size></box>", "-2 -0.5 0.5 0 0 1.5708"), far]
+    assert starts(read_gazebo(world(tmp_path, *gap)), seeds=20)[:, 0].max() > 3.0  # a door of 1 m: the ground is not enclosed
+    given = read_gazebo(world(tmp_path, *ring(), far), start=Pose(4.0, 0.0, 0.0))
+    assert given.map is None
+
+
+@pytest.mark.skipif(not WORLDS.is_dir(), reason="the worlds of TurtleBot3 are not there")
+@pytest.mark.parametrize(("name", "half"), [("turtlebot3_dqn_stage1", 2.35), ("turtlebot3_world", 1.25)])
+@pytest.mark.filterwarnings("ignore:.*hexagon.dae", "ignore:.*wall.dae")
+def test_episodes_start_inside_of_turtlebot3s_worlds(name, half):
+    plan = read_gazebo(WORLDS / f"{name}.world")
+    assert (len(plan.circles), len(plan.boxes)) == ((9, 0) if name == "turtlebot3_world" else (0, 4))
+    assert (abs(starts(plan)) < half).all()
+
+
+@pytest.mark.skipif(not INPUTS.is_dir(), reason="the inputs are not there")
+def test_a_floor_plate_and_a_lamp_are_no_obstacles():
+    plan = read_gazebo(INPUTS / "flat.world")
+    assert (len(plan.circles), plan.boxes, plan.map) == (1, (), None)
+
+
+@pytest.mark.parametrize("ending", ["stl", "obj", "dae"])
+def test_a_mesh_has_its_outline_at_the_height_of_the_lidar(tmp_path, ending):
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("collada")
+    parts = [
+        ((4.2, 0.2, 2.0), (0.0, 2.0, 1.0)),
+        ((4.2, 0.2, 2.0), (0.0, -2.0, 1.0)),
+        ((0.2, 4.0, 2.0), (2.0, 0.0, 1.0)),
+        ((0.2, 4.0, 2.0), (-2.0, 0.0, 1.0)),
+        ((4.0, 4.0, 0.02), (0.0, 0.0, -0.01)),
+        ((1.0, 1.0, 0.1), (0.0, 0.0, 0.8)),
+    ]
+    boxes = [trimesh.creation.box(size, trimesh.transformations.translation_matrix(place)) for size, place in parts]
+    mesh = trimesh.util.concatenate(boxes).apply_scale(1000.0)
+    mesh.export(tmp_path / f"walls.{ending}")
+    shape = f"<mesh><uri>file://walls.{ending}</uri><scale>0.001 0.001 0.001</scale></mesh>"
+    plan = read_gazebo(world(tmp_path, model(shape, "1 0 0 0 0 0")))
+    scene = plan.scene()
+    assert clearance(scene, 2.5, 0.0) == pytest.approx(0.4, abs=0.02)
+    assert clearance(scene, 1.0, 0.0) == 1.0  # the most on a map: neither the table top nor the floor
+    assert clearance(scene, 1.0, 2.0) < 0.0
+    places = starts(plan, seeds=20) - (1.0, 0.0)
+    assert (abs(places) < 1.9).all()
+    assert plan.chart.cells.max() == 100
