@@ -210,7 +210,10 @@ def test_what_is_left_out_is_said(tmp_path):
         ([model(PILLAR, "0 0 0 0 0")], "'0 0 0 0 0' must be 6 finite numbers"),
         ([model("<cylinder><radius>-1</radius><length>1</length></cylinder>")], "radius must be positive, not -1"),
         ([model(BOX, "0 0 4 0 0 0")], "holds no obstacle at the height of a robot"),
-        (["<include><uri>model://a.world</uri></include>", "<include><uri>model://loop</uri></include>"], "nested, or include themselves, more than 20 deep"),
+        (
+            ["<include><uri>model://a.world</uri></include>", "<include><uri>model://loop</uri></include>"],
+            "nested, or include themselves, more than 20 deep",
+        ),
     ],
 )
 def test_worlds_that_cannot_be_read_are_refused(tmp_path, models, message):

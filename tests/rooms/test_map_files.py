@@ -1,13 +1,19 @@
 """Files of maps, read cell by cell as ``map_server`` reads them; what is wrong with one is one clear line."""
 
 import shutil
+import subprocess
+import sys
+from contextlib import nullcontext
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from PIL import Image
 
-from turtlebot_gym.rooms.maps import _read_grid
+from turtlebot_gym.notices import Notice
+from turtlebot_gym.rooms.grid import FREE, UNKNOWN
+from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.worlds import find_world
 from turtlebot_gym.values import Pose
 
@@ -36,7 +42,7 @@ CHANNELS = [[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128
 )
 def test_a_map_is_read_cell_by_cell(tmp_path, write_map, pixels, given, cells):
     pixels = pixels if isinstance(pixels, str) else np.array(pixels, np.uint8)
-    grid = _read_grid(write_map(tmp_path, pixels, origin=[-1, 2.0, 0.5], resolution=0.1, **given))
+    grid = read_map(write_map(tmp_path, pixels, origin=[-1, 2.0, 0.5], resolution=0.1, **given)).map
     assert grid.cells.tolist() == cells
     assert (grid.resolution, grid.origin) == (0.1, Pose(-1.0, 2.0, 0.5))
 
@@ -79,6 +85,71 @@ def test_an_image_of_too_many_pixels_is_refused_before_it_is_unpacked(tmp_path, 
     Image.new("1", (6_001, 6_000)).save(tmp_path / "large.png")
     with pytest.raises(ValueError, match="cannot be read: it has 6001 x 6000 pixels, more than 30,000,000"):
         find_world(path)
+
+
+@pytest.mark.parametrize(
+    ("image", "mode", "given", "is_said"),
+    [
+        ("map.pgm", "L", {}, True),
+        ("map.png", "RGB", {}, True),
+        ("map.png", "RGBA", {"free_thresh": 0.196}, True),  # Nav2 averages the alpha channel, so that greys are lighter
+        ("map.png", "P", {}, True),
+        ("map.jpg", "L", {"free_thresh": 0.2}, True),
+        ("map.png", "L", {"negate": 1}, True),
+        ("map.pgm", "L", {"free_thresh": 0.196}, False),
+        ("map.pgm", "L", {"mode": "scale"}, False),  # there a grey is a probability
+    ],
+)
+def test_unexplored_cells_that_thresholds_make_free_are_unknown_and_said(tmp_path, write_map, image, mode, given, is_said):
+    pixels = np.full((80, 80), 254, np.uint8)
+    pixels[:, 40:] = 205
+    pixels = 255 - pixels if given.get("negate") else pixels
+    path = write_map(tmp_path, pixels, **{"image": "map.pgm", "free_thresh": 0.25} | given)
+    Image.fromarray(pixels).convert(mode).save(tmp_path / image, **({"quality": 90} if image.endswith("jpg") else {}))
+    path.write_text(path.read_text().replace("map.pgm", image))
+    with (
+        pytest.warns(Notice, match="^map.yaml: free_thresh .* makes unexplored .* unknown for Nav2")
+        if is_said
+        else nullcontext()
+    ):
+        grid = read_map(path).map
+    if is_said:
+        assert (grid.cells[:, 40:] == UNKNOWN).all()
+        assert (grid.cells[:, :32] == FREE).all()
+        assert np.isnan(grid.field()[:, 60:]).all()  # where a lost robot is not searched for
+
+
+INPUTS = Path(__file__).parents[3] / "shared" / "inputs"
+
+
+@pytest.mark.skipif(not INPUTS.is_dir(), reason="the inputs are not there")
+@pytest.mark.filterwarnings("ignore:ros2default.yaml")
+def test_episodes_start_in_explored_cells_with_the_thresholds_of_ros_2():
+    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=str(INPUTS / "ros2default.yaml"))
+    image = np.asarray(Image.open(INPUTS / "r.pgm"))[::-1]
+    for seed in range(40):
+        info = env.reset(seed=seed)[1]
+        for x, y, *_ in (info["true_state"], info["reference"]):
+            assert image[int((y + 3.0) / 0.05), int((x + 3.0) / 0.05)] == 254
+
+
+SCRIPT = """
+import resource, sys
+import gymnasium as gym
+import turtlebot_gym
+gym.make("turtlebot_gym/TurtleBotRooms-v0", world=sys.argv[1]).reset(seed=0)
+print(max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1e6)
+"""
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("resolution", [0.05, 0.1])
+def test_the_map_of_a_large_building_is_driven_in_within_1_gb(tmp_path, write_map, resolution):
+    pixels = np.full((4795, 5474), 205, np.uint8)
+    pixels[500:4200, 500:5000] = 254
+    path = write_map(tmp_path, pixels, resolution=resolution)
+    done = subprocess.run([sys.executable, "-c", SCRIPT, path], capture_output=True, text=True, check=True)
+    assert float(done.stdout) < 1.0
 
 
 def test_missing_files_are_named(tmp_path, hall):

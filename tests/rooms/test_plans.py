@@ -118,7 +118,7 @@ def test_a_file_that_is_not_a_world_is_refused(tmp_path, text, message):
         ({"walls": (0.0, 0.0, 0.0, 1.0)}, "FloorPlan.walls must be around a room"),
         ({"walls": (0.0, 0.0, math.nan, 1.0)}, r"FloorPlan.walls\[2\] must be a number from .*, got nan"),
         ({"walls": 1.0}, "FloorPlan.walls must be 4 numbers, got 1.0"),
-        ({"walls": (0.0, 0.0, 201.0, 200.0), "goal": (0.0, 0.0, 0.0)}, "A room must have at most 16,000,000 cells of 0.1 m"),
+        ({"walls": (0.0, 0.0, 301.0, 300.0), "goal": (0.0, 0.0, 0.0)}, "A room must have at most 30,000,000 cells of 0.1 m"),
         ({"map": "x"}, "FloorPlan.map must be a GridMap or None, got 'x'"),
         ({"circles": 1.0}, "FloorPlan.circles must be a sequence, got 1.0"),
         *(({"circles": (circle,)}, r"FloorPlan.circles\[0\].* must be .* number") for circle in ((None, 0.0, 1.0), (0.0, 0.0))),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ BESIDE = 0.3
 """Distance from a surface, m, up to which a field counts unknown cells as free: a beam that is a little too long ends there."""
 MAX_CELLS = 30_000_000
 """Most cells of a map: reading it takes 6 s and 400 MB, and looking for ways on it as much again."""
+CUT = "cut it (by Pillow's Image.crop; its origin moves to the new lower left corner), or make it coarser"
+"""Remedies for a map that is too large."""
 ROWS = 256
 """Rows whose squares are sought at once."""
 _AT_ZERO = Pose(0.0, 0.0, 0.0)
@@ -52,18 +55,19 @@ class GridMap:
         if cells.ndim != 2 or cells.size == 0:
             raise ValueError(f"GridMap.cells must have rows and columns, got an array of shape {cells.shape}.")
         if cells.size > MAX_CELLS:
-            raise ValueError(
-                f"GridMap.cells must be at most {MAX_CELLS:,}, got {cells.size:,}: cut the map, or make it coarser."
-            )
+            raise ValueError(f"GridMap.cells must be at most {MAX_CELLS:,}, got {cells.size:,}: {CUT}.")
         resolution = POSITIVE.check("GridMap.resolution", self.resolution)
         x, y, yaw = Numbers(FINITE, 3).check("GridMap.origin", self.origin)
         if not (cells == FREE).any():
             raise ValueError(f"GridMap.cells must hold a free cell; of {cells.size} there is none.")
         open_cells = np.pad(cells != OCCUPIED, 1)
+        squares = np.empty((4, *open_cells.shape), np.int8)
+        for at, (up, right) in enumerate(product(_BOTH_WAYS, _BOTH_WAYS)):
+            squares[at] = _squares(open_cells[up, right])[up, right]
         derived: dict[str, Any] = {
             "cells": cells.astype(np.int8),
             "origin": Pose(x, y, yaw),
-            "squares": np.stack([_squares(open_cells[up, right])[up, right] for up in _BOTH_WAYS for right in _BOTH_WAYS]),
+            "squares": squares,
             "known": np.pad(cells == FREE, 1).astype(np.uint8),
             "frame": np.array([x, y, math.cos(yaw), math.sin(yaw), resolution]),
         }

@@ -10,13 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.files import in_bounds, load
-from turtlebot_gym.rooms.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.notices import notify
+from turtlebot_gym.rooms.grid import CUT, FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.validation import FINITE, POSITIVE, PROBABILITY, Numbers, choose, refusal
 from turtlebot_gym.values import Pose
 
 FAR_ENOUGH = 6.0
 """Greatest distance between a drawn start and goal along each axis, m; a Burger drives 13 m in an episode."""
+UNEXPLORED = 205
+"""Grey by which map savers of ROS 1 and ROS 2 mark unexplored cells in the mode "trinary"."""
+_UNEXPLORED_SHARE = 0.196
+"""Occupancy of that grey, 50 / 255, as map savers of ROS 1 write it: from a greater ``free_thresh`` on it is free."""
+_ROWS = 256
+"""Rows of an image that are read at once."""
 _FORMATS = ("BMP", "GIF", "JPEG", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 _MODES = {mode: mode for mode in ("trinary", "scale", "raw")}
 _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
@@ -32,13 +39,18 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
 
     Raises:
         ValueError: If a file cannot be read or is invalid.
+
+    Warns:
+        Notice: If thresholds make unexplored cells free. Here they are unknown: as free ones they stop neither the robot nor
+            beams, but no start, goal or path is there, and a lost robot is not searched for there.
     """
-    grid = _read_grid(path)
+    grid, notice = _read_grid(path)
+    notify(notice)
     return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal, max_distance=FAR_ENOUGH)
 
 
-def _read_grid(path: str | Path) -> GridMap:
-    """Read a map's cells; see `read_map`."""
+def _read_grid(path: str | Path) -> tuple[GridMap, list[str]]:
+    """Read a map's cells, and return what is to be said about them; see `read_map`."""
     path = Path(path)
     content = _read_yaml(path)
     missing = [name for name in _NEEDED if name not in content]
@@ -54,9 +66,14 @@ def _read_grid(path: str | Path) -> GridMap:
     resolution = POSITIVE.check(f"resolution {of_map}", content["resolution"])
     pose = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
     image, negate = path.parent / str(content["image"]), bool(content["negate"])
-    cells = _read_image(image, mode, negate=negate, occupied=occupied, free=free)
+    cells, unexplored = _read_image(image, mode, negate=negate, occupied=occupied, free=free)
+    remedy = "free_thresh: 0.196" if free > _UNEXPLORED_SHARE else "an image without transparency"
+    notice = (
+        f"{path.name}: free_thresh {free:g} makes unexplored cells (grey, {UNEXPLORED}) free ({unexplored:,}): no start, "
+        f"goal or path is there, nor a lost robot; {remedy} makes them unknown for Nav2, too."
+    )
     try:
-        return GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
+        return GridMap(cells=cells[::-1], resolution=resolution, origin=pose), [notice] if unexplored else []
     except ValueError as error:
         raise ValueError(f"The map {str(path)!r} cannot be used: {error}") from error
 
@@ -74,10 +91,10 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 
 
 @in_bounds
-def _read_image(path: Path, mode: str, **limits: Any) -> NDArray[np.int8]:
-    """Return the values of cells; the first row is the highest.
+def _read_image(path: Path, mode: str, **limits: Any) -> tuple[NDArray[np.int8], int]:
+    """Return the values of cells, the first row being the highest, and how many unexplored ones the thresholds make free.
 
-    In the mode "trinary", transparency is averaged with the colours, as ``map_server`` does.
+    In the mode "trinary", transparency is averaged with the colours, as ``map_server`` does. Unexplored cells are unknown.
 
     Args:
         path: The image.
@@ -97,27 +114,55 @@ def _read_image(path: Path, mode: str, **limits: Any) -> NDArray[np.int8]:
             image = Image.open(path, formats=_FORMATS)
         with image:
             if image.width * image.height > MAX_CELLS:  # before it is unpacked
-                raise ValueError(
-                    f"it has {image.width} x {image.height} pixels, more than {MAX_CELLS:,}: cut it, or make it coarser"
-                )
-            if image.mode.startswith("I"):  # 16 bits
-                return _occupancy(np.arange(65536) / 65535, mode, **limits)[np.clip(np.asarray(image), 0, 65535)]
-            alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
-            plain = image.mode == "L" and not alpha  # a third of the memory
-            pixels = np.asarray(image)[:, :, None] if plain else np.asarray(image.convert("RGBA" if alpha else "RGB"))
+                raise ValueError(f"it has {image.width} x {image.height} pixels, more than {MAX_CELLS:,}: {CUT}")
+            cells, unexplored = np.empty((image.height, image.width), np.int8), 0
+            for top in range(0, image.height, _ROWS):  # unpacked it takes less than colours of all rows
+                part = image.crop((0, top, image.width, min(top + _ROWS, image.height)))
+                cells[top : top + _ROWS], count = _cells_of(part, mode, image, **limits)
+                unexplored += count
     except FileNotFoundError as error:
         raise ValueError(f"There is no image {str(path)!r} for the map.") from error
     except MemoryError:
         raise
     except Exception as error:  # a decoder raises errors of many kinds
         raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
-    channels = pixels if mode == "trinary" else pixels[:, :, :3]
-    most = 255 * channels.shape[2]
+    return cells, unexplored
+
+
+def _cells_of(image: Any, mode: str, whole: Any, **limits: Any) -> tuple[NDArray[np.int8], int]:
+    """Return the values of cells of a part of an image of Pillow's; see `_read_image`."""
+    off = 3.0 if whole.format in ("JPEG", "WEBP") else 0.6  # these formats change greys
+    if image.mode.startswith("I"):  # 16 bits
+        pixels = np.clip(np.asarray(image), 0, 65535)
+        shades = np.arange(65536) / 65535
+        return _without_unexplored(
+            _occupancy(shades, mode, **limits)[pixels], _is_unexplored(shades, off, **limits)[pixels], mode
+        )
+    alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in whole.info
+    plain = image.mode == "L" and not alpha  # a third of the memory
+    pixels = np.asarray(image)[:, :, None] if plain else np.asarray(image.convert("RGBA" if alpha else "RGB"))
+    colours = pixels[:, :, :3]
+    channels = pixels if mode == "trinary" else colours
     # There are fewer sums of channels than pixels.
+    most, most_colours = 255 * channels.shape[2], 255 * colours.shape[2]
     cells = _occupancy(np.arange(most + 1) / most, mode, **limits)[channels.sum(axis=2, dtype=np.uint16)]
     if alpha and mode == "scale":
         cells[pixels[:, :, 3] < 255] = UNKNOWN
-    return cells
+    unexplored = _is_unexplored(np.arange(most_colours + 1) / most_colours, off, **limits)
+    return _without_unexplored(cells, unexplored[colours.sum(axis=2, dtype=np.uint16)], mode)
+
+
+def _is_unexplored(shade: NDArray[np.float64], off: float, *, negate: bool, **limits: Any) -> NDArray[np.bool_]:
+    """Return whether pixels have the grey of unexplored cells, up to ``off``; see `_occupancy`."""
+    return np.abs((1.0 - shade if negate else shade) * 255.0 - UNEXPLORED) <= off
+
+
+def _without_unexplored(cells: NDArray[np.int8], unexplored: NDArray[np.bool_], mode: str) -> tuple[NDArray[np.int8], int]:
+    """Return cells of which the unexplored ones are not free, and how many were; only "trinary" has a grey for them."""
+    wrong = unexplored & (cells == FREE) if mode == "trinary" else np.zeros((1, 1), np.bool_)
+    if count := int(wrong.sum()):
+        cells[wrong] = UNKNOWN
+    return cells, count
 
 
 def _occupancy(shade: NDArray[np.float64], mode: str, *, negate: bool, occupied: float, free: float) -> NDArray[np.int8]:
