@@ -15,6 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.meshes import Body
 from turtlebot_gym.transforms import MalformedError, numbers_of
 
 SCAN_HEIGHT = 0.18
@@ -30,15 +31,6 @@ _LEVEL = 1e-4
 
 LoadMesh = Callable[[Element], "list[Body]"]
 """Returns the bodies of a ``<mesh>``, in its own frame."""
-
-
-class Body(NamedTuple):
-    """A connected surface of triangles."""
-
-    triangles: NDArray[np.float64]
-    """Shape (n, 3, 3), m."""
-    is_solid: bool
-    """Whether it encloses what is solid."""
 
 
 class Outline(NamedTuple):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import tyro
 
 from turtlebot_gym.entry_points import load_entry_point, loadable, names_in
+from turtlebot_gym.notices import Notice
 from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.commands.benchmark import Benchmark, Compile
 from turtlebot_gym_agents.commands.bundles import Export, ShowCard
@@ -147,7 +149,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: Arguments; None for those of the process.
     """
-    words = list(sys.argv[1:] if argv is None else argv)
+    with warnings.catch_warnings():
+        warnings.showwarning = _as_text(warnings.showwarning)
+        return _run(list(sys.argv[1:] if argv is None else argv))
+
+
+def _run(words: list[str]) -> int:
     write_anywhere(sys.stdout, sys.stderr)
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)  # for users' policies, which a console script would not find
@@ -180,3 +187,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"turtlebot-gym: interrupted. {resuming}".rstrip(), file=sys.stderr)
         return 130
     return 0
+
+
+def _as_text(show: Callable[..., None]) -> Callable[..., None]:
+    """Return a function that prints a notice as one line, and shows other warnings by another function."""
+
+    def shown(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, Notice):
+            print(f"turtlebot-gym: {message}", file=sys.stderr)
+        else:
+            show(message, category, *where, **more)
+
+    return shown

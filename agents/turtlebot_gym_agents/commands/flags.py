@@ -18,9 +18,10 @@ class Environment:
     """Options of environments."""
 
     robot: str = "burger"
-    """Robot: a preset, or a file of your own (FILE.yaml). An unknown name lists the presets."""
+    """Robot: a preset, or a file: your own (FILE.yaml), a URDF, Nav2's parameters, or some of these joined by +, such as
+    robot.urdf+nav2_params.yaml. An unknown name lists the presets."""
     noise: str = "tutorial"
-    """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
+    """Noise: clean, tutorial, documented, wheel, rough, or a file: your own (FILE.yaml), or robot_localization's ekf.yaml."""
     filter: str = "matched"
     """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, gyro with --imu, or your own (MODULE:NAME)."""
     observation: str = "ekf"

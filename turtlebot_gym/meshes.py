@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.extras import installing
-from turtlebot_gym.rooms.solids import Body
 
 FORMATS = (".stl", ".obj", ".dae", ".ply", ".off", ".glb", ".gltf")
 """File name endings of meshes."""
+
+
+class Body(NamedTuple):
+    """A connected surface of triangles."""
+
+    triangles: NDArray[np.float64]
+    """Shape (n, 3, 3), m."""
+    is_solid: bool
+    """Whether it encloses what is solid."""
 
 
 def load_mesh(path: Path, scale: NDArray[np.float64], part: str = "") -> list[Body]:
