@@ -52,7 +52,7 @@ PLACE = r"own_parts:broken: KeyError: 'nothing' \(.*own_parts.py, line \d+\)"
 @pytest.mark.parametrize(
     ("option", "name", "message"),
     [
-        ("filter", "own_parts:Missing", "module 'own_parts' has no attribute 'Missing'"),
+        ("filter", "own_parts:Missing", "module 'own_parts' .*own_parts.py. has no attribute 'Missing'"),
         ("filter", "no_such_module:Filter", "No module named 'no_such_module'"),
         ("filter", "own_parts:nothing", "filter must be a tuning, or what makes one, got 3"),
         ("filter", "own_parts:broken", PLACE),
