@@ -46,11 +46,34 @@ def exits(observation, calls=[]):
         raise SystemExit(3)
     return ahead(observation)
 
+def invents(observation):
+    return np.array([np.nan, 0.0])
+
+def shouts(observation):
+    return np.ones(3)
+
 def blocks(observation, calls=[]):
     calls.append(1)
     if len(calls) > 3:
         time.sleep(3600.0)
     return ahead(observation)
+"""
+FILTERS = """
+import numpy as np
+
+class Tired:
+    calls = 0
+
+    def __init__(self, tuning):
+        self.x, self.P = np.zeros(5), np.eye(5)
+
+    def predict(self, *arguments, **named):
+        Tired.calls += 1
+        if Tired.calls > 8:
+            raise RuntimeError("tired")
+
+    def update(self, *arguments, **named):
+        pass
 """
 
 
@@ -140,10 +163,10 @@ def world(peer, wait_for, tmp_path):
     return World(peer, wait_for)
 
 
-LATER = [number for number in ENDINGS if number != signal.SIGHUP]
+OTHERS = [number for number in ENDINGS if number != signal.SIGHUP]
 
 
-@pytest.mark.parametrize("number", [signal.SIGHUP, *(pytest.param(number, marks=pytest.mark.nightly) for number in LATER)])
+@pytest.mark.parametrize("number", [signal.SIGHUP, *(pytest.param(number, marks=pytest.mark.nightly) for number in OTHERS)])
 @pytest.mark.usefixtures("hangs_up")
 def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, world, tmp_path, number):
     process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
@@ -199,19 +222,47 @@ def test_ctrl_c_ends_a_graph_with_one_word_and_a_shells_exit_code_from_the_first
         assert [line for line in said.splitlines() if not line.startswith("[")] == ["interrupted"]
 
 
-@pytest.mark.parametrize("why", ["ValueError: too clever", "SystemExit: 3"])
-def test_a_policy_that_fails_ends_a_drive_with_its_error(launch, tmp_path, why):
+FAULTS = {
+    "raises": "ValueError: too clever",
+    "exits": "SystemExit: 3",
+    "invents": "finite numbers, got nan",
+    "shouts": "of shape",
+}
+MODES = {"lock-step": [], "real time": ["--speed", "1"], "processes": ["--processes"]}
+DAILY = [("raises", "lock-step"), ("exits", "lock-step"), ("shouts", "real time")]
+LATER = [(policy, mode) for policy in FAULTS for mode in MODES if (policy, mode) not in DAILY]
+
+
+@pytest.mark.parametrize(("policy", "mode"), [*DAILY, *(pytest.param(*case, marks=pytest.mark.nightly) for case in LATER)])
+def test_a_policy_that_fails_ends_a_drive_with_its_error(launch, tmp_path, policy, mode):
+    """The program finds the policy in its working folder; a policy may fail in its first step."""
     (tmp_path / "policies.py").write_text(POLICIES)
-    policy = f"policies:{'exits' if 'Exit' in why else 'raises'}"
-    program = launch("-m", "turtlebot_gym_ros", "bringup", "--duration", "5", "--policy", policy, PYTHONPATH=path(tmp_path))
-    _, said = program.communicate(timeout=60)
+    words = ["bringup", "--duration", "5", "--policy", f"policies:{policy}", *MODES[mode]]
+    program = launch("-m", "turtlebot_gym_ros", *words)
+    _, said = program.communicate(timeout=40)
     assert program.returncode == 2
-    assert said.splitlines()[-1].startswith("error: velocity_controller is stop")
-    assert why in said.splitlines()[-1]
+    last = said.splitlines()[-1]
+    assert last.startswith("error: velocity_controller is s")
+    assert FAULTS[policy] in last
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("mode", MODES)
+def test_a_filter_that_fails_ends_a_drive_with_its_error(launch, tmp_path, mode):
+    (tmp_path / "filters.py").write_text(FILTERS)
+    words = ["bringup", "--duration", "20", "--filter", "filters:Tired", *MODES[mode]]
+    _, said = (program := launch("-m", "turtlebot_gym_ros", *words)).communicate(timeout=60)
+    assert program.returncode == 2
+    assert said.splitlines()[-1].startswith(
+        "error: kalman_filter reports fault: ValueError: filters:Tired: RuntimeError: tired ("
+    )
 
 
 def test_a_drive_whose_time_stands_still_ends_with_an_error():
-    is_over, graph = bringup._GraphEnd(1.0), SimpleNamespace(time=0.5, state="active", reports={"kalman_filter": (0, "runs")})
+    is_over, graph = (
+        bringup._GraphEnd(1.0),
+        SimpleNamespace(time=0.5, state="active", reports={"kalman_filter": (0, "runs")}, require_no_fault=lambda: None),
+    )
     for _ in range(bringup.LOOKS + 1):
         assert not is_over(graph)
     with pytest.raises(RuntimeError, match=r"stood still for 60 s.*kalman_filter.*runs"):

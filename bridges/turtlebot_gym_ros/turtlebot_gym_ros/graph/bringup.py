@@ -192,14 +192,13 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
 
 
 class _GraphEnd:
-    """The condition that a drive has lasted so long, s; it raises RuntimeError if the drive cannot go on."""
+    """The condition that a drive has lasted so long, s; it raises RuntimeError if a node fails or time stands still."""
 
     def __init__(self, duration: float) -> None:
         self._duration, self._last, self._looks = duration, -1.0, 0
 
     def __call__(self, graph: Graph) -> bool:
-        if "fault: " in graph.state:
-            raise RuntimeError(f"velocity_controller is {graph.state}")
+        graph.require_no_fault()
         self._last, self._looks = graph.time, self._looks + 1 if graph.time == self._last else 0
         if self._looks > LOOKS:
             raise RuntimeError(f"the time has stood still for {PATIENCE:g} s; the nodes report {dict(graph.reports)}.")

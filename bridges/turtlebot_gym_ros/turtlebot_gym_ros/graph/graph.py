@@ -176,24 +176,27 @@ class Graph:
     def _come_up(self) -> None:
         """Wait until the loop is closed, then reset it to the start."""
         if self._lock_step:  # time stands still at step 0 until the controller is enabled
-            self.wait_until(lambda graph: graph._recorder.is_connected and graph._recorder.has_begun, timeout=PATIENCE)
+            self._wait(lambda graph: graph._recorder.is_connected and graph._recorder.has_begun)
             self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
             return
         topics = ("true_state", "estimate", "reference") if self._autonomous else ("true_state", "estimate")
-        self.wait_until(lambda graph: all(topic in graph.latest for topic in topics), timeout=PATIENCE)
+        self._wait(lambda graph: all(topic in graph.latest for topic in topics))
         if self._autonomous:
             self._ask("velocity_controller/enable", SetBool, SetBool.Request(data=True))
-            self.wait_until(lambda graph: graph.latest["true_state"].v or graph.latest["true_state"].omega, timeout=PATIENCE)
+            self._wait(lambda graph: graph.latest["true_state"].v or graph.latest["true_state"].omega)
         # Only now is every node connected to every other: earlier steps do not count.
         self._recorder.restart()
         self._ask("turtlebot_simulator/reset", Trigger, Trigger.Request())
-        self.wait_until(lambda graph: graph._recorder.has_begun, timeout=PATIENCE)
+        self._wait(lambda graph: graph._recorder.has_begun)
+
+    def _wait(self, condition: Callable[[Graph], Any]) -> None:
+        self.wait_until(lambda graph: not graph.require_no_fault() and condition(graph), timeout=PATIENCE)
 
     def _ask(self, service: str, kind: Any, request: Any) -> None:
         client = self._recorder.node.create_client(kind, service)
-        self.wait_until(lambda graph: client.service_is_ready(), timeout=PATIENCE)
+        self._wait(lambda graph: client.service_is_ready())
         future = client.call_async(request)
-        self.wait_until(lambda graph: future.done(), timeout=PATIENCE)
+        self._wait(lambda graph: future.done())
         self._recorder.node.destroy_client(client)
 
     @property
@@ -212,6 +215,17 @@ class Graph:
     def reports(self) -> Mapping[str, tuple[int, str]]:
         """Level and message of each node's diagnostics."""
         return self._recorder.reports
+
+    def require_no_fault(self) -> None:
+        """Check that no node reports that its step failed.
+
+        Raises:
+            RuntimeError: If one does.
+        """
+        reports = {name: text for name, (_, text) in dict(self.reports).items()}
+        for name, text in (("velocity_controller", self.state), *reports.items()):
+            if "fault: " in text:
+                raise RuntimeError(f"{name} is {text}" if text == self.state else f"{name} reports {text}")
 
     @property
     def time(self) -> float:

@@ -281,7 +281,8 @@ class Shell:
         """Publish the diagnostics."""
         problems = [NodeProblem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.inputs.feeds.values() if feed.refusal]
         problems += [NodeProblem(WARN, self._notice)] if self._notice else []
-        faults = self._drive.trouble(), self._trouble, getattr(self.block, "fault", None)
+        trouble = self._trouble and f"fault: {self._trouble}"
+        faults = self._drive.trouble(), trouble, getattr(self.block, "fault", None)
         problems += [NodeProblem(ERROR, why) for why in faults if why]
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
