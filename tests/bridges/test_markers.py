@@ -18,13 +18,14 @@ from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.base.qos import LATCHED, STREAM
+from turtlebot_gym_ros.base.qos import LATCHED, SENSOR, STREAM
 from turtlebot_gym_ros.blocks import WaypointGenerator
 from turtlebot_gym_ros.blocks.simulator import MAP_OUTPUTS, ROOM_OUTPUTS
 from turtlebot_gym_ros.graph.markers import LIFETIME, MarkerScene, Visualization
-from turtlebot_gym_ros.node.convert import conversion
+from turtlebot_gym_ros.node.convert import conversion, conversion_of
 from turtlebot_gym_ros.node.geometry import _yaw_of
 from turtlebot_gym_ros.node.shell import Shell
+from turtlebot_gym_ros.nodes import BLOCKS, load
 
 RVIZ = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "rviz" / "turtlebot.rviz"
 HEADER = Header(frame_id="odom")
@@ -121,33 +122,57 @@ CLASSES = {
     "rviz_default_plugins/MarkerArray": type_name(MarkerArray),
     "rviz_default_plugins/Map": "nav_msgs/msg/OccupancyGrid",
     "rviz_default_plugins/LaserScan": "sensor_msgs/msg/LaserScan",
+    "rviz_default_plugins/PoseArray": "geometry_msgs/msg/PoseArray",
 }
+TOOLS = {
+    "rviz_default_plugins/SetGoal": "geometry_msgs/msg/PoseStamped",
+    "rviz_default_plugins/SetInitialPose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+}
+"""What RViz's tools publish: rviz_default_plugins, ``tools/goal_pose`` and ``tools/pose_estimate``."""
 IN_A_ROOM = {f"/{output.topic}": output for output in (*ROOM_OUTPUTS.values(), *MAP_OUTPUTS.values())}
 
 
 def test_rviz_shows_topics_that_exist_with_their_type_in_their_frame():
     said = said_types()
     shown = {display["Topic"]["Value"]: display for display in displays().values() if "Topic" in display}
-    assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate", "/obstacles", "/map", "/scan"}
+    assert shown.keys() == {"/markers", "/odom", "/true_state", "/estimate", "/obstacles", "/map", "/scan", "/hypotheses"}
     for topic, display in shown.items():
         assert CLASSES[display["Class"]] == said[topic]
         assert all(display[key] is True for key in ("Enabled", "Value"))
     config = yaml.safe_load(RVIZ.read_text())["Visualization Manager"]
     assert config["Global Options"]["Fixed Frame"] == HEADER.frame_id
-    (goal,) = (tool["Topic"]["Value"] for tool in config["Tools"] if tool["Class"] == "rviz_default_plugins/SetGoal")
-    assert goal == f"/{WaypointGenerator.inputs['goal'].topic}"
+
+
+def profile_of(topic):
+    """Return the quality of service in RViz's words."""
+    words = {key: str(value).replace(" ", "_").upper() for key, value in topic.items()}
+    return QoSProfile(
+        depth=topic["Depth"],
+        reliability=ReliabilityPolicy[words["Reliability Policy"]],
+        durability=DurabilityPolicy[words["Durability Policy"]],
+    )
+
+
+def test_rviz_speaks_to_nodes_that_understand_it():
+    """Each tool's topic is the input of a node, with its type and a quality of service that matches."""
+    tools = yaml.safe_load(RVIZ.read_text())["Visualization Manager"]["Tools"]
+    spoken = {tool["Class"]: tool["Topic"] for tool in tools if "Topic" in tool}
+    assert spoken.keys() == TOOLS.keys()
+    heard = [source for name in BLOCKS for source in load(name).inputs.values()]
+    for tool, topic in spoken.items():
+        listeners = [source for source in heard if f"/{source.topic}" == topic["Value"]]
+        assert len(listeners) == {"/goal_pose": 1, "/initialpose": 2}[topic["Value"]]
+        for source in listeners:
+            assert type_name(conversion_of(source).message) == TOOLS[tool]
+            theirs, ours = profile_of(topic), STREAM if source.reliable else SENSOR
+            assert qos_check_compatible(theirs, LATCHED if source.latched else ours)[0] != QoSCompatibility.ERROR
 
 
 def test_rviz_understands_who_speaks():
     for name, display in displays().items():
         if "Topic" not in display:
             continue
-        words = {key: str(value).replace(" ", "_").upper() for key, value in display["Topic"].items()}
-        profile = QoSProfile(
-            depth=display["Topic"]["Depth"],
-            reliability=ReliabilityPolicy[words["Reliability Policy"]],
-            durability=DurabilityPolicy[words["Durability Policy"]],
-        )
+        profile = profile_of(display["Topic"])
         latched = getattr(IN_A_ROOM.get(display["Topic"]["Value"]), "latched", False)
         assert qos_check_compatible(LATCHED if latched else STREAM, profile)[0] != QoSCompatibility.ERROR, name
         assert (profile.durability == DurabilityPolicy.TRANSIENT_LOCAL) == latched, name
