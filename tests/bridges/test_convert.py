@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from scipy import stats
 from std_msgs.msg import Header
@@ -15,7 +15,7 @@ from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
-from turtlebot_gym_ros.node.block import Nis
+from turtlebot_gym_ros.node.block import InitialPose, Nis
 from turtlebot_gym_ros.node.convert import SURPRISING, conversion, register, state_covariance
 from turtlebot_gym_ros.node.geometry import _yaw_of, quaternion_of
 
@@ -101,6 +101,20 @@ def test_a_fix_states_its_covariance_and_minus_one_for_a_heading_that_was_not_me
     if heading == math.inf:
         message.pose.pose.orientation.w = 0.0  # as who measures a position leaves it
         assert conversion(Fix).read(message) == fix
+
+
+def test_an_initial_pose_may_state_no_covariance_and_then_has_that_of_rviz():
+    """As Nav2's clients send it: ``nav2_simple_commander/robot_navigator.py``, ``_setInitialPose``."""
+    message = PoseWithCovarianceStamped(header=HEADER)
+    message.pose.pose.position.x = 1.5
+    shown = conversion(InitialPose).read(message)
+    assert (shown.pose, shown.cross) == (Pose(1.5, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert shown.R == pytest.approx((0.25, 0.25, 0.06853891909122467))  # as RViz saves it
+    with pytest.raises(ValueError, match="a fix must state positive variances"):
+        conversion(Fix).read(message)
+    message.pose.covariance[0] = message.pose.covariance[7] = 0.25
+    with pytest.raises(ValueError, match="must state the heading's variance"):
+        conversion(InitialPose).read(message)
 
 
 @pytest.mark.parametrize("variance", [0.0, 1e-6, 100.0])

@@ -11,13 +11,18 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_msgs.msg import Header
 
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros import Graph
+from turtlebot_gym_ros.blocks import Localizer
 from turtlebot_gym_ros.node import navigate
 from turtlebot_gym_ros.node.errand import Errand, Failure
+from turtlebot_gym_ros.node.shell import Shell
 
 
 class StandInNavigateToPose:
@@ -45,10 +50,10 @@ class StandInServer:
 class StandInHandle(SimpleNamespace):
     """Stands in for the handle of a goal in the map's frame, and notes what is called."""
 
-    def __init__(self, frame="map"):
+    def __init__(self, frame="map", tree=""):
         goal = PoseStamped()
         goal.header.frame_id, goal.pose.position.x = frame, 2.0
-        super().__init__(request=SimpleNamespace(pose=goal), heard=[], said=[])
+        super().__init__(request=SimpleNamespace(pose=goal, behavior_tree=tree), heard=[], said=[])
 
     def __getattr__(self, name):
         return lambda *told: self.said.extend(told) if told else self.heard.append(name)
@@ -103,11 +108,22 @@ def test_a_client_hears_how_far_the_robot_is_and_that_it_has_arrived(door):
     assert [result.error_code for result in door._server.results] == [0]
 
 
-def test_a_goal_in_another_frame_is_aborted_at_once(door):
-    handle = StandInHandle("odom")
+@pytest.mark.parametrize(
+    ("handle", "code", "said"),
+    [
+        (StandInHandle("odom"), Failure.NOT_LOCALIZED, "its frame is 'odom' instead of 'map'"),
+        (
+            StandInHandle(tree="mine.xml"),
+            Failure.BEHAVIOR_TREE,
+            "behavior_tree must be empty, since a policy drives, got 'mine.xml'",
+        ),
+    ],
+    ids=["frame", "behaviour tree"],
+)
+def test_a_goal_that_cannot_be_understood_is_aborted_at_once(door, handle, code, said):
     door._server.take(handle)
     assert handle.heard == ["execute", "abort"]
-    assert [result.error_code for result in door._server.results] == [Failure.NOT_LOCALIZED]
+    assert [(result.error_code, result.error_msg) for result in door._server.results] == [(code, said)]
 
 
 def test_a_cancelled_goal_and_one_that_failed_end_as_such_each_with_its_own_client(door):
@@ -120,6 +136,18 @@ def test_a_cancelled_goal_and_one_that_failed_end_as_such_each_with_its_own_clie
     assert (first.heard, second.heard) == (["execute", "abort"], ["execute", "canceled"])
     results = [(result.error_code, result.error_msg) for result in door._server.results]
     assert results == [(Failure.OTHER, "another goal took its place"), (0, "")]
+
+
+def test_nav2s_clients_find_its_nodes_active(runner, peer, door):
+    """As nav2_simple_commander's waitUntilNav2Active asks: by the name of Nav2's node, in the client's namespace."""
+    runner.add(Shell(Localizer, Localizer.Params, context=runner.context))
+    runner.add(door._node)
+    for name in ("amcl", "bt_navigator"):
+        state = peer.ask(f"{name}/get_state", GetState, GetState.Request()).current_state
+        assert (state.id, state.label) == (State.PRIMARY_STATE_ACTIVE, "active")
+    (pose,) = peer.node.get_publishers_info_by_topic("amcl_pose")  # as nav2_amcl, ``amcl_node.cpp``
+    profile = pose.qos_profile
+    assert (profile.reliability, profile.durability) == (ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 CLIENT = Path(__file__).with_name("navigate_client.py")

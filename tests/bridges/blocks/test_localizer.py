@@ -42,7 +42,9 @@ class Drive:
             sent = self.plant.step(0.1, command)
             self.scan = sent.get("scan", self.scan and self.scan._replace(age=self.scan.age + 0.1))
             scan = self.scan._replace(value=see(self.scan.value))
-            self.answer = self.node.step(0.1 if self.at else 0.0, sent["odometry"], scan, GRID, initial_pose)
+            self.answer = self.node.step(
+                0.1 if self.at else 0.0, sent["odometry"], scan, GRID, initial_pose and Stamped(*initial_pose)
+            )
             initial_pose, self.truth, self.odometry = None, sent["truth"], sent["odometry"]
             self.at += 1
             published += "estimate" in self.answer
@@ -102,10 +104,23 @@ def test_it_looks_anew_when_asked(drive):
 def test_a_person_says_where_it_is(drive):
     loop = drive()
     loop.go(1.0)
-    loop.go(0.1, initial_pose=Fix(Pose(1.0, 1.0, 0.3), (0.01, 0.01, 0.01), 0.0, True))
+    loop.go(0.1, initial_pose=(Fix(Pose(1.0, 1.0, 0.3), (0.01, 0.01, 0.01), 0.0, True), 0.0))
     assert loop.error > 0.2
-    loop.go(0.1, initial_pose=Fix(Pose(*loop.truth[:3]), (0.01, 0.01, 0.01), 0.0, True))
+    loop.go(0.1, initial_pose=(Fix(Pose(*loop.truth[:3]), (0.01, 0.01, 0.01), 0.0, True), 0.0))
     assert loop.error < 0.15
+
+
+def test_a_pose_of_a_moment_ago_is_carried_on_by_the_odometry_since(drive):
+    """Nav2's clients send a pose again and again, with the stamp of the first time."""
+    loop, sure = drive(), (1e-4, 1e-4, 1e-4)
+    loop.go(2.0)
+    before = Pose(*loop.truth[:3])
+    loop.go(1.9)
+    loop.go(0.1, initial_pose=(Fix(before, sure, 0.0, True), 2.0))
+    assert loop.error < 0.06
+    assert np.hypot(before.x - loop.truth.x, before.y - loop.truth.y) > 0.15
+    loop.go(0.1, initial_pose=(Fix(before, sure, 0.0, True), 1.8e9))  # without a stamp it is one of now
+    assert loop.error > 0.1
 
 
 def nonsense(seed):

@@ -227,8 +227,8 @@ def test_what_is_awaited_is_given_up_with_the_reason():
     errand = drive(5.2, lambda time: at(*HERE))
     assert (errand.code, errand.reason.partition(":")[0]) == (Failure.NO_PROGRESS, "no progress for 5 s")
     errand = drive(5.2, lambda time: None)
-    assert (errand.code, errand.reason) == (Failure.NOT_LOCALIZED, "lost: no estimate for 5 s")
-    assert drive(8.0, lambda time: at(*HERE) if time > 4.0 else None).is_active  # it was found, and may go on
+    assert (errand.code, errand.reason) == (Failure.NOT_LOCALIZED, "lost: no estimate for 2.5 s")
+    assert drive(7.0, lambda time: at(*HERE) if time > 2.0 else None).is_active  # it was found, and may go on
     errand = drive(20.2, lambda time: at(1.0 + 0.03 * time, 1.0))
     assert (errand.code, errand.reason) == (Failure.TIMEOUT, "it took longer than 20 s")
 

@@ -19,7 +19,7 @@ from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import Names, Range, check_fields, choose
 from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, senses_of
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility, Gate, bounded
-from turtlebot_gym_ros.node.block import COMMANDED, RESUME, Input, Nis, On, Output, Resume, Stamped
+from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, Input, Nis, On, Output, Resume, Stamped
 
 REMEMBERED = depth_of(0.01)
 """Number of steps stored for late fixes: half a second of odometry at 100 Hz, longer at lower rates."""
@@ -49,8 +49,8 @@ class KalmanFilter:
     odometry was reset goes on by itself if it stands and a fix says where it is.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message); ``command`` (`Command`, on ``cmd_vel``; optional, the last
-    value holds; not in lock-step); with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional); ``initial_pose`` (`Fix`,
-    on ``initialpose``, optional); and ``resume`` (`Resume`, on ``resume``, optional).
+    value holds; not in lock-step); with ``takes_fixes``, ``fix`` (`Fix`, on ``pose_fix``, optional); ``initial_pose``
+    (`InitialPose`, on ``initialpose``, optional); and ``resume`` (`Resume`, on ``resume``, optional).
     Outputs: ``nis`` (`Nis`, on ``nis``), the normalized innovation squared, and ``estimate`` (`Estimate`, on ``estimate``), at
     odometry's stamp and in its frame; and ``disagreement`` (`Disagreement`, on ``disagreement``, when it changes).
     Parameters: those of `Params`.
@@ -95,7 +95,7 @@ class KalmanFilter:
     inputs = {
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
         "command": COMMANDED,
-        "initial_pose": Input(topic="initialpose", type=Fix, required=False, once=True),
+        "initial_pose": INITIAL_POSE,
         "resume": RESUME,
     }
     outputs = {

@@ -28,9 +28,21 @@ from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.localizing import drift_of
 from turtlebot_gym.validation import Names, Range, check_fields
-from turtlebot_gym.values import ORIGIN, Command, Fix, Odometry, Pose
+from turtlebot_gym.values import ORIGIN, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility
-from turtlebot_gym_ros.node.block import COMMANDED, RESUME, Correction, Input, Nis, On, Output, PoseCandidates, Resume, Stamped
+from turtlebot_gym_ros.node.block import (
+    COMMANDED,
+    INITIAL_POSE,
+    RESUME,
+    Correction,
+    Input,
+    Nis,
+    On,
+    Output,
+    PoseCandidates,
+    Resume,
+    Stamped,
+)
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
@@ -109,16 +121,19 @@ class Localizer:
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
         "scan": Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, wakes=False),
         "command": COMMANDED,
-        "initial_pose": Input(topic="initialpose", type=Fix, required=False, once=True),
+        "initial_pose": replace(INITIAL_POSE, aged=True),
         "resume": RESUME,
     }
     outputs = {
-        "pose": Output(topic="amcl_pose", type=Located),
+        "pose": Output(topic="amcl_pose", type=Located, latched=True),
         "nis": Output(topic="nis", type=Nis),
         "estimate": Output(topic="estimate", type=Estimate),
         "places": Output(topic="hypotheses", type=PoseCandidates),
         "disagreement": DISAGREEMENT,
     }
+
+    nav2_name = "amcl"
+    """Name of the node of Nav2 for which it stands."""
 
     def __init__(self, params: Params) -> None:
         self._params, self._lidar = params, find_lidar(params.lidar)
@@ -179,7 +194,7 @@ class Localizer:
         odometry: Odometry,
         scan: Stamped,
         map: GridMap | None = None,
-        initial_pose: Fix | None = None,
+        initial_pose: Stamped | None = None,
         command: Command | None = None,
         resume: Resume | None = None,
     ) -> dict[str, Any]:
@@ -243,12 +258,16 @@ class Localizer:
         self._ticks += 1
         self._time = self._since + self._ticks * dt
 
-    def _take_seat(self, located: Located, initial_pose: Fix) -> Located:
-        """Return the belief where a person says that the robot is."""
-        (x, y, heading), (xy, xt, yt) = initial_pose.R, initial_pose.cross
+    def _take_seat(self, located: Located, initial_pose: Stamped) -> Located:
+        """Return the belief where a person says that the robot is, or was at a time that its odometry still remembers."""
+        pose, (x, y, heading), *_, (xy, xt, yt) = initial_pose.value
         if heading == math.inf:
             return located
-        place = locate(initial_pose.pose, (x, y, heading), self._q)
+        later = np.count_nonzero(self._trail[:, 0] > self._time - initial_pose.age)
+        if 0 < later < TRAIL:
+            then = Pose(*self._trail[later, 1:4].tolist())
+            pose = increment(pose, then, self._wheels(), sincos(wrap(pose.theta - then.theta)))
+        place = locate(pose, (x, y, heading), self._q)
         belief = place.belief._replace(covariance=place.belief.covariance._replace(xy=xy, xt=xt, yt=yt))
         return place._replace(belief=belief, scans=located.scans, moves=located.moves)
 

@@ -38,8 +38,8 @@ class WaypointGenerator:
     A goal takes the place of all waypoints: a pose from RViz, or a goal of the action ``navigate_to_pose``, if ``nav2_msgs`` is
     installed. In the frame ``map`` it is refused if the map on the topic ``map``, if there is one, has no way to it. A goal of
     the action is reached when the controller is done with it, by the same estimate and rule; it is given up, with the reason,
-    without an estimate or progress for ``patience``, and after ``time_limit``. Cancelled or given up, the robot stays where it
-    is.
+    without an estimate for 2.5 s, without progress for ``patience``, and after ``time_limit``. Cancelled or given up, the robot
+    stays where it is.
 
     Inputs, all optional: ``estimate`` (`Estimate`, on ``estimate``), ``goal`` (`Pose`, on ``goal_pose``), if ``waypoints`` is
     "room", ``room_goal`` (`Pose`, on ``room_goal``), and in the frame ``map``, ``map`` (`GridMap`, on ``map``). Outputs:
@@ -71,7 +71,7 @@ class WaypointGenerator:
         goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
         """Distance to an action's goal within which it is reached, m, as in velocity_controller; with 0 it is ``radius``."""
         patience: Annotated[float, POSITIVE.of("s")] = 30.0
-        """Time without an estimate, or without coming nearer, after which an action's goal is given up, s."""
+        """Time without coming nearer after which an action's goal is given up, s; without an estimate that takes 2.5 s."""
         time_limit: Annotated[float, NON_NEGATIVE.of("s")] = 600.0
         """Time after which an action's goal is given up, s; 0 for no limit."""
         period: Annotated[float, PERIOD] = 0.1

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
 from turtlebot_gym.validation import Range
-from turtlebot_gym.values import Command, Covariance, Pose
+from turtlebot_gym.values import Command, Covariance, Fix, Pose
 from turtlebot_gym_ros.base.frames import Mount
 
 PERIOD = Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")
@@ -112,6 +112,10 @@ class Disagreement(NamedTuple):
     """An empty text if there is no contradiction."""
 
 
+class InitialPose(Fix):
+    """A person's or program's word where the robot is."""
+
+
 class Resume(NamedTuple):
     """A person's word that the robot may go on."""
 
@@ -156,6 +160,9 @@ HALT = Input(
 """The input of a block that moves a robot on a filter's estimate."""
 COMMANDED = Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="absent", reliable=False, wakes=False)
 """The input of a filter that compares its odometry with the command in force."""
+INITIAL_POSE = Input(topic="initialpose", type=InitialPose, required=False, max_age=None, once=True, measured=False)
+"""The input of an estimator that a person or program shows where the robot is. Nav2's clients send it again and again with the
+stamp of its first time until they hear the estimate, so its age does not count."""
 RESUME = Input(topic="resume", type=Resume, required=False, once=True, lock_step="absent")
 """The input of a filter that a person lets go on."""
 
@@ -199,8 +206,8 @@ class Block(Protocol):
 
     It may also have a ``notice``, one line for users or None, which is logged and shown in the diagnostics; a ``fault``, a line
     that is shown as an error; ``figures``, numbers by name, which the diagnostics show; ``services``, functions without
-    arguments by name, which the node offers as ``std_srvs/Empty``; and ``pause``, called instead of ``reset`` after a gap in
-    the messages on which it runs.
+    arguments by name, which the node offers as ``std_srvs/Empty``; ``nav2_name``, the node of Nav2 for which it stands, so that
+    clients find that one active; and ``pause``, called instead of ``reset`` after a gap in the messages on which it runs.
     """
 
     @property

@@ -7,9 +7,6 @@ directions, with a ``ValueError`` that gives the reason.
 it by ``pose.covariance[0] = -1``, the convention of ``sensor_msgs/Imu`` for unknown values. The twist is valid in either case.
 A robot's own odometry, with zeros or variances in the covariance, counts as measured.
 
-A `Fix` states its covariance, of which the entries above the diagonal count; the variance -1 of the heading means that it was
-not measured, and its covariances then do not count.
-
 Headings survive the conversion to a quaternion bit-exactly, see `geometry.half_turn`.
 
 Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. Quantities that a planar robot does not know, height, roll,
@@ -23,7 +20,7 @@ read back to the same number.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -34,18 +31,24 @@ from std_msgs.msg import Empty, Header, String
 from turtlebot_gym import values
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
-from turtlebot_gym.parameters import is_covariance
-from turtlebot_gym.validation import LARGEST, LEAST, short_repr
+from turtlebot_gym.validation import LARGEST, short_repr
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.base.names import message_type
-from turtlebot_gym_ros.node.block import Correction, Disagreement, Input, Nis, Resume
+from turtlebot_gym_ros.node.block import Correction, Disagreement, InitialPose, Input, Nis, Resume
+from turtlebot_gym_ros.node.fixes import (
+    PLANAR_POSE,
+    fix_of,
+    fix_to_message,
+    initial_pose_of,
+    located_to_message,
+    write_pose_covariance,
+)
 from turtlebot_gym_ros.node.geometry import FASTEST, Conversion, read_pose, read_twist, unread, write_pose, write_twist
-from turtlebot_gym_ros.node.places import finite, place
+from turtlebot_gym_ros.node.places import finite
 from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
-_PLANAR_POSE, _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (0, 7, 35), (14, 21, 28), (7, 14, 21, 28)
-_BESIDE = (1, 6), (5, 30), (11, 31)  # of x and y, x and yaw, y and yaw
+_UNUSED_IN_POSE, _UNUSED_IN_TWIST = (14, 21, 28), (7, 14, 21, 28)
 _NOT_KNOWN = -1.0
 _NIS = ("nis", "fits", "weight")
 SURPRISING = 16.27
@@ -163,14 +166,6 @@ def _estimate_of(message: Odometry) -> Estimate:
     return Estimate(Belief(_state_of(message), P), 0.0, 0.0)
 
 
-def _write_pose_covariance(covariance: Any, variances: Iterable[float], cross: Iterable[float]) -> None:
-    """Write the variances of x, y and heading, and the covariances of x and y, x and heading, y and heading."""
-    for at, value in zip(_PLANAR_POSE, variances, strict=True):
-        covariance[at] = value
-    for (above, below), value in zip(_BESIDE, cross, strict=True):
-        covariance[above] = covariance[below] = value
-
-
 def state_covariance(message: Odometry, P: Covariance) -> None:
     """Write a covariance into the message's parts for pose and twist.
 
@@ -182,12 +177,12 @@ def state_covariance(message: Odometry, P: Covariance) -> None:
     finite("the covariance", P)
     pose, twist = message.pose.covariance, message.twist.covariance
     measured = pose[0] >= 0.0
-    _write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
+    write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
     twist[0], twist[35] = P.vv, P.ww
     twist[5] = twist[30] = P.vw
     if not measured:
         pose[:] = [0.0] * len(pose)
-    for at in _UNUSED_IN_POSE if measured else (*_PLANAR_POSE, *_UNUSED_IN_POSE):
+    for at in _UNUSED_IN_POSE if measured else (*PLANAR_POSE, *_UNUSED_IN_POSE):
         pose[at] = _NOT_KNOWN
     for at in _UNUSED_IN_TWIST:
         twist[at] = _NOT_KNOWN
@@ -198,43 +193,6 @@ def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
     message = _state_to_message(mean, header)
     state_covariance(message, P)
     return message
-
-
-def _fix_of(message: PoseWithCovarianceStamped) -> Fix:
-    covariance = message.pose.covariance
-    x, y, heading = (float(covariance[at]) for at in (0, 7, 35))
-    if not (LEAST <= x <= LARGEST and LEAST <= y <= LARGEST):
-        got = f"got {x:g} and {y:g}, not {LEAST:g} to {LARGEST:g}"
-        raise ValueError(f"a fix must state positive variances of x and y, {got}")
-    if not (heading < 0.0 or LEAST <= heading <= LARGEST or heading == math.inf):
-        raise ValueError(f"a fix must state the heading's variance, or -1 where it was not measured, got {heading:g}")
-    measured, position = heading > 0.0, message.pose.pose.position
-    xy, xt, yt = (float(covariance[at]) for at, _ in _BESIDE)
-    R, cross = (x, y, heading if measured else math.inf), (xy, xt, yt) if measured else (xy, 0.0, 0.0)
-    if not is_covariance(R, cross):
-        raise ValueError(f"a fix must state a covariance, but no errors have {xy:g}, {xt:g} and {yt:g} off its diagonal")
-    pose = read_pose(message.pose.pose) if measured else place(position.x, position.y, 0.0)
-    return Fix(pose, R, 0.0, True, cross)
-
-
-def _pose_and_covariance(
-    pose: Iterable[float], variances: Iterable[float], cross: Iterable[float], header: Header
-) -> PoseWithCovarianceStamped:
-    message = PoseWithCovarianceStamped(header=header)
-    write_pose(message.pose.pose, pose)
-    _write_pose_covariance(message.pose.covariance, variances, cross)
-    return message
-
-
-def _fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
-    x, y, heading = fix.R
-    return _pose_and_covariance(fix.pose, (x, y, heading if heading < math.inf else _NOT_KNOWN), fix.cross, header)
-
-
-def _located_to_message(located: Located, header: Header) -> PoseWithCovarianceStamped:
-    mean, P = located.belief
-    finite("the covariance", P)
-    return _pose_and_covariance(mean[:3], (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt), header)
 
 
 def _command_to_stamped(command: Command, header: Header) -> TwistStamped:
@@ -294,8 +252,9 @@ register(
     lambda belief, header: _estimate_to_message(Estimate(belief, 0.0, 0.0), header),
     in_world=True,
 )
-register(Fix, PoseWithCovarianceStamped, _fix_of, _fix_to_message, in_world=True)
-register(Located, PoseWithCovarianceStamped, unread, _located_to_message, in_world=True)
+register(Fix, PoseWithCovarianceStamped, fix_of, fix_to_message, in_world=True)
+register(InitialPose, PoseWithCovarianceStamped, initial_pose_of, fix_to_message, in_world=True)
+register(Located, PoseWithCovarianceStamped, unread, located_to_message, in_world=True)
 register(Nis, DiagnosticArray, _nis_of, _nis_to_message)
 register(
     Disagreement,

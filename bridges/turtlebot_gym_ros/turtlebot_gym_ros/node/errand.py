@@ -10,6 +10,9 @@ from turtlebot_gym.values import Pose
 
 CLOSER = 0.1
 """Distance by which the way must become shorter to count as progress, m."""
+GONE = 2.5
+"""Time without an estimate after which a client is told that the robot is lost, s: a localizer that looks for itself in its map
+mostly takes less."""
 LOST = 1.0
 """Gap in the estimates after which the time for progress counts anew, s."""
 
@@ -28,6 +31,7 @@ class Failure(IntEnum):
     OCCUPIED = 206
     NO_WAY = 208
     OTHER = 9000
+    BEHAVIOR_TREE = 9001
     NOT_LOCALIZED = 9002
     TIMEOUT = 9003
 
@@ -91,9 +95,9 @@ class Errand:
         return self.left / speed if speed > 0.0 and math.isfinite(self.left) else 0.0
 
     def overdue(self, patience: float, limit: float) -> tuple[Failure, str] | None:
-        """Return why it takes too long, if so: no estimate or no progress for ``patience``, or the time limit; s."""
-        if self.time - self.known > patience:
-            return Failure.NOT_LOCALIZED, f"lost: no estimate for {patience:g} s"
+        """Return why it takes too long, if so: no estimate, no progress for ``patience``, or the time limit; s."""
+        if self.time - self.known > (longest := min(GONE, patience)):
+            return Failure.NOT_LOCALIZED, f"lost: no estimate for {longest:g} s"
         if self.time - self.since > patience:
             return Failure.NO_PROGRESS, f"no progress for {patience:g} s: is velocity_controller enabled, and the way free?"
         if 0.0 < limit < self.time:

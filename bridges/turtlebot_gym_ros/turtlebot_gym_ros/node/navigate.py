@@ -7,11 +7,14 @@ from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import State
+from lifecycle_msgs.srv import GetState
 from rclpy.action.server import ActionServer, CancelResponse
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from turtlebot_gym.validation import short_repr
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.node.errand import Errand, Failure
@@ -19,6 +22,8 @@ from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.geometry import write_pose
 
 NAME = "navigate_to_pose"
+NAVIGATOR = "bt_navigator"
+"""Name of Nav2's node that serves it."""
 MISSING = (
     f"the action {NAME} is not offered, since nav2_msgs is missing: install it with ROS (ros-DISTRO-nav2-msgs), or build it "
     "with tools/build_nav2_msgs.py of the repository."
@@ -79,17 +84,28 @@ class NavigateToPose:
             handle_accepted_callback=self._take,
             cancel_callback=self._cancel,
         )
+        be_active(node, NAVIGATOR)
 
     def _take(self, handle: Any) -> None:
+        goal = handle.request
         try:
-            errand = self._block.send(self._read(handle.request.pose), awaited=True)
+            if goal.behavior_tree:
+                tree = short_repr(goal.behavior_tree)
+                errand = self._refused(Failure.BEHAVIOR_TREE, f"behavior_tree must be empty, since a policy drives, got {tree}")
+            else:
+                errand = self._block.send(self._read(goal.pose), awaited=True)
         except ValueError as error:
-            self._node.get_logger().warning(f"{NAME}: refused: {error}")
-            errand = Errand(goal=Pose(0.0, 0.0, 0.0))
-            errand.end("failed", Failure.NOT_LOCALIZED, str(error))
+            errand = self._refused(Failure.NOT_LOCALIZED, str(error))
         handle.execute()
         self._open.append((handle, errand))
         self.look()
+
+    def _refused(self, code: Failure, why: str) -> Errand:
+        """Return the errand of a goal that is refused."""
+        self._node.get_logger().warning(f"{NAME}: refused: {why}")
+        errand = Errand(goal=Pose(0.0, 0.0, 0.0))
+        errand.end("failed", code, why)
+        return errand
 
     def _cancel(self, handle: Any) -> CancelResponse:
         for other, errand in self._open:
@@ -123,6 +139,21 @@ class NavigateToPose:
     def close(self) -> None:
         """Withdraw the action."""
         self._server.destroy()
+
+
+def be_active(node: Node, name: str) -> None:
+    """Offer the service by which Nav2's clients ask whether one of its nodes is active: the state of a node that runs.
+
+    Args:
+        node: The node.
+        name: Name of the node of Nav2, without a namespace.
+    """
+
+    def answer(request: GetState.Request, response: GetState.Response) -> GetState.Response:
+        response.current_state = State(id=State.PRIMARY_STATE_ACTIVE, label="active")
+        return response
+
+    node.create_service(GetState, f"{name}/get_state", answer)
 
 
 def offer(node: Node, block: object, feeds: Mapping[str, Feed], common: Common) -> NavigateToPose | None:

@@ -33,7 +33,7 @@ from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.diagnostics import NodeProblem, Reporter
 from turtlebot_gym_ros.node.drives import ShellCallbacks, make_drive
 from turtlebot_gym_ros.node.inputs import Inputs
-from turtlebot_gym_ros.node.navigate import offer
+from turtlebot_gym_ros.node.navigate import be_active, offer
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.rosclock import RosClock
 from turtlebot_gym_ros.node.switch import Switch
@@ -148,6 +148,8 @@ class Shell:
                 group=group,
             )
         self._action = offer(node, block, self.inputs.feeds, self.common)
+        if name := getattr(block, "nav2_name", ""):
+            be_active(node, name)
         self._ros_clock = RosClock(node, ignore=lock_step or self._drive.sets_clock, jumped=self._jumped, now=self._now())
 
     def _step(self, stamp: int) -> bool:
