@@ -1,7 +1,7 @@
 """Files: what is read has an end and a limit, what is written is there as a whole or not at all.
 
-Any JSON or YAML; noise models, robots and fixes, written and read without code. A file of parameters is YAML with the fields of
-`turtlebot_gym.Noise`, `Robot` or `FixNoise`; others keep their defaults::
+Any JSON or YAML; noise models, robots, fixes and filters, written and read without code. A file of parameters is YAML with the
+fields of `turtlebot_gym.Noise`, `Robot`, `FixNoise` or `FilterTuning`; others keep their defaults::
 
     process: {alpha1: 0.01, alpha4: 0.02}
     odometry: {R: [0.0009, 0.0009, 0.0025], dropout_probability: 0.1}
@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeGuard, TypeVar
 
 from turtlebot_gym.bounded import bounded
-from turtlebot_gym.parameters import FixNoise, Noise
+from turtlebot_gym.parameters import KINDS, FilterTuning, FixNoise, Noise
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import build
+from turtlebot_gym.validation import build, choose
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -60,13 +60,13 @@ def is_file(name: object) -> TypeGuard[str | Path]:
 
 
 def read_parameters(kind: type[T], path: str | Path) -> T:
-    """Read a noise model, a robot or a fix.
+    """Read a noise model, a robot, a fix or a filter.
 
     A robot may also be a URDF or Nav2's parameters, or several files, see `ros_files.robot.read_robot`; a noise model may be
     the parameters of robot_localization's ``ekf_node``.
 
     Args:
-        kind: `turtlebot_gym.Noise`, `turtlebot_gym.Robot` or `turtlebot_gym.FixNoise`.
+        kind: `turtlebot_gym.Noise`, `turtlebot_gym.Robot`, `turtlebot_gym.FixNoise` or `turtlebot_gym.FilterTuning`.
         path: The file.
 
     Raises:
@@ -87,6 +87,8 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
             from turtlebot_gym.ros_files.robot import noise_of, read_robot
 
             return read_robot(str(path)) if kind is Robot else noise_of(content, path)  # pyright: ignore[reportReturnType]
+        if kind is FilterTuning and isinstance(content, Mapping) and "P0" in content and not content.get("from_origin"):
+            raise ValueError("filter: P0 is read with from_origin: true only: add that, or leave out P0.")
         return build(kind, content, kind_of(kind))
     except ValueError as error:
         raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
@@ -99,12 +101,22 @@ def _has_nodes(content: Any) -> bool:
     return bool(nodes_in(content))
 
 
-def write_parameters(value: Noise | Robot | FixNoise, path: Path, *, comment: str = "") -> None:
-    """Write a noise model, a robot or a fix below a comment; `read_parameters` reads the same value back."""
+def write_parameters(value: Noise | Robot | FixNoise | FilterTuning, path: Path, *, comment: str = "") -> None:
+    """Write a noise model, a robot, a fix or a filter below a comment; `read_parameters` reads the same value back.
+
+    Raises:
+        ValueError: If the filter is code, such as a class of one's own.
+    """
     import yaml
 
     lines = [f"# {line}".rstrip() + "\n" for line in comment.splitlines()]
-    text = yaml.safe_dump(_plain(asdict(value)), sort_keys=False, default_flow_style=None)
+    content = asdict(value)
+    if isinstance(value, FilterTuning):
+        name = choose("FilterTuning.kind", type(value.kind).__name__, {known: known for known in KINDS})
+        content["kind"] = {"name": name, **content["kind"]}
+        if not value.from_origin:
+            del content["P0"]
+    text = yaml.safe_dump(_plain(content), sort_keys=False, default_flow_style=None)
     write_text(path, "".join(lines) + text)
 
 

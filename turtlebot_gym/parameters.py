@@ -6,7 +6,7 @@ They are frozen dataclasses that check themselves, so every instance is valid. S
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
 from typing import Annotated, Any
 
@@ -19,7 +19,9 @@ from turtlebot_gym.validation import (
     PROBABILITY,
     Numbers,
     Range,
+    build,
     check_fields,
+    choose,
     refusal,
     variances,
 )
@@ -213,6 +215,10 @@ class Scale:
         check_fields(self)
 
 
+KINDS: dict[str, type] = {kind.__name__: kind for kind in (Kalman, DeadReckoning, Gated, Mixture, Slip, Scale)}
+"""Filters' own numbers by name."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FilterTuning:
     """A filter, and its assumptions about the robot and its odometry."""
@@ -230,9 +236,14 @@ class FilterTuning:
     process: ProcessNoise = field(default_factory=ProcessNoise)
     """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
     kind: Any = field(default_factory=Kalman)
-    """The filter, with what it alone reads: `Kalman`, `DeadReckoning`, `Gated`, `Mixture`, `Slip` or `Scale`."""
+    """The filter, with what it alone reads: `Kalman`, `DeadReckoning`, `Gated`, `Mixture`, `Slip` or `Scale`; in a file its
+    name, or a mapping of its name and its fields: ``{name: Gated, heading_gate: 6.6}``."""
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if isinstance(self.kind, (str, Mapping)):
+            given = {"name": self.kind} if isinstance(self.kind, str) else dict(self.kind)
+            known = choose("FilterTuning.kind", given.pop("name", None), KINDS)
+            object.__setattr__(self, "kind", build(known, given, "FilterTuning.kind"))
         if not is_dataclass(self.kind) or isinstance(self.kind, type):
             raise refusal("FilterTuning.kind", "a filter's own tuning, such as Kalman(gate=9.0)", self.kind)

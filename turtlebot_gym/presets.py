@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.estimation.gyro import Gyro
+from turtlebot_gym.estimation.objects import Maker, is_filterpy, variances_of
 from turtlebot_gym.estimation.plain import Plain
 from turtlebot_gym.files import T, is_file, kind_of, read_parameters
 from turtlebot_gym.parameters import (
@@ -216,26 +217,39 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     """Return a filter tuning.
 
     Args:
-        tuning: The tuning, or a mapping of its fields; a name in `FILTERS`, for the noise in use; a filter of one's own as a
-            class with ``predict`` and ``update`` (see `estimation.plain`), or a function of the noise that returns a tuning;
-            or "module:name" of any of these.
+        tuning: The tuning, a mapping of its fields, or a file of them (see `turtlebot_gym.files`); a name in `FILTERS`, for the
+            noise in use; an object of filterpy (see `estimation.objects`); a filter of one's own as a class with ``predict``
+            and ``update`` (see `estimation.plain`), or a function of the noise that returns a tuning; or "module:name" of any
+            of these.
         noise: The noise in use.
         imu: Noise of the gyro, if there is one.
 
     Raises:
-        ValueError: If the name is unknown, or there is no such object.
+        ValueError: If the name is unknown, there is no such object, or the file does not contain a tuning.
     """
+    if is_file(tuning):
+        return read_parameters(FilterTuning, tuning)
     loaded: Any = load_object(tuning) if isinstance(tuning, str) and ":" in tuning else tuning
-    if hasattr(loaded, "predict") and hasattr(loaded, "update"):
-        return replace(matched(noise), kind=Plain(make=loaded, corrects=not noise.odometry.wheel))
-    if callable(loaded):
+    if callable(loaded) and not (is_filterpy(loaded) or _is_filter(loaded)):
         try:
             loaded = loaded(noise)
         except Exception as error:
             raise failure(str(tuning), error) from error
+    if is_filterpy(loaded):
+        R, kind = variances_of(loaded), Plain(make=Maker(loaded), corrects=not noise.odometry.wheel, reads_Q=False)
+        return replace(matched(noise), R=R, kind=kind)
+    if _is_filter(loaded):
+        if not isinstance(loaded, type):
+            raise refusal("filter", "the class of a filter of one's own, not an object, unless of filterpy", loaded)
+        return replace(matched(noise), kind=Plain(make=loaded, corrects=not noise.odometry.wheel))
     if isinstance(loaded, (FilterTuning, Mapping)):
         return build(FilterTuning, loaded, "filter")
     if loaded is not tuning:
         raise refusal("filter", "a tuning, or what makes one", loaded)
     preset = choose("filter", tuning, FILTERS)
     return _gyro(noise, imu) if preset is _gyro else preset(noise)
+
+
+def _is_filter(given: object) -> bool:
+    """Return whether something is a filter of one's own, see `estimation.plain`."""
+    return hasattr(given, "predict") and hasattr(given, "update")

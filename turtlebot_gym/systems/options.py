@@ -63,10 +63,10 @@ class Options:
     noise: str | Path | Mapping[str, Any] | Noise = "tutorial"
     """Noise: clean, tutorial, documented, wheel, rough, or a file: your own (FILE.yaml), or the parameters of
     robot_localization's ``ekf_node``; in Python also a `turtlebot_gym.Noise` or a mapping of its fields."""
-    filter: str | Mapping[str, Any] | FilterTuning | Callable[..., Any] = "matched"
-    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, with an `imu` gyro, or one of your own
-    (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, or a class, see
-    `turtlebot_gym.estimation.plain`."""
+    filter: str | Path | Mapping[str, Any] | FilterTuning | Callable[..., Any] | object = "matched"
+    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, with an `imu` gyro, a file with Q and R (FILE.yaml),
+    or one of your own (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, a class, see
+    `turtlebot_gym.estimation.plain`, or an object of filterpy, see `turtlebot_gym.estimation.objects`."""
     observation: str | Sequence[str] = "ekf"
     """What the policy observes. The task's terms, from the robot's pose: ekf (the estimated one), odometry or truth; or
     located, a localizer's, and with it how uncertain it is ahead and aside, and whether its last scan fits. After it, with

@@ -23,7 +23,8 @@ class Environment:
     noise: str = "tutorial"
     """Noise: clean, tutorial, documented, wheel, rough, or a file: your own (FILE.yaml), or robot_localization's ekf.yaml."""
     filter: str = "matched"
-    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, gyro with --imu, or your own (MODULE:NAME)."""
+    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, gyro with --imu, a file with Q and R (FILE.yaml), or
+    your own or an object of filterpy (MODULE:NAME)."""
     observation: str = "ekf"
     """What the policy observes. The task's terms, from the robot's pose: ekf (the estimated one), odometry or truth; or
     located, a localizer's, and with it how uncertain it is ahead and aside, and whether its last scan fits. After it, with

@@ -1,0 +1,162 @@
+"""Filters from a file and from filterpy: what they say is what drives, and the rest is refused in one line."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import turtlebot_gym as tg
+from turtlebot_gym.presets import FILTERS
+
+kalman = pytest.importorskip("filterpy.kalman")
+NOISE = tg.make_noise("documented")
+TUNING = tg.make_filter("matched", NOISE)
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+
+
+def motion(x, dt, u):
+    """Move a unicycle: by its own twist where the state has one, which ``u`` replaces; by ``u`` otherwise."""
+    v, omega = x[3:5] if len(x) > 3 else u
+    moved = [x[0] + dt * v * np.cos(x[2]), x[1] + dt * v * np.sin(x[2]), x[2] + dt * omega]
+    return np.array([*moved, *u][: len(x)])
+
+
+class Own(kalman.ExtendedKalmanFilter):
+    """Moves by a function of its own, as in the books."""
+
+    def predict_x(self, u=0):
+        self.F = np.eye(self.dim_x)
+        self.x = motion(self.x, 0.1, u)
+
+
+def of_filterpy(kind, states, **options):
+    """Return an object with the matched filter's Q and R."""
+    made = kind(dim_x=states, dim_z=3, **options)
+    floor = np.array([1e-9, 1e-9, 1e-9]) if states == 5 else np.array([2.5e-7, 2.5e-7, 1e-6])
+    made.Q = np.diag([*floor, *TUNING.Q[3:]][:states])
+    made.R, made.P = np.diag(TUNING.R), np.diag([*TUNING.R, 1e-9, 1e-9][:states])
+    made.x = np.ravel(made.x)
+    return made
+
+
+def unscented(states):
+    points = kalman.MerweScaledSigmaPoints(states, alpha=0.5, beta=2.0, kappa=0.0)
+    return of_filterpy(kalman.UnscentedKalmanFilter, states, dt=0.1, hx=lambda x: x[:3], fx=motion, points=points)
+
+
+def drive(filter, steps=120, **options):
+    """Return the estimates of a drive in curves, through north, west and south, and their mean error of the position, m."""
+    env = gym.make(NAV, noise=NOISE, filter=filter, max_episode_steps=steps, **options)
+    _, info = env.reset(seed=3)
+    infos = [info]
+    for _ in range(steps):
+        *_, info = env.step(np.array([0.8, 0.25], np.float32))
+        infos.append(info)
+    estimates, truths = (np.array([one[key] for one in infos]) for key in ("estimate", "true_state"))
+    return estimates, np.hypot(*(estimates - truths)[:, :2].T).mean()
+
+
+def test_an_extended_filter_of_filterpy_is_the_packages_own_with_the_same_numbers():
+    theirs, _ = drive(of_filterpy(kalman.ExtendedKalmanFilter, 5))
+    ours, _ = drive({"Q": (1e-9, 1e-9, 1e-9, *TUNING.Q[3:]), "R": TUNING.R})
+    np.testing.assert_allclose(theirs, ours, atol=1e-6)
+
+
+@pytest.mark.parametrize("fix", [None, "beacons", "markers"])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: of_filterpy(kalman.ExtendedKalmanFilter, 3),
+        lambda: unscented(5),
+        lambda: unscented(3),
+        lambda: of_filterpy(Own, 3),
+    ],
+    ids=["ekf3", "ukf5", "ukf3", "own"],
+)
+def test_each_kind_of_filterpy_filters_about_as_well(make, fix):
+    given = make()
+    before = np.array(given.x), np.array(given.P)
+    assert drive(given, fix=fix)[1] < 1.3 * drive("matched", fix=fix)[1] < 0.05
+    np.testing.assert_array_equal(given.x, before[0])  # the user's object stays as it is
+    np.testing.assert_array_equal(given.P, before[1])
+
+
+def test_a_linear_filter_smooths_and_refuses_another_period():
+    made = of_filterpy(kalman.KalmanFilter, 5)
+    made.Q = np.diag([4e-4, 4e-4, 4e-3, 1e-4, 1e-4])
+    assert drive(made)[1] < 0.06
+    made.B = np.eye(5, 2, k=-3)
+    drive(made, steps=5)
+    with pytest.raises(ValueError, match=r"hold for steps of 0\.1 s, got one of 0\.05 s: use an ExtendedKalmanFilter"):
+        drive(made, steps=5, dt=0.05)
+
+
+def test_a_batch_takes_it_too():
+    made = of_filterpy(kalman.ExtendedKalmanFilter, 5)
+    batch, alone = gym.make_vec(NAV, num_envs=2, noise=NOISE, filter=made), gym.make(NAV, noise=NOISE, filter=made)
+    batch.reset(seed=[5, 3])
+    alone.reset(seed=3)
+    for _ in range(5):
+        rows, *_ = batch.step(np.full((2, 2), 0.5, np.float32))
+        row, *_ = alone.step(np.full(2, 0.5, np.float32))
+    np.testing.assert_array_equal(rows[1], row)
+
+
+def correlated():
+    made = of_filterpy(kalman.ExtendedKalmanFilter, 5)
+    made.R[0, 1] = 0.001
+    return made
+
+
+def elsewhere():
+    made = of_filterpy(kalman.KalmanFilter, 5)
+    made.H = np.eye(3, 5, k=1)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: kalman.ExtendedKalmanFilter, "an object of filterpy's .* got the class ExtendedKalmanFilter"),
+        (lambda: kalman.SquareRootKalmanFilter(5, 3), "got the object SquareRootKalmanFilter"),
+        (lambda: kalman.ExtendedKalmanFilter(4, 3), "got dim_x 4 and dim_z 3"),
+        (lambda: kalman.ExtendedKalmanFilter(5, 2), "got dim_x 5 and dim_z 2"),
+        (lambda: kalman.ExtendedKalmanFilter(7, 3), "override predict_x"),
+        (correlated, r"ExtendedKalmanFilter\.R must be a diagonal matrix"),
+        (elsewhere, r"KalmanFilter\.H must be np\.eye\(3, 5\)"),
+        (lambda: tg.estimation.filters.KalmanFilter(TUNING), "the class of a filter of one's own, not an object"),
+    ],
+)
+def test_others_are_refused_in_one_line(make, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        tg.make_filter(make(), NOISE)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", sorted(FILTERS.keys() - {"gyro"}))
+def test_a_file_says_all_of_a_preset(name, tmp_path):
+    tuning = tg.make_filter(name, NOISE)
+    tg.write_parameters(tuning, tmp_path / "filter.yaml")
+    assert tg.make_filter(tmp_path / "filter.yaml", NOISE) == tuning
+
+
+def test_a_file_of_Q_and_R_drives_as_the_numbers_do(tmp_path):
+    (tmp_path / "filter.yaml").write_text("Q: [0.01, 0.01, 0.02, 0.1, 0.1]\nR: [0.05, 0.05, 0.1]\n")
+    by_file, _ = drive(str(tmp_path / "filter.yaml"), steps=30)
+    by_numbers, _ = drive({"Q": (0.01, 0.01, 0.02, 0.1, 0.1), "R": (0.05, 0.05, 0.1)}, steps=30)
+    np.testing.assert_array_equal(by_file, by_numbers)
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ("P0: [1, 1, 1, 1, 1]", "P0 is read with from_origin: true only"),
+        ("kind: Gatd", "Did you mean 'Gated'"),
+        ("kind: {name: Kalman, gaet: 9}", "Did you mean 'gate'"),
+        ("kind: Gated", "Gated needs heading_gate"),
+        ("odometry: {R: [1, 1, 1]}", "FilterTuning has no odometry"),
+    ],
+)
+def test_a_file_with_what_is_not_read_is_refused(more, message, tmp_path):
+    (tmp_path / "filter.yaml").write_text(f"Q: [0, 0, 0, 0.1, 0.1]\nR: [0.05, 0.05, 0.1]\n{more}\n")
+    with pytest.raises(ValueError, match=message):
+        tg.make_filter(str(tmp_path / "filter.yaml"), NOISE)
