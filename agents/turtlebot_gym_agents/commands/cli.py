@@ -56,10 +56,10 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
     """
 
     policy: tuple[str, ...] = ("proportional", "bearing")
-    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), tuned ones
-    (FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles (FILE.onnx), or
-    module:callable for one of your own. In rooms also oracle, which knows the map, NAME+safety, within a safety layer, and
-    NAME+yield, which stops for people."""
+    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), ones with
+    other gains (FILE.yaml, FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles
+    (FILE.onnx), or module:callable for one of your own. In rooms also oracle, which knows the map, NAME+safety, within a
+    safety layer, and NAME+yield, which stops for people."""
     noise: tuple[str, ...] = ("tutorial",)  # pyright: ignore[reportIncompatibleVariableOverride]
     """Noises: clean, tutorial, documented, wheel, rough, or files of your own (FILE.yaml)."""
     observation: tuple[str, ...] = ("ekf",)  # pyright: ignore[reportIncompatibleVariableOverride]

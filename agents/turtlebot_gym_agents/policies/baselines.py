@@ -1,13 +1,21 @@
-"""Baselines by name, and JSON files of baselines with tuned numbers, which hold no code."""
+"""Baselines by name, and files of baselines with other numbers, which hold no code.
+
+A file written by hand is YAML with the baseline's name and some of its fields; others keep their defaults::
+
+    policy: proportional
+    kv: 0.8
+    komega: 2.0
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym import Robot
+from turtlebot_gym import Robot, files
 from turtlebot_gym.files import load
-from turtlebot_gym.validation import choose, short_repr
+from turtlebot_gym.parameters import REFERENCE_PERIOD
+from turtlebot_gym.validation import build, choose, short_repr
 from turtlebot_gym_agents.policies.fit import require_fit, robot_of
 from turtlebot_gym_agents.policies.geometric import (
     Baseline,
@@ -21,6 +29,8 @@ from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import Policy
 from turtlebot_gym_agents.policies.reactive import DynamicWindowPolicy, FollowTheGapPolicy, VectorFieldHistogramPolicy
 
+SUFFIXES = (".json", *files.SUFFIXES)
+"""Ends of the names of files of baselines."""
 FORMAT = "turtlebot-gym-baseline/1"
 
 POLICIES: dict[str, type[Baseline]] = {
@@ -44,16 +54,18 @@ def default_numbers(name: str) -> dict[str, float]:
 
 
 def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> Policy:
-    """Load a baseline from a file written by `benchmarks/tune_baseline.py`.
+    """Load a baseline from a file: YAML of one's own, or JSON that `benchmarks/tune_baseline.py` wrote.
 
     Args:
         path: The file.
-        robot: The robot to drive; None skips the comparison.
+        robot: The robot to drive; None skips the comparison with the one of a tuned baseline.
         dt: The control interval, s; None skips the comparison.
 
     Raises:
-        ValueError: If the file is not a tuned baseline, or was tuned for another robot or rate.
+        ValueError: If the file is no baseline, or was tuned for another robot or rate.
     """
+    if str(path).endswith(files.SUFFIXES):
+        return _read(path, "burger" if robot is None else robot, REFERENCE_PERIOD if dt is None else dt)
     try:
         content: Any = load(path)
         form = content["format"]
@@ -69,3 +81,20 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
         raise ValueError(f"{path}: made as {short_repr(form)}, but this version reads {FORMAT!r}.")
     require_fit(path, made_for, made_dt, robot, dt)
     return policy
+
+
+def _read(path: str | Path, robot: str | Robot, dt: float) -> Policy:
+    """Return the baseline of a file of one's own."""
+    try:
+        content: Any = load(path)
+        if not isinstance(content, dict) or "policy" not in content:
+            raise ValueError("it must have the policy's name, such as policy: proportional, and fields of it, such as kv: 0.8.")
+        numbers = dict(content)
+        kind = choose("policy", numbers.pop("policy"), POLICIES)
+        for field in {"robot", "dt"} & numbers.keys():
+            raise ValueError(f"{field} must be left out: it is that of the environment or of the node.")
+        return build(kind, {"robot": robot, "dt": dt, **numbers}, "policy")
+    except OSError as error:
+        raise ValueError(f"There is no policy file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
+    except ValueError as error:
+        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.files import is_file
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import did_you_mean
-from turtlebot_gym_agents.policies.baselines import POLICIES, load_baseline
+from turtlebot_gym_agents.policies.baselines import POLICIES, SUFFIXES, load_baseline
 from turtlebot_gym_agents.policies.policy import Policy, Wrapped, numbers_of, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.yielding import Network, Yielding
@@ -61,8 +62,8 @@ def make_policy(
 
     Args:
         name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh", "gap",
-            "dwa" or "planner"; a tuned one, ``*.json``; "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", which are
-            shipped with the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the
+            "dwa" or "planner"; one with other numbers, ``*.yaml`` or ``*.json`` (see `baselines`); "ppo-nav", "ppo-pose",
+            "ppo-square" or "ppo-rooms", which are shipped with the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the
             policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords. In rooms, the suffix "+safety" wraps
             any of them in a `SafetyLayer`, and "+yield" lets it stop for people.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
@@ -84,8 +85,8 @@ def make_policy(
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)
     fit: dict[str, Any] = {} if allow_mismatch else {"robot": robot, "dt": dt}
-    if name.endswith(".json"):
-        return load_baseline(name, **fit)
+    if name.endswith(SUFFIXES):
+        return load_baseline(name, **({"robot": robot, "dt": dt} if is_file(name) else fit))
     if bundle := bundle_of(name):
         from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
@@ -97,7 +98,8 @@ def make_policy(
         )
     shipped = sorted(path.stem for path in pretrained_folder().glob("*.onnx"))
     names = (*POLICIES, *shipped)
-    refusal = f"policy must be one of {', '.join(map(repr, names))}, FILE.onnx, FILE.json or 'module:callable', got {name!r}"
+    files = "FILE.onnx, FILE.yaml, FILE.json or 'module:callable'"
+    refusal = f"policy must be one of {', '.join(map(repr, names))}, {files}, got {name!r}"
     if not all(name.partition(":")):
         raise ValueError(f"{refusal}.{did_you_mean(name, names)}")
     try:

@@ -21,6 +21,7 @@ from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents import Deployment
+from turtlebot_gym_ros.base.live import Live
 from turtlebot_gym_ros.base.scan_watch import ScanWatch
 from turtlebot_gym_ros.node.block import HALT, Input, Nis, On, Output, Stamped
 
@@ -31,6 +32,8 @@ LAG = 0.4
 """Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
 OLDEST = 0.5
 """Age of a measurement on which a command may rest, s: the guard's."""
+GAINS = "gains."
+"""Beginning of the names of a baseline's numbers as parameters."""
 OWN = "own_"
 """Beginning of the name of an input that brings a term of a policy's own."""
 VARIANCE_FLOOR = 1e-6
@@ -94,15 +97,19 @@ class VelocityController:
     filter that does not publish it; for "evidence" it must have a localizer's); ``disagreement``, with a cause on which
     the robot stops until it is enabled; for a policy that sees also ``scan``
     (`Scan`, on ``scan``, of a full revolution); and ``own_NAME`` for each term of the policy's own.
-    Outputs: ``command`` (`Command`, on ``cmd_vel``). Parameters: those of `Params`.
+    Outputs: ``command`` (`Command`, on ``cmd_vel``). Parameters: those of `Params`, and the numbers of a baseline, which can be
+    set while it runs: ``gains.kv`` and ``gains.komega`` of "proportional", ``gains.gain`` of "bearing", and so on.
     """
+
+    live_names = (GAINS,)
 
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Params:
         """Parameters of the controller."""
 
         policy: str = "bearing"
-        """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, or "module:callable"."""
+        """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, a baseline's with gains (FILE.yaml), or
+        "module:callable"."""
         terms: str = ""
         """Terms of your own that a bundle reads, MODULE:NAME with commas: topics bring them."""
         robot: str = "burger"
@@ -168,6 +175,17 @@ class VelocityController:
         """Why the robot stands in spite of its policy, if so."""
         self._yaw, self._returns = params.lidar_yaw, params.lidar_returns
         self.reset()
+
+    @property
+    def live(self) -> dict[str, Live]:
+        """The numbers of a baseline as parameters."""
+        baseline = self.deployment.baseline
+        return {f"{GAINS}{name}": Live(value, type(baseline), name) for name, value in self.deployment.gains.items()}
+
+    def tune(self, numbers: Mapping[str, float]) -> None:
+        """Set some numbers of a baseline."""
+        if numbers:
+            self.deployment.tune({name.removeprefix(GAINS): value for name, value in numbers.items()})
 
     def reset(self) -> None:
         """Forget the last episode, including a policy's memory."""
