@@ -63,9 +63,9 @@ def make_policy(
     Args:
         name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh", "gap",
             "dwa" or "planner"; one with other numbers, ``*.yaml`` or ``*.json`` (see `baselines`); "ppo-nav", "ppo-pose",
-            "ppo-square" or "ppo-rooms", which are shipped with the package; a bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the
-            policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords. In rooms, the suffix "+safety" wraps
-            any of them in a `SafetyLayer`, and "+yield" lets it stop for people.
+            "ppo-square" or "ppo-rooms", which are shipped with the package; a bundle's file, ``*.onnx``; or "module:callable"
+            for one of your own: a function is the policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords.
+            In rooms, the suffix "+safety" wraps any of them in a `SafetyLayer`, and "+yield" lets it stop for people.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         noise: Noise of the motion, which a `SafetyLayer` allows for.
