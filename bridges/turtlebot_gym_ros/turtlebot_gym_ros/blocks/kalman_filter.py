@@ -126,6 +126,9 @@ class KalmanFilter:
         if choose("twist", params.twist, {"executed": False, "commanded": True}):
             self.inputs = {**self.inputs, "command": replace(COMMANDED, lock_step="refused")}
             self._executed = lambda odometry, command: limit(command or STOP, self._robot)
+            self._judged = lambda odometry, command: Odometry(
+                odometry.pose, limit(command or STOP, self._robot), odometry.measured
+            )
         if params.takes_fixes:
             self._filter = with_fixes(self._filter, REMEMBERED)
             fix = Input(topic="pose_fix", type=Fix, required=False, max_age=1.0, lock_step="newest", aged=True, reliable=False)
@@ -152,6 +155,11 @@ class KalmanFilter:
     def _executed(odometry: Odometry, command: Command | None) -> Command:
         """Return the twist to predict with."""
         return odometry.twist
+
+    @staticmethod
+    def _judged(odometry: Odometry, command: Command | None) -> Odometry:
+        """Return the odometry to judge: without its twist, where that is not used."""
+        return odometry
 
     def reset(self) -> None:
         """Restart with the next odometry, wherever it is."""
@@ -197,14 +205,14 @@ class KalmanFilter:
         if self._agreement.cause and resume is not None:
             tuning = self._go_on(odometry)
         begins = self._estimate is None
-        if why := self._agreement.judge(max(dt, 0.0), odometry, command):
+        if why := self._agreement.judge(max(dt, 0.0), self._judged(odometry, command), command):
             back = self._back(odometry, fix)
             if back is None:
                 self._unused += dt
                 self._refuse("odometry", why)
                 return self._verdict.news(self._agreement.cause)
             tuning, begins = back, True
-            self._agreement.judge(0.0, odometry, command)
+            self._agreement.judge(0.0, self._judged(odometry, command), command)
         self._accept("odometry")
         dt, self._unused = dt + self._unused, 0.0
         now = odometry._replace(twist=self._executed(odometry, command))

@@ -265,7 +265,8 @@ class Shell:
     def _watch(self) -> None:
         """In the watchdog's thread, stop a robot whose inputs or clock have become stale, and report."""
         next_report = self._now() + REPORT_PERIOD
-        while not self._closing and not time.sleep(WATCH_PERIOD):  # an Event may wait by the system clock
+        context = self.node.context
+        while not self._closing and not time.sleep(WATCH_PERIOD) and context.ok():  # an Event may wait by the system clock
             now = self._now()
             self.inputs.look()
             if self.switch:
@@ -298,17 +299,21 @@ class Shell:
         self._reporter.publish(problems, state, values)
 
     def close(self) -> None:
-        """Stop the robot if it moves, wait until all messages are delivered, and destroy the node."""
+        """Stop the robot if it moves, wait until all messages are delivered, and destroy the node.
+
+        After a shutdown of the context, which ends all messages, it only destroys the node.
+        """
         if self._closing:
             return
         self._closing = True
         self._watcher.join()
-        if self.switch:
-            self.switch.close()
-        self.outputs.flush()
-        self._ros_clock.close()
-        if self._action:
-            self._action.close()
+        if self.node.context.ok():
+            if self.switch:
+                self.switch.close()
+            self.outputs.flush()
+            self._ros_clock.close()
+            if self._action:
+                self._action.close()
         self.node.destroy_node()
 
 
