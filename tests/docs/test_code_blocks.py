@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import warnings
 from pathlib import Path
 from unittest.mock import patch
 
@@ -14,6 +15,9 @@ from pages import PAGES, ROOT, blocks_of, environment, parsed
 import turtlebot_gym
 
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # its parser, which the first node imports, warns of a module of Python's own
+    pytest.importorskip("rosidl_generator_py", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 KINDS = ("python", "bash", "yaml", "console", "text")
