@@ -1,8 +1,8 @@
 """The policy bundle: one ONNX file that states what it was trained for and refuses everything else.
 
-The file is an ONNX model that includes the normalization of observations, with a card (a JSON description of its training) in
-its metadata. The card holds the hash of the whole file, computed with zeros in place of the hash. onnxruntime runs it; a robot
-needs neither torch nor Stable-Baselines3. Loading a bundle runs no code.
+The file is an ONNX model that includes the normalization of observations and the memory of a frame stack or an LSTM, with a
+card (a JSON description of its training) in its metadata. The card holds the hash of the whole file, computed with zeros in
+place of the hash. onnxruntime runs it; a robot needs neither torch nor Stable-Baselines3. Loading a bundle runs no code.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import Options, Parameters, Robot
 from turtlebot_gym.bounded import bounded
-from turtlebot_gym.extras import installing
 from turtlebot_gym.files import read_bytes, replacing
 from turtlebot_gym.observations import (
     LOCATED_ROOM,
@@ -38,8 +37,8 @@ from turtlebot_gym.systems import WithTerms, find_system
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.validation import choose, short_repr
 from turtlebot_gym_agents.policies.fit import OPEN, describe_robot, require_fit
+from turtlebot_gym_agents.policies.onnx_network import OnnxNetwork
 from turtlebot_gym_agents.policies.policy import LAYOUTS
-from turtlebot_gym_agents.policies.weights import require_safe_model
 from turtlebot_gym_agents.provenance import plain
 
 if TYPE_CHECKING:
@@ -143,8 +142,8 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
 
     Args:
         path: The file, replaced atomically.
-        model: A map from observations (n, k), of as many numbers as the card's terms have, to actions (n, 2);
-            its metadata are replaced.
+        model: A map from observations (n, k), of as many numbers as the card's terms have, to actions (n, 2), see
+            `OnnxNetwork`; its metadata are replaced.
         card: The card.
     """
     for part in (model, model.graph, *model.graph.node, *model.graph.value_info, *model.graph.input, *model.graph.output):
@@ -177,69 +176,65 @@ class BundlePolicy:
         bounded(partial(self._open, content), path, again=True)  # to run it may take any time and memory
         self._open(content)
         require_fit(path, self.card.robot, self.card.dt, robot, dt)
+        self.memory = self._network.memory
+        """How many numbers it carries from a step to the next, such as a frame stack or the state of an LSTM; 0 for none."""
+        self._memory: NDArray[np.float32] | None = None
+        if self.memory:  # then it is a `PolicyWithMemory`
+            self.reset, self.keep = self._reset, self._keep
 
     def _open(self, content: bytes) -> None:
         """Load the model and the card, and try the model."""
-        try:
-            import onnxruntime
-        except ImportError as error:
-            raise ImportError(f"A policy bundle needs onnxruntime: {installing('deploy')}.") from error
         path = self._path
-        require_safe_model(path, content)
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4
+        self._network = OnnxNetwork(path, content)
         try:
-            # Folded constants may fill what memory there is, and are left out where it is bounded: the try would not show it.
-            folding, cpu = ["ConstantFolding"], ["CPUExecutionProvider"]
-            self._session = onnxruntime.InferenceSession(content, options, providers=cpu, disabled_optimizers=folding)
-            card: Any = json.loads(self._session.get_modelmeta().custom_metadata_map[_KEY])["card"]
-        except Exception as error:  # onnxruntime has no common base class for its errors
+            card: Any = json.loads(self._network.metadata[_KEY])["card"]
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
         self.card = _read_card(path, card)
         """Card of the policy."""
         self.terms = tuple(term_on(path, term) for term in self.card.terms)
+        """The terms of its observations."""
         if len({term.name for term in self.terms}) < len(self.terms):
             raise ValueError(f"{path}: its card names a term twice.")
-        """The terms of its observations."""
-        self._input = self._session.get_inputs()[0].name
-        self._require_shapes()
-
-    def _require_shapes(self) -> None:
-        """Refuse a model that does not return one action per observation."""
-        inputs, outputs, size = self._session.get_inputs(), self._session.get_outputs(), size_of(self.terms)
-        ends = [(end.type, end.shape[1:]) for end in (*inputs, *outputs)]
-        if ends != [("tensor(float)", [size]), ("tensor(float)", [2])] or isinstance(inputs[0].shape[0], int):
-            raise ValueError(
-                f"{self._path}: its model must be from float observations (n, {size}) to float actions (n, 2), it is from "
-                f"{[(end.type, end.shape) for end in inputs]} to {[(end.type, end.shape) for end in outputs]}."
-            )
-        # Alone, and in batches: a model may fix either size, or grow faster than they do.
-        for rows in (1, 3, 1000):
-            observations = np.full((rows, size), 0.5, np.float32)
-            observations[-1], observations[0] = 1.0, 0.0
-            try:
-                actions: Any = self._session.run(None, {self._input: observations})[0]
-            except Exception as error:  # onnxruntime has no common base class for its errors
-                raise ValueError(f"{self._path}: its model does not run: {' '.join(str(error).split())}") from error
-            if actions.shape != (rows, 2) or not np.isfinite(actions).all():
-                raise ValueError(f"{self._path}: its model must give {rows} finite actions for as many observations.")
+        self._network.require_shapes(size_of(self.terms))
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., n) of the card's terms.
+        """Return actions (..., 2) for observations (..., n) of the card's terms; one with memory takes a step.
 
         Raises:
             ValueError: If the observations have another shape, or the actions are not finite.
         """
         rows = np.asarray(observations, np.float32)
-        size = size_of(self.terms)
+        size, lead = size_of(self.terms), rows.shape[:-1]
         if rows.ndim == 0 or rows.shape[-1] != size:
             names = ",".join(term.spelled for term in self.terms)
             raise ValueError(f"{self._path}: made for observations (..., {size}), {names}, got {rows.shape}.")
-        actions: Any = self._session.run(None, {self._input: rows.reshape(-1, rows.shape[-1])})[0]
-        if not np.isfinite(actions).all():
+        if self.memory and self._memory is None:
+            self._reset(np.ones(lead, np.bool_))
+        if self._memory is not None and self._memory.shape[:-1] != lead:
+            raise ValueError(
+                f"{self._path}: it remembers episodes of shape {self._memory.shape[:-1]}, got observations {rows.shape}: call "
+                f"reset(mask) with a mask of shape {lead} where they begin."
+            )
+        memory = np.empty(0, np.float32) if self._memory is None else self._memory.reshape(-1, self.memory)
+        actions, memory = self._network.run(rows.reshape(-1, size), memory)
+        if not (np.isfinite(actions).all() and np.isfinite(memory).all()):
             raise ValueError(f"{self._path}: its model must give finite actions; for these observations it does not.")
-        return np.asarray(actions).reshape(*rows.shape[:-1], 2)
+        if self.memory:
+            self._memory = memory.reshape(*lead, self.memory)
+        return np.asarray(actions).reshape(*lead, 2)
+
+    def _reset(self, mask: NDArray[np.bool_]) -> None:
+        """Clear the memory where the mask (...) is true."""
+        begins = np.asarray(mask, np.bool_)
+        if self._memory is None or self._memory.shape[:-1] != begins.shape:
+            self._memory = np.zeros((*begins.shape, self.memory), np.float32)
+        self._memory = np.where(begins[..., None], np.float32(0.0), self._memory)
+
+    def _keep(self, mask: NDArray[np.bool_]) -> None:
+        """Drop the rows of the memory where the mask (n,) is false."""
+        if self._memory is not None:
+            self._memory = self._memory[mask]
 
 
 def _read_card(path: str | Path, content: Any) -> Card:
@@ -289,7 +284,7 @@ def _verified_hash(path: str | Path, content: bytes) -> str:
     """
     match = _HASH.search(content)
     if match is None:
-        raise ValueError(f"{path} is not a policy bundle, or incomplete: make one with `turtlebot-gym export`.")
+        raise ValueError(f"{path} is not a policy bundle, or incomplete: make one with `turtlebot-gym export FILE`.")
     if hashlib.sha256(_with_hash(content, _NO_HASH)).hexdigest().encode() != match[0]:
         raise ValueError(f"{path} is damaged: its hash is not the one it was written with.")
     return match[0].decode()

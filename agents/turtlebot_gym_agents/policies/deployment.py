@@ -55,6 +55,7 @@ from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.seen_space import SeenSpace
+from turtlebot_gym_agents.policies.yielding import Yielding
 
 _POSE, _TWIST, _VARIANCES = Numbers(FINITE, 3), Numbers(FINITE, 2), Numbers(NON_NEGATIVE, 3)
 _EVIDENCE = Numbers(PROBABILITY, 2)
@@ -63,7 +64,7 @@ _AGE = Range(0.0, MAX_AGE, unit="s")
 _LEAST_MARGIN = 0.06
 """Clearance down to which a robot inside its safety margins drives on, m; below it, the guard stops it."""
 _PAUSE = 2.5
-"""Periods without a command after which a history begins anew."""
+"""Periods without a command after which a history, a frame stack or the state of a recurrent network begins anew."""
 _INTERVAL = Range(0.0, 1.0, open_low=True, unit="s")
 
 
@@ -123,6 +124,7 @@ class Deployment:
         self._policy = make_policy(str(policy), robot=robot, dt=self.period, noise=noise)
         self.baseline = baseline_in(self._policy)
         """The baseline that drives; None for other policies."""
+        self._recurrent = _recurrent(self._policy)
         self.terms = terms_of(self._policy) or OPEN_GROUND
         """The terms of the policy's observation."""
         names = [term.name for term in self.terms]
@@ -282,10 +284,13 @@ class Deployment:
             **own,
         }
         self.observation = np.array(row_of(self.terms, [values[term.name] for term in self.terms]), np.float32)
+        # What was seen before it stood is not what was seen a step ago.
+        paused = now is not None and now - self._last > _PAUSE * self.period
+        if paused and self._recurrent is not None:
+            self._recurrent.reset(np.ones((), np.bool_))
         if self._history:
             row = self.observation[None]
-            paused = now is not None and now - self._last > _PAUSE * self.period
-            if self._is_first or paused:  # what was seen before it stood is not what was seen a step ago
+            if self._is_first or paused:
                 self._history.begin(row, np.ones(1, np.bool_))
             else:
                 self._history.advance(row)
@@ -358,6 +363,13 @@ class Deployment:
         else:
             filter.start(pose)
             self._begun = True
+
+
+def _recurrent(policy: Any) -> Any:
+    """Return the bundle with memory that a policy is, or has within its layers; None if there is none."""
+    while isinstance(policy, (SafetyLayer, Yielding)):
+        policy = policy.policy
+    return policy if getattr(policy, "card", None) is not None and policy.memory else None
 
 
 def _inside(tuning: FilterTuning, dt: float, integrator: str) -> KalmanFilter:

@@ -97,6 +97,9 @@ class Wrapped:
 
     def __init__(self, policy: Any) -> None:
         self._policy = policy
+        for method in ("reset", "keep"):  # from Python 3.12 on, `isinstance` of a protocol does not ask `__getattr__`
+            if hasattr(policy, method) and not hasattr(type(self), method):
+                setattr(self, method, getattr(policy, method))
 
     def __getattr__(self, attribute: str) -> Any:
         if attribute.startswith("_"):

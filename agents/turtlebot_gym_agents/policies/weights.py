@@ -26,8 +26,9 @@ _PARTS: dict[str, dict[int, str]] = {
     "tensor": {},
 }
 """Field numbers that hold messages in each kind of message, and the kinds of these."""
-_DATA_TYPE, _FLOATS, _RAW, _EXTERNAL_DATA, _LOCATION = 2, 4, 9, 13, 14
-_FLOAT32 = 1
+_DATA_TYPE, _FLOATS, _RAW, _DOUBLES, _EXTERNAL_DATA, _LOCATION = 2, 4, 9, 10, 13, 14
+_FLOAT_TYPES = {1: "<f4", 11: "<f8"}
+"""Numbers of the data types float and double, and numpy's names of them."""
 _NODE, _TENSOR, _NAME, _INPUT, _OUTPUT = 1, 5, 8, 1, 2
 _BYTES = 2
 """Wire type of fields with a length: messages, texts and packed numbers."""
@@ -55,6 +56,7 @@ _OPERATORS = {
     "Exp",
     "Flatten",
     "Floor",
+    "GRU",
     "Gather",
     "Gelu",
     "Gemm",
@@ -66,6 +68,7 @@ _OPERATORS = {
     "HardSwish",
     "Identity",
     "InstanceNormalization",
+    "LSTM",
     "LayerNormalization",
     "LeakyRelu",
     "Less",
@@ -85,6 +88,7 @@ _OPERATORS = {
     "Or",
     "PRelu",
     "Pow",
+    "RNN",
     "Reciprocal",
     "ReduceL2",
     "ReduceMax",
@@ -115,8 +119,9 @@ _OPERATORS = {
     "Where",
     "Xor",
 }
-"""Operators of ONNX in which layers of networks are written. None of them loops, draws random numbers, or creates an
-array of a size given in the file: with a `Loop` or an `Expand`, 300 bytes could take all time or memory."""
+"""Operators of ONNX in which layers of networks are written. None of them draws random numbers, or creates an
+array of a size given in the file: with an `Expand`, 300 bytes could take all memory. None loops but `GRU`, `LSTM` and `RNN`,
+along an axis of their input; a `Loop` could take all time."""
 _SIZED = {"ReduceL2", "ReduceMax", "ReduceMean", "ReduceMin", "ReduceSum", "Reshape", "Slice", "Split", "Squeeze", "Unsqueeze"}
 """Operators whose further inputs say how large their output is."""
 
@@ -156,9 +161,9 @@ def _require_own_finite(path: object, fields: list[tuple[int, int, Any]]) -> Non
     """Refuse a tensor in another file, or whose numbers are not all finite."""
     if any(number == _EXTERNAL_DATA or (number == _LOCATION and value) for number, _, value in fields):
         raise ValueError(f"{path}: its weights are in another file, which its hash does not cover; a bundle holds its own.")
-    if (_DATA_TYPE, 0, _FLOAT32) in fields:
-        blocks = [value for number, wire, value in fields if number in (_RAW, _FLOATS) and wire == _BYTES]
-        if not all(len(block) % 4 == 0 and np.isfinite(np.frombuffer(block, "<f4")).all() for block in blocks):
+    for kind in (np.dtype(name) for number, name in _FLOAT_TYPES.items() if (_DATA_TYPE, 0, number) in fields):
+        blocks = [value for number, wire, value in fields if number in (_RAW, _FLOATS, _DOUBLES) and wire == _BYTES]
+        if not all(len(block) % kind.itemsize == 0 and np.isfinite(np.frombuffer(block, kind)).all() for block in blocks):
             raise ValueError(f"{path}: its weights are not all finite numbers.")
 
 
