@@ -82,7 +82,7 @@ RPP = "nav2_regulated_pure_pursuit_controller::RegulatedPurePursuitController"
                 "controller_server": "FollowPath: {plugin: nav2_rotation_shim_controller::RotationShimController, "
                 "primary_controller: nav2_graceful_controller::GracefulController, v_linear_max: 0.4, v_angular_max: 0.9}"
             },
-            {"max_linear": 0.4, "max_angular": 0.9},
+            {"max_linear": 0.4, "max_angular": 0.9, "reverse": False},
         ),
         (
             {"local_costmap": 'footprint: "[[0.2, 0.1], [0.2, -0.1], [-0.4, -0.1], [-0.4, 0.1]]", robot_radius: 9.0'},

@@ -244,6 +244,20 @@ def test_episodes_start_inside_of_turtlebot3s_worlds(name, half):
     assert (abs(starts(plan)) < half).all()
 
 
+@pytest.mark.parametrize(("height", "is_floor"), [(0.05, True), (0.5, False)])
+def test_what_stands_on_a_thick_floor_stands_on_the_ground(tmp_path, height, is_floor):
+    floor = model("<box><size>8 8 0.2</size></box>", f"0 0 {height} 0 0 0")
+    lamp = model("<sphere><radius>0.1</radius></sphere>", "1 1 2 0 0 0")
+    path = world(tmp_path, floor, model(PILLAR, f"2 0 {height + 0.6} 0 0 0"), lamp)
+    if not is_floor:
+        with pytest.raises(ValueError, match="no obstacle at the height of a robot"):
+            read_gazebo(path)
+        return
+    with pytest.warns(Notice, match="the ground is the top of a box, at 0.15 m"):
+        plan = read_gazebo(path)
+    assert (len(plan.circles), plan.boxes) == (1, ())
+
+
 @pytest.mark.skipif(not INPUTS.is_dir(), reason="the inputs are not there")
 def test_a_floor_plate_and_a_lamp_are_no_obstacles():
     plan = read_gazebo(INPUTS / "flat.world")
@@ -263,7 +277,7 @@ def test_a_mesh_has_its_outline_at_the_height_of_the_lidar(tmp_path, ending):
         ((1.0, 1.0, 0.1), (0.0, 0.0, 0.8)),
     ]
     boxes = [trimesh.creation.box(size, trimesh.transformations.translation_matrix(place)) for size, place in parts]
-    mesh = trimesh.util.concatenate(boxes).apply_scale(1000.0)
+    mesh = trimesh.util.concatenate(boxes).apply_scale(1000.0)  # as drawn in mm
     mesh.export(tmp_path / f"walls.{ending}")
     shape = f"<mesh><uri>file://walls.{ending}</uri><scale>0.001 0.001 0.001</scale></mesh>"
     plan = read_gazebo(world(tmp_path, model(shape, "1 0 0 0 0 0")))

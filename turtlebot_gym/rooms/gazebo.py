@@ -18,7 +18,7 @@ from turtlebot_gym.rooms.enclosure import maps_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import Walls
 from turtlebot_gym.rooms.sdf import Collision, read_sdf, searched
-from turtlebot_gym.rooms.solids import Cut, cut
+from turtlebot_gym.rooms.solids import Cut, cut, top_of_floor
 from turtlebot_gym.transforms import MalformedError, numbers_of
 from turtlebot_gym.values import Pose
 
@@ -69,13 +69,16 @@ def _read(path: Path) -> _Contents:
     shapes, unread = Cut([], [], []), set()
     try:
         world = read_sdf(path)
-        for collision in world.collisions:
+        ground, collisions = _on_the_ground(world.collisions)
+        for collision in collisions:
             unread.update(shape.tag for shape in collision.geometry if shape.tag in _UNREAD)
             shapes = shapes + _cut(collision, meshes)
     except (ArithmeticError, MalformedError) as error:
         message = f"{str(path)!r} holds a shape or a pose with missing or malformed numbers: {error}."
         raise ValueError(message) from error
     notices = [f"the mesh {uri!r} is left out: {reason}" for uri, reason in meshes.items()]
+    if ground:
+        notices.append(f"the ground is the top of a box, at {ground:g} m")
     if world.missing:
         notices.append(f"left out, since not found ({searched()}): {_listed(world.missing)}")
     if unread:
@@ -90,6 +93,20 @@ def _read(path: Path) -> _Contents:
         said = f" ({'; '.join(notices)})" if notices else ""
         raise ValueError(f"{str(path)!r} holds no obstacle at the height of a robot{said}.")
     return _Contents(shapes, not (meshes or world.missing or unread), notices)
+
+
+def _on_the_ground(collisions: list[Collision]) -> tuple[float, list[Collision]]:
+    """Return the height of the ground, m, and the collisions as seen from there, without the box that is the floor."""
+    solid = [collision for collision in collisions if collision.geometry.find("plane") is None]
+    for at, collision in enumerate(solid):
+        others = solid[:at] + solid[at + 1 :]
+        places = np.array([other.pose[:3, 3] for other in others]).reshape(-1, 3)
+        top = top_of_floor(collision.geometry, collision.pose, places)
+        if top is not None:
+            down = np.eye(4)
+            down[2, 3] = -top
+            return top, [other._replace(pose=down @ other.pose) for other in others]
+    return 0.0, collisions
 
 
 def _cut(collision: Collision, meshes: dict[str, str]) -> Cut:

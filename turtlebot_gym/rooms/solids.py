@@ -1,8 +1,8 @@
 """Solid shapes of SDF and URDF, cut at the height of a LiDAR: circles, boxes, and outlines.
 
-The robot stands on the ground, z = 0. What it drives over (up to `STEP`) and what it passes below (from `HEADROOM` on) is left
-out. Everything else is an obstacle with its outline at `SCAN_HEIGHT`; what does not reach that height has the outline in the
-middle of its part between the two, and the LiDAR of a plane sees it, too.
+The robot stands on the ground: z = 0, or a box below everything else. What it drives over (up to `STEP`) and what it passes
+below (from `HEADROOM` on) is left out. Everything else is an obstacle with its outline at `SCAN_HEIGHT`; what does not reach
+that height has the outline in the middle of its part between the two, and the LiDAR of a plane sees it, too.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ _SIDES = 48
 """Corners that stand for a circle where a round shape is tilted."""
 _LEVEL = 1e-4
 """Tilt up to which a shape counts as upright, rad: poses state a right angle with a few digits."""
+
+FLOOR = (2.0, 0.3)
+"""Least extents of a box that may be the floor, and greatest height of its top, m."""
 
 LoadMesh = Callable[[Element], "list[Body]"]
 """Returns the bodies of a ``<mesh>``, in its own frame."""
@@ -61,6 +64,24 @@ def height_of_cut(low: float, high: float) -> float | None:
     if high <= STEP or low >= HEADROOM:
         return None
     return SCAN_HEIGHT if low < SCAN_HEIGHT < high else 0.5 * (max(low, STEP) + min(high, HEADROOM))
+
+
+def top_of_floor(geometry: Element, pose: NDArray[np.float64], others: NDArray[np.float64]) -> float | None:
+    """Return the height of a level box on which everything else stands, m; None for anything else.
+
+    Args:
+        geometry: The element ``<geometry>``.
+        pose: Its pose in the world, shape (4, 4).
+        others: Places of all other shapes, shape (n, 3), m.
+    """
+    box = geometry.find("box")
+    if box is None or abs(pose[2, 2]) <= math.cos(_LEVEL) or not len(others):
+        return None
+    size = np.array(_sizes(box, "size", 3))
+    top = float(pose[2, 3] + 0.5 * size[2])
+    apart = np.abs((others - pose[:3, 3]) @ pose[:3, :2])
+    carries = bool((apart <= 0.5 * size[:2]).all()) and bool((others[:, 2] >= top - 1e-6).all())
+    return top if carries and size[:2].min() >= FLOOR[0] and STEP < top <= FLOOR[1] else None
 
 
 def cut(geometry: Element, pose: NDArray[np.float64], load_mesh: LoadMesh) -> Cut:

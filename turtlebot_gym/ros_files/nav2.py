@@ -26,13 +26,15 @@ class _Names(NamedTuple):
     turning: str
     acceleration: str = ""
     turning_acceleration: str = ""
+    reverses: str = ""
+    """Whether the robot may drive backwards, by default not."""
 
 
 _CONTROLLERS = {
     "DWB": _Names("max_vel_x", "min_vel_x", "max_vel_theta", "acc_lim_x", "acc_lim_theta"),
     "MPPI": _Names("vx_max", "vx_min", "wz_max", "ax_max", "az_max"),
-    "RegulatedPurePursuit": _Names("desired_linear_vel", "", "", "", "max_angular_accel"),
-    "Graceful": _Names("v_linear_max", "", "v_angular_max"),
+    "RegulatedPurePursuit": _Names("desired_linear_vel", "", "", "", "max_angular_accel", "allow_reversing"),
+    "Graceful": _Names("v_linear_max", "", "v_angular_max", reverses="allow_backward"),
     "Teb": _Names("max_vel_x", "", "max_vel_theta", "acc_lim_x", "acc_lim_theta"),
 }
 """Parameters of controllers by a part of the plugin's name."""
@@ -121,8 +123,8 @@ def _controller(
     slowest = of(names.slowest)
     if slowest is not None:
         backwards.append(slowest)
-    elif "RegulatedPurePursuit" in plugin:
-        backwards.append(-math.inf if parameters.get(f"{name}.allow_reversing") is True else 0.0)
+    elif names.reverses:
+        backwards.append(-math.inf if parameters.get(f"{name}.{names.reverses}") is True else 0.0)
     if (model := str(parameters.get(f"{name}.motion_model", "DiffDrive"))).lower().replace("_", "") != "diffdrive":
         left_out.append(f"the motion model {model}: a robot here drives by two wheels")
 
