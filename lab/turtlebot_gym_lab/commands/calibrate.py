@@ -43,8 +43,9 @@ class Calibrate(ReportingOptions, StartOptions, RecordingOptions):
     imu_out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), OutputFile(SUFFIXES)] = None
     """Write the noise of the gyro, if the log has one, here (FILE.yaml), for --imu; it needs stands, or the truth."""
     truth: str = "auto"
-    """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag (TOPIC:FRAME
-    where it holds transforms, such as /tf:base_footprint), or a table with the columns t, x, y and perhaps theta."""
+    """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag
+    (TOPIC:PARENT.CHILD where it holds transforms, such as /tf:map.base_footprint), or a table with the columns t, x, y and
+    perhaps theta."""
     odometry: str | None = None
     """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
     distance: float | None = None

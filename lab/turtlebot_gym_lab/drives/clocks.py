@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.models.angles import wrap_all
@@ -13,6 +14,9 @@ from turtlebot_gym.models.angles import wrap_all
 LEAP = 5.0
 """Leap of a clock backwards that is taken for a clock that was set, s; after a smaller one, rows are left out until it has
 caught up."""
+ROLLED, WRONG, FITS = 3.0, 0.5, 0.8
+"""Difference of a message's delay from the usual one, s, from which the recorder's clock may be wrong; largest share of such
+messages; and share of them whose stamps must fill holes."""
 MISSING = 1.75
 """Ratio to the usual interval from which a row is missing: one makes it 2 ..."""
 JITTER = 4.0
@@ -20,7 +24,9 @@ JITTER = 4.0
 FARTHER = 1.6
 """Ratio of a true step to that of its surroundings, and to the twist's, from which rows are missing: one makes it 2 ..."""
 NOISE = 5.0
-"""... if it exceeds them by so many standard deviations of the drive's steps, so that noise of the truth is no missing row."""
+"""... if it exceeds them by so many standard deviations of such a step, so that noise is no missing row."""
+ROUNDS, TRIMMED = 3, 4.0
+"""Rounds in which the variance of steps is fitted, and standard deviations beyond which a step does not count for it."""
 AROUND = 11
 """Number of rows whose median is the surroundings."""
 FEW = 0.01
@@ -61,6 +67,43 @@ class Stamps:
         if max(abs(self.ahead), abs(other.ahead)) > SIMULATED or min(self.count, other.count) < AROUND:
             return 0.0
         return lead if abs(lead) > (AHEAD if max(self.ahead, other.ahead) > AHEAD else LATE) else 0.0
+
+
+def rolled_over(
+    received: NDArray[np.float64], stamps: NDArray[np.float64], topics: NDArray[np.intp]
+) -> NDArray[np.float64] | None:
+    """Return when messages were received by their stamps, where the recorder's clock is wrong in a few of them.
+
+    It is wrong if its times do not fit, and the stamps fill the holes between those of the same topic.
+
+    Args:
+        received: Recorded times, shape (n,), s.
+        stamps: Stamps of the messages, shape (n,), s; NaN for none.
+        topics: Number of each message's topic, shape (n,).
+
+    Returns:
+        Times, shape (n,), s, NaN for a wrong one of a message without a stamp; None if the recorder's clock is right.
+    """
+    times, right = received.copy(), np.ones(len(received), np.bool_)
+    for topic in np.unique(topics[np.isfinite(stamps)]):
+        rows = np.flatnonzero((topics == topic) & np.isfinite(stamps))
+        delay = received[rows] - stamps[rows]
+        usual = float(np.median(delay))
+        late = np.abs(delay - usual) > ROLLED
+        if late.any() and late.sum() <= WRONG * len(rows):
+            good, doubtful = np.sort(stamps[rows[~late]]), stamps[rows[late]]
+            after = np.clip(np.searchsorted(good, doubtful), 1, len(good) - 1)
+            nearest = np.minimum(np.abs(doubtful - good[after - 1]), np.abs(doubtful - good[after]))
+            interval = float(np.median(np.diff(good)))
+            if (nearest > 0.5 * interval).mean() > FITS and nearest.min() < MISSING * interval:
+                times[rows[late]] = doubtful + usual
+                right[rows[late]] = False
+    if right.all():
+        return None
+    known = right & np.isfinite(stamps)
+    bare = np.isnan(stamps) & ((received < received[known].min() - LEAP) | (received > received[known].max() + LEAP))
+    times[bare] = np.nan
+    return times
 
 
 def continued(time: NDArray[np.float64], where: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
@@ -139,31 +182,46 @@ def _leaps(drive: Drive) -> list[str]:
     leaps = np.zeros(len(drive), np.bool_)
     if known(drive.truth).sum() < 2 * AROUND:
         return []
-    moved = np.diff(drive.truth, axis=0)
-    turned = np.abs(wrap_all(moved[:, 2]))
-    for steps, twist in ((np.hypot(moved[:, 0], moved[:, 1]), drive.twist[1:, 0]), (turned, drive.twist[1:, 1])):
-        leaps[1:] |= _longer(np.where(drive.joined[1:], steps, np.nan), np.abs(twist), np.diff(drive.time))
+    moved, dt = np.diff(drive.truth, axis=0), np.diff(drive.time)
+    twist = np.where(drive.joined[1:, None], drive.twist[1:], np.nan)
+    for axis, steps in enumerate((np.hypot(moved[:, 0], moved[:, 1]), np.abs(wrap_all(moved[:, 2])))):
+        leaps[1:] |= _longer(steps, twist, np.abs(drive.twist[:, axis]), dt)
     if leaps.mean() < FEW:
         return []
     text = f"the truth leaps ahead of the twist at {leaps.sum()} rows, first at {drive.time[leaps][0]:.3f} s: "
     return [f"{text}rows are missing there, or the truth is wrong"]
 
 
-def _longer(steps: NDArray[np.float64], speed: NDArray[np.float64], interval: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which steps are longer than the twist says and than the steps around them, shape (T - 1,).
+def _longer(
+    steps: NDArray[np.float64], twist: NDArray[np.float64], speed: NDArray[np.float64], dt: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return which steps are longer than twist, noise and the steps around them explain, shape (T - 1,).
+
+    The noise of wheels grows with both speeds, and a truth has noise of its own, so the variance of a step is fitted to the
+    drive. A twist may be a row late.
 
     Args:
         steps: Lengths of the true steps, shape (T - 1,), m or rad; NaN where unknown.
-        speed: Size of the measured twist over each, shape (T - 1,).
-        interval: Duration of each, shape (T - 1,), s.
+        twist: Measured twist over each, shape (T - 1, 2); NaN where a row does not continue the one before it.
+        speed: Size of the twist in the direction of the steps, shape (T,).
+        dt: Duration of each, shape (T - 1,), s.
     """
-    comparable = np.isfinite(steps)
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(steps / interval, AROUND // 2, constant_values=np.nan), AROUND)
+    comparable = np.isfinite(steps) & np.isfinite(twist).all(axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(steps / dt, AROUND // 2, constant_values=np.nan), AROUND)
     comparable &= np.isfinite(windows).sum(axis=1) > AROUND // 2
     if not comparable.any():
         return comparable
+    fastest = np.maximum(np.maximum(speed[:-1], speed[1:]), np.append(speed[2:], 0.0))
     expected = np.full(len(steps), np.inf)
-    expected[comparable] = np.maximum(np.nanmedian(windows[comparable], axis=1), speed[comparable]) * interval[comparable]
-    excess = np.where(comparable, steps - expected, 0.0)
-    spread = 1.4826 * float(np.median(np.abs(excess[comparable])))
-    return comparable & (steps > FARTHER * expected) & (excess > max(NOISE * spread, 1e-6))
+    expected[comparable] = np.maximum(np.nanmedian(windows[comparable], axis=1), fastest[comparable]) * dt[comparable]
+    excess = np.where(comparable, steps - speed[1:] * dt, 0.0)
+    parts = np.column_stack([np.nan_to_num(twist) ** 2 * dt[:, None], np.ones(len(steps))])
+    parts /= np.maximum(parts[comparable].mean(axis=0), 1e-12)
+    kept, variance = comparable, np.zeros(len(steps))
+    for _ in range(ROUNDS):
+        variance = parts @ nnls(parts[kept], excess[kept] ** 2)[0]
+        kept = comparable & (excess**2 < TRIMMED**2 * variance)
+        if not kept.any():
+            return kept
+    far = np.maximum(NOISE * np.sqrt(variance), 1e-6)
+    return comparable & (steps > FARTHER * expected) & (steps - expected > far)

@@ -7,7 +7,7 @@ does not state stays unknown.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -24,9 +24,13 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan, room_o
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_lab.drives.alignment import Stream
 from turtlebot_gym_lab.drives.clocks import Stamps
+from turtlebot_gym_lab.drives.frames import Transforms
+from turtlebot_gym_lab.drives.rotations import Rotations, is_unit, place_of, rotation_of
 
 GUARD = "cmd_vel_guard"
 """Name of the guard's node."""
+TURNED = ("odom", "true_state", "fix")
+"""Topics whose messages must state a rotation, if any, as a quaternion of length 1."""
 HELD = 1.0
 """Age up to which a value holds, s; a waypoint holds indefinitely."""
 
@@ -52,6 +56,7 @@ TYPES: dict[str, tuple[str, ...]] = {
     "clearance": ("sensor_msgs/msg/Range",),
     "scan": ("sensor_msgs/msg/LaserScan",),
     "imu": ("sensor_msgs/msg/Imu",),
+    "tf": TRANSFORMS,
     "tf_static": TRANSFORMS,
     "obstacles": ("visualization_msgs/msg/MarkerArray",),
     "map": ("nav_msgs/msg/OccupancyGrid",),
@@ -63,15 +68,11 @@ TYPES: dict[str, tuple[str, ...]] = {
 
 def _motion(message: Any) -> list[float]:
     """Return x, y, heading, speed and turning rate; NaN for those that a message does not state, or marks as not measured."""
-    outer = getattr(message, "pose", None) or getattr(message, "transform", None) or getattr(message, "point", None)
-    place = getattr(outer, "pose", outer)
-    covariance = getattr(outer, "covariance", None)
-    if covariance is not None and covariance[0] < 0.0:
-        place = None  # how this project marks a lost measurement
+    place = place_of(message)
     position = getattr(place, "position", None) or getattr(place, "translation", place)
-    q = getattr(place, "orientation", None) or getattr(place, "rotation", None)
+    q = rotation_of(place)
     x, y = (math.nan, math.nan) if position is None else (position.x, position.y)
-    theta = math.nan if q is None else yaw_of_rotation(q.w, q.x, q.y, q.z)
+    theta = yaw_of_rotation(q.w, q.x, q.y, q.z) if is_unit(q) else math.nan
     twist = getattr(message, "twist", None)
     twist = getattr(twist, "twist", twist) if twist is not None else (message if hasattr(message, "angular") else None)
     return [x, y, theta, *((math.nan, math.nan) if twist is None else (twist.linear.x, twist.angular.z))]
@@ -111,12 +112,11 @@ _READ: dict[str, Callable[[Any], Any]] = {
 }
 
 
-def _stamped(message: Any, received: float, child: str) -> Iterator[tuple[float, Any]]:
-    """Yield what a message states with the time for which it does, s: the message, or each transform of the wanted frame."""
-    for part in getattr(message, "transforms", (message,)):
-        header = getattr(part, "header", None) or next((marker.header for marker in getattr(part, "markers", ())), None)
-        if not child or part.child_frame_id == child:
-            yield received if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9, part
+def stamp_of(message: Any) -> float | None:
+    """Return the stamp of a message, s; None if it has none."""
+    first = next(iter(getattr(message, "transforms", getattr(message, "markers", ()))), message)
+    header = getattr(first, "header", None)
+    return None if header is None else header.stamp.sec + header.stamp.nanosec * 1e-9
 
 
 class DriveListener:
@@ -134,39 +134,48 @@ class DriveListener:
         self._streams: dict[str, Stream] = {}
         self.clocks: dict[str, Stamps] = {}
         """Clocks of the stamps of a recorded drive, by topic."""
-        self._fixed, self._frames = StaticFrames(), {"odom": "", "scan": ""}
+        self.frames = {"odom": ("", ""), "scan": ("", "")}
+        """The newest frame of some topics' messages, and its child."""
+        self.transforms = Transforms()
+        """Transforms of a recorded drive."""
+        self.rotations: dict[str, Rotations] = {}
+        """Rotations of a recorded drive, by topic."""
+        self._fixed = StaticFrames()
 
     def __getitem__(self, topic: str) -> Stream:
         return self._streams.setdefault(topic, Stream(live=self._live))
 
-    def hear(self, topic: str, message: Any, received: float, *, child: str = "") -> bool:
+    def hear(self, topic: str, message: Any, received: float) -> bool:
         """Take a message, and return whether it is newer than the ones before it on its topic.
 
         Args:
             topic: A key of `TYPES`.
             message: The message.
             received: When it was received, s.
-            child: Of transforms, the frame whose pose counts; by default any.
         """
-        newer = False
-        if topic == "tf_static":
-            self._fixed.hear(message)
-            return True
-        if topic in self._frames:
-            self._frames[topic] = message.child_frame_id if topic == "odom" else message.header.frame_id
-        for stamp, part in _stamped(message, received, child):
-            time = stamp if stamp or self._live else received
+        if topic in ("tf", "tf_static"):
             if not self._live:
-                time = self.clocks.setdefault(topic, Stamps()).read(time, received)
-            if topic == "diagnostics":
-                newer |= self._hear_reports(part, received)
-            elif (value := _READ.get(topic, _motion)(part)) is not None and self[topic].add(time, value):
-                newer = True
-                if topic == "estimate":
-                    self["covariance"].add(time, _covariance(part))
-                elif topic == "odom":
-                    self["received"].add(time, received)
-        return newer
+                self.transforms.hear(message, received, is_static=topic == "tf_static")
+            if topic == "tf_static":
+                self._fixed.hear(message)
+            return True
+        if topic in self.frames:
+            self.frames[topic] = message.header.frame_id, getattr(message, "child_frame_id", "")
+        time = stamp_of(message) or (0.0 if self._live else received)
+        if not self._live:
+            time = self.clocks.setdefault(topic, Stamps()).read(time, received)
+            if topic in TURNED:
+                self.rotations.setdefault(topic, Rotations()).hear(message)
+        if topic == "diagnostics":
+            return self._hear_reports(message, received)
+        value = _READ.get(topic, _motion)(message)
+        if value is None or not self[topic].add(time, value):
+            return False
+        if topic == "estimate":
+            self["covariance"].add(time, _covariance(message))
+        elif topic == "odom":
+            self["received"].add(time, received)
+        return True
 
     def _hear_reports(self, message: Any, received: float) -> bool:
         for status in message.status:
@@ -228,7 +237,7 @@ class DriveListener:
         """Return the pose of the LiDAR on the robot, by ``/tf_static`` if that states it, and a remark if it is unexpected."""
         preset = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw)
         try:
-            stated = self._fixed.mount(self._frames["odom"], self._frames["scan"])
+            stated = self._fixed.mount(self.frames["odom"][1], self.frames["scan"][0])
         except ValueError as error:
             return preset, f"{error}: the mount of the LiDAR's preset is taken"
         if stated is None or not differ(stated, preset):

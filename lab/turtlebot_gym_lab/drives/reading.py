@@ -93,7 +93,7 @@ def read(
         path: The file, or the folder of a bag. The content decides what it is.
         topics: Topics of a bag.
         columns: Column names of a table other than those in `tables.NAMES`, by quantity, a key of `tables.NAMES`.
-        truth: A topic of a bag, with ``:FRAME`` where it holds transforms; or a table of true poses with the columns t, x, y
+        truth: A topic of a bag, with ``:PARENT.CHILD`` where it holds transforms; or a table of true poses with the columns t, x, y
             and perhaps theta, by the drive's clock. By default what the drive itself holds.
         label: Label of the drive; by default the name of the file.
         lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.

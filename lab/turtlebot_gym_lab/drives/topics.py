@@ -12,8 +12,8 @@ class Topics:
     odom: str = "/odom"
     """Odometry: the measured pose, and the twist unless `twist` names another topic."""
     truth: str = ""
-    """The true pose: Odometry, PoseStamped, PoseWithCovarianceStamped, TransformStamped, PointStamped, or /tf:FRAME for the
-    transforms to a frame; by default /ground_truth or /true_state, if there."""
+    """The true pose: Odometry, PoseStamped, PoseWithCovarianceStamped, TransformStamped, PointStamped, or transforms as
+    /tf:PARENT.CHILD, such as /tf:map.base_footprint; by default /ground_truth or /true_state, if there."""
     fix: str = ""
     """Measured poses that replace those of odometry, such as /pose_fix; odometry then gives the twist."""
     twist: str = ""

@@ -57,9 +57,9 @@ def odometry(seconds, place, speeds=(0.0, 0.0), *, variances=(0.0, 0.0, 0.0), me
     )
 
 
-def transform(seconds, place, child="base"):
+def transform(seconds, place, child="base", frame="world"):
     x, y, theta = place
-    return make(TRANSFORM, header(seconds), child, make("geometry_msgs/msg/Transform", vector(x, y), turn(theta)))
+    return make(TRANSFORM, header(seconds, frame), child, make("geometry_msgs/msg/Transform", vector(x, y), turn(theta)))
 
 
 def write_bag(folder, messages, *, plugin=Plugin.SQLITE3, compressed=False):
