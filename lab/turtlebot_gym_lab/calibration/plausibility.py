@@ -1,4 +1,4 @@
-"""Checks that a drive is in metres, seconds and radians, and that it holds enough motion to fit."""
+"""Checks that a drive is right, in metres, seconds and radians, and that it holds enough motion to fit."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.models.angles import TWO_PI, wrap_all
 from turtlebot_gym.robots import Robot
+from turtlebot_gym_lab.drives.causes import cause_of
 
 DEGREES = 180.0 / math.pi
 FASTER, TURNING_FASTER = 20.0, 3.0
@@ -26,17 +27,17 @@ def check(drive: Drive, robot: Robot, where: str) -> None:
     if len(drive) < FEWEST:
         why = "".join(f"; {remark}" for remark in drive.remarks)
         raise ValueError(f"{where}: only {len(drive)} rows are good, too few to calibrate; {FEWEST} are needed{why}.")
-    require_units(drive, robot, where)
     way, turn = _moved(drive)
     if way < STILL[0] and turn < STILL[1]:
+        why = cause_of(drive) or "record a drive of 10 m or more, with turns"
         raise ValueError(
-            f"{where}: the robot moves by {way:.2f} m and {turn:.2f} rad in all: there is nothing to fit to; "
-            "record a drive of 10 m or more, with turns."
+            f"{where}: the robot moves by {way:.2f} m and {turn:.2f} rad in all: there is nothing to fit to; {why}."
         )
+    require_units(drive, robot, where)
 
 
 def require_units(drive: Drive, robot: Robot, where: str) -> None:
-    """Refuse a drive that is not in metres, seconds and radians.
+    """Refuse a drive that is not in metres, seconds and radians, or is wrong in another way that its data tell.
 
     Args:
         drive: The drive.
@@ -44,7 +45,7 @@ def require_units(drive: Drive, robot: Robot, where: str) -> None:
         where: The file, for messages.
 
     Raises:
-        ValueError: If a speed is impossible, or a heading is in degrees; the message says what to do.
+        ValueError: If a speed is impossible, a heading is in degrees, or `cause_of` names a cause; the message says what to do.
     """
     _check_clock(drive, where)
     speed, rate = (float(np.percentile(np.abs(drive.twist[:, k]), 99.0)) for k in (0, 1))
@@ -57,14 +58,15 @@ def require_units(drive: Drive, robot: Robot, where: str) -> None:
                 f"{where}: the {name} reaches {value:.4g} {unit}, and the robot's limit is {limit:.4g}: if it is in {wrong}, "
                 f"divide it by {factor:.4g}; another robot is chosen by its name or file."
             )
-    way, turn = _moved(drive)
     for source, poses in (("measured", drive.odometry), ("true", drive.truth)):
-        _check_poses(drive, poses, way, turn, f"{where}: the {source}")
+        _check_headings(poses, turn=_moved(drive)[1], what=f"{where}: the {source}")
+    if why := cause_of(drive):
+        raise ValueError(f"{where}: {why}.")
 
 
 def _moved(drive: Drive) -> tuple[float, float]:
     """Return the way, m, and the turn, rad, that the twists of a drive make in all."""
-    way, turn = (np.abs(drive.twist[1:]) * np.diff(drive.time)[:, None]).sum(axis=0)
+    way, turn = (np.abs(drive.twist[1:]) * np.diff(drive.time)[:, None])[drive.joined[1:]].sum(axis=0)
     return float(way), float(turn)
 
 
@@ -78,8 +80,8 @@ def _check_clock(drive: Drive, where: str) -> None:
                 )
 
 
-def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: float, what: str) -> None:
-    """Refuse poses in millimetres or degrees, judged by the twist."""
+def _check_headings(poses: NDArray[np.float64], *, turn: float, what: str) -> None:
+    """Refuse headings in degrees, judged by the turn that the twists make."""
     are_known = known(poses)
     if are_known.sum() < 10:
         return
@@ -89,19 +91,6 @@ def _check_poses(drive: Drive, poses: NDArray[np.float64], way: float, turn: flo
     if jumps.size or (np.ptp(heading) > 8.0 * TWO_PI and _turn(heading) > 8.0 * (turn + TWO_PI)):
         moved = f"{what} heading runs from {heading.min():.4g} to {heading.max():.4g}"
         raise ValueError(f"{moved}: if it is in degrees, multiply it by pi/180.")
-    # over a second each, so that the noise of measured poses does not count for way
-    every = max(round(1.0 / drive.period), 1)
-    driven = float(np.hypot(*np.diff(poses[are_known][::every, :2], axis=0).T).sum())
-    moved = f"{what} positions move by {driven:.4g} m while the speed makes {way:.4g} m"
-    if way >= STILL[0] and driven > 100.0 * way:
-        raise ValueError(f"{moved}: if they are in millimetres, divide them by 1000.")
-    if driven >= STILL[0] and way > 100.0 * driven:
-        raise ValueError(f"{moved}: if the speed is in mm/s, divide it by 1000.")
-    turned = _turn(heading[::every])
-    if turn > 0.5 * DEGREES * max(turned, 1.0):
-        raise ValueError(
-            f"{what} heading turns by {turned:.4g} rad while the turning rate makes {turn:.4g}: in deg/s? Multiply by pi/180."
-        )
 
 
 def _turn(heading: NDArray[np.float64]) -> float:

@@ -21,8 +21,8 @@ class RecordingOptions:
     """How recordings are read."""
 
     truth: str = "auto"
-    """auto uses the truth if a recording has it; otherwise a topic of the bag (TOPIC:PARENT.CHILD where it holds transforms, such
-    as /tf:map.base_footprint), or a table with the columns t, x, y and perhaps theta."""
+    """auto uses the truth if a recording has it; otherwise a topic of the bag (TOPIC:PARENT.CHILD where it holds transforms,
+    such as /tf:map.base_footprint), or a table with the columns t, x, y and perhaps theta."""
     columns: tuple[str, ...] = ()
     """Names of a table's columns, as QUANTITY=COLUMN: time, v, omega, x, y, theta, true_x, true_y, true_theta."""
     topics: Topics = field(default_factory=Topics)

@@ -25,6 +25,8 @@ FARTHER = 1.6
 """Ratio of a true step to that of its surroundings, and to the twist's, from which rows are missing: one makes it 2 ..."""
 NOISE = 5.0
 """... if it exceeds them by so many standard deviations of such a step, so that noise is no missing row."""
+SMALL = 0.25
+"""Least share of a usual step by which one exceeds the others: the noise of a truth at rest is no missing row."""
 ROUNDS, TRIMMED = 3, 4.0
 """Rounds in which the variance of steps is fitted, and standard deviations beyond which a step does not count for it."""
 AROUND = 11
@@ -223,5 +225,6 @@ def _longer(
         kept = comparable & (excess**2 < TRIMMED**2 * variance)
         if not kept.any():
             return kept
-    far = np.maximum(NOISE * np.sqrt(variance), 1e-6)
+    usual = float(np.median(fastest[comparable & (fastest > 0.0)] * dt[comparable & (fastest > 0.0)])) if fastest.any() else 0.0
+    far = np.maximum(NOISE * np.sqrt(variance), max(SMALL * usual, 1e-6))
     return comparable & (steps > FARTHER * expected) & (steps - expected > far)

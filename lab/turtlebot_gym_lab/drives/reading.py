@@ -13,8 +13,8 @@ from turtlebot_gym.drive import Drive
 from turtlebot_gym.files import in_bounds
 from turtlebot_gym_lab.drives.alignment import headings, interpolated
 from turtlebot_gym_lab.drives.bags import is_bag, read_bag
+from turtlebot_gym_lab.drives.causes import cause_of, jump_of
 from turtlebot_gym_lab.drives.clocks import judged
-from turtlebot_gym_lab.drives.contradictions import contradiction
 from turtlebot_gym_lab.drives.laser import is_laser_arrays, read_laser_arrays
 from turtlebot_gym_lab.drives.tables import is_table, read_poses, read_table
 from turtlebot_gym_lab.drives.topics import Topics
@@ -93,8 +93,8 @@ def read(
         path: The file, or the folder of a bag. The content decides what it is.
         topics: Topics of a bag.
         columns: Column names of a table other than those in `tables.NAMES`, by quantity, a key of `tables.NAMES`.
-        truth: A topic of a bag, with ``:PARENT.CHILD`` where it holds transforms; or a table of true poses with the columns t, x, y
-            and perhaps theta, by the drive's clock. By default what the drive itself holds.
+        truth: A topic of a bag, with ``:PARENT.CHILD`` where it holds transforms; or a table of true poses with the columns t,
+            x, y and perhaps theta, by the drive's clock. By default what the drive itself holds.
         label: Label of the drive; by default the name of the file.
         lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
 
@@ -117,8 +117,10 @@ def read(
     drive = _with_headings(drive if beside is None else _with_truth(drive, beside))
     if not form.measures_twist:
         return drive
-    why = contradiction(drive) if "topics" in form.options else None  # what robots say, not what somebody has computed
-    return judged(replace(drive, remarks=(*drive.remarks, f"{drive.around.label}: {why}")) if why else drive)
+    why = cause_of(drive) or (jump_of(drive) if "topics" in form.options else "")  # robots are moved, and their odometry reset
+    if why:
+        return replace(drive, remarks=(*drive.remarks, f"{drive.around.label}: {why}"))
+    return judged(drive)
 
 
 def _with_truth(drive: Drive, path: Path) -> Drive:
