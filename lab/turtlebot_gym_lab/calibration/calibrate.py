@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.estimation.consistency import difference
@@ -39,6 +40,8 @@ WHITE = 5e-4
 """Least white noise of measured poses, m: less is the rounding of wheel odometry."""
 
 
+SAME = 1e-6
+"""Difference of two steps that is rounding, m and rad."""
 UNKNOWN = {"alpha1": "scale", "alpha3": "veer", "alpha4": "turn_scale"}
 """Wheel parameter whose error each alpha covers if the drive does not determine it."""
 MENTIONED = 5
@@ -139,6 +142,11 @@ def calibrate(
         ValueError: If the drive is too short, or an argument is unknown.
     """
     has_truth = drive.has_truth and use_truth
+    if has_truth and _is_odometry(drive):
+        raise ValueError(
+            "the truth moves exactly as odometry does: it is the odometry itself, or a simulation without noise, and there is "
+            "nothing to calibrate; name another truth."
+        )
     kind = detect_kind(drive) if kind is None else choose("kind", kind, dict(zip(KINDS, KINDS, strict=True)))
     if not has_truth and kind == WHEELS:
         raise ValueError(
@@ -200,6 +208,23 @@ def calibrate(
         remarks=(*drive.remarks, *remarks),
         drive=drive,
     )
+
+
+def _is_odometry(drive: Drive) -> bool:
+    """Return whether the true poses move from row to row as the measured ones do, but for rounding."""
+    both = known(drive.truth) & known(drive.odometry)
+    rows = np.flatnonzero(both[1:] & both[:-1]) + 1
+    if len(rows) < 2:
+        return False
+    truth, odometry = (_steps(poses, rows) for poses in (drive.truth, drive.odometry))
+    return bool(np.abs(truth).sum() > 0.0 and np.abs(truth - odometry).max() < SAME)
+
+
+def _steps(poses: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the motion to some rows in the frame of the pose before, shape (n, 3)."""
+    x, y, turn = difference(poses[rows], poses[rows - 1]).T
+    cosine, sine = np.cos(poses[rows - 1, 2]), np.sin(poses[rows - 1, 2])
+    return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, turn])
 
 
 def _wary(noise: Noise, estimates: dict[str, CalibrationEstimate], start: Noise, *, is_certain: bool) -> Noise:

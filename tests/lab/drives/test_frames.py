@@ -1,12 +1,14 @@
 """A truth in transforms is the chain of frames that is asked for, and never odometry itself."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from drawing import draw
 from rosbag_messages import ODOMETRY, TF, make, odometry, transform, write_bag
 
+from turtlebot_gym_lab.calibration import calibrate
 from turtlebot_gym_lab.drives import read
 
 START = 100.0
@@ -100,3 +102,8 @@ def test_odometry_and_wrong_frames_are_refused_with_the_right_words(tmp_path, ed
     with pytest.raises(ValueError, match=message) as refusal:
         read(bag(tmp_path / "bag", *edges), truth=truth)
     assert "\n" not in str(refusal.value)
+
+
+def test_a_truth_that_moves_as_odometry_does_calibrates_nothing():
+    with pytest.raises(ValueError, match="it is the odometry itself, or a simulation without noise"):
+        calibrate(replace(DRAWN, odometry=np.array([composed((1.0, 2.0, 0.5), pose) for pose in DRAWN.truth])))
