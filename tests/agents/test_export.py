@@ -1,24 +1,21 @@
 """Export: the bundle does what the model does, or it is not written."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from stable_baselines3 import DDPG, PPO, TD3
 
 from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, bounds_of
-from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, described
-from turtlebot_gym_agents.policies.fit import describe_robot
+from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training import export as module
-from turtlebot_gym_agents.training import normalization
+from turtlebot_gym_agents.training import layers, normalization
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.export import export, load_model
+from turtlebot_gym_agents.training.export import export
+from turtlebot_gym_agents.training.files import load_model
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-CARD = Card(env="e", robot=describe_robot("burger"), dt=0.1, noise="tutorial", filter="matched", observation="ekf")
 SHORT = {
     "ppo": {"n_steps": 32, "batch_size": 256, "n_epochs": 2, "learning_rate": 0.003},
     "a2c": {},
@@ -40,7 +37,7 @@ def model(request):
 
 def test_bundle_equals_model_on_10000_observations(model, tmp_path):
     path = tmp_path / "new" / "policy.onnx"
-    assert export(model, path, CARD) <= TOLERANCE
+    assert export(model, path, steps=100) <= TOLERANCE
     # Another sample than the exporter's own, half of it where the robot really is.
     random = np.random.default_rng(5)
     anywhere = random.uniform(*bounds_of(OPEN_GROUND), (5000, 13))
@@ -71,10 +68,10 @@ def test_a_bundle_that_acts_differently_is_not_written(tmp_path, monkeypatch, wr
         "activation": (torch.nn.Tanh, lambda graph, layer: graph.add("Relu")),
         "shift": (normalization.NormalizedObservation, lambda graph, layer: graph.add("Div", layer.std)),
     }[wrong]
-    monkeypatch.setitem(module._WRITERS, *changed)
+    monkeypatch.setitem(layers._WRITERS, *changed)
     (tmp_path / "policy.onnx").write_text("the old one")
     with pytest.raises(RuntimeError, match="differ from the network's"):
-        export(model, tmp_path / "policy.onnx", CARD)
+        export(model, tmp_path / "policy.onnx", steps=20)
     assert [file.read_text() for file in tmp_path.iterdir()] == ["the old one"]
 
 
@@ -98,17 +95,17 @@ def test_the_graph_is_that_of_torchs_exporter(tmp_path, monkeypatch):
     model, seen = untrained(activation_fn="ReLU", net_arch=[32, 16, 8]), np.random.default_rng(3).normal(size=(5000, 13))
     with monkeypatch.context() as patch:
         without_torchs_exporter(patch)
-        export(model, tmp_path / "ours.onnx", CARD)
-    monkeypatch.setattr(module, "_graph_of", lambda layers, size: None)
-    export(model, tmp_path / "torchs.onnx", CARD)
+        export(model, tmp_path / "ours.onnx", steps=20)
+    monkeypatch.setattr(layers, "graph_of", lambda layers, size: None)
+    export(model, tmp_path / "torchs.onnx", steps=20)
     ours, torchs = (BundlePolicy(tmp_path / f"{exporter}.onnx")(seen) for exporter in ("ours", "torchs"))
     np.testing.assert_array_equal(ours, torchs)
     assert ours.std() > 0.01
 
 
 def test_files_that_are_no_models_and_models_of_other_sizes_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"observations \(13,\)"):
-        export(PPO("MlpPolicy", "Pendulum-v1", device="cpu"), tmp_path / "policy.onnx", CARD)
+    with pytest.raises(ValueError, match=r"must have actions \(2,\)"):
+        export(PPO("MlpPolicy", "Pendulum-v1", device="cpu"), tmp_path / "policy.onnx", env=TrainingConfig.env)
     for content in (b"", b"no zip at all"):
         (tmp_path / "model.zip").write_bytes(content)
         with pytest.raises(ValueError, match=r"model\.zip is not a model"):
@@ -117,12 +114,12 @@ def test_files_that_are_no_models_and_models_of_other_sizes_are_refused(tmp_path
 
 def test_only_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkeypatch):
     model = untrained(activation_fn="ELU")
-    assert export(model, tmp_path / "policy.onnx", CARD) <= TOLERANCE
+    assert export(model, tmp_path / "policy.onnx", steps=20) <= TOLERANCE
     without_torchs_exporter(monkeypatch)
     with pytest.raises(pytest.fail.Exception):
-        export(model, tmp_path / "policy.onnx", CARD)
+        export(model, tmp_path / "policy.onnx", steps=20)
     plain = PPO("MlpPolicy", Sb3VecEnv(TrainingConfig().make(8)), n_steps=8, device="cpu", seed=0)  # without normalization
-    assert export(plain, tmp_path / "policy.onnx", CARD) <= TOLERANCE
+    assert export(plain, tmp_path / "policy.onnx", steps=20) <= TOLERANCE
 
 
 @pytest.mark.parametrize("terms", [ROOM, LOCATED_ROOM])
@@ -130,7 +127,7 @@ def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch, terms
     without_torchs_exporter(monkeypatch)
     room, located = "turtlebot_gym/TurtleBotRooms-v0", {"noise": "wheel", "localizer": "match", "observation": "located"}
     model = untrained(room, located if terms == LOCATED_ROOM else {})
-    assert export(model, tmp_path / "policy.onnx", replace(CARD, env=room, terms=described(terms))) <= TOLERANCE
+    assert export(model, tmp_path / "policy.onnx", steps=20) <= TOLERANCE
     assert BundlePolicy(tmp_path / "policy.onnx").terms == terms
     observations = model.env.reset()
     expected, _ = model.predict(observations, deterministic=True)

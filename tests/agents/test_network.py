@@ -8,7 +8,8 @@ from torch import nn
 from turtlebot_gym import make_noise
 from turtlebot_gym.observations import OPEN_GROUND, ROOM, bounds_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.training.network import TOLERANCE, export_network
+from turtlebot_gym_agents.training.export import export
+from turtlebot_gym_agents.training.network import TOLERANCE
 
 NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
 
@@ -22,7 +23,8 @@ def mlp(inputs=13, outputs=2, scale=1.0):
 
 def test_the_bundle_does_what_the_network_does(tmp_path):
     network, path = mlp(scale=10.0), tmp_path / "new" / "nav.onnx"
-    assert export_network(network, path, NAV, robot="waffle", noise="rough", dt=0.05, training={"library": "own"}) <= TOLERANCE
+    options = {"robot": "waffle", "noise": "rough", "dt": 0.05}
+    assert export(network, path, env=NAV, training={"library": "own"}, steps=100, **options) <= TOLERANCE
     policy = BundlePolicy(path)
     observations = np.random.default_rng(5).uniform(*bounds_of(OPEN_GROUND), (500, 13)).astype(np.float32)
     with torch.no_grad():
@@ -36,7 +38,7 @@ def test_the_bundle_does_what_the_network_does(tmp_path):
 
 
 def test_a_network_for_rooms_takes_their_observations(tmp_path):
-    export_network(mlp(50), tmp_path / "rooms.onnx", ROOMS, noise=make_noise("rough"), world="dense")
+    export(mlp(50), tmp_path / "rooms.onnx", env=ROOMS, steps=20, noise=make_noise("rough"), world="dense")
     policy = BundlePolicy(tmp_path / "rooms.onnx")
     assert (policy.terms, policy.card.noise) == (ROOM, "custom")
     assert policy(np.zeros((3, 50))).shape == (3, 2)
@@ -52,11 +54,11 @@ class Repeating(nn.Module):
 @pytest.mark.parametrize(
     ("network", "message"),
     [
-        (mlp(outputs=4), r"must give actions \(n, 2\), got \(10000, 4\)"),
+        (mlp(outputs=4), r"must give actions \(n, 2\), got \(3, 4\)"),
         (Repeating(), "must not depend on how many observations"),
     ],
 )
 def test_refuses_networks_with_other_actions_or_that_are_traced_for_one_number_of_rows_only(tmp_path, network, message):
     with pytest.raises(ValueError, match=message):
-        export_network(network, tmp_path / "nav.onnx", NAV)
+        export(network, tmp_path / "nav.onnx", env=NAV)
     assert not [*tmp_path.iterdir()]

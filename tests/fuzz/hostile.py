@@ -25,7 +25,7 @@ from turtlebot_gym import Noise, read_parameters
 from turtlebot_gym.files import load
 from turtlebot_gym.rooms.worlds import find_world
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
-from turtlebot_gym_agents.training.export import load_model
+from turtlebot_gym_agents.training.files import load_model
 from turtlebot_gym_agents.training.hyperparameters import load as load_hyperparameters
 
 Rng = np.random.Generator

@@ -4,30 +4,37 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import tyro
 
 from turtlebot_gym.files import write_text
+from turtlebot_gym.validation import POSITIVE
 from turtlebot_gym_agents.commands.console import WritingOptions, needs
 from turtlebot_gym_agents.outputs import OutputFile
 
 
 @dataclass(frozen=True, kw_only=True)
 class Export(WritingOptions):
-    """Convert a model saved by Stable-Baselines3 into a policy bundle, and check that both return the same actions.
+    """Convert a policy of another library into a policy bundle, and check that both return the same actions.
 
-    The settings of its training are read from the config.json beside it; without that file, give them as options.
+    The check drives in the environment of the training, with its normalization and its stack of observations. What lies beside
+    the file is found: config.json of this package, args.yml of rl-baselines3-zoo, and vecnormalize.pkl; give the rest as
+    options.
     """
 
     model: tyro.conf.Positional[Path]
-    """The model, a zip file."""
+    """A model of Stable-Baselines3 or sb3-contrib (.zip), a torch module or TorchScript (.pt), an ONNX model, or the folder of
+    a training by rl-baselines3-zoo or by this package."""
     out: Annotated[Path, OutputFile((".onnx",))] = Path("policy.onnx")
     """The bundle."""
     allow_pickle: bool = False
-    """Confirm that you trust the zip file: loading it can run any code in it."""
+    """Confirm that you trust the files: loading a .zip, .pt or .pkl can run any code in it."""
+    vec_normalize: Annotated[str | None, tyro.conf.arg(metavar="FILE|none")] = None
+    """Statistics of VecNormalize by which observations were normalized; none if they were not. By default the vecnormalize.pkl
+    beside the model, if it was trained so."""
     env: str | None = None
-    """The environment's id."""
+    """The environment's id; by default the one that the folder names, else turtlebot_gym/TurtleBotNav-v0."""
     robot: str | None = None
     """Robot of the training: a preset, or a file of your own (FILE.yaml)."""
     noise: str | None = None
@@ -41,38 +48,31 @@ class Export(WritingOptions):
 
     def run(self) -> None:
         with needs("agents"):
-            from turtlebot_gym_agents.policies import bundle
-            from turtlebot_gym_agents.policies.fit import describe_robot
-            from turtlebot_gym_agents.training.config import TrainingConfig, read_record
-            from turtlebot_gym_agents.training.export import export, load_model
+            from turtlebot_gym_agents.policies.bundle import BundlePolicy
+            from turtlebot_gym_agents.training.export import export
+            from turtlebot_gym_agents.training.network import ROWS, STEPS
         from rich.console import Console
 
-        model = load_model(self.model, allow_pickle=self.allow_pickle)
-        beside = self.model.parent / "config.json"
-        record = read_record(beside) if beside.is_file() else {}
-        default = TrainingConfig().settings() | record.get("config", {})
-
-        def setting(name: str) -> Any:
-            value = getattr(self, name)
-            return default[name] if value is None else value
-
-        robot, env = setting("robot"), setting("env")
-        pose, terms = bundle.observed(env, setting("observation"))
-        card = bundle.Card(
-            env=env,
-            robot=describe_robot(robot) if isinstance(robot, str) else {"name": "custom", **robot},
-            dt=0.1 if self.rate is None else 1.0 / self.rate,
-            noise="randomized" if default["randomize"] and self.noise is None else setting("noise"),
-            filter=setting("filter"),
-            observation=pose,
-            terms=bundle.described(terms),
-            training={**record, "steps": model.num_timesteps},
-        )
-        difference = export(model, self.out, card)
+        names = ("robot", "noise", "filter", "observation")
+        options = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if self.rate is not None:
+            options["dt"] = 1.0 / POSITIVE.check("rate", self.rate)
+        given = {"env": self.env, "vec_normalize": self.vec_normalize, "allow_pickle": self.allow_pickle}
+        difference = export(self.model, self.out, **given, **options)
+        card = BundlePolicy(self.out).card
+        parts = "".join(f", with {name}" for name, there in _PARTS.items() if card.training.get(there))
         Console().print(
-            f"{self.out}: {self.out.stat().st_size:,} bytes; its actions differ from the model's by at most "
-            f"{difference:.1g} on 10,000 observations."
+            f"{self.out}: {self.out.stat().st_size:,} bytes, for {card.env}{parts}; its actions differ from the library's by "
+            f"at most {difference:.1g} over {STEPS:,} steps of {ROWS} environments."
         )
+
+
+_PARTS = {
+    "normalization": "normalized",
+    "a stack of observations": "frame_stack",
+    "the state of a recurrent network": "state",
+}
+"""Parts of a bundle as its maker is told of them, and their entries on the card."""
 
 
 @dataclass(frozen=True, kw_only=True)

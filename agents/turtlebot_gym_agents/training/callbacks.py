@@ -228,7 +228,9 @@ class RecordCallback(Callback):
         seconds = round(time.monotonic() - self._begun, 1)
         about = {**self._record, "steps": self.num_timesteps, "seconds": seconds, "evaluation": self._judge.best}
         with weights_of(self.model, self._folder / "best.zip"):
-            export(self.model, self._folder / "policy.onnx", self._config.card(self._judge.parameters, about))
+            card = self._config.card(self._judge.parameters, about)
+            options = self._config.options
+            export(self.model, self._folder / "policy.onnx", env=self._config.env, vec_normalize="none", card=card, **options)
 
 
 class RewardCallback(BaseCallback):

@@ -76,10 +76,7 @@ class TrainingConfig(Options):
     def __post_init__(self) -> None:
         check_fields(self, "")
         choose("device", self.device, dict.fromkeys(("cpu", "cuda", "auto")))
-        if not isinstance(self.env, str) or self.env not in registry:
-            ids = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]
-            error = refusal("env", f"one of {', '.join(map(repr, ids))}, or another id with their arguments", self.env)
-            raise ValueError(f"{error}{did_you_mean(self.env, ids)}")
+        require_env(self.env)
         choose("algo", self.algo, dict.fromkeys(NAMES))
         object.__setattr__(self, "hyper", hyperparameters.load(self.algo, self.env, self.config))
         if self.from_policy is not None and self.algo not in ON_POLICY:
@@ -153,6 +150,19 @@ class TrainingConfig(Options):
                 same = value == new or (key == "arrival" and {value, new} == {None, "truth"})  # the tasks' default is the truth
                 if not same:
                     raise ValueError(f"{folder} holds a run with {key} {value!r}: it cannot be resumed with {new!r}.")
+
+
+def require_env(env: str) -> str:
+    """Return the id of an environment.
+
+    Raises:
+        ValueError: If none is registered under it.
+    """
+    if not isinstance(env, str) or env not in registry:
+        ids = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]
+        error = refusal("env", f"one of {', '.join(map(repr, ids))}, or another id with their arguments", env)
+        raise ValueError(f"{error}{did_you_mean(env, ids)}")
+    return env
 
 
 def require_no_run(folder: Path) -> None:

@@ -1,192 +1,229 @@
-"""Convert a Stable-Baselines3 model into a policy bundle, and verify that both return the same actions.
+"""Make a policy bundle of what people have: models and networks of other libraries, and their files.
 
-The graph of the layers that this package's policies have is written directly, in milliseconds, where torch's exporter takes
-seconds; other networks are left to torch's exporter. Either graph is compared with its network.
+The bundle takes along all that the policy needs: the normalization of observations, a stack of them, and the state of a
+recurrent network. It is written only if it acts as the library itself does, in the environment of the training.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import sys
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
-import numpy as np
-import stable_baselines3
+import gymnasium as gym
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.torch_layers import FlattenExtractor
+from gymnasium.envs.registration import registry
+from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import nn
 
-from turtlebot_gym.observations import size_of
-from turtlebot_gym_agents.policies.bundle import Card, term_on
-from turtlebot_gym_agents.policies.yielding import NEAR
-from turtlebot_gym_agents.training.model import data_of
-from turtlebot_gym_agents.training.network import program_of, write_checked
-from turtlebot_gym_agents.training.normalization import CLIP, NormalizedObservation, split_at
+from turtlebot_gym import Options
+from turtlebot_gym.validation import as_int, refusal
+from turtlebot_gym_agents.policies import PolicyWithMemory
+from turtlebot_gym_agents.policies.bundle import Card
+from turtlebot_gym_agents.policies.fit import parameters_of
+from turtlebot_gym_agents.training import files
+from turtlebot_gym_agents.training.config import require_env
+from turtlebot_gym_agents.training.foreign_onnx import OnnxPolicy, network_model, script_model
+from turtlebot_gym_agents.training.network import ROWS, STEPS, program_of, write_checked
+from turtlebot_gym_agents.training.stages import Staged, normalization_of, other_size
+from turtlebot_gym_agents.training.torch_policy import Called, TorchPolicy
 
-if TYPE_CHECKING:
-    from onnx import ModelProto
-
-_MARKS = {"target_entropy": "SAC", "policy_delay": "TD3", "clip_range_vf": "PPO", "gae_lambda": "A2C"}
-"""Attribute of a saved model that identifies its algorithm."""
-
-
-def load_model(path: Path, *, allow_pickle: bool = False) -> BaseAlgorithm:
-    """Load a model saved by Stable-Baselines3, with SAC, TD3 (also DDPG), PPO or A2C as the file's content says.
-
-    Args:
-        path: A zip file.
-        allow_pickle: Must be true: the file holds pickled objects, and loading them runs any code in them.
-
-    Raises:
-        ValueError: If ``allow_pickle`` is false, or the file is not such a model.
-    """
-    if not allow_pickle:
-        raise ValueError(
-            f"{path} holds pickled objects, and loading those can run any code. If you trust its source, add "
-            "--allow-pickle; policies are passed on as bundles, which `turtlebot-gym export` makes."
-        )
-    try:
-        keys = data_of(path)
-    except (RuntimeError, KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path} is not a model of Stable-Baselines3: {' '.join(str(error).split())}") from error
-    name = next((name for mark, name in _MARKS.items() if mark in keys), None)
-    if name is None:
-        raise ValueError(f"{path} must hold a model of {', '.join(_MARKS.values())}.")
-    rates = dict.fromkeys(("learning_rate", "lr_schedule", "clip_range"), 0.0)  # of training, and possibly of unknown classes
-    return getattr(stable_baselines3, name).load(path, device="cpu", custom_objects=rates)
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+NONE = "none"
+"""Instead of statistics: observations were not normalized."""
 
 
-def export(model: BaseAlgorithm, path: Path, card: Card, *, samples: int = 10_000) -> float:
-    """Write a model's deterministic policy as a bundle, if both return the same actions.
+class _Converted(NamedTuple):
+    """A policy of another library as ONNX, and by its library."""
+
+    program: Any
+    original: PolicyWithMemory
+    training: Mapping[str, Any]
+
+
+def export(
+    model: Any,
+    path: str | Path,
+    *,
+    env: str | None = None,
+    vec_normalize: Any = None,
+    memory: int = 0,
+    allow_pickle: bool = False,
+    training: Mapping[str, Any] | None = None,
+    card: Card | None = None,
+    steps: int = STEPS,
+    **options: Any,
+) -> float:
+    """Write a policy as a bundle, if both return the same actions.
 
     Args:
-        model: A trained model for one of this package's environments.
-        path: The bundle's file, replaced atomically.
-        card: Card of the bundle.
-        samples: Number of observations, uniform in the observation space, on which the actions are compared.
+        model: A model of Stable-Baselines3 or sb3-contrib, with the `VecNormalize` and the `VecFrameStack` of its environment;
+            a torch module, or a function of tensors, from observations (n, k) to actions (n, 2), of which those beyond 1 are
+            clipped; a TorchScript module; an ONNX model; or a file of one of these, or the folder of a training, see
+        `files.read`. path: The bundle's file, replaced atomically.
+        env: Id of the environment that it was trained in; None for the one that the model or its folder names, else Nav.
+        vec_normalize: What normalized observations: a `VecNormalize`, Gymnasium's `NormalizeObservation`, a file of the first,
+            or "none"; None for what the model's environment has, or what lies beside the file.
+        memory: Of a torch module with a state: how many numbers that has. The module then maps observations and the state (n,
+            memory), zeros where an episode begins, to actions and the next state.
+        allow_pickle: Whether files may be read that can run code.
+        training: Entries for the card about the training, such as library, version, algorithm, steps and seed.
+        card: Card to write; None for that of the environment.
+        steps: Steps on which the actions are compared, in 8 environments.
+        **options: Arguments of the environment: ``robot``, ``noise``, ``filter``, ``observation``, ``dt`` and so on.
 
     Returns:
-        The largest difference between their actions.
+        The largest difference between the bundle's actions and the library's.
 
     Raises:
-        ValueError: If the model's observations or actions have other shapes.
+        ValueError: If the policy cannot be a bundle, or a part of what it needs is missing; the message says what to do.
         RuntimeError: If the difference is larger than `network.TOLERANCE`.
+        ImportError: If the library of a file is missing.
     """
-    size = size_of([term_on(path, term) for term in card.terms])
-    space, shapes = model.observation_space, (model.observation_space.shape, model.action_space.shape)
-    if shapes != ((size,), (2,)) or not isinstance(space, spaces.Box):
-        raise ValueError(f"model must map observations ({size},) to actions (2,), got {shapes[0]} and {shapes[1]}.")
-    layers = _layers_of(model.policy)
-    graph = _graph_of(layers, size) or program_of(nn.Sequential(*layers), size)
-    observations = np.random.default_rng(0).uniform(space.low, space.high, (samples, size)).astype(np.float32)
-    expected, _ = model.predict(observations, deterministic=True)
-    return write_checked(graph, path, card, observations, expected)
+    found = files.Found(model=model)
+    if isinstance(model, (str, Path)):
+        found = files.read(Path(model), allow_pickle=allow_pickle)
+        model = found.model
+    known, own = _environment_of(model)
+    env = require_env(env or found.env or known or NAV)
+    options = {**(own if env == known else {}), **(found.options if found.env in (None, env) else {}), **options}
+    with closing(_make(env, options)) as envs:
+        space: Any = envs.single_observation_space
+        if not isinstance(space, spaces.Box) or len(space.shape) != 1:
+            raise refusal("env", "an environment whose observations are terms, such as those of this package", env)
+        converted = _convert(model, space, env, vec_normalize, memory, found, allow_pickle)
+        if card is None:
+            card = Card.of(env, options, parameters_of(envs), {**found.training, **converted.training, **(training or {})})
+            card = card if found.noise is None else replace(card, noise=found.noise)
+        try:
+            return write_checked(converted.program, path, card, converted.original, envs, steps=steps)
+        except ValueError as error:
+            if getattr(converted.original, "one", False):
+                raise ValueError(
+                    f"model was exported for one observation: export it with a dynamic first axis: {error}"
+                ) from error
+            raise
 
 
-OPSET, IR_VERSION = 20, 10
-"""The same versions as torch's exporter; onnxruntime reads them from 1.18."""
+def _make(env: str, options: Mapping[str, Any]) -> VectorEnv:
+    """Return the environments of the check."""
+    return gym.make_vec(env, num_envs=ROWS, autoreset_mode=AutoresetMode.SAME_STEP, **options)
 
 
-def _layers_of(policy: Any) -> list[nn.Module]:
-    """Return the layers from an observation to the deterministic action of an SB3 policy."""
-    if hasattr(policy, "mlp_extractor"):  # PPO, A2C
-        layers = [policy.pi_features_extractor, policy.mlp_extractor.policy_net, policy.action_net]
-    elif hasattr(policy.actor, "latent_pi"):  # SAC, whose actor is stochastic
-        layers = [policy.actor.features_extractor, policy.actor.latent_pi, policy.actor.mu, nn.Tanh()]
-    else:  # TD3, DDPG
-        layers = [policy.actor.features_extractor, policy.actor.mu]
-    return list(_flat(layers))
+def _is_sb3(model: Any) -> bool:
+    """Return whether an object is a model or a policy of Stable-Baselines3, which then is imported."""
+    if "stable_baselines3" not in sys.modules:
+        return False
+    from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.policies import BasePolicy
+
+    return isinstance(model, (BaseAlgorithm, BasePolicy))
 
 
-def _flat(layers: Iterable[nn.Module]) -> Iterator[nn.Module]:
-    for layer in layers:
-        if type(layer) is nn.Sequential:
-            yield from _flat(layer)
-        else:
-            yield layer
+def _environment_of(model: Any) -> tuple[str | None, dict[str, Any]]:
+    """Return id and options of the environment that a model of Stable-Baselines3 was trained in, as far as it has one."""
+    venv = model.get_env() if _is_sb3(model) and hasattr(model, "get_env") else None
+    try:
+        spec = None if venv is None else venv.get_attr("spec")[0]
+    except (AttributeError, IndexError):
+        spec = None
+    if spec is None or spec.id not in registry:
+        return None, {}
+    names, registered = {item.name for item in fields(Options)}, registry[spec.id].kwargs
+    return spec.id, {
+        name: value
+        for name, value in spec.kwargs.items()
+        if name in names and not (name in registered and registered[name] == value)
+    }
 
 
-def _graph_of(layers: Sequence[nn.Module], size: int) -> ModelProto | None:
-    """Return a chain of layers as ONNX, from observations (n, size) to actions (n, 2), clipped to [-1, 1].
-
-    None if a layer is of an unsupported kind.
-    """
-    from onnx import TensorProto, helper
-
-    if not all(type(layer) in _WRITERS for layer in layers):
-        return None
-    graph = _OnnxGraph("observation")
-    for layer in layers:
-        _WRITERS[type(layer)](graph, layer)
-    graph.add("Clip", _numbers(-1.0), _numbers(1.0), result="action")
-    ends = [
-        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", width])]
-        for name, width in (("observation", size), ("action", 2))
-    ]
-    made = helper.make_graph(graph.nodes, "policy", *ends, initializer=graph.constants)
-    opset = [helper.make_opsetid("", OPSET)]
-    return helper.make_model(made, opset_imports=opset, ir_version=IR_VERSION, producer_name="turtlebot_gym")
-
-
-def _numbers(values: Any) -> np.ndarray:
-    return np.asarray(values, np.float32)
-
-
-class _OnnxGraph:
-    """A chain of operations, each on the result of the one before."""
-
-    def __init__(self, begin: str) -> None:
-        self.nodes: list[Any] = []
-        self.constants: list[Any] = []
-        self.last = begin
-
-    def constant(self, values: torch.Tensor | np.ndarray) -> str:
-        from onnx import numpy_helper
-
-        array = values.detach().cpu().numpy() if isinstance(values, torch.Tensor) else values
-        name = f"constant_{len(self.constants)}"
-        self.constants.append(numpy_helper.from_array(array, name))
-        return name
-
-    def add(self, operation: str, *inputs: torch.Tensor | np.ndarray, result: str = "", **attributes: Any) -> None:
-        """Add an operation on the last result and further inputs."""
-        names = [self.last, *map(self.constant, inputs)]
-        self.last = self._node(operation, names, [result or f"result_{len(self.nodes)}"], **attributes)[0]
-
-    def _node(self, operation: str, inputs: list[str], results: list[str], **attributes: Any) -> list[str]:
-        from onnx import helper
-
-        self.nodes.append(helper.make_node(operation, inputs, results, **attributes))
-        return results
-
-    def spread_ranges(self, ranges: tuple[int, int], size: int) -> None:
-        """Add `normalization.spread_ranges`, for observations of so many numbers."""
-        sizes = self.constant(np.array(split_at(ranges, size), np.int64))
-        before, self.last, after = self._node("Split", [self.last, sizes], ["before", "ranges", "after"], axis=1)
-        self.add("Add", _numbers(NEAR))
-        self.add("Log")
-        self.last = self._node("Concat", [before, self.last, after], ["spread"], axis=1)[0]
+def _convert(
+    model: Any, space: spaces.Box, env: str, vec_normalize: Any, memory: int, found: files.Found, allow_pickle: bool
+) -> _Converted:
+    """Return a policy of another library as ONNX, and by its library."""
+    if isinstance(vec_normalize, (str, Path)) and vec_normalize != NONE:
+        vec_normalize = files.load_statistics(Path(vec_normalize), allow_pickle=allow_pickle)
+    if _is_sb3(model):
+        return _of_sb3(model, space, env, vec_normalize, found.statistics, allow_pickle)
+    if vec_normalize is None and found.statistics:
+        raise ValueError(
+            f"model may need the statistics in {found.statistics[0]}, and does not say so: name them, --vec-normalize FILE, or "
+            "--vec-normalize none (vec_normalize=...) if its observations were not normalized."
+        )
+    layer = None if vec_normalize in (None, NONE) else normalization_of(vec_normalize)
+    size, about = space.shape[0], {"normalized": True} if layer else {}
+    if layer is not None and layer.size != size:
+        raise ValueError(f"vec_normalize must hold statistics of {size} observations, as {env} has, got {layer.size}.")
+    if isinstance(model, torch.jit.ScriptModule):
+        original = TorchPolicy(model, layer, 0)
+        original.try_on(space)
+        script = script_model(model, size)
+        return _Converted(network_model(script, OnnxPolicy(script, layer), size), original, about)
+    if type(model).__name__ == "ModelProto":
+        original = OnnxPolicy(model, layer)
+        if isinstance(original.size, int) and original.size != size:
+            raise other_size(size, env, original.size)
+        return _Converted(network_model(model, original, size), original, about)
+    if not callable(model):
+        rule = "a model of Stable-Baselines3, a torch module, a function of tensors, an ONNX model or a file of one"
+        raise refusal("model", rule, model)
+    network = model if isinstance(model, nn.Module) else Called(model)
+    original = TorchPolicy(network, layer, as_int("memory", memory))
+    original.try_on(space)
+    staged = Staged([layer] if layer else [], network, memory)
+    return _Converted(program_of(staged, size, staged.memory), original, {**about, **({"state": memory} if memory else {})})
 
 
-def _linear(graph: _OnnxGraph, layer: Any) -> None:
-    graph.add("Gemm", *(part for part in (layer.weight, layer.bias) if part is not None), transB=1)
+def _of_sb3(
+    model: Any, space: spaces.Box, env: str, vec_normalize: Any, beside: tuple[Path, ...], allow_pickle: bool
+) -> _Converted:
+    """Return a model of Stable-Baselines3 as ONNX, and by its own ``predict``."""
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    from turtlebot_gym_agents.training import sb3_policy
+    from turtlebot_gym_agents.training.layers import graph_of
+    from turtlebot_gym_agents.training.sb3_network import network_of
+
+    sb3_policy.require_actions(model)
+    wrappers = sb3_policy.wrappers_of(model) if hasattr(model, "get_env") else []
+    own = [wrapper for wrapper in wrappers if isinstance(wrapper, VecNormalize)]
+    if len(own) > 1:
+        raise ValueError("model must be trained within at most one VecNormalize, got several.")
+    statistics = None
+    if vec_normalize is None and hasattr(model, "get_env"):
+        sb3_policy.require_no_observation_wrapper(model)
+    if vec_normalize == NONE:
+        sb3_policy.require_within(model, "vec_normalize cannot be none")
+    elif vec_normalize is not None:
+        statistics = vec_normalize
+    elif own:
+        statistics = own[0]
+    elif (needs := sb3_policy.was_normalized(model)) or (needs is None and (beside or getattr(model, "num_timesteps", 0))):
+        statistics = files.load_statistics(_one_of(beside), allow_pickle=allow_pickle)
+    else:
+        sb3_policy.require_within(model, "statistics are missing")
+    stages = sb3_policy.stages_of(model, space, env, statistics, wrappers)
+    network, width, chain = network_of(model)
+    size = space.shape[0]
+    program = None if stages or chain is None else graph_of(chain, size)
+    if program is None:
+        staged = Staged([stage.module for stage in stages], network, width)
+        program = program_of(staged, size, staged.memory)
+    return _Converted(program, sb3_policy.Sb3Policy(model, stages), sb3_policy.library_of(model, stages, width))
 
 
-def _normalized(graph: _OnnxGraph, layer: Any) -> None:
-    if layer.ranges[0] < layer.ranges[1]:
-        graph.spread_ranges(layer.ranges, len(layer.mean))
-    graph.add("Sub", layer.mean)
-    graph.add("Div", layer.std)
-    graph.add("Clip", _numbers(-CLIP), _numbers(CLIP))
-
-
-_WRITERS: dict[type[nn.Module], Callable[[_OnnxGraph, Any], None]] = {
-    NormalizedObservation: _normalized,
-    FlattenExtractor: lambda graph, layer: graph.add("Flatten"),
-    nn.Linear: _linear,
-    nn.ReLU: lambda graph, layer: graph.add("Relu"),
-    nn.Tanh: lambda graph, layer: graph.add("Tanh"),
-}
-"""Function that adds each kind of layer to a graph."""
+def _one_of(beside: tuple[Path, ...]) -> Path:
+    """Return the only file of statistics beside a model that needs one."""
+    if len(beside) == 1:
+        return beside[0]
+    found = (
+        f"several are beside it: {', '.join(path.name for path in beside)}" if beside else "no vecnormalize.pkl is beside it"
+    )
+    raise ValueError(
+        f"model was trained within VecNormalize, and needs its statistics, but {found}: name them, --vec-normalize FILE "
+        "(vec_normalize=...), or none if only rewards were normalized."
+    )

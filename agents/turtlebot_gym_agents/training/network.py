@@ -1,115 +1,144 @@
-"""Convert a torch network of any library into a policy bundle, and verify that both return the same actions.
-
-Wrap a library's policy as a ``torch.nn.Module`` from observations (n, 13), in a room (n, 50), to mean actions (n, 2) without
-exploration. torch, onnx and onnxscript suffice; Stable-Baselines3, for whose models there is `export`, is not needed.
-"""
+"""A torch network as ONNX, and the check that a bundle acts as what it was made from."""
 
 from __future__ import annotations
 
 import logging
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
 import numpy as np
 import torch
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from torch import nn
 
 from turtlebot_gym.files import replacing
+from turtlebot_gym_agents.policies import PolicyWithMemory
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, write_bundle
 
 if TYPE_CHECKING:
     from onnx import ModelProto
 
 TOLERANCE = 1e-5
-"""Largest accepted difference between an action of the network and of its bundle."""
-
-
-def export_network(
-    network: nn.Module, path: str | Path, env: str, *, training: Mapping[str, Any] | None = None, **options: Any
-) -> float:
-    """Write a network as a bundle, if both return the same actions; those beyond 1 are clipped.
-
-    Args:
-        network: A map from float32 observations (n, k) to actions (n, 2). It is left in evaluation mode.
-        path: The bundle's file, replaced atomically.
-        env: Id of the environment in which it was trained.
-        training: Entries for the card about the training, such as library, version, algorithm, steps and seed.
-        **options: Arguments of the environment, ``robot``, ``noise``, ``filter`` and so on.
-
-    Returns:
-        The largest difference between their actions, on 10,000 observations, uniform in the observation space.
-
-    Raises:
-        ValueError: If the network's actions have another shape, or it only works for a fixed number of observations.
-        RuntimeError: If the difference is larger than `TOLERANCE`.
-    """
-    made = gym.make(env, **options)
-    space: Any = made.observation_space
-    card = Card.of(env, options, made.unwrapped.parameters, training or {})  # pyright: ignore[reportAttributeAccessIssue]
-    made.close()
-    observations = np.random.default_rng(0).uniform(space.low, space.high, (10_000, *space.shape)).astype(np.float32)
-    network.cpu().eval()
-    with torch.no_grad():
-        expected = np.clip(network(torch.from_numpy(observations)).numpy(), -1.0, 1.0)
-    if expected.shape != (len(observations), 2):
-        raise ValueError(f"network must give actions (n, 2), got {expected.shape} for {len(observations)} observations.")
-    model = program_of(network, space.shape[0])
-    if not model.graph.input[0].type.tensor_type.shape.dim[0].dim_param:
-        raise ValueError(
-            "network must not depend on how many observations it is given, as len(x) or a loop over them makes it: "
-            "pass its layers, nn.Sequential(body, head)."
-        )
-    return write_checked(model, path, card, observations, expected)
+"""Largest accepted difference between an action of the original and of its bundle."""
+STEPS, ROWS = 1000, 8
+"""Steps of the check, and environments that it drives in."""
+_SEED, _RESTARTS, _STRAY = 2**43, 0.01, 0.5
+"""The check's first seed; share of the steps after which an episode is begun anew, and share of random actions."""
 
 
 def write_checked(
-    model: ModelProto, path: str | Path, card: Card, observations: NDArray[np.float32], expected: NDArray[np.float32]
+    model: ModelProto, path: str | Path, card: Card, original: PolicyWithMemory, envs: VectorEnv, *, steps: int = STEPS
 ) -> float:
-    """Write a bundle, if it acts like its network.
+    """Write a bundle, if it acts like its original.
 
     Args:
-        model: The network as ONNX.
+        model: The network as ONNX, see `OnnxNetwork`.
         path: The file, replaced atomically.
         card: Card of the bundle.
-        observations: Shape (n, size), float32.
-        expected: The network's actions for them, shape (n, 2).
+        original: The policy by its own library, with all that it was trained with.
+        envs: The environments of the training, in the mode SAME_STEP.
+        steps: Number of steps to compare, with episodes that begin anew, before a sample of the whole observation space.
 
     Returns:
-        The largest difference between the bundle's actions and the network's.
+        The largest difference between the bundle's actions and the original's.
 
     Raises:
         RuntimeError: If it is larger than `TOLERANCE`; then nothing is written.
+        ValueError: If an action depends on the other rows.
     """
     with replacing(path) as beside:
         write_bundle(beside, model, card)
-        difference = float(np.abs(expected - BundlePolicy(beside)(observations)).max())
+        bundle = BundlePolicy(beside)
+        difference = _difference(bundle, original, envs, steps)
         if not difference <= TOLERANCE:
             raise RuntimeError(f"{path} is not written: its actions would differ from the network's by {difference:.2g}.")
     return difference
 
 
-def program_of(network: nn.Module, size: int) -> ModelProto:
-    """Return a network with clipped actions as ONNX, by torch's exporter."""
+def _difference(bundle: BundlePolicy, original: PolicyWithMemory, envs: VectorEnv, steps: int) -> float:
+    """Return the largest difference of two policies in an environment."""
+    random, space = np.random.default_rng(0), envs.single_observation_space
+    observations, _ = envs.reset(seed=_SEED)
+    _require_rows(bundle, observations)
+    begins, largest = np.ones(envs.num_envs, np.bool_), 0.0
+    for _ in range(steps):
+        if begins.any():
+            _begin(bundle, original, begins)
+        expected, actions = original(observations), bundle(observations)
+        largest = max(largest, float(np.abs(expected - actions).max()))
+        stray = random.uniform(-1.0, 1.0, actions.shape)
+        chosen = np.where(random.random((len(actions), 1)) < _STRAY, stray, actions).astype(np.float32)
+        observations, _, terminated, truncated, _ = envs.step(chosen)
+        begins, again = terminated | truncated, random.random(envs.num_envs) < _RESTARTS
+        if again.any():
+            observations, _ = envs.reset(options={"reset_mask": again})
+            begins = begins | again
+    anywhere = random.uniform(space.low, space.high, (1000, *space.shape)).astype(np.float32)  # pyright: ignore
+    _begin(bundle, original, np.ones(len(anywhere), np.bool_))
+    return max(largest, float(np.abs(original(anywhere) - bundle(anywhere)).max()))
+
+
+def _begin(bundle: Any, original: PolicyWithMemory, mask: NDArray[np.bool_]) -> None:
+    """Begin episodes of both policies."""
+    original.reset(mask)
+    if bundle.memory:
+        bundle.reset(mask)
+
+
+def _require_rows(bundle: BundlePolicy, observations: NDArray[np.float32]) -> None:
+    """Refuse a policy whose actions depend on the other rows."""
+    if bundle.memory:
+        bundle.reset(np.ones(len(observations), np.bool_))
+    together, alone = bundle(observations), list[NDArray[np.float32]]()
+    for row in observations:
+        if bundle.memory:
+            bundle.reset(np.ones((), np.bool_))
+        alone.append(bundle(row))
+    if not np.abs(np.array(alone) - together).max() <= TOLERANCE:
+        raise ValueError("model must act on each observation by itself, but its actions depend on the others of a batch.")
+
+
+def program_of(network: nn.Module, size: int, memory: int = 0) -> ModelProto:
+    """Return a network as ONNX, by torch's exporter.
+
+    Args:
+        network: A map from observations (n, size), and from a memory (n, memory) if it has one, to actions and the next memory.
+        size: Numbers of an observation.
+        memory: Numbers of the memory.
+
+    Raises:
+        ValueError: If torch cannot export it, or only for a fixed number of observations.
+    """
     registration = logging.getLogger("torch.onnx._internal.exporter._registration")
     level = registration.level
     registration.setLevel(logging.ERROR)  # it warns that torchvision is not installed
+    inputs = (torch.zeros(2, size), *((torch.zeros(2, memory),) if memory else ()))
+    names = ["memory", "next_memory"][: 2 * bool(memory)]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # torch's exporter uses deprecated parts of torch
             program = torch.onnx.export(
-                nn.Sequential(network, nn.Hardtanh()).eval(),  # clips to [-1, 1]
-                (torch.zeros(2, size),),
-                input_names=["observation"],
-                output_names=["action"],
-                dynamic_shapes=({0: torch.export.Dim("n")},),
+                network.eval(),
+                inputs,
+                input_names=["observation", *names[:1]],
+                output_names=["action", *names[1:]],
+                dynamic_shapes=tuple({0: torch.export.Dim("n")} for _ in inputs),
                 dynamo=True,
                 verbose=False,
             )
+    except Exception as error:  # torch's exporter has errors of its own, whose text is long
+        cause = error.__cause__ or error
+        reason = " ".join(str(cause).split())[:200]
+        raise ValueError(f"model cannot be exported by torch: {type(cause).__name__}: {reason}") from error
     finally:
         registration.setLevel(level)
     assert program is not None
-    return program.model_proto
+    model = program.model_proto
+    if not all(end.type.tensor_type.shape.dim[0].dim_param for end in model.graph.input):
+        raise ValueError(
+            "network must not depend on how many observations it is given, as len(x) or a loop over them makes it: "
+            "pass its layers, nn.Sequential(body, head)."
+        )
+    return model
