@@ -15,9 +15,10 @@ from turtlebot_gym_agents import Deployment
 
 NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
 SMALL = {"net_arch": [32, 32]}
-ON = {"n_steps": 32, "policy_kwargs": SMALL}
+FREE = SMALL | {"ortho_init": False}  # otherwise first actions hardly differ from each other
+ON = {"n_steps": 32, "policy_kwargs": FREE}
 OFF = {"learning_starts": 50, "buffer_size": 500, "batch_size": 16, "policy_kwargs": SMALL}
-LSTM = ON | {"n_epochs": 2, "batch_size": 32, "policy_kwargs": SMALL | {"lstm_hidden_size": 16, "n_lstm_layers": 2}}
+LSTM = ON | {"n_epochs": 2, "batch_size": 32, "policy_kwargs": FREE | {"lstm_hidden_size": 16, "n_lstm_layers": 2}}
 
 
 def plain(venv):
@@ -51,7 +52,7 @@ KINDS = {
     "td3": (TD3, "MlpPolicy", OFF, plain),
     "ddpg": (DDPG, "MlpPolicy", OFF, plain),
     "tqc": (TQC, "MlpPolicy", OFF, plain),
-    "squashed": (PPO, "MlpPolicy", ON | {"use_sde": True, "policy_kwargs": SMALL | {"squash_output": True}}, plain),
+    "squashed": (PPO, "MlpPolicy", ON | {"use_sde": True, "policy_kwargs": FREE | {"squash_output": True}}, plain),
     "normalized": (PPO, "MlpPolicy", ON, normalized),
     "normalized-sac": (SAC, "MlpPolicy", OFF, normalized),
     "only-rewards": (PPO, "MlpPolicy", ON, only_rewards),

@@ -193,20 +193,24 @@ def _of_sb3(
     own = [wrapper for wrapper in wrappers if isinstance(wrapper, VecNormalize)]
     if len(own) > 1:
         raise ValueError("model must be trained within at most one VecNormalize, got several.")
-    statistics = None
+    statistics, doubt = None, ""
     if vec_normalize is None and hasattr(model, "get_env"):
         sb3_policy.require_no_observation_wrapper(model)
     if vec_normalize == NONE:
-        sb3_policy.require_within(model, "vec_normalize cannot be none")
+        doubt = "vec_normalize cannot be none"
     elif vec_normalize is not None:
         statistics = vec_normalize
     elif own:
         statistics = own[0]
-    elif (needs := sb3_policy.was_normalized(model)) or (needs is None and (beside or getattr(model, "num_timesteps", 0))):
+    elif (needs := sb3_policy.was_normalized(model, space)) or (
+        needs is None and (beside or getattr(model, "num_timesteps", 0))
+    ):
         statistics = files.load_statistics(_one_of(beside), allow_pickle=allow_pickle)
     else:
-        sb3_policy.require_within(model, "statistics are missing")
+        doubt = "statistics are missing"
     stages = sb3_policy.stages_of(model, space, env, statistics, wrappers)
+    if doubt:
+        sb3_policy.require_within(model, space, doubt)
     network, width, chain = network_of(model)
     size = space.shape[0]
     program = None if stages or chain is None else graph_of(chain, size)

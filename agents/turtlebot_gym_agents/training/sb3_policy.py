@@ -185,7 +185,7 @@ def stages_of(
     return stages
 
 
-def was_normalized(model: BaseAlgorithm | BasePolicy) -> bool | None:
+def was_normalized(model: BaseAlgorithm | BasePolicy, space: spaces.Box) -> bool | None:
     """Return whether a model was trained within `VecNormalize`, as far as it tells; None if it does not.
 
     On-policy algorithms note an original observation only within `VecNormalize`. Off-policy ones note there the one before the
@@ -198,21 +198,24 @@ def was_normalized(model: BaseAlgorithm | BasePolicy) -> bool | None:
         return True
     if last is None:
         return None
-    return bool(np.shape(last) != np.shape(original) or _is_beyond(model) or np.mean(abs(last - original) < _ALIKE) < _SHARE)
+    return bool(
+        np.shape(last) != np.shape(original) or _is_beyond(model, space) or np.mean(abs(last - original) < _ALIKE) < _SHARE
+    )
 
 
-def _is_beyond(model: Any) -> bool:
-    """Return whether the last observations that a model saw are beyond the bounds of its space."""
-    last, space = getattr(model, "_last_obs", None), model.observation_space
-    if not isinstance(last, np.ndarray) or not isinstance(space, spaces.Box) or last.shape[1:] != space.shape:
+def _is_beyond(model: Any, space: spaces.Box) -> bool:
+    """Return whether the last observations that a model saw, or one of a stack, are beyond the environment's bounds."""
+    last = getattr(model, "_last_obs", None)
+    if not isinstance(last, np.ndarray) or last.ndim != 2 or last.shape[1] % len(space.low):
         return False
+    rows = last.reshape(-1, len(space.low))
     slack = _SPREAD * np.maximum(space.high - space.low, 1.0)
-    return bool(((last < space.low - slack) | (last > space.high + slack)).any())
+    return bool((((rows < space.low - slack) | (rows > space.high + slack)) & (rows != 0.0)).any())  # stacks begin with 0
 
 
-def require_within(model: Any, who: str) -> None:
+def require_within(model: Any, space: spaces.Box, who: str) -> None:
     """Refuse a model that is said to see the environment's observations, but last saw something beyond their bounds."""
-    if _is_beyond(model):
+    if _is_beyond(model, space):
         raise ValueError(
             "model was trained on observations that a wrapper changed: the last ones it saw are beyond the bounds of the "
             f"environment's, so {who}: name their statistics, --vec-normalize FILE (vec_normalize=...)."
