@@ -46,6 +46,13 @@ TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this, separate from others."""
 _OURS = ("policy", "env", "seed", "device", "tensorboard_log", "_init_setup_model")
 """Arguments of the algorithms that are options of a training, or set here."""
+_ELSEWHERE = "leave it out, or train with rl-baselines3-zoo and `turtlebot-gym export` its folder."
+_ZOO = {
+    "normalize": f"observations are normalized within the policy, and rewards are not: {_ELSEWHERE}",
+    "frame_stack": f"the option --observation shows past values, such as 'ekf,scan*2': {_ELSEWHERE}",
+    **dict.fromkeys(("env_wrapper", "vec_env_wrapper", "monitor_kwargs", "callback", "vec_env_class"), _ELSEWHERE),
+}
+"""Settings of rl-baselines3-zoo that are no arguments of an algorithm, and what to do instead."""
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -147,6 +154,8 @@ def arguments(algo: str, hyper: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in made.items():
         if name in ("env", "seed", "device"):
             raise ValueError(f"{name} is no hyper-parameter: use the option --{name}.")
+        if name in _ZOO:
+            raise ValueError(f"{name} is of rl-baselines3-zoo, and no hyper-parameter of a training here: {_ZOO[name]}")
         if name not in known:
             raise ValueError(f"{algo} has no hyper-parameter {name!r}; it has {', '.join(known)}.{did_you_mean(name, known)}")
         if isinstance(known[name], (int, float)) and not (isinstance(value, (int, float, tuple)) or callable(value)):
