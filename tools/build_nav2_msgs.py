@@ -21,6 +21,7 @@ import sys
 import sysconfig
 import venv
 import zipfile
+from collections.abc import Mapping
 from importlib.metadata import distributions
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -77,8 +78,12 @@ ament_package()
 """
 
 
-def build(target: Path) -> Path:
+def build(target: Path, files: Mapping[str, tuple[str, str]] = FILES) -> Path:
     """Build the wheel into a folder, and return its path.
+
+    Args:
+        target: The folder.
+        files: File and text of the interface of each package; nav2_msgs must be among them.
 
     Raises:
         ValueError: If ROS does not come from PyPI.
@@ -96,7 +101,7 @@ def build(target: Path) -> Path:
         packages = [f"ros-{ros}-{name}" for name in GENERATORS]
         _run(tools / "bin/python", "-m", "pip", "install", "-q", "-c", limits, *packages, *TOOLS)
         _move(tools)
-        for name, (file, text) in FILES.items():
+        for name, (file, text) in files.items():
             _generate(Path(folder, name), tools, out, name, file, text)
         return _pack(out, target, ros)
 

@@ -1,6 +1,7 @@
 """Real ROS 2 for the tests: contexts and processes that are shut down, and waiting for states."""
 
 import functools
+import hashlib
 import importlib.util
 import os
 import re
@@ -10,6 +11,7 @@ import sys
 import time
 import warnings
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -172,21 +174,73 @@ def builder():
     return script("tools/build_nav2_msgs")
 
 
+NAV2 = """#goal definition
+geometry_msgs/PoseStamped pose
+string behavior_tree
+---
+#result definition
+
+# Error codes
+# Note: The expected priority order of the errors should match the message order
+uint16 NONE=0
+uint16 UNKNOWN=9000
+uint16 FAILED_TO_LOAD_BEHAVIOR_TREE=9001
+uint16 TF_ERROR=9002
+uint16 TIMEOUT=9003
+
+uint16 error_code
+string error_msg
+---
+#feedback definition
+geometry_msgs/PoseStamped current_pose
+builtin_interfaces/Duration navigation_time
+builtin_interfaces/Duration estimated_time_remaining
+int16 number_of_recoveries
+float32 distance_remaining
+"""
+"""``nav2_msgs/action/NavigateToPose.action`` of Nav2's tags 1.3.0 to 1.3.13, Jazzy, independent of what ``tools/`` builds."""
+
+
 @pytest.fixture(scope="session")
-def interfaces(tmp_path_factory, builder):
+def install(tmp_path_factory, builder, request):
+    """Build interfaces, install them apart, and return the variables by which a process has them; wheels are kept for later."""
+
+    def installed(name, files):
+        cache, key = getattr(request.config, "cache", None), f"interfaces-{hash_of(files, builder)}"
+        kept = cache.mkdir(key) if cache else tmp_path_factory.mktemp(key)
+        wheel = next(kept.glob("*.whl"), None)
+        try:
+            wheel = wheel or builder.build(kept, files)
+        except (ValueError, OSError, subprocess.CalledProcessError) as error:
+            pytest.skip(f"nav2_msgs cannot be built: {error}")
+        folder = tmp_path_factory.mktemp(name)
+        words = ("-m", "pip", "install", "-q", "--no-deps", "--disable-pip-version-check", "--prefix", str(folder), str(wheel))
+        subprocess.run([sys.executable, *words], check=True)
+        (package,) = folder.glob("**/nav2_msgs/__init__.py")
+        paths = {"PYTHONPATH": package.parents[1], "LD_LIBRARY_PATH": folder / "lib"}
+        return {name: os.pathsep.join(filter(None, (str(path), os.environ.get(name)))) for name, path in paths.items()}
+
+    return installed
+
+
+def hash_of(files, builder):
+    """Return what a wheel is kept under: its files, the script, and the release of ROS."""
+    of = f"{sorted(files.items())} {Path(builder.__file__).read_text()} {version('ros-rclpy')}"
+    return hashlib.sha256(of.encode()).hexdigest()[:16]
+
+
+@pytest.fixture(scope="session")
+def interfaces(install, builder):
     """The environment variables by which a process has nav2_msgs and tf2_msgs, built as a user builds them."""
     if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
         return {}
-    try:
-        wheel = builder.build(tmp_path_factory.mktemp("wheel"))
-    except (ValueError, OSError, subprocess.CalledProcessError) as error:
-        pytest.skip(f"nav2_msgs and tf2_msgs cannot be built: {error}")
-    folder = tmp_path_factory.mktemp("interfaces")
-    install = ("-m", "pip", "install", "-q", "--no-deps", "--disable-pip-version-check", "--prefix", str(folder), str(wheel))
-    subprocess.run([sys.executable, *install], check=True)
-    (package,) = folder.glob("**/nav2_msgs/__init__.py")
-    paths = {"PYTHONPATH": package.parents[1], "LD_LIBRARY_PATH": folder / "lib"}
-    return {name: os.pathsep.join(filter(None, (str(path), os.environ.get(name)))) for name, path in paths.items()}
+    return install("ours", builder.FILES)
+
+
+@pytest.fixture(scope="session")
+def theirs(install):
+    """The environment variables by which a client has nav2_msgs, from Nav2's own definition."""
+    return install("theirs", {"nav2_msgs": ("action/NavigateToPose.action", NAV2)})
 
 
 @pytest.fixture
