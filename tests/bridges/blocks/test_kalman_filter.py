@@ -143,8 +143,19 @@ def test_it_believes_commands_as_the_robot_executes_them_only_where_asked_to():
     node.step(0.0, seen(0.0, 0.0, 0.0), None)
     mean = node.step(0.1, seen(0.0, 0.0, 0.0), Command(5.0, 0.0))["estimate"].belief.mean
     assert mean.v == pytest.approx(0.2097)
-    mean = node.step(0.1, seen(0.0, 0.0, 0.0, Command(0.1, 0.0)), None)["estimate"].belief.mean
+    mean = node.step(0.1, seen(0.02, 0.0, 0.0, Command(0.1, 0.0)), None)["estimate"].belief.mean
     assert mean.v == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("noise", ["clean", "wheel", "documented"])
+@pytest.mark.parametrize("stands", [False, True])
+def test_by_commands_odometry_without_a_twist_will_do_unless_it_stands_still(noise, stands):
+    node, x = estimator(noise=noise, twist="commanded"), 0.0
+    for k in range(80):
+        x += 0.02 if 13 < k < 63 and not (stands and k > 30) else 0.0  # it follows its command 0.3 s late
+        node.step(0.1 * (k > 0), seen(x, 0.0, 0.0), Command(0.2, 0.0) if 10 < k < 60 else STOP)
+    assert bool(node.fault) == stands
+    assert stands or node.figures["refused odometry"] <= 1
 
 
 def test_noise_and_robot_may_be_files(tmp_path):

@@ -78,7 +78,8 @@ class KalmanFilter:
         twist: str = "executed"
         """Twist of the prediction: "executed", that in ``/odom``, or "commanded", the last ``/cmd_vel``, for odometry without a
         twist; not in lock-step. Commands are not tied to steps: on a busy machine the filter used another one than the robot in
-        109 of 402 steps, and its error rose from 0.038 m to as much as 0.113 m."""
+        109 of 402 steps, and its error rose from 0.038 m to as much as 0.113 m. Then odometry that stands still
+        0.5 s after a command to move is refused, but a jump is not noticed."""
         takes_fixes: bool = False
         """Whether to use external pose measurements on ``pose_fix`` too, such as localization in a map or motion capture: in
         the filter's frame, with their covariance; a heading with a negative variance is ignored."""
@@ -120,10 +121,12 @@ class KalmanFilter:
         noise = make_noise(params.noise)
         self._tuning = make_filter(params.filter, noise)
         self._filter = filter_of(self._tuning)
-        self._agreement, self._gate, self._stops = Agreement(self._robot, noise), Gate(), params.doubts == "stop"
+        by_command = choose("twist", params.twist, {"executed": False, "commanded": True})
+        self._agreement = Agreement(self._robot, noise, leaps=by_command)  # a robot follows its command late
+        self._gate, self._stops = Gate(), params.doubts == "stop"
         self._doubt = Doubt(noise, degrees=0 if isinstance(self._tuning.kind, DeadReckoning) else 3)
         self._integrator = choose("integrator", params.integrator, INTEGRATORS)
-        if choose("twist", params.twist, {"executed": False, "commanded": True}):
+        if by_command:
             self.inputs = {**self.inputs, "command": replace(COMMANDED, lock_step="refused")}
             self._executed = lambda odometry, command: limit(command or STOP, self._robot)
             self._judged = lambda odometry, command: Odometry(
@@ -158,7 +161,7 @@ class KalmanFilter:
 
     @staticmethod
     def _judged(odometry: Odometry, command: Command | None) -> Odometry:
-        """Return the odometry to judge: without its twist, where that is not used."""
+        """Return the odometry to judge: with the command for its twist, where that is not used."""
         return odometry
 
     def reset(self) -> None:
