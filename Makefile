@@ -101,7 +101,7 @@ faults: $(READY)  ## 103 kinds of fault, 10 times each, injected into live chain
 
 ##@ Document
 notebooks: $(READY)  ## execute the notebooks and store their outputs
-	$(RUN)python notebooks/execute.py notebooks/*.ipynb
+	TURTLEBOT_GYM_DATA=$(abspath $(DATA)) $(RUN)python notebooks/execute.py notebooks/*.ipynb
 
 docs: $(READY)  ## build the documentation into out/docs
 	DISABLE_MKDOCS_2_WARNING=true NO_MKDOCS_2_WARNING=true $(RUN)python -m mkdocs build --strict --site-dir $(abspath $(OUT))/docs
