@@ -282,3 +282,17 @@ def test_each_flag_has_a_text_in_the_help(name, capsys):
     flags = [" ".join(entry.split()).partition("(default")[0] for entry in entries if entry.startswith("--")]
     for flag in flags:
         assert len(re.sub(r"--[\w-]+,?|\{None\}|[A-Z|.\[\]]{3,}", "", flag).split()) > 1, flag
+
+
+@pytest.mark.parametrize("command", [["evaluate", "--episodes", "1"], ["train", "--steps", "64"]])
+def test_a_gyro_that_nothing_reads_is_refused(tmp_path, monkeypatch, capsys, command):
+    monkeypatch.chdir(tmp_path)
+    assert main([*command, "--imu", "mpu9250"]) == 2
+    assert "imu is not read by filter 'matched': choose --filter gyro" in capsys.readouterr().err
+
+
+def test_a_table_names_every_option_that_is_not_the_default(capsys):
+    options = ["--filter", "gyro", "--imu", "mpu9250", "--observation", "truth", "--delay", "1"]
+    assert main(["evaluate", "--policy", "proportional", "--episodes", "2", *options]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "noise tutorial, filter gyro, observation truth, imu mpu9250, delay 1" in printed

@@ -86,6 +86,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
             results = (self._spread if self.spread else self._here)(requests, advance_to)
         evaluations = dict(zip(itertools.starmap(self._label, combinations), results, strict=True))
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
+        shared += self.described(*(("observation",) if len(self.observation) > 1 else ()))
         title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
         print_tables(*report.evaluation_tables(evaluations, title=title, details=self.details))
         print("\n".join(verdicts(evaluations, size=len(combinations) // len(self.policy))))

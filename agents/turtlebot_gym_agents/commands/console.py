@@ -75,6 +75,7 @@ class EnvironmentOptions(Environment, _EpisodeOptions):
 
     def options(self) -> dict[str, Any]:
         """Return the keyword arguments of the environment."""
+        self.require_read()
         names = [item.name for part in (Environment, OfDrive) for item in fields(part) if hasattr(self, item.name)]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 

@@ -5,7 +5,8 @@ Importing `turtlebot_gym.Options` takes numba, which ``--help`` need not wait fo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -57,6 +58,58 @@ class Environment:
     """Delay of commands in steps, 0 to 3."""
     system: str | None = None
     """Kernels of a step of your own (MODULE:NAME): a turtlebot_gym.System, or a function of the parameters that returns one."""
+
+    def require_read(self) -> None:
+        """Refuse a gyro that nothing reads, with a `ValueError`: it would change no result."""
+        words = (self.filter, self.system, *self.reward_names(), *_words(self.observation))
+        if self.imu is not None and self.filter != "gyro" and not any(":" in word for word in words if word):
+            raise ValueError(f"imu is not read by filter {self.filter!r}: choose --filter gyro, or leave --imu out.")
+
+    def reward_names(self) -> tuple[str, ...]:
+        """Return the names of the reward's terms that are given."""
+        return tuple(self.reward or ())
+
+    def described(self, *left_out: str) -> list[str]:
+        """Return the options that are not the default, each as a phrase of a table's header, but for some."""
+        phrases = []
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if item.name in _DESCRIBED and item.name not in left_out and value not in (item.default, (item.default,)):
+                phrases.append(f"{item.name} {_phrase(value)}")
+        return phrases
+
+
+_DESCRIBED = (
+    "filter",
+    "observation",
+    "reward",
+    "fix",
+    "imu",
+    "world",
+    "lidar",
+    "localizer",
+    "start",
+    "goals",
+    "arrival",
+    "delay",
+    "system",
+    "switch",
+    "laps",
+    "plant",
+    "friction",
+    "caster_friction",
+)
+"""Options on which results depend, in the order of a table's header."""
+
+
+def _words(value: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else value
+
+
+def _phrase(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return " ".join(f"{name} {weight:g}" for name, weight in value.items())
+    return ", ".join(value) if isinstance(value, tuple) else str(value)
 
 
 @dataclass(frozen=True, kw_only=True)

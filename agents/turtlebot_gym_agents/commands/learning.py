@@ -36,6 +36,7 @@ class _LearningOptions(Learning, ReportingOptions, EnvironmentOptions):
     def training(self, **changes: Any) -> TrainingConfig:
         from turtlebot_gym_agents.training.config import TrainingConfig
 
+        self.require_read()
         names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(self)}
         options = {name: value for name in names if (value := getattr(self, name)) is not None}
         return TrainingConfig(**options | changes)
