@@ -149,7 +149,7 @@ def _likelier(motions: Motions) -> tuple[str, Regression | None]:
     problems = [problem_of(motions, rule) for rule in INTEGRATORS.values()]
     kept = min(problems, key=lambda problem: len(problem.jumps) + int(problem.is_far().sum())).motions
     by_name = {name: problem_of(kept, rule, rounds=0) for name, rule in INTEGRATORS.items()}
-    values = {name: problem.solve(problem.roots).likelihood for name, problem in by_name.items()}
+    values = {name: problem.likelihood(problem.roots) for name, problem in by_name.items()}
     if max(values.values()) - min(values.values()) > CLOSE:
         return max(values, key=values.__getitem__), None
     best = {name: _fitted(problem, INTEGRATORS[name])[2] for name, problem in by_name.items()}
@@ -170,7 +170,7 @@ def _with_either(
 
 def _fitted(problem: RegressionProblem, rule: float) -> tuple[RegressionProblem, Fit, Regression]:
     """Return a problem, the maximum of its restricted likelihood, and the regression there."""
-    fit = maximize(lambda roots: problem.solve(roots).likelihood, problem.roots, 0.3 * problem.roots)
+    fit = maximize(problem.likelihood, problem.roots, 0.3 * problem.roots)
     problem = relinearized(problem, problem.solve(fit.x).linear, rule)
     return problem, fit, problem.solve(fit.x)
 
@@ -180,12 +180,8 @@ def _alphas(problem: RegressionProblem, fit: Fit) -> dict[str, CalibrationEstima
 
     Made linear again after the fit, the problem has other values and another maximum, from which its deviances count.
     """
-
-    def likelihood(roots: Array) -> float:
-        return problem.solve(roots).likelihood
-
-    fit = maximize(likelihood, fit.x, fit.deviations)
-    return profiled(likelihood, fit, dict(zip(ALPHAS, (fit.x**2).tolist(), strict=False)), has_truth=True)
+    fit = maximize(problem.likelihood, fit.x, fit.deviations)
+    return profiled(problem.likelihood, fit, dict(zip(ALPHAS, (fit.x**2).tolist(), strict=False)), has_truth=True)
 
 
 def _linear_estimates(linear: Array, covariance: Array, *, blocks: int = 0) -> dict[str, CalibrationEstimate]:

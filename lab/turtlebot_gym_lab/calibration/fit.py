@@ -12,7 +12,9 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import NamedTuple
 
 import numpy as np
@@ -42,6 +44,8 @@ LONGEST = 3.0
 NEWTON, DESCENTS = 4, 8
 """Most evaluations of the second derivatives, and most steps with each."""
 
+_seen: ContextVar[Callable[[], None]] = ContextVar("seen", default=lambda: None)
+
 Vector = NDArray[np.float64]
 Likelihood = Callable[[Vector], float]
 
@@ -68,10 +72,23 @@ class Fit(NamedTuple):
         return math.sqrt(max(2.0 * (self.value + cost(x)), 0.0))
 
 
+@contextmanager
+def watched(evaluated: Callable[[], None]) -> Iterator[None]:
+    """Call a function at each evaluation of a likelihood that is maximized within, as for a progress bar."""
+    token = _seen.set(evaluated)
+    try:
+        yield
+    finally:
+        _seen.reset(token)
+
+
 def _finite(likelihood: Likelihood) -> Likelihood:
     """Return the negative log-likelihood, or a large number where it is undefined."""
 
+    seen = _seen.get()
+
     def cost(x: Vector) -> float:
+        seen()
         try:
             value = likelihood(x)
         except ValueError:

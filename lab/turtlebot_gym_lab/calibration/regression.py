@@ -204,6 +204,22 @@ class RegressionProblem(NamedTuple):
 
     def solve(self, roots: Array) -> Regression:
         """Return the regression for some roots of `VARIANCES`."""
+        z, W, information, coefficients, likelihood = self._solved(roots)
+        speed, turn, by_speed = coefficients[:3]
+        to_linear = np.eye(7)
+        to_linear[1, :2] = -turn / speed**2, 1.0 / speed
+        to_linear[2, 0], to_linear[2, 2] = -by_speed / speed**2, 1.0 / speed
+        inverse = np.linalg.inv(information)
+        covariance = to_linear @ inverse @ to_linear.T
+        influence = (W * z[:, None]).reshape(-1, 3, 7).sum(axis=1) @ (to_linear @ inverse).T
+        return Regression(_parameters(coefficients, self.guess), covariance, z.reshape(-1, 3), influence, likelihood)
+
+    def likelihood(self, roots: Array) -> float:
+        """Return the restricted log-likelihood of some roots of `VARIANCES`, as `solve` does, in less time."""
+        return self._solved(roots)[-1]
+
+    def _solved(self, roots: Array) -> tuple[Array, Array, Array, Array, float]:
+        """Return whitened residuals and regressors, the information, the coefficients and the likelihood."""
         model, guess = self.model, self.guess
         bands = np.tensordot(roots**2, model.parts[: len(roots)], axes=1)
         bands[:, 0] += model.resolution**2
@@ -216,16 +232,8 @@ class RegressionProblem(NamedTuple):
         pull = W.T @ z + self.prior * (_coefficients(USUAL) - _coefficients(guess))
         change = np.linalg.solve(information, pull)
         z = z - W @ change
-        coefficients = _coefficients(guess) + change
-        speed, turn, by_speed = coefficients[:3]
-        to_linear = np.eye(7)
-        to_linear[1, :2] = -turn / speed**2, 1.0 / speed
-        to_linear[2, 0], to_linear[2, 2] = -by_speed / speed**2, 1.0 / speed
-        inverse = np.linalg.inv(information)
-        covariance = to_linear @ inverse @ to_linear.T
         likelihood = -0.5 * (determinant + np.linalg.slogdet(information)[1] + float(z @ z))
-        influence = (W * z[:, None]).reshape(-1, 3, 7).sum(axis=1) @ (to_linear @ inverse).T
-        return Regression(_parameters(coefficients, guess), covariance, z.reshape(-1, 3), influence, float(likelihood))
+        return z, W, information, _coefficients(guess) + change, float(likelihood)
 
 
 def problem_of(motions: Motions, integrator: float, *, rounds: int = ROUNDS, prior: Array = FREE) -> RegressionProblem:

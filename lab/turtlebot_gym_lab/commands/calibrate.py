@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -21,8 +20,31 @@ if TYPE_CHECKING:
     from turtlebot_gym.drive import Drive
     from turtlebot_gym_lab.calibration import Calibration
 
-PARTS = 4
-"""Most steps of a calibration, for its progress bar: alignment and fit, of motion and measurements, or twice by a map."""
+PARTS, USUAL = 4, 150
+"""Most steps of a calibration, for its progress bar: alignment and fit, of motion and measurements, or twice by a map; and the
+usual number of evaluations of a likelihood in one."""
+
+
+class _Bar:
+    """How far a calibration is, in percent: each evaluation takes it nearer to the end of its step.
+
+    Args:
+        advance_to: Moves the bar.
+    """
+
+    def __init__(self, advance_to: Callable[[int], None]) -> None:
+        self._advance_to, self._done, self._evaluations = advance_to, 0, 0
+
+    def finish(self, part: str) -> None:
+        """Take the end of a step."""
+        self._done, self._evaluations = self._done + 1, 0
+        self._advance_to(round(100.0 * min(self._done / PARTS, 1.0)))
+
+    def evaluate(self) -> None:
+        """Take an evaluation."""
+        self._evaluations += 1
+        share = self._done + 1.0 - math.exp(-self._evaluations / USUAL)
+        self._advance_to(round(100.0 * min(share / PARTS, 1.0)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,23 +102,25 @@ class Calibrate(ReportingOptions, StartOptions, RecordingOptions):
         from turtlebot_gym import make_robot, write_parameters
         from turtlebot_gym_agents.provenance import provenance
         from turtlebot_gym_lab.calibration import calibrate
+        from turtlebot_gym_lab.calibration.fit import watched
         from turtlebot_gym_lab.commands.calibration_report import calibration_figure, calibration_tables, comment
         from turtlebot_gym_lab.evaluation.by_map import calibrate_by_map
 
-        robot, parts, refused = make_robot(self.robot), itertools.count(1), ""
-        drive = self._read(self.log, robot)
-        self._fit_gyro(drive)
-        fit: Callable[..., Calibration] = calibrate
-        options: dict[str, Any] = {"use_truth": self.truth != "none", "segment": self.segment}
-        if self.map is not None:
-            fit, options = calibrate_by_map, {"place": self.place(self.map, drive, self.log)[1]}
+        robot, refused = make_robot(self.robot), ""
         by_tape = self.loop or any(value is not None for value in (self.distance, self.turns, self.measured))
         if by_tape and self.map is not None:
             raise ValueError("wheels are calibrated by a tape or by a map, not by both: leave one of them out.")
         if by_tape and self.plot is not None:
             raise ValueError("--plot shows errors along a drive, and a tape measures only its ends: leave one of them out.")
+        with progress(1):
+            drive = self._read(self.log, robot)
+        self._fit_gyro(drive)
+        fit: Callable[..., Calibration] = calibrate
+        options: dict[str, Any] = {"use_truth": self.truth != "none", "segment": self.segment}
+        if self.map is not None:
+            fit, options = calibrate_by_map, {"place": self.place(self.map, drive, self.log)[1]}
         try:
-            with progress(PARTS) as advance_to:
+            with progress(100) as advance_to, watched((bar := _Bar(advance_to)).evaluate):
                 fitted = (
                     self._by_tape(drive, robot)
                     if by_tape
@@ -105,7 +129,7 @@ class Calibrate(ReportingOptions, StartOptions, RecordingOptions):
                         kind=self.odometry,
                         integrator=self.integrator,
                         delay=self.delay,
-                        progress=lambda part: advance_to(next(parts)),
+                        progress=bar.finish,
                         **options,
                     )
                 )

@@ -6,12 +6,16 @@ import itertools
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import tyro
 
 from turtlebot_gym.validation import as_int
 from turtlebot_gym_agents.commands.console import FigureFile, ReportingOptions, print_tables, progress, save_figure
 from turtlebot_gym_lab.commands.recorded import RecordingOptions
+
+if TYPE_CHECKING:
+    from turtlebot_gym.drive import Drive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +105,11 @@ class Replay(ReportingOptions, RecordingOptions):
         if not self.files:
             raise ValueError("At least one FILE must be given.")
         as_int("seeds", self.seeds, 1)
-        drives = {path: replayable(read(path, **self.reading())) for path in self.files}
+        drives: dict[Path, Drive] = {}
+        with progress(len(self.files)) as advance_to:
+            for number, path in enumerate(self.files, start=1):
+                drives[path] = replayable(read(path, **self.reading()))
+                advance_to(number)
         for remark in (remark for drive in drives.values() for remark in drive.remarks):
             print(remark, file=sys.stderr)
         options = {"noise": self.noise, "filter": self.filter, "rate": self.rate, "integrator": self.integrator}

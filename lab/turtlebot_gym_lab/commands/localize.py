@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import tyro
 
-from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, ReportingOptions, print_tables, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, ReportingOptions, print_tables, progress, save_figure
 from turtlebot_gym_lab.commands.recorded import RecordingOptions, StartOptions
 
 if TYPE_CHECKING:
@@ -41,14 +41,17 @@ class Localize(ReportingOptions, StartOptions, RecordingOptions):
         from turtlebot_gym_lab.drives import read
         from turtlebot_gym_lab.evaluation.localize import STATES, errors_of, localize, recorded_of
 
-        drive = read(self.file, **self.reading())
-        for remark in drive.remarks:
-            print(remark, file=sys.stderr)
-        grid, place = self.place(self.map, drive, self.file)
-        rows = np.flatnonzero(known(drive.truth))
-        recorded, where = recorded_of(drive)
-        first = int(where[place.first])
-        course = localize(recorded, place._replace(first=first))
+        with progress(3) as advance_to:
+            drive = read(self.file, **self.reading())
+            for remark in drive.remarks:
+                print(remark, file=sys.stderr)
+            advance_to(1)
+            grid, place = self.place(self.map, drive, self.file)
+            rows = np.flatnonzero(known(drive.truth))
+            recorded, where = recorded_of(drive)
+            advance_to(2)
+            first = int(where[place.first])
+            course = localize(recorded, place._replace(first=first))
         states = {name: float(np.mean(course.states[first:] == state)) for name, state in STATES.items()}
         judged = rows[rows >= place.first]
         errors = errors_of(course, where[judged], drive.truth[judged]) if len(judged) else {}
