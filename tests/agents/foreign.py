@@ -8,10 +8,12 @@ import torch
 from sb3_contrib import TQC, RecurrentPPO
 from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecFrameStack, VecNormalize
+from torch import nn
 
 from turtlebot_gym import State
 from turtlebot_gym.values import Covariance, Pose
 from turtlebot_gym_agents import Deployment
+from turtlebot_gym_agents.commands.cli import main
 
 NAV, ROOMS = "turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotRooms-v0"
 SMALL = {"net_arch": [32, 32]}
@@ -158,3 +160,22 @@ def deployed(bundle, steps=1000, every=97):
         observations.append(deployment.observation.copy())
         actions.append(deployment.action.copy())
     return np.array(observations), begins, np.array(actions)
+
+
+def exported(capsys, *words):
+    status = main(["export", *map(str, words)])
+    output = capsys.readouterr()
+    return status, " ".join((output.out + output.err).split())
+
+
+def mlp(outputs=2):
+    torch.manual_seed(0)
+    return nn.Sequential(nn.Linear(13, 16), nn.Tanh(), nn.Dropout(0.5), nn.Linear(16, outputs)).eval()
+
+
+class Agent(nn.Module):
+    """The structure of CleanRL's agents (ppo_continuous_action.py): no forward, but named parts."""
+
+    def __init__(self):
+        super().__init__()
+        self.critic, self.actor_mean, self.actor_logstd = mlp(1), mlp(), nn.Parameter(torch.zeros(1, 2))
