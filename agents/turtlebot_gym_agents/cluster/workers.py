@@ -72,6 +72,7 @@ def _on_this_machine(jobs: Jobs[T], workers: int | None) -> Iterator[tuple[str, 
     except ModuleNotFoundError as error:
         raise ImportError(f"The cluster 'local' needs joblib: {installing('agents')}.") from error
     warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)  # it starts again by itself
+    warnings.filterwarnings("ignore", ".*still being processed by the workers", UserWarning)  # when it is interrupted
     missing, reason = dict(jobs), ""
     for _ in range(1 + RETRIES):
         try:
