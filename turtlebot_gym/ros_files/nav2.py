@@ -10,6 +10,7 @@ References:
 from __future__ import annotations
 
 import math
+from ast import literal_eval
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,11 +144,9 @@ def _footprint(nodes: dict[str, dict[str, Any]]) -> tuple[dict[str, float], str]
 
 
 def _polygon(text: str) -> Any:
-    import yaml
-
     try:
-        corners = np.array(yaml.safe_load(text), float)
-    except (yaml.YAMLError, ValueError, TypeError) as error:
+        corners = np.array(literal_eval(text.strip()), float)
+    except (SyntaxError, ValueError, TypeError, MemoryError, RecursionError) as error:
         raise ValueError(f"the footprint must be a list of corners [[x, y], ...], got {text!r}") from error
     if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 2 or not np.isfinite(corners).all():
         raise ValueError(f"the footprint must be a list of corners [[x, y], ...], got {text!r}")
