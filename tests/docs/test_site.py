@@ -19,7 +19,7 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_lab.field.program import parser as field_test_parser
 from turtlebot_gym_ros.graph.bringup import parser as bringup_parser
-from turtlebot_gym_ros.nodes import NODES, SATELLITES
+from turtlebot_gym_ros.nodes import NODES, SATELLITES, load
 
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
 STORED = json.loads((ROOT / "tests" / "golden" / "api.json").read_text(encoding="utf-8"))
@@ -69,6 +69,11 @@ def check(line, ros):
             assert kind.partition("/action/")[2]
         case ["ros2", "run", "topic_tools", "delay", topic, _, _]:
             known(f"/{topic}")
+        case ["ros2", "param", "set", node, name, _]:
+            assert name.startswith(load(node.lstrip("/")).live_names)
+        case ["python", example, "--ros-args", "-p", parameter, *_]:
+            text = (ROOT / "bridges/turtlebot_gym_ros/examples" / example).read_text()
+            assert f"{parameter.partition(':=')[0]}: " in text
         case ["ros2", "bag", "record", *topics]:
             known(*(topic for topic in topics if topic not in ("/tf", "/tf_static")))
         case ["make", target]:
@@ -123,6 +128,8 @@ def test_commands_of_the_pages_name_what_exists(page, ros):
         "python -m turtlebot_gym_ros field_test --simulated turtlebot3",
         "python -m turtlebot_gym_ros kalman_filter --ros-args -p filtre:=matched",
         "ros2 bag record /odo",
+        "ros2 param set /kalman_filter gains.kv 0.6",
+        "python face_east.py --ros-args -p gian:=2.0",
         "make everything",
         "turtlebot-gym train --sedes 3",
         "sbatch --array=0-31 agents/configs/slrum.sh",
