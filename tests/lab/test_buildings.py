@@ -114,7 +114,7 @@ def test_the_commands_localize_and_calibrate_by_a_log_in_a_map_file(stretch, tmp
     np.savez(log, **columns, reference_row=drive.rows, reference=drive.reference)
     shades = np.where(chart.field == 0.0, 0, np.where(np.isnan(chart.field), 205, 254)).astype(np.uint8)
     corner = [*chart.frame[:2].tolist(), 0.0]
-    map_file = write_map(tmp_path, shades[::-1], resolution=side, origin=corner, free_thresh=0.25)
+    map_file = write_map(tmp_path, shades[::-1], resolution=side, origin=corner, free_thresh=0.196)
     written = ["--json", str(result), "--plot", str(tmp_path / "path.png")]
     assert main(["localize", str(log), "--map", str(map_file), *written]) == 0
     content = json.loads(result.read_text())
