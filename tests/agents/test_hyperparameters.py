@@ -145,3 +145,18 @@ def test_every_algorithm_takes_its_settings_and_learns(algo):
     assert model.gamma == 0.5
     model.learn(16)
     assert all(bool(torch.isfinite(weight).all()) for weight in model.policy.parameters())
+
+
+def test_few_steps_are_divided_among_fewer_environments_in_smaller_batches():
+    for env in TASKS:
+        whole = load("ppo", env)
+        for steps in (1, 5_000, 20_000, 40_960, 300_000, whole["n_timesteps"]):
+            hyper = TrainingConfig(env=env, steps=steps).hyper
+            rollout = hyper["n_envs"] * hyper["n_steps"]
+            assert hyper["n_envs"] == 8 or steps // rollout >= 20
+            assert rollout // hyper["batch_size"] == whole["n_envs"] * whole["n_steps"] // whole["batch_size"]
+            assert {**hyper, "n_envs": whole["n_envs"], "batch_size": whole["batch_size"]} == whole
+        assert TrainingConfig(env=env, steps=whole["n_timesteps"]).hyper == TrainingConfig(env=env).hyper == whole
+    given = NEEDED | {"n_steps": 32, "batch_size": 32}
+    assert TrainingConfig(steps=1, config=given).hyper["n_envs"] == 2  # what somebody states is used
+    assert TrainingConfig(algo="sac", steps=1).hyper == load("sac", TASKS[0])

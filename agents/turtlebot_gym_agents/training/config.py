@@ -19,6 +19,8 @@ from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.randomization import randomized
 
+RESIZED = ("n_envs", "batch_size")
+"""Hyper-parameters that follow from the number of steps, see `hyperparameters.for_steps`."""
 STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
 NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
@@ -56,7 +58,8 @@ class TrainingConfig(Options):
     veer: Annotated[float, NON_NEGATIVE] = 0.0
     """With --randomize: largest turn per metre driven, rad/m, such as that of unequal wheels."""
     steps: Annotated[int | None, STEPS] = None
-    """Environment steps; by default n_timesteps of the hyper-parameters."""
+    """Environment steps; by default n_timesteps of the hyper-parameters. With few, the package's own hyper-parameters have
+    fewer environments and smaller batches, see `hyperparameters.for_steps`."""
     config: Path | Mapping[str, Any] | None = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package; in Python also a
     mapping."""
@@ -78,7 +81,10 @@ class TrainingConfig(Options):
         choose("device", self.device, dict.fromkeys(("cpu", "cuda", "auto")))
         require_env(self.env)
         choose("algo", self.algo, dict.fromkeys(NAMES))
-        object.__setattr__(self, "hyper", hyperparameters.load(self.algo, self.env, self.config))
+        hyper = hyperparameters.load(self.algo, self.env, self.config)
+        if self.config is None and self.steps is not None:
+            hyper = hyperparameters.for_steps(hyper, self.steps)
+        object.__setattr__(self, "hyper", hyper)
         if self.from_policy is not None and self.algo not in ON_POLICY:
             raise ValueError(f"from_policy needs an algorithm among {', '.join(ON_POLICY)}, got {self.algo!r}.")
 
@@ -139,9 +145,20 @@ class TrainingConfig(Options):
         card = Card.of(self.env, self.options, parameters, training)
         return replace(card, noise="randomized") if self.randomize else card
 
-    def require_same(self, folder: Path) -> None:
-        """Raise ValueError if a folder holds a run of another configuration."""
-        earlier = read_record(folder / "config.json")
+    def continuing(self, folder: Path) -> TrainingConfig:
+        """Return this configuration for the run that a folder holds, whose number of environments does not change.
+
+        Raises:
+            ValueError: If that run has another configuration.
+        """
+        earlier, continued = read_record(folder / "config.json"), replace(self)
+        if self.config is None and earlier["config"].get("config") is None:
+            kept = {key: earlier["hyperparameters"].get(key, self.hyper[key]) for key in RESIZED if key in self.hyper}
+            object.__setattr__(continued, "hyper", {**self.hyper, **kept})
+        continued._require_same(folder, earlier)
+        return continued
+
+    def _require_same(self, folder: Path, earlier: Mapping[str, Any]) -> None:
         settings = TrainingConfig().settings() | earlier["config"]  # an earlier version wrote fewer fields
         hyper = hyperparameters.load(settings["algo"], settings["env"], earlier["hyperparameters"])
         for before, now in ((settings, self.settings()), (hyper, self.hyper)):

@@ -81,7 +81,7 @@ def train(
     if not resume:
         require_no_run(folder)
     if begun is not None:
-        config.require_same(folder)
+        config = config.continuing(folder)
     bar = ProgressCallback(config.total, label=config.title)
     with closing(config.make_training()) as envs, closing(config.make(config.episodes)) as judges:
         judge = EvaluationCallback(judges, path=folder / "best.zip", every=config.between_evaluations)
