@@ -30,7 +30,8 @@ SQUARE := turtlebot_gym/TurtleBotSquare-v0
 ##@ See it
 demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy, and put it into a live ROS graph
 	@mkdir -p $(OUT)
-	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --robot tutorial --switch time --episodes 40 --plot $(OUT)/square_by_time.png --force
+	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --robot tutorial --switch time --episodes 40 \
+		--policy bearing --observation odometry ekf --plot $(OUT)/square_by_time.png --force
 	@if [ -f $(DATA)/wifibot1.txt ]; then \
 		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --plot $(OUT)/replay.png --force; \
 	else echo "There is no recorded drive in $(DATA): the replay is left out: turtlebot-gym data fetch gets one."; fi
