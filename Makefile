@@ -59,7 +59,7 @@ ELSEWHERE := not slow and not clients and not cluster and not browser
 # Reordered, the files of the fewest tests, which last longest, would come last.
 IN_PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 
-test: $(READY)  ## what one runs before each commit (6 to 8 minutes)
+test: $(READY)  ## what one runs before each commit (a quarter of an hour on two cores)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE) and not nightly"
 
