@@ -143,6 +143,7 @@ def test_what_a_urdf_lacks_is_said(tmp_path, changes, message):
     [
         ({"name": "r.urdf.xacro"}, r"r.urdf.xacro: it is a xacro file; .* xacro FILE > robot.urdf"),
         ({"tilt": "0 0 ${pi / 2}"}, "it is a xacro file"),
+        ({"more": '<x:include xmlns:x="http://ros.org/wiki/xacro" filename="wheels.xacro"/>'}, "it is a xacro file"),
         ({"shape": '<box size="1 2"/>'}, "'1 2' must be 3 finite numbers"),
         ({"more": "<link"}, "it is no URDF"),
     ],
@@ -150,6 +151,12 @@ def test_what_a_urdf_lacks_is_said(tmp_path, changes, message):
 def test_other_descriptions_are_refused(tmp_path, changes, message):
     with pytest.raises(ValueError, match=message):
         make_robot(urdf(tmp_path, **changes))
+
+
+def test_a_description_of_an_arm_is_no_robot_on_wheels(tmp_path):
+    (tmp_path / "arm.urdf").write_text('<robot name="arm"><link name="base"/></robot>')
+    with pytest.raises(ValueError, match=r"arm\.urdf: it says nothing of a robot on two wheels: wheels: no continuous joints"):
+        make_robot(str(tmp_path / "arm.urdf"))
 
 
 @there

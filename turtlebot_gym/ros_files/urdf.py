@@ -18,7 +18,8 @@ from turtlebot_gym.robots import LidarMount
 from turtlebot_gym.ros_files.footprints import enclosing_circle
 from turtlebot_gym.transforms import MalformedError, from_rpy, numbers_of
 
-_XACRO = "{http://www.ros.org/wiki/xacro}"
+_XACRO = re.compile(r"\{[^}]*/xacro\}")
+"""Beginning of the tags of xacro, whose namespace has several addresses."""
 _REMEDY = "it is a xacro file; make a URDF of it, xacro FILE > robot.urdf, and give that"
 _LIDARS = ("base_scan", "rplidar_link", "laser", "lidar", "scan", "hokuyo", "sick", "velodyne", "lds")
 _BASES = ("base_footprint", "base_link")
@@ -84,6 +85,8 @@ def _read(path: Path) -> tuple[dict[str, Any], list[str], list[str]]:
     elif not missing:
         left_out.append("footprint: there are no collisions")
     _mount(tree, axle, fields, taken, left_out)
+    if not fields:
+        raise ValueError(f"it says nothing of a robot on two wheels: {'; '.join(left_out)}")
     return fields, taken, left_out
 
 
@@ -100,10 +103,9 @@ def _parse(path: Path) -> Element:
         raise ValueError(f"it is no URDF: {error}") from error
     if root.tag != "robot":
         raise ValueError(f"it is no URDF: its root is <{root.tag}>, not <robot>")
-    computed = any(
-        element.tag.startswith(_XACRO) and element.tag[len(_XACRO) :] not in ("arg", "property") for element in root.iter()
-    )
-    values = (value for element in root.iter() if not element.tag.startswith(_XACRO) for value in element.attrib.values())
+    tags = {element.tag for element in root.iter()}
+    computed = any(_XACRO.match(tag) and _XACRO.sub("", tag) not in ("arg", "property") for tag in tags)
+    values = (value for element in root.iter() if not _XACRO.match(element.tag) for value in element.attrib.values())
     if computed or any("${" in value or "$(" in value for value in values):
         raise ValueError(_REMEDY)
     return root
