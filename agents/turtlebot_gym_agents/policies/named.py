@@ -96,16 +96,14 @@ def make_policy(
             f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "
             f"turtlebot-gym export {name} --allow-pickle"
         )
-    shipped = sorted(path.stem for path in pretrained_folder().glob("*.onnx"))
-    names = (*POLICIES, *shipped)
-    files = "FILE.onnx, FILE.yaml, FILE.json or 'module:callable'"
-    refusal = f"policy must be one of {', '.join(map(repr, names))}, {files}, got {name!r}"
     if not all(name.partition(":")):
-        raise ValueError(f"{refusal}.{did_you_mean(name, names)}")
+        names = (*POLICIES, *sorted(path.stem for path in pretrained_folder().glob("*.onnx")))
+        refusal = f"policy must be one of {', '.join(map(repr, names))}, FILE.onnx, FILE.yaml, FILE.json or 'module:callable'"
+        raise ValueError(f"{refusal}, got {name!r}.{did_you_mean(name, names)}")
     try:
         return _load_own(name, make_robot(robot), dt)
     except ValueError as error:
-        raise ValueError(f"{refusal}: {error}") from error
+        raise ValueError(f"policy {name!r}: {error}") from error
 
 
 def _load_own(name: str, robot: Robot, dt: float) -> Policy:
