@@ -86,9 +86,10 @@ class Client:
 @pytest.fixture
 def client(robot, theirs, tmp_path):
     client = Client(theirs, tmp_path)
-    yield client
-    client.process.kill()
-    client.process.wait()
+    with client.errors, client.process.stdout, client.process.stdin:
+        yield client
+        client.process.kill()
+        client.process.wait()
 
 
 def distance(robot, goal):
