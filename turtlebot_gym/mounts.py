@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -82,12 +83,17 @@ def _matrix(transform: Any) -> NDArray[np.float64]:
     q, at = transform.rotation, transform.translation
     if not all(abs(number) < FAR for number in (q.w, q.x, q.y, q.z, at.x, at.y, at.z)):  # also refuses NaN
         raise ValueError(f"/tf_static states a rotation or a place that is not finite, or beyond {FAR:g} m")
-    w, x, y, z = np.array([q.w, q.x, q.y, q.z]) / (math.hypot(q.w, q.x, q.y, q.z) or 1.0)
+    return from_quaternion((at.x, at.y, at.z), (q.x, q.y, q.z, q.w))
+
+
+def from_quaternion(place: Sequence[float], xyzw: Sequence[float]) -> NDArray[np.float64]:
+    """Return a homogeneous matrix by its place, m, and a quaternion of any length; that of length 0 is no rotation."""
+    x, y, z, w = np.array(xyzw) / (math.hypot(*xyzw) or 1.0)
     return np.array(
         [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y), at.x],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x), at.y],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y), at.z],
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y), place[0]],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x), place[1]],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y), place[2]],
             [0.0, 0.0, 0.0, 1.0],
         ]
     )

@@ -35,6 +35,11 @@ def find_resource(uri: str, files: Sequence[Path]) -> Path | None:
     return next((path for path in candidates if path.exists()), None)
 
 
+def searched() -> str:
+    """Return where `find_resource` searches for models, for messages."""
+    return f"{', '.join(VARIABLES[:3])}, beside the world, and in models there and above"
+
+
 def _folders(files: Sequence[Path]) -> Iterator[Path]:
     for variable in VARIABLES:
         yield from (Path(folder) for folder in os.environ.get(variable, "").split(os.pathsep) if folder)

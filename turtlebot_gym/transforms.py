@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -42,19 +41,6 @@ def from_rpy(place: Sequence[float], angles: Sequence[float]) -> NDArray[np.floa
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, place[0]],
             [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, place[1]],
             [-sp, cp * sr, cp * cr, place[2]],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-
-
-def from_quaternion(place: Sequence[float], xyzw: Sequence[float]) -> NDArray[np.float64]:
-    """Return a transform by its place, m, and a quaternion of any length; that of length 0 is no rotation."""
-    x, y, z, w = np.array(xyzw) / (math.hypot(*xyzw) or 1.0) if any(xyzw) else (0.0, 0.0, 0.0, 1.0)
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y), place[0]],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x), place[1]],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y), place[2]],
             [0.0, 0.0, 0.0, 1.0],
         ]
     )

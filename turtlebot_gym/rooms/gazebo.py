@@ -13,11 +13,11 @@ import numpy as np
 from turtlebot_gym.files import in_bounds
 from turtlebot_gym.meshes import Body, load_mesh
 from turtlebot_gym.notices import notify
-from turtlebot_gym.resources import find_resource
+from turtlebot_gym.resources import find_resource, searched
 from turtlebot_gym.rooms.enclosure import maps_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import Walls
-from turtlebot_gym.rooms.sdf import Collision, read_sdf, searched
+from turtlebot_gym.rooms.sdf import Collision, read_sdf
 from turtlebot_gym.rooms.solids import Cut, cut, top_of_floor
 from turtlebot_gym.transforms import MalformedError, numbers_of
 from turtlebot_gym.values import Pose

@@ -16,8 +16,9 @@ from xml.etree.ElementTree import Element, ParseError, parse
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.resources import VARIABLES, find_resource
-from turtlebot_gym.transforms import MalformedError, from_quaternion, from_rpy, numbers_of
+from turtlebot_gym.mounts import from_quaternion
+from turtlebot_gym.resources import find_resource
+from turtlebot_gym.transforms import MalformedError, from_rpy, numbers_of
 
 _DEEPEST = 20
 """Most models that are in one another, or include one another."""
@@ -259,8 +260,3 @@ class _Scope:
             matrix = matrix @ np.linalg.inv(self.nested[id(element)].find(placed))
         self._known[id(element)] = matrix
         return matrix
-
-
-def searched() -> str:
-    """Return where included models are searched for, for messages."""
-    return f"{', '.join(VARIABLES[:3])}, beside the world, and in models there and above"
