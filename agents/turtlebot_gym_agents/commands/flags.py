@@ -79,29 +79,6 @@ class Environment:
         return phrases
 
 
-_DESCRIBED = (
-    "filter",
-    "observation",
-    "reward",
-    "fix",
-    "imu",
-    "world",
-    "lidar",
-    "localizer",
-    "start",
-    "goals",
-    "arrival",
-    "delay",
-    "system",
-    "switch",
-    "laps",
-    "plant",
-    "friction",
-    "caster_friction",
-)
-"""Options on which results depend, in the order of a table's header."""
-
-
 def _words(value: str | tuple[str, ...]) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else value
 
@@ -123,6 +100,14 @@ class OfDrive:
     plant: str = "unicycle"
     """Model that moves the robot: unicycle, or on open ground mujoco, a Burger with wheels that creep and slip, which needs
     the extra [mujoco]."""
+
+
+_DESCRIBED = (
+    *(item.name for part in (Environment, OfDrive) for item in fields(part) if item.name not in ("robot", "noise")),
+    "friction",
+    "caster_friction",
+)
+"""Options on which results depend, in the order of a table's header, which begins with robot and noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
