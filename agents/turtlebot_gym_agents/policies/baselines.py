@@ -87,6 +87,9 @@ def _read(path: str | Path, robot: str | Robot, dt: float) -> Policy:
     """Return the baseline of a file of one's own."""
     try:
         content: Any = load(path)
+    except OSError as error:
+        raise ValueError(f"There is no policy file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
+    try:
         if not isinstance(content, dict) or "policy" not in content:
             raise ValueError("it must have the policy's name, such as policy: proportional, and fields of it, such as kv: 0.8.")
         numbers = dict(content)
@@ -94,7 +97,5 @@ def _read(path: str | Path, robot: str | Robot, dt: float) -> Policy:
         for field in {"robot", "dt"} & numbers.keys():
             raise ValueError(f"{field} must be left out: it is that of the environment or of the node.")
         return build(kind, {"robot": robot, "dt": dt, **numbers}, "policy")
-    except OSError as error:
-        raise ValueError(f"There is no policy file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
     except ValueError as error:
-        raise ValueError(str(error) if str(error).startswith(str(path)) else f"{path}: {error}") from error
+        raise ValueError(f"{path}: {error}") from error

@@ -46,7 +46,8 @@ if TYPE_CHECKING:
 
 FORMAT = "turtlebot-gym-policy/1"
 ACTION = "forward speed and turning rate as shares of the robot's limits, in [-1, 1]"
-_KEY = "turtlebot_gym"
+KEY = "turtlebot_gym"
+"""Key of the metadata in which an ONNX model has hash and card."""
 _HASH = re.compile(rb'(?<="sha256": ")[0-9a-f]{64}(?=")')
 _NO_HASH = "0" * 64
 
@@ -150,7 +151,7 @@ def write_bundle(path: Path, model: ModelProto, card: Card) -> None:
         del part.metadata_props[:]  # torch's exporter leaves paths of its machine there
         part.doc_string = ""
     content = {"sha256": _NO_HASH, "card": plain(asdict(card))}
-    model.metadata_props.add(key=_KEY, value=json.dumps(content, allow_nan=False))
+    model.metadata_props.add(key=KEY, value=json.dumps(content, allow_nan=False))
     blank = model.SerializeToString()
     with replacing(path) as beside:
         beside.write_bytes(_with_hash(blank, hashlib.sha256(blank).hexdigest()))
@@ -187,7 +188,7 @@ class BundlePolicy:
         path = self._path
         self._network = OnnxNetwork(path, content)
         try:
-            card: Any = json.loads(self._network.metadata[_KEY])["card"]
+            card: Any = json.loads(self._network.metadata[KEY])["card"]
         except (KeyError, TypeError, ValueError, RecursionError) as error:
             raise ValueError(f"{path} is not a policy bundle: {' '.join(str(error).split())}.") from error
         self.card = _read_card(path, card)

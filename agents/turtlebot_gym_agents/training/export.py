@@ -64,7 +64,8 @@ def export(
         model: A model of Stable-Baselines3 or sb3-contrib, with the `VecNormalize` and the `VecFrameStack` of its environment;
             a torch module, or a function of tensors, from observations (n, k) to actions (n, 2), of which those beyond 1 are
             clipped; a TorchScript module; an ONNX model; or a file of one of these, or the folder of a training, see
-        `files.read`. path: The bundle's file, replaced atomically.
+            `files.read`.
+        path: The bundle's file, replaced atomically.
         env: Id of the environment that it was trained in; None for the one that the model or its folder names, else Nav.
         vec_normalize: What normalized observations: a `VecNormalize`, Gymnasium's `NormalizeObservation`, a file of the first,
             or "none"; None for what the model's environment has, or what lies beside the file.

@@ -8,13 +8,14 @@ import re
 import warnings
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 import yaml
 
+from turtlebot_gym import Options
 from turtlebot_gym.files import read_bytes, read_text, regular, require_small
 from turtlebot_gym.validation import short_repr
 from turtlebot_gym_agents.training.config import TrainingConfig, read_record
@@ -250,7 +251,7 @@ def _settings(folder: Path) -> dict[str, Any]:
 
 def _own_settings(record: dict[str, Any]) -> dict[str, Any]:
     settings = TrainingConfig().settings() | record.get("config", {})
-    options = {name: settings[name] for name in _option_names() if name in settings}
+    options = {item.name: settings[item.name] for item in fields(Options) if item.name in settings}
     # Infinity is null in JSON, and the default of the fields that may be infinite.
     shorn = {
         name: {key: part for key, part in value.items() if part is not None} if isinstance(value, dict) else value
@@ -258,14 +259,6 @@ def _own_settings(record: dict[str, Any]) -> dict[str, Any]:
     }
     noise = "randomized" if settings["randomize"] else None
     return {"env": settings["env"], "options": shorn, "training": record, "noise": noise}
-
-
-def _option_names() -> list[str]:
-    from dataclasses import fields
-
-    from turtlebot_gym import Options
-
-    return [item.name for item in fields(Options)]
 
 
 class _ZooLoader(yaml.SafeLoader):

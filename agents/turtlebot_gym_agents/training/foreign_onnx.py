@@ -10,12 +10,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from turtlebot_gym_agents.policies.bundle import KEY
 from turtlebot_gym_agents.training.stages import Normalization
 
 if TYPE_CHECKING:
     from onnx import ModelProto
 
-_BUNDLE = "turtlebot_gym"
 _ACTIONS = ("action", "actions", "mu", "mean", "loc")
 """Names of the output that is the action, where several have two numbers."""
 
@@ -34,7 +34,7 @@ class OnnxPolicy:
     def __init__(self, model: ModelProto, normalization: Normalization | None = None) -> None:
         import onnxruntime
 
-        if any(entry.key == _BUNDLE for entry in model.metadata_props):
+        if any(entry.key == KEY for entry in model.metadata_props):
             raise ValueError("model is a policy bundle already: drive it as it is, --policy FILE.onnx.")
         options = onnxruntime.SessionOptions()
         options.log_severity_level = 4

@@ -53,10 +53,10 @@ def for_steps(hyper: Mapping[str, Any], steps: int) -> dict[str, Any]:
     still `ROLLOUTS` rollouts to learn from. With 512 environments 40,960 steps are three rollouts, after which a policy
     reaches 16 % of its goals; with 64 it reaches all.
     """
-    number = hyper["n_envs"]
-    fewer = max(FEWEST_ENVS, steps // (ROLLOUTS * hyper.get("n_steps", 1)))
-    if "n_steps" not in hyper or fewer >= number:
+    if "n_steps" not in hyper:
         return dict(hyper)
+    number, most = hyper["n_envs"], max(FEWEST_ENVS, steps // (ROLLOUTS * hyper["n_steps"]))
+    fewer = min(number, most)
     return {**hyper, "n_envs": fewer, "batch_size": hyper["batch_size"] * fewer // number}
 
 
