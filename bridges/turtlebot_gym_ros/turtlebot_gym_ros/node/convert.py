@@ -36,6 +36,7 @@ from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.node.block import Correction, Disagreement, InitialPose, Input, Nis, Resume
 from turtlebot_gym_ros.node.fixes import (
+    NOT_KNOWN,
     PLANAR_POSE,
     fix_of,
     fix_to_message,
@@ -49,7 +50,6 @@ from turtlebot_gym_ros.node.rooms import ROOM_CONVERSIONS
 
 # Diagonal places in the order x y z roll pitch yaw, row-major: those that a planar robot knows, and those that it does not.
 _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (14, 21, 28), (7, 14, 21, 28)
-_NOT_KNOWN = -1.0
 _NIS = ("nis", "fits", "weight")
 SURPRISING = 16.27
 """NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
@@ -151,7 +151,7 @@ def _odometry_of(message: Odometry) -> values.Odometry:
 def _odometry_to_message(odometry: values.Odometry, header: Header) -> Odometry:
     message = _state_to_message(State(*odometry.pose, *odometry.twist), header)
     if not odometry.measured:
-        message.pose.covariance[0] = _NOT_KNOWN
+        message.pose.covariance[0] = NOT_KNOWN
     return message
 
 
@@ -183,9 +183,9 @@ def state_covariance(message: Odometry, P: Covariance) -> None:
     if not measured:
         pose[:] = [0.0] * len(pose)
     for at in _UNUSED_IN_POSE if measured else (*PLANAR_POSE, *_UNUSED_IN_POSE):
-        pose[at] = _NOT_KNOWN
+        pose[at] = NOT_KNOWN
     for at in _UNUSED_IN_TWIST:
-        twist[at] = _NOT_KNOWN
+        twist[at] = NOT_KNOWN
 
 
 def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:

@@ -24,7 +24,8 @@ from turtlebot_gym_ros.node.places import finite, place
 PLANAR_POSE = (0, 7, 35)
 """Places of the variances of x, y and heading in a row-major covariance of x y z roll pitch yaw."""
 _BESIDE = (1, 6), (5, 30), (11, 31)  # of x and y, x and yaw, y and yaw
-_NOT_KNOWN = -1.0
+NOT_KNOWN = -1.0
+"""Variance of what is not known."""
 BY_EYE = (0.25, 0.25, (math.pi / 12.0) ** 2)
 """Variances of x, y and heading of an initial pose that states none, m^2, m^2, rad^2: those of RViz's 2D Pose Estimate
 (rviz_default_plugins, ``initial_pose_tool.cpp``)."""
@@ -45,7 +46,7 @@ def fix_of(message: PoseWithCovarianceStamped) -> Fix:
         ValueError: If it states no covariance, or no pose.
     """
     covariance = message.pose.covariance
-    x, y, heading = (float(covariance[at]) for at in (0, 7, 35))
+    x, y, heading = (float(covariance[at]) for at in PLANAR_POSE)
     if not (LEAST <= x <= LARGEST and LEAST <= y <= LARGEST):
         got = f"got {x:g} and {y:g}, not {LEAST:g} to {LARGEST:g}"
         raise ValueError(f"a fix must state positive variances of x and y, {got}")
@@ -83,7 +84,7 @@ def _pose_and_covariance(
 def fix_to_message(fix: Fix, header: Header) -> PoseWithCovarianceStamped:
     """Return the message of a fix."""
     x, y, heading = fix.R
-    return _pose_and_covariance(fix.pose, (x, y, heading if heading < math.inf else _NOT_KNOWN), fix.cross, header)
+    return _pose_and_covariance(fix.pose, (x, y, heading if heading < math.inf else NOT_KNOWN), fix.cross, header)
 
 
 def located_to_message(located: Located, header: Header) -> PoseWithCovarianceStamped:
