@@ -26,7 +26,7 @@ def test_a_live_node_acts_as_the_library_and_begins_anew_with_an_episode(tmp_pat
 
     def noted_step(block, *args, **values):
         answer = step(block, *args, **values)
-        seen.append((block.deployment.observation.copy(), block.deployment.action.copy()))
+        seen.append((block.driver.observation.copy(), block.driver.action.copy()))
         begins.append(starts.pop() if starts else False)
         return answer
 

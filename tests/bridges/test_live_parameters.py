@@ -39,15 +39,15 @@ def set_all(shell, **values):
 def test_gains_are_those_of_the_policy_and_can_be_set(node_of, tmp_path):
     (tmp_path / "mine.yaml").write_text("policy: proportional\nkv: 0.8\n")
     shell = node_of("controller", policy=str(tmp_path / "mine.yaml"), **{"gains.komega": 2})
-    deployment = shell.block.deployment
-    assert deployment.gains == {"kv": 0.8, "komega": 2.0}
+    driver = shell.block.driver
+    assert driver.gains == {"kv": 0.8, "komega": 2.0}
     assert shell.node.get_parameter("gains.kv").value == 0.8
     assert shell.node.describe_parameter("gains.kv").description == "Gain on the distance, 1/s."
-    ahead = np.array([*deployment.observation], np.float32)
+    ahead = np.array([*driver.observation], np.float32)
     ahead[0] = 0.1  # so near that the speed is proportional to it
-    before = deployment.baseline(ahead)[0]
+    before = driver.baseline(ahead)[0]
     assert set_all(shell, gains__kv=0.4) == ""
-    assert deployment.baseline(ahead)[0] == pytest.approx(before / 2)
+    assert driver.baseline(ahead)[0] == pytest.approx(before / 2)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_gains_are_those_of_the_policy_and_can_be_set(node_of, tmp_path):
 def test_a_wrong_gain_is_refused_and_changes_nothing(node_of, values, said):
     shell = node_of("controller", policy="proportional")
     assert said in set_all(shell, **values)
-    assert shell.block.deployment.gains == {"kv": 0.5, "komega": 1.5}
+    assert shell.block.driver.gains == {"kv": 0.5, "komega": 1.5}
 
 
 @pytest.mark.parametrize(

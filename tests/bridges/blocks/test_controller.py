@@ -20,7 +20,7 @@ def at(x, y, theta=0.0, **variances):
 def controller(drive=None, **parameters):
     node = VelocityController(VelocityController.Params(**parameters))
     if drive is not None:
-        node.deployment._policy = drive
+        node.driver._policy = drive
     return node
 
 
@@ -42,7 +42,7 @@ def test_a_policy_is_given_the_environments_observation():
 def test_without_a_next_waypoint_the_goal_counts_as_it():
     node = controller(ahead)
     node.step(0.1, at(0.0, 0.0), REFERENCE, None)
-    assert node.deployment.observation[10:].tolist() == [2.0, 1.0, 0.0]
+    assert node.driver.observation[10:].tolist() == [2.0, 1.0, 0.0]
 
 
 @pytest.mark.parametrize("answer", [[np.nan, 0.0], [0.0, np.inf], [0.0], [[0.0, 0.0]], "stop", None])
@@ -69,7 +69,7 @@ def test_a_variance_of_zero_is_given_a_floor_and_a_warning_once(caplog):
     node = controller(ahead)
     for _ in range(2):
         node.step(0.1, at(0.0, 0.0, xx=0.0, yy=0.0, tt=0.0), REFERENCE, None)
-    assert node.deployment.observation[7:9] == pytest.approx([np.sqrt(2e-6), 1e-3])
+    assert node.driver.observation[7:9] == pytest.approx([np.sqrt(2e-6), 1e-3])
     assert len(caplog.records) == 1
     node = controller(ahead)
     node.step(0.1, at(0.0, 0.0), REFERENCE, None)

@@ -54,12 +54,12 @@ def differences(loop, env, steps, policy, noise):
     policy = make_policy(policy, noise=noise)
     for _ in range(steps):
         values = loop.step()
-        np.testing.assert_array_equal(loop.controller.deployment.observation, observation)
+        np.testing.assert_array_equal(loop.controller.driver.observation, observation)
         np.testing.assert_array_equal(values["truth"], info["true_state"])
         assert values["goal"] == tuple(info["reference"])
         assert values["clearance"].distance == info["clearance"]
         action = policy(observation)
-        np.testing.assert_array_equal(loop.controller.deployment.action, action)
+        np.testing.assert_array_equal(loop.controller.driver.action, action)
         observation, _, terminated, _, info = env.step(action)
         if terminated:
             break
@@ -121,7 +121,7 @@ def test_a_scan_is_observed_with_its_age_up_to_a_second_and_refused_with_another
     estimate = loop.filter.step(DT, loop.plant.step(DT, loop.command)["odometry"])["estimate"]
     for age, observed in ((-0.1, 0.0), (0.4, 0.4), (3.0, 1.0)):
         loop.controller.step(DT, estimate, Pose(3.0, 0.0, 0.0), None, scan=Stamped(loop.scan, age))
-        assert loop.controller.deployment.observation[-1] == np.float32(observed)
+        assert loop.controller.driver.observation[-1] == np.float32(observed)
     with pytest.raises(ValueError, match="the scan has 359 beams, but lidar_beams says 360"):
         loop.controller.step(
             DT, estimate, Pose(3.0, 0.0, 0.0), None, scan=Stamped(loop.scan._replace(ranges=loop.scan.ranges[1:]), 0.0)

@@ -20,7 +20,7 @@ from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
-from turtlebot_gym_agents import Deployment
+from turtlebot_gym_agents.policies.belief_driver import BeliefDriver
 from turtlebot_gym_ros.base.live import Live
 from turtlebot_gym_ros.base.scan_watch import ScanWatch
 from turtlebot_gym_ros.node.block import HALT, Input, Nis, On, Output, Stamped
@@ -150,7 +150,7 @@ class VelocityController:
 
     def __init__(self, params: Params) -> None:
         self.trigger = On("estimate", period=params.period)
-        self.deployment = Deployment(
+        self.driver = BeliefDriver(
             params.policy,
             robot=params.robot,
             period=params.period,
@@ -163,14 +163,14 @@ class VelocityController:
         self._agreement = Agreement(make_robot(params.robot), make_noise(params.noise), leaps=True)
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
-        if self.deployment.sees:
+        if self.driver.sees:
             scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
             self.inputs = {**self.inputs, "scan": scan}
         named = {term.name: term for term in map(own_term, filter(None, params.terms.split(",")))}
-        unread = sorted(named.keys() - {term.name for term in self.deployment.own_terms})
+        unread = sorted(named.keys() - {term.name for term in self.driver.own_terms})
         if unread:
             raise ValueError(f"the parameter terms names {unread[0]!r}, which the policy does not read: leave it out.")
-        self.inputs = {**self.inputs, **{f"{OWN}{term.name}": _input_of(term, named) for term in self.deployment.own_terms}}
+        self.inputs = {**self.inputs, **{f"{OWN}{term.name}": _input_of(term, named) for term in self.driver.own_terms}}
         self.notice: str | None = None
         """Why the robot stands in spite of its policy, if so."""
         self._yaw, self._returns = params.lidar_yaw, params.lidar_returns
@@ -179,13 +179,13 @@ class VelocityController:
     @property
     def live(self) -> dict[str, Live]:
         """The numbers of a baseline as parameters."""
-        baseline = self.deployment.baseline
-        return {f"{GAINS}{name}": Live(value, type(baseline), name) for name, value in self.deployment.gains.items()}
+        baseline = self.driver.baseline
+        return {f"{GAINS}{name}": Live(value, type(baseline), name) for name, value in self.driver.gains.items()}
 
     def tune(self, numbers: Mapping[str, float]) -> None:
         """Set some numbers of a baseline."""
         if numbers:
-            self.deployment.tune({name.removeprefix(GAINS): value for name, value in numbers.items()})
+            self.driver.tune({name.removeprefix(GAINS): value for name, value in numbers.items()})
 
     def reset(self) -> None:
         """Forget the last episode, including a policy's memory."""
@@ -194,7 +194,7 @@ class VelocityController:
         self._time, self._measured = 0.0, -math.inf
         self._watch = ScanWatch(lag=LAG, returns=self._returns, now=self._time)
         self.notice = None
-        self.deployment.reset()
+        self.driver.reset()
 
     def step(
         self,
@@ -231,17 +231,17 @@ class VelocityController:
             self.notice = f"the robot stands: {why}"
             return {"command": STOP}
         evidence = None
-        if self.deployment.is_located:
+        if self.driver.is_located:
             if nis is None or nis.fits is None or nis.weight is None:
                 self.notice = "the robot stands: its policy needs a localizer, whose evidence is not on nis"
                 return {"command": STOP}
             evidence = nis.fits, nis.weight
         surprise = estimate.nis if nis is None else nis.value
-        seen = ((), 0.0) if scan is None else (self.deployment.pool(scan.value, _shifted(scan.mount)), scan.age)
+        seen = ((), 0.0) if scan is None else (self.driver.pool(scan.value, _shifted(scan.mount)), scan.age)
         after = following or reference
         terms = {name.removeprefix(OWN): numbers for name, numbers in own.items()}
-        command = self.deployment.command(mean, P, surprise, reference, after, *seen, evidence, terms, self._time)
-        self.notice = self.deployment.seen_space.notice or None
+        command = self.driver.command(mean, P, surprise, reference, after, *seen, evidence, terms, self._time)
+        self.notice = self.driver.seen_space.notice or None
         return {"command": command}
 
     def _refusal(self, scan: Stamped, twist: Command) -> str:

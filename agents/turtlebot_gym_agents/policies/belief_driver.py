@@ -1,0 +1,206 @@
+"""A policy that drives on beliefs: its observation from a belief, goals and a scan, and from its action a command."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.models.unicycle import command_of, limit
+from turtlebot_gym.observations import (
+    EVIDENCE,
+    OPEN_GROUND,
+    SCAN,
+    SCAN_AGE,
+    TERMS,
+    History,
+    evidence_of,
+    goal_from,
+    next_goal_from,
+    row_of,
+    size_of,
+    stated_deviations,
+    twist_of,
+    uncertainty_of,
+)
+from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
+from turtlebot_gym.presets import make_noise, make_robot
+from turtlebot_gym.robots import Robot
+from turtlebot_gym.rooms.lidar import MAX_AGE
+from turtlebot_gym.rooms.sectors import Pooling
+from turtlebot_gym.systems.parameters import DT
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE
+from turtlebot_gym.values import Command, Covariance, Pose, State
+from turtlebot_gym_agents.policies.fit import robot_of
+from turtlebot_gym_agents.policies.geometric import baseline_in
+from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
+from turtlebot_gym_agents.policies.policy import PolicyWithMemory, terms_of
+from turtlebot_gym_agents.policies.protection import SafetyLayer
+from turtlebot_gym_agents.policies.seen_space import SeenSpace
+from turtlebot_gym_agents.policies.yielding import Yielding
+
+_LEAST_MARGIN = 0.06
+"""Clearance down to which a robot inside its safety margins drives on, m; below it, the guard stops it."""
+_PAUSE = 2.5
+"""Periods without a command after which a history, a frame stack or the state of a recurrent network begins anew."""
+
+
+class BeliefDriver:
+    """Drive a robot with a policy from beliefs that were checked before, as the ROS node ``velocity_controller`` does.
+
+    The robot does not drive where its LiDAR has not looked, see `SeenSpace`: it turns, and looks. Apart from that, only the
+    policy avoids obstacles without ``safety_margin``.
+
+    Args:
+        policy: What `make_policy` takes: a bundle's file, "ppo-rooms", "vfh", ...
+        robot: A name in `turtlebot_gym.ROBOTS`, a file, or a robot; None for the one on a bundle's card, else "burger".
+        period: Control period, s; None for the one on a bundle's card, else 0.1.
+        noise: Noise of the motion, for which a `SafetyLayer` allows, as for `make_noise`.
+        lidar_yaw: Direction of the LiDAR's frame in the robot's frame, rad.
+        lidar_beams: Number of beams that a scan must have; 0 for any.
+        safety_margin: Clearance that a policy that sees keeps within a `SafetyLayer`, m; 0 for no layer.
+
+    Raises:
+        ValueError: If the policy is unknown or made for another robot or period.
+        ImportError: If the policy is a bundle and onnxruntime is missing.
+    """
+
+    def __init__(
+        self,
+        policy: str | Path,
+        *,
+        robot: str | Robot | None = None,
+        period: float | None = None,
+        noise: str | Noise = "tutorial",
+        lidar_yaw: float = 0.0,
+        lidar_beams: int = 0,
+        safety_margin: float = 0.0,
+    ) -> None:
+        bundle = bundle_of(bare(str(policy)))
+        if bundle and (robot is None or period is None):
+            from turtlebot_gym_agents.policies.bundle import BundlePolicy
+
+            card = BundlePolicy(bundle, robot=robot, dt=period).card
+            robot, period = robot_of(card.robot) if robot is None else robot, card.dt if period is None else period
+        robot, motion = "burger" if robot is None else robot, make_noise(noise)
+        self.robot = make_robot(robot)
+        """The robot, whose limits a command keeps."""
+        self.period = DT.check("period", REFERENCE_PERIOD if period is None else period)
+        """Control period, s."""
+        self._policy = make_policy(str(policy), robot=robot, dt=self.period, noise=motion)
+        self.baseline = baseline_in(self._policy)
+        """The baseline that drives; None for other policies."""
+        self._recurrent = _recurrent(self._policy)
+        self.terms = terms_of(self._policy) or OPEN_GROUND
+        """The terms of the policy's observation."""
+        names = [term.name for term in self.terms]
+        self.sees, self.is_located = SCAN.name in names, EVIDENCE.name in names
+        """Whether it needs scans, and a localizer's evidence."""
+        if SCAN_AGE.name in names and not self.sees:
+            raise ValueError("a policy that reads 'scan_age' must read 'scan', too.")
+        self.own_terms = tuple(term for term in self.terms if term.name not in TERMS)
+        """The terms that the package does not compute: `act` needs their numbers."""
+        if NON_NEGATIVE.check("safety_margin", safety_margin) and self.sees:
+            behind = max(safety_margin, SafetyLayer.margin_behind)
+            margins: dict[str, Any] = {"margin": safety_margin, "margin_behind": behind, "least_margin": _LEAST_MARGIN}
+            self._policy = SafetyLayer(self._policy, self.robot, self.period, noise=motion, **margins)
+            self.terms = self._policy.terms
+        self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
+        """Pools scans into the sectors of the observation."""
+        self.seen_space = SeenSpace(self.robot, self.period)
+        """Keeps the robot where beams have passed; its ``notice`` says when it does."""
+        self.observation: NDArray[np.float32] = np.zeros(size_of(self.terms), np.float32)
+        """Last observation of the policy, shape (n,), the numbers of its terms."""
+        self._history, self._is_first = History(self.terms, 1), True
+        self._time = self._last = 0.0
+        self.action: NDArray[np.float32] = np.zeros(2, np.float32)
+        """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
+        BeliefDriver.reset(self)  # not that of a derived class, which is not complete yet
+
+    @property
+    def gains(self) -> dict[str, float]:
+        """Tunable numbers of a baseline, which `tune` sets; none for other policies."""
+        return self.baseline.numbers if self.baseline else {}
+
+    def tune(self, gains: Mapping[str, float]) -> None:
+        """Set some of `gains`; a policy with a memory begins anew.
+
+        Raises:
+            ValueError: If there is no such number, or it breaks its rule; nothing changes then.
+        """
+        if not self.baseline:
+            raise ValueError(f"the policy has no gains, got {', '.join(gains)}: those of a baseline are set.")
+        self.baseline.tune(gains)
+        if isinstance(self._policy, PolicyWithMemory):
+            self._policy.reset(np.ones((), np.bool_))
+
+    def reset(self) -> None:
+        """Begin an episode: clear the memory of a policy that has one, and what was seen."""
+        self._time, self._last, self._is_first = 0.0, 0.0, True
+        self.seen_space.reset()
+        if isinstance(self._policy, PolicyWithMemory):
+            self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
+
+    def command(
+        self,
+        mean: State,
+        covariance: Covariance,
+        nis: float,
+        reference: Pose,
+        following: Pose,
+        sectors: Sequence[float] = (),
+        scan_age: float = 0.0,
+        evidence: tuple[float, float] | None = None,
+        own: Mapping[str, tuple[float, ...]] = MappingProxyType({}),
+        now: float | None = None,
+    ) -> Command:
+        """Return the command for a belief and a scan's `pool`, checked before; the other arguments are those of `act`.
+
+        Call it once per period, unless ``now``, the current time in s, is given.
+
+        Raises:
+            ValueError: If the policy does not return two finite numbers.
+        """
+        values: dict[str, Any] = {
+            "goal": goal_from(mean, reference),
+            "twist": twist_of(mean, self.robot),
+            "uncertainty": uncertainty_of(stated_deviations(covariance), nis),
+            "next_goal": next_goal_from(mean, following),
+            "evidence": () if evidence is None else evidence_of(mean.theta, covariance, *evidence),
+            "scan": tuple(sectors),
+            "scan_age": min(max(scan_age, 0.0), MAX_AGE),
+            **own,
+        }
+        self.observation = np.array(row_of(self.terms, [values[term.name] for term in self.terms]), np.float32)
+        # What was seen before it stood is not what was seen a step ago.
+        paused = now is not None and now - self._last > _PAUSE * self.period
+        if paused and self._recurrent is not None:
+            self._recurrent.reset(np.ones((), np.bool_))
+        if self._history:
+            row = self.observation[None]
+            if self._is_first or paused:
+                self._history.begin(row, np.ones(1, np.bool_))
+            else:
+                self._history.advance(row)
+        self._is_first, self._last = False, self._time if now is None else now
+        self.action = np.asarray(self._policy(self.observation), np.float32)
+        if self.action.shape != (2,) or not all(map(math.isfinite, self.action.tolist())):
+            raise ValueError(f"a policy must return two finite numbers, got {self.action!r}")
+        forward, turn = self.action.tolist()
+        wish = limit(command_of(forward, turn, self.robot), self.robot)
+        self._time = self._time + self.period if now is None else now
+        if not sectors or self.pool.seen is None:
+            return wish
+        return self.seen_space.limit(wish, Command(mean.v, mean.omega), self.pool.seen, scan_age, self._time)
+
+
+def _recurrent(policy: Any) -> Any:
+    """Return the bundle with memory that a policy is, or has within its layers; None if there is none."""
+    while isinstance(policy, (SafetyLayer, Yielding)):
+        policy = policy.policy
+    return policy if getattr(policy, "card", None) is not None and policy.memory else None
