@@ -3,9 +3,11 @@
 import json
 import re
 import shlex
+from argparse import ArgumentParser
 from html.parser import HTMLParser
 from importlib import import_module
 from pkgutil import walk_packages
+from unittest.mock import patch
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
 
@@ -18,8 +20,9 @@ pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym_lab.field.program import parser as field_test_parser
+from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.graph.bringup import parser as bringup_parser
-from turtlebot_gym_ros.nodes import NODES, SATELLITES, load
+from turtlebot_gym_ros.nodes import NODES, SATELLITES, TOOLS, load
 
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
 STORED = json.loads((ROOT / "tests" / "golden" / "api.json").read_text(encoding="utf-8"))
@@ -58,6 +61,13 @@ def check(line, ros):
             assert not field_test_parser().parse_known_args(given)[1]
         case ["python", "-m", "turtlebot_gym_ros", "bringup", *given]:
             assert not bringup_parser().parse_known_args(given)[1]
+        case ["python", "-m", "turtlebot_gym_ros", tool, *given] if tool in TOOLS:
+            with (
+                patch.object(ArgumentParser, "error", side_effect=AssertionError(given)),
+                patch.object(Runner, "__init__", side_effect=InterruptedError),
+                pytest.raises(InterruptedError),
+            ):
+                load(tool)(given)
         case ["python", "-m", "turtlebot_gym_ros", node, *given] | ["ros2", "run", "turtlebot_gym_ros", node, *given]:
             assert node in {*NODES, *SATELLITES}
             assert given[:1] in ([], ["--ros-args"])

@@ -1,29 +1,33 @@
-"""Nodes by name: ``python -m turtlebot_gym_ros NODE --ros-args ...``."""
+"""Nodes and tools by name: ``python -m turtlebot_gym_ros NODE --ros-args ...``, ``python -m turtlebot_gym_ros topics``."""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.session import INTERRUPTED
-from turtlebot_gym_ros.nodes import NODES, entry_of, load, programs
+from turtlebot_gym_ros.nodes import NODES, TOOLS, Entry, entry_of, load, programs
 
 HELP = """usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
 {nodes}
 
-velocity_controller starts disabled: watch the robot, and call its service ~/enable. Only policies such as vfh see obstacles,
+without ros2cli, TOOL [--help]:
+
+{tools}
+
+velocity_controller starts disabled: watch the robot, and enable it. Only policies such as vfh see obstacles,
 by /scan; cmd_vel_guard stops before them only with collision_monitor:=true.
 Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise; to reach a robot, set it to SUBNET.
 bringup, field_test, watch and status have their own options: see their --help. --version prints the version."""
 
 
-EXTRAS = {"rclpy": "ros", "rosbags": "deploy", "matplotlib": "gym", "PIL": "gym"}
+EXTRAS = {"rclpy": "ros", "yaml": "ros", "rosbags": "deploy", "matplotlib": "gym", "PIL": "gym"}
 """The extra that brings a module."""
 
 
@@ -38,8 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
-        entries = NODES | programs()
-        print(HELP.format(nodes="\n".join(f"  {name:<20} {entry.summary}" for name, entry in entries.items())))
+        parts = {"nodes": NODES | programs(), "tools": TOOLS}
+        print(HELP.format(**{part: _listed(entries) for part, entries in parts.items()}))
         return 0
     if name == "--version":
         from turtlebot_gym import __version__
@@ -71,6 +75,11 @@ def _run(argv: Sequence[str] | None) -> int:
         print(entry.__doc__)
         return 0
     return run(entry, entry.Params, rest)
+
+
+def _listed(entries: Mapping[str, Entry]) -> str:
+    """Return a line for each entry."""
+    return "\n".join(f"  {name:<20} {entry.summary}" for name, entry in entries.items())
 
 
 def end_quietly() -> None:

@@ -62,6 +62,18 @@ NODES = {
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": Entry("graph.status:main", "prints which node waits for what"),
 }
+TOOLS = {
+    "topics": Entry("tools.topics:topics", "lists topics and who is at them, or services"),
+    "echo": Entry("tools.topics:echo", "prints the messages of a topic"),
+    "hz": Entry("tools.topics:hz", "prints the rate of a topic"),
+    "pub": Entry("tools.topics:pub", "publishes on a topic"),
+    "call": Entry("tools.services:call", "calls a service"),
+    "enable": Entry("tools.services:enable", "enables nodes, or disables them"),
+    "params": Entry("tools.services:params", "lists, prints or sets a node's parameters"),
+    "goal": Entry("tools.goal:goal", "sends the robot to a place"),
+    "foxglove": Entry("tools.foxglove:foxglove", "serves the live graph to Foxglove"),
+}
+"""What ros2cli does on a ROS installation."""
 if find_spec(GUARD):
     NODES |= {
         "cmd_vel_guard": Entry(
@@ -81,18 +93,18 @@ GROUP = "turtlebot_gym.programs"
 
 
 def entry_of(name: str) -> Entry:
-    """Return the entry of a node or of a satellite's program.
+    """Return the entry of a node, a tool or a satellite's program.
 
     Raises:
         ValueError: If the name is unknown.
         ImportError: If its satellite is not installed.
     """
-    if name in NODES:
-        return NODES[name]
+    if entry := NODES.get(name) or TOOLS.get(name):
+        return entry
     from turtlebot_gym.entry_points import load_entry_point, names_in
     from turtlebot_gym.validation import did_you_mean  # slow to import
 
-    names = dict.fromkeys((*NODES, *SATELLITES, *names_in(GROUP)))
+    names = dict.fromkeys((*NODES, *TOOLS, *SATELLITES, *names_in(GROUP)))
     if name in names:
         return load_entry_point(GROUP, name, extra=SATELLITES.get(name, "all"))
     if name.startswith("cmd_vel_"):
@@ -110,7 +122,7 @@ def programs() -> dict[str, Entry]:
 
 
 def load(name: str) -> Any:
-    """Return the code of a node or of a satellite's program: the class of its block, or its ``main``, a function of arguments.
+    """Return the code of a node, a tool or a satellite's program: the class of its block, or a function of arguments.
 
     Raises:
         ValueError: If the name is unknown.

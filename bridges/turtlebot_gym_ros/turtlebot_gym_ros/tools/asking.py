@@ -1,0 +1,83 @@
+"""A node that lives as long as a command, and the waits of such a command."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from rclpy.node import Node
+
+from turtlebot_gym.validation import did_you_mean
+from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
+from turtlebot_gym_ros.base.session import INTERRUPTED
+
+T = TypeVar("T")
+WAIT = 5.0
+"""How long a command waits for the graph by default, s."""
+
+
+@contextmanager
+def asking() -> Iterator[Node]:
+    """Run a node with a name of its own in a thread."""
+    runner = Runner()
+    be_interruptible()
+    node = Node("turtlebot_gym_tool", context=runner.context, enable_rosout=False, start_parameter_services=False)
+    runner.add(node)
+    runner.start()
+    try:
+        yield node
+    finally:
+        runner.close()
+
+
+def answered(main: Callable[[Any], int]) -> Callable[[Any], int]:
+    """Decorate a command: a refusal is one line and the exit code 2, and Ctrl-C ends quietly."""
+
+    def run(argv: Any = None) -> int:
+        try:
+            return main(argv)
+        except (ValueError, TimeoutError) as error:
+            return refuse(error)
+        except KeyboardInterrupt:
+            return INTERRUPTED
+
+    return run
+
+
+def until(found: Callable[[], T | None], seconds: float, missing: Callable[[], str]) -> T:
+    """Return what ``found`` returns as soon as that is not None.
+
+    Raises:
+        TimeoutError: If that lasts longer, with the text of ``missing``.
+    """
+    end = time.monotonic() + seconds
+    while (value := found()) is None:
+        go_on()
+        if time.monotonic() > end:
+            raise TimeoutError(missing())
+        time.sleep(0.02)
+    return value
+
+
+def type_in(name: str, kinds: Callable[[], list[tuple[str, list[str]]]], what: str, seconds: float) -> tuple[str, str]:
+    """Return the absolute name and the type of a topic or service that the graph has.
+
+    Raises:
+        TimeoutError: If there is none of this name.
+    """
+    absolute = f"/{name.lstrip('/')}"
+    seen: dict[str, list[str]] = {}
+
+    def found() -> str | None:
+        seen.update(kinds())
+        return seen[absolute][0] if seen.get(absolute) else None
+
+    def missing() -> str:
+        names = sorted(seen)
+        near = did_you_mean(absolute, names)
+        option = " --services" if what == "service" else ""
+        return f"there is no {what} {absolute} after {seconds:g} s; `topics{option}` lists what there is.{near}"
+
+    return absolute, until(found, seconds, missing)

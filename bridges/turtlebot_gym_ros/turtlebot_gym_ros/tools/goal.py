@@ -1,0 +1,104 @@
+"""``goal``: send a robot to a place."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.action.client import ActionClient
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.base.process import go_on
+from turtlebot_gym_ros.base.qos import STREAM
+from turtlebot_gym_ros.node.geometry import write_pose
+from turtlebot_gym_ros.node.navigate import NAME
+from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, until
+
+SUCCEEDED = 4
+"""``action_msgs/msg/GoalStatus.STATUS_SUCCEEDED``."""
+
+
+@answered
+def goal(argv: Any = None) -> int:
+    """Send a goal by the action ``navigate_to_pose`` and await its outcome; where nobody serves it, on ``/goal_pose``."""
+    parser = argparse.ArgumentParser(
+        prog="python -m turtlebot_gym_ros goal",
+        description="Send the robot to a place, and wait until it is there, if the action navigate_to_pose is served.",
+    )
+    parser.add_argument("x", type=float, help="m")
+    parser.add_argument("y", type=float, help="m")
+    parser.add_argument("heading", type=float, nargs="?", default=0.0, help="rad (default 0)")
+    parser.add_argument("--frame", default="odom", help="frame of the goal: odom, or map with a localizer (default odom)")
+    parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1")
+    parser.add_argument("--wait", type=float, default=WAIT, help=f"how long to wait for a listener, s (default {WAIT:g})")
+    options = parser.parse_args(argv)
+    if not all(map(math.isfinite, (options.x, options.y, options.heading))):
+        raise ValueError(f"a goal must be finite numbers, got {options.x}, {options.y}, {options.heading}.")
+    prefix = f"/{options.namespace.strip('/')}".rstrip("/")
+    with asking() as node:
+        header = Header(stamp=node.get_clock().now().to_msg(), frame_id=options.frame)
+        pose = PoseStamped(header=header)
+        write_pose(pose.pose, Pose(options.x, options.y, options.heading))
+        topic = f"{prefix}/goal_pose"
+        publisher = node.create_publisher(PoseStamped, topic, STREAM)
+        action = f"{prefix}/{NAME}"
+
+        def there() -> str | None:
+            services = dict(node.get_service_names_and_types())
+            if f"{action}/_action/send_goal" in services:
+                return "action"
+            listeners = len(node.get_subscriptions_info_by_topic(topic))
+            return "topic" if publisher.get_subscription_count() >= listeners > 0 else None
+
+        door = until(there, options.wait, lambda: f"nobody takes goals after {options.wait:g} s: is waypoint_generator there?")
+        if door == "action":
+            try:
+                from nav2_msgs.action import NavigateToPose  # type: ignore[import-not-found]
+            except ImportError:
+                print(f"{action} is served, but nav2_msgs is missing here: the goal goes to /goal_pose.", file=sys.stderr)
+            else:
+                return _await(node, ActionClient(node, NavigateToPose, action), NavigateToPose.Goal(pose=pose), options.wait)
+        publisher.publish(pose)
+        publisher.wait_for_all_acked()
+    print(f"the goal was sent on {topic}, which has no answer: watch the robot.")
+    return 0
+
+
+def _await(node: Node, client: Any, goal: Any, seconds: float) -> int:
+    """Send a goal, print the way that is left, and return 0 if the robot arrives; Ctrl-C cancels the goal."""
+    said = [0.0]
+
+    def show(message: Any) -> None:
+        now = time.monotonic()
+        if now > said[0] + 1.0:
+            said[0] = now
+            print(f"{message.feedback.distance_remaining:.2f} m left", flush=True)
+
+    client.wait_for_server(timeout_sec=seconds)
+    sent = client.send_goal_async(goal, feedback_callback=show)
+    until(lambda: sent.done() or None, seconds, lambda: f"{NAME} has not answered for {seconds:g} s.")
+    handle = sent.result()
+    if not handle.accepted:
+        raise ValueError(f"{NAME} refuses the goal.")
+    outcome = handle.get_result_async()
+    try:
+        while not outcome.done():
+            go_on()
+            time.sleep(0.05)
+    except KeyboardInterrupt:
+        handle.cancel_goal_async()
+        time.sleep(0.3)  # the request must leave before the node ends
+        raise
+    result = outcome.result()
+    text = getattr(result.result, "error_msg", "")
+    if result.status == SUCCEEDED:
+        print("reached")
+        return 0
+    print(f"not reached: {text or f'status {result.status}'}", file=sys.stderr)
+    return 1

@@ -1,0 +1,183 @@
+"""``topics``, ``echo``, ``hz`` and ``pub``: what is on the graph's topics."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from turtlebot_gym_ros.base.names import message_type, node_name
+from turtlebot_gym_ros.base.process import go_on
+from turtlebot_gym_ros.base.qos import STREAM
+from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, type_in
+from turtlebot_gym_ros.tools.messages import message_of, text_of
+
+SETTLED = 1.5
+"""Time without anything new after which `topics` takes the graph as known, s."""
+
+
+def _parser(name: str, description: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=f"python -m turtlebot_gym_ros {name}", description=description)
+    parser.add_argument("--wait", type=float, default=WAIT, help=f"how long to wait for the graph, s (default {WAIT:g})")
+    return parser
+
+
+@answered
+def topics(argv: Any = None) -> int:
+    """Print the topics, their types, and how many publish and subscribe; with ``--verbose`` who they are."""
+    parser = argparse.ArgumentParser(prog="python -m turtlebot_gym_ros topics", description="List topics, or services.")
+    parser.add_argument("topic", nargs="?", help="one topic only")
+    parser.add_argument("--services", action="store_true", help="list services instead")
+    parser.add_argument("--verbose", action="store_true", help="list the nodes behind each topic with their quality of service")
+    parser.add_argument("--wait", type=float, default=WAIT, help=f"how long to listen at most, s (default {WAIT:g})")
+    options = parser.parse_args(argv)
+    if options.services and (options.verbose or options.topic):
+        raise ValueError("--services lists all services, without --verbose and without a topic.")
+    with asking() as node:
+        _settle(node, options.wait)
+        kinds = node.get_service_names_and_types() if options.services else node.get_topic_names_and_types()
+        rows = [(name, ", ".join(types)) for name, types in sorted(kinds)]
+        if options.services:
+            own = f"/{node.get_name()}/"
+            print("\n".join(f"{name}  [{types}]" for name, types in rows if not name.startswith(own)))
+            return 0
+        if options.topic:
+            wanted = f"/{options.topic.lstrip('/')}"
+            rows = [row for row in rows if row[0] == wanted]
+            if not rows:
+                raise ValueError(f"there is no topic {wanted} after {options.wait:g} s.")
+        for name, types in rows:
+            ends = node.get_publishers_info_by_topic(name), node.get_subscriptions_info_by_topic(name)
+            print(f"{name}  [{types}]  {len(ends[0])} publish, {len(ends[1])} subscribe")
+            for role, infos in zip(("publishes", "subscribes"), ends, strict=True):
+                for info in infos if options.verbose else ():
+                    quality = info.qos_profile
+                    manner = f"{quality.reliability.name.lower()}, {quality.durability.name.lower()}"
+                    print(f"    {role}: {node_name(info)}  [{info.topic_type}]  {manner}")
+    return 0
+
+
+def _settle(node: Node, seconds: float) -> None:
+    """Wait until the graph that a node has discovered does not grow any more, at most some seconds."""
+    end, known, since = time.monotonic() + seconds, 0, time.monotonic()
+    while time.monotonic() < min(end, since + SETTLED):
+        go_on()
+        names = [name for name, _ in node.get_topic_names_and_types()]
+        size = sum(node.count_publishers(name) + node.count_subscribers(name) for name in names)
+        size += len(node.get_service_names_and_types())
+        if size != known:
+            known, since = size, time.monotonic()
+        time.sleep(0.05)
+
+
+def _quality(node: Node, topic: str) -> QoSProfile:
+    """Return a quality of service that hears every publisher of a topic, and the last values where all keep them."""
+    offers = [info.qos_profile for info in node.get_publishers_info_by_topic(topic)]
+    reliable = bool(offers) and all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+    latched = bool(offers) and all(offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        depth=100,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+@answered
+def echo(argv: Any = None) -> int:
+    """Print the messages of a topic as YAML."""
+    parser = _parser("echo", "Print the messages of a topic as YAML, until Ctrl-C.")
+    parser.add_argument("topic")
+    parser.add_argument("--field", default="", help="one field of each message, such as pose.pose.position")
+    parser.add_argument("--count", type=int, default=0, help="end after so many messages (default 0: never)")
+    parser.add_argument("--once", action="store_true", help="end after one message")
+    options = parser.parse_args(argv)
+    wanted, heard = 1 if options.once else options.count, [0]
+    with asking() as node:
+        topic, kind = type_in(options.topic, node.get_topic_names_and_types, "topic", options.wait)
+        errors: list[str] = []
+
+        def show(message: Any) -> None:
+            if errors or (wanted and heard[0] >= wanted):
+                return
+            try:
+                for name in filter(None, options.field.split(".")):
+                    message = getattr(message, name)
+            except AttributeError:
+                errors.append(f"{kind} has no field {options.field!r}.")
+                return
+            print(f"{text_of(message)}\n---", flush=True)
+            heard[0] += 1
+
+        node.create_subscription(message_type(kind), topic, show, _quality(node, topic))
+        began = time.monotonic()
+        while not errors and not (wanted and heard[0] >= wanted):
+            go_on()
+            if wanted and not heard[0] and time.monotonic() > began + options.wait:
+                raise TimeoutError(f"{topic} has said nothing for {options.wait:g} s.")
+            time.sleep(0.02)
+    if errors:
+        raise ValueError(errors[0])
+    return 0
+
+
+@answered
+def hz(argv: Any = None) -> int:
+    """Print the rate at which the messages of a topic arrive."""
+    parser = _parser("hz", "Print the rate at which the messages of a topic arrive, and their intervals.")
+    parser.add_argument("topic")
+    parser.add_argument("--seconds", type=float, default=5.0, help="how long to listen, s (default 5)")
+    options = parser.parse_args(argv)
+    times: list[float] = []
+    with asking() as node:
+        topic, kind = type_in(options.topic, node.get_topic_names_and_types, "topic", options.wait)
+        quality = _quality(node, topic)
+        node.create_subscription(message_type(kind), topic, lambda raw: times.append(time.monotonic()), quality, raw=True)
+        end = time.monotonic() + options.seconds
+        while time.monotonic() < end:
+            go_on()
+            time.sleep(0.05)
+    if len(times) < 2:
+        raise TimeoutError(f"{topic} has sent {len(times)} messages in {options.seconds:g} s: no rate.")
+    intervals = np.diff(times)
+    print(
+        f"{topic}: {1.0 / intervals.mean():.2f} Hz; intervals {intervals.min():.3f} to {intervals.max():.3f} s, "
+        f"deviation {intervals.std():.4f} s; {len(times)} messages"
+    )
+    return 0
+
+
+@answered
+def pub(argv: Any = None) -> int:
+    """Publish a message again and again."""
+    parser = _parser("pub", "Publish a message, until Ctrl-C; the emergency stop of the deploy page, for example.")
+    parser.add_argument("topic")
+    parser.add_argument("type", help="such as std_msgs/msg/Bool")
+    parser.add_argument("values", nargs="?", default="", help="fields in YAML, such as '{data: false}'; defaults elsewhere")
+    parser.add_argument("--rate", type=float, default=1.0, help="how often, Hz (default 1)")
+    parser.add_argument("--count", type=int, default=0, help="end after so many messages (default 0: never)")
+    parser.add_argument("--once", action="store_true", help="end after one message, as soon as anybody listens")
+    options = parser.parse_args(argv)
+    if not options.rate > 0.0:
+        raise ValueError(f"--rate must be a positive number in Hz, got {options.rate!r}.")
+    message, wanted = message_of(options.type, options.values), 1 if options.once else options.count
+    with asking() as node:
+        publisher = node.create_publisher(type(message), f"/{options.topic.lstrip('/')}", STREAM)
+        began, sent = time.monotonic(), 0
+        while options.once and not publisher.get_subscription_count():
+            go_on()
+            if time.monotonic() > began + options.wait:
+                raise TimeoutError(f"nobody has listened to {publisher.topic_name} for {options.wait:g} s.")
+            time.sleep(0.02)
+        due = time.monotonic()
+        while not (wanted and sent >= wanted):
+            go_on()
+            publisher.publish(message)
+            sent, due = sent + 1, due + 1.0 / options.rate
+            time.sleep(max(due - time.monotonic(), 0.0))
+        if wanted:
+            publisher.wait_for_all_acked()
+    return 0

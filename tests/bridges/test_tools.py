@@ -1,0 +1,214 @@
+"""The tools for a graph without ros2cli: real processes that ask and tell a live graph, and messages as YAML."""
+
+import base64
+import os
+import socket
+import time
+from threading import Event
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from rcl_interfaces.msg import ParameterDescriptor, ParameterEvent
+from sensor_msgs.msg import Imu, LaserScan
+from std_msgs.msg import Bool
+
+from turtlebot_gym_ros import Shell
+from turtlebot_gym_ros.blocks import VelocityController, WaypointGenerator
+from turtlebot_gym_ros.nodes import TOOLS, load
+from turtlebot_gym_ros.tools.foxglove import Relay
+from turtlebot_gym_ros.tools.messages import message_of, text_of
+
+TYPES = (
+    *(Bool, DiagnosticArray, Imu, LaserScan, OccupancyGrid, Odometry, ParameterDescriptor, ParameterEvent, Path),
+    *(PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped),
+)
+
+
+def name_of(kind):
+    package, folder, *_ = kind.__module__.split(".")
+    return f"{package}/{folder}/{kind.__name__}"
+
+
+@pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)
+def test_a_message_goes_to_text_and_back(kind):
+    assert message_of(name_of(kind), text_of(kind(), longest=100)) == kind()
+
+
+def test_numbers_lists_and_nested_messages_are_written():
+    message = message_of(
+        "nav_msgs/msg/Path",
+        "{header: {frame_id: map}, poses: [{pose: {position: {x: 1, y: 2.5}}}, {header: {frame_id: odom}}]}",
+    )
+    assert message.header.frame_id == "map"
+    assert (message.poses[0].pose.position.x, message.poses[1].header.frame_id) == (1.0, "odom")
+    assert list(message_of("sensor_msgs/msg/LaserScan", "{ranges: [1, 2.5]}").ranges) == [1.0, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "said"),
+    [
+        ("std_msgs/msg/Bool", "{data: maybe}", "data must be boolean, got 'maybe'"),
+        ("std_msgs/msg/Bool", "{date: true}", "Did you mean 'data'?"),
+        ("std_msgs/msg/Bool", "true", "must be a mapping of data"),
+        ("std_msgs/msg/Bool", "{data: [", "must be YAML"),
+        ("std_msgs/msg/Bol", "", "no message type"),
+        ("geometry_msgs/msg/Twist", "{linear: {x: fast}}", "linear.x must be double, got 'fast'"),
+        ("geometry_msgs/msg/Twist", "{linear: 1}", "linear must be a mapping"),
+        ("nav_msgs/msg/Path", "{poses: [{pose: {x: 1}}]}", "there is no field 'poses.pose.x'"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_one_line(kind, text, said):
+    with pytest.raises(ValueError, match=r".") as caught:
+        message_of(kind, text)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", TOOLS)
+def test_each_tool_explains_itself(name, capsys):
+    with pytest.raises(SystemExit) as ended:
+        load(name)(["--help"])
+    assert ended.value.code == 0
+    assert f"turtlebot_gym_ros {name}" in capsys.readouterr().out
+
+
+@pytest.fixture
+def ask(launch, runner):
+    """Run a tool, and return its exit code, output and errors."""
+    domain = str(runner.context.get_domain_id())
+
+    def run(*words, end=None):
+        process = launch("-m", "turtlebot_gym_ros", *words, ROS_DOMAIN_ID=domain)
+        if end:
+            end(process)
+        out, error = process.communicate(timeout=60)
+        assert "Traceback" not in error
+        return process.returncode, out, error
+
+    return run
+
+
+@pytest.fixture
+def graph(runner):
+    """A controller that is disabled and a generator of waypoints."""
+    shells = [
+        Shell(VelocityController, VelocityController.Params, context=runner.context, overrides={"policy": "proportional"}),
+        Shell(WaypointGenerator, WaypointGenerator.Params, context=runner.context),
+    ]
+    for shell in shells:
+        runner.add(shell)
+    return shells
+
+
+def test_topics_parameters_and_services_of_a_live_graph(ask, graph):
+    controller = graph[0]
+    code, out, _ = ask("topics", "cmd_vel", "--verbose")
+    assert code == 0
+    assert "publishes: /velocity_controller  [geometry_msgs/msg/TwistStamped]  reliable" in out
+    code, out, _ = ask("params", "velocity_controller")
+    assert code == 0
+    assert "gains.kv: 0.5  # Gain on the distance, 1/s." in out
+    assert ask("params", "velocity_controller", "gains.kv", "0.7")[0] == 0
+    assert controller.block.driver.gains["kv"] == 0.7
+    code, _, error = ask("params", "velocity_controller", "gains.kv", "-1")
+    assert (code, error.count("\n")) == (2, 1)
+    assert "kv must be a positive number" in error
+    code, _, error = ask("params", "velocity_controller", "gains.kw")
+    assert code == 2
+    assert "Did you mean" in error
+    assert not controller.switch.safety.enabled
+    assert ask("enable", "velocity_controller")[0] == 0
+    assert controller.switch.safety.enabled
+    code, _, error = ask("call", "velocity_controller/enable", "{data: maybe}")
+    assert code == 2
+    assert controller.switch.safety.enabled, error
+    assert ask("call", "/velocity_controller/enable", "std_srvs/srv/SetBool", "{data: false}")[0] == 0
+    assert not controller.switch.safety.enabled
+    assert ask("enable", "velocity_controller", "--off")[0] == 0
+    code, _, error = ask("call", "velocity_controller/enabel", "--wait", "3")
+    assert code == 2
+    assert "Did you mean '/velocity_controller/enable'?" in error
+
+
+def test_messages_are_heard_and_told(ask, graph, peer):
+    heard = peer.hear("said", Bool)
+    assert ask("pub", "said", "std_msgs/msg/Bool", "{data: true}", "--once")[0] == 0
+    peer_heard(lambda: heard and heard[-1].data)
+    code, out, _ = ask("echo", "diagnostics", "--once", "--field", "status")
+    assert code == 0
+    assert "velocity_controller" in out or "waypoint_generator" in out
+    code, out, _ = ask("hz", "reference", "--seconds", "3")
+    assert code == 0
+    assert " Hz; intervals " in out
+    goals = peer.hear("goal_pose", PoseStamped)
+    code, out, _ = ask("goal", "1", "2", "--frame", "odom")
+    assert code == 0
+    assert "no answer" in out
+    peer_heard(lambda: goals and (goals[-1].pose.position.x, goals[-1].pose.position.y) == (1.0, 2.0))
+    code, _, error = ask("echo", "nothing", "--once", "--wait", "1")
+    assert (code, error.count("\n")) == (2, 1)
+
+
+def peer_heard(found):
+    end = time.monotonic() + 10.0
+    while not found():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_a_foxglove_server_advertises_the_graph(graph, ask):
+    pytest.importorskip("foxglove", reason="needs foxglove-sdk")
+    seen, done = [], Event()
+
+    def look(process):
+        address = process.stdout.readline().strip()
+        assert address.startswith("ws://127.0.0.1:")
+        port = int(address.rpartition(":")[2])
+        end = time.monotonic() + 20.0
+        while time.monotonic() < end and "/cmd_vel" not in "".join(seen):
+            with socket.create_connection(("127.0.0.1", port), timeout=5.0) as connection:
+                key = base64.b64encode(os.urandom(16)).decode()
+                connection.sendall(
+                    f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                    f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n"
+                    "Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n\r\n".encode()
+                )
+                connection.settimeout(2.0)
+                text = b""
+                try:
+                    while b"/cmd_vel" not in text and (more := connection.recv(65536)):
+                        text += more
+                except TimeoutError:
+                    pass
+                seen.append(text.decode("utf-8", "replace"))
+        done.set()
+        process.terminate()
+
+    ask("foxglove", "--port", "0", end=look)
+    assert done.is_set()
+    text = "".join(seen)
+    assert "101" in text.splitlines()[0]
+    assert "geometry_msgs/msg/TwistStamped" in text
+
+
+def test_the_relay_passes_messages_on_as_they_came_and_names_unknown_types(runner, peer):
+    logged = []
+
+    class Channel:
+        def __init__(self, topic, kind, definition):
+            self.topic, self.definition = topic, definition
+
+        def log(self, message):
+            logged.append((self.topic, message, self.definition))
+
+    relay = Relay(peer.node, Channel)
+    speak = peer.speak("said", Bool)
+    peer_heard(lambda: (relay.look(), "/said" in relay.topics)[1])
+    peer_heard(lambda: (speak.publish(Bool(data=True)), logged)[1])
+    topic, message, definition = logged[0]
+    assert (topic, definition.strip().splitlines()[-1]) == ("/said", "bool data")
+    from rclpy.serialization import deserialize_message
+
+    assert deserialize_message(message, Bool).data
