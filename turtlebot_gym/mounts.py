@@ -24,18 +24,23 @@ MOST = 1000
 
 
 class StaticFrames:
-    """The frames that are fixed on a robot."""
+    """The frames that are fixed on a robot.
 
-    def __init__(self) -> None:
+    Args:
+        topic: Topic that states them, for messages.
+    """
+
+    def __init__(self, topic: str = "/tf_static") -> None:
+        self._topic = topic
         self._above: dict[str, tuple[str, NDArray[np.float64]]] = {}
         self._rivals: set[str] = set()
 
     def hear(self, message: Any) -> None:
-        """Take a message of ``/tf_static``: its ``transforms`` are each a TransformStamped."""
+        """Take a message of the topic: its ``transforms`` are each a TransformStamped."""
         for transform in message.transforms:
             matrix, child = _matrix(transform.transform), transform.child_frame_id.lstrip("/")
             if len(self._above) >= MOST and child not in self._above:
-                raise ValueError(f"/tf_static states more than {MOST} frames")
+                raise ValueError(f"{self._topic} states more than {MOST} frames")
             above = transform.header.frame_id.lstrip("/"), matrix
             before = self._above.setdefault(child, above)
             if before[0] != above[0] or not np.allclose(before[1], matrix, atol=1e-6):
@@ -47,18 +52,28 @@ class StaticFrames:
         Raises:
             ValueError: With one line, if a frame on the way is stated twice, differently, or the sensor is tilted.
         """
+        matrix = self.between(body, frame)
+        if matrix is None:
+            return None
+        if not math.cos(TILT) <= matrix[2, 2]:
+            tilt = math.degrees(math.acos(max(min(matrix[2, 2], 1.0), -1.0)))
+            raise ValueError(f"{self._topic} says that {frame!r} is tilted by {tilt:.0f} degrees, and a scan must be level")
+        return Pose(float(matrix[0, 3]), float(matrix[1, 3]), math.atan2(matrix[1, 0], matrix[0, 0]))
+
+    def between(self, body: str, frame: str) -> NDArray[np.float64] | None:
+        """Return a frame in another one as a homogeneous matrix, shape (4, 4), m; None if nothing connects the two.
+
+        Raises:
+            ValueError: With one line, if a frame on the way is stated twice, differently.
+        """
         ways = [self._up(name) for name in (body, frame)]
         shared = next((name for name in ways[1] if name in ways[0]), None)
         if shared is None:
             return None
         passed = {name for way in ways for name in list(way)[: list(way).index(shared)]}
         if rivals := sorted(passed & self._rivals):
-            raise ValueError(f"/tf_static states two different poses of {rivals[0]!r}")
-        matrix = np.linalg.inv(ways[0][shared]) @ ways[1][shared]
-        if not math.cos(TILT) <= matrix[2, 2]:
-            tilt = math.degrees(math.acos(max(min(matrix[2, 2], 1.0), -1.0)))
-            raise ValueError(f"/tf_static says that {frame!r} is tilted by {tilt:.0f} degrees, and a scan must be level")
-        return Pose(float(matrix[0, 3]), float(matrix[1, 3]), math.atan2(matrix[1, 0], matrix[0, 0]))
+            raise ValueError(f"{self._topic} states two different poses of {rivals[0]!r}")
+        return np.linalg.inv(ways[0][shared]) @ ways[1][shared]
 
     def _up(self, name: str) -> dict[str, NDArray[np.float64]]:
         """Return the frames from one upwards, each with the pose of that one in it."""
