@@ -10,11 +10,11 @@ import tyro
 
 from turtlebot_gym_agents.commands.console import DriveOptions, WritingOptions, needs
 from turtlebot_gym_agents.outputs import OutputFile
-from turtlebot_gym_lab.commands.recorded import RecordingOptions
+from turtlebot_gym_lab.commands.recorded import MountOption
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch(WritingOptions, RecordingOptions, DriveOptions):
+class Watch(WritingOptions, MountOption, DriveOptions):
     """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
 
     The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [view].
@@ -39,6 +39,8 @@ class Watch(WritingOptions, RecordingOptions, DriveOptions):
         with needs("view"):
             from turtlebot_gym_view.html import write_html
             from turtlebot_gym_view.server import serve
+        if self.mount is not None and not self.drive:
+            raise ValueError("--mount says where the LiDAR of a recorded drive is: add --drive, or leave it out.")
         if self.drive:
             drives = [read_recorded(path, lidar=self.lidar or "lds01", **self.reading()) for path in self.drive]
             title = f"Recorded: {', '.join(path.name for path in self.drive)}"

@@ -13,7 +13,7 @@ import tyro
 from turtlebot_gym.files import SUFFIXES
 from turtlebot_gym_agents.commands.console import FigureFile, File, ReportingOptions, print_tables, progress, save_figure
 from turtlebot_gym_agents.outputs import OutputFile
-from turtlebot_gym_lab.commands.recorded import RecordingOptions, StartOptions
+from turtlebot_gym_lab.commands.recorded import StartOptions
 
 if TYPE_CHECKING:
     from turtlebot_gym import Robot
@@ -48,7 +48,7 @@ class _Bar:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibrate(ReportingOptions, StartOptions, RecordingOptions):
+class Calibrate(ReportingOptions, StartOptions):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
@@ -110,6 +110,8 @@ class Calibrate(ReportingOptions, StartOptions, RecordingOptions):
         by_tape = self.loop or any(value is not None for value in (self.distance, self.turns, self.measured))
         if by_tape and self.map is not None:
             raise ValueError("wheels are calibrated by a tape or by a map, not by both: leave one of them out.")
+        if self.mount is not None and self.map is None:
+            raise ValueError("--mount says where the LiDAR is, and only with --map do scans count: leave it out, or add --map.")
         if by_tape and self.plot is not None:
             raise ValueError("--plot shows errors along a drive, and a tape measures only its ends: leave one of them out.")
         with progress(1):
@@ -118,6 +120,7 @@ class Calibrate(ReportingOptions, StartOptions, RecordingOptions):
         fit: Callable[..., Calibration] = calibrate
         options: dict[str, Any] = {"use_truth": self.truth != "none", "segment": self.segment}
         if self.map is not None:
+            drive = self.localizable(drive)
             fit, options = calibrate_by_map, {"place": self.place(self.map, drive, self.log)[1]}
         try:
             with progress(100) as advance_to, watched((bar := _Bar(advance_to)).evaluate):

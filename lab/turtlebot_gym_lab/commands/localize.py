@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from turtlebot_gym_agents.commands.console import FigureFile, JsonFile, ReportingOptions, print_tables, progress, save_figure
-from turtlebot_gym_lab.commands.recorded import RecordingOptions, StartOptions
+from turtlebot_gym_lab.commands.recorded import StartOptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Localize(ReportingOptions, StartOptions, RecordingOptions):
+class Localize(ReportingOptions, StartOptions):
     """Localize a recorded drive in a map by its odometry and scans, and compare with its truth, if it has one."""
 
     file: tyro.conf.Positional[Path]
@@ -42,7 +42,7 @@ class Localize(ReportingOptions, StartOptions, RecordingOptions):
         from turtlebot_gym_lab.evaluation.localize import STATES, errors_of, localize, recorded_of
 
         with progress(3) as advance_to:
-            drive = read(self.file, **self.reading())
+            drive = self.localizable(read(self.file, **self.reading()))
             for remark in drive.remarks:
                 print(remark, file=sys.stderr)
             advance_to(1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,17 +36,44 @@ class RecordingOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StartOptions:
+class MountOption(RecordingOptions):
+    """Where the LiDAR is."""
+
+    mount: tuple[float, float, float] | None = None
+    """Pose of the LiDAR on the robot: x, y, heading; m, m, rad. Default: as the transforms of the bag state it, else as
+    assumed, which is said."""
+
+    def reading(self) -> dict[str, Any]:
+        """Return the options of `turtlebot_gym_lab.drives.read`."""
+        return super().reading() | {"mount": self.mount}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartOptions(MountOption):
     """How a recording is localized."""
 
     localizer: str = "robot"
     """Assumptions: robot, match, or a file of them (FILE.toml)."""
     lidar: str = "lds01"
-    """LiDAR preset that match assumes."""
+    """LiDAR preset: match assumes its errors, and where no transform states the LiDAR's mount, its mount is assumed."""
     hits: bool = True
     """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
     start: tuple[float, float, float] | None = None
     """Pose in the map at the first row, within 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
+
+    def reading(self) -> dict[str, Any]:
+        """Return the options of `turtlebot_gym_lab.drives.read`."""
+        return super().reading() | {"lidar": self.lidar}
+
+    def localizable(self, drive: Drive) -> Drive:
+        """Return a drive with odometry: where it was not recorded, its twist is added up from the origin."""
+        from turtlebot_gym.values import ORIGIN
+        from turtlebot_gym_lab.evaluation.replay import dead_reckoning
+
+        if drive.has_odometry:
+            return drive
+        remark = f"{drive.around.label}: there is no odometry: the twist, added up, stands for it"
+        return replace(drive, odometry=dead_reckoning(drive, start=ORIGIN), remarks=(*drive.remarks, remark))
 
     def place(self, map: Path, drive: Drive, name: Path) -> tuple[GridMap, KnownPlace]:
         """Return a map, and the place of a drive in it."""

@@ -11,9 +11,9 @@ from scipy.optimize import nnls
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.models.angles import wrap_all
 
-LEAP = 5.0
-"""Leap of a clock backwards that is taken for a clock that was set, s; after a smaller one, rows are left out until it has
-caught up."""
+LEAP, SET = 5.0, 86400.0
+"""Leaps of a clock backwards, and ahead, that are taken for a clock that was set, s; after a smaller one backwards, rows are
+left out until it has caught up, and a smaller one ahead is a pause."""
 ROLLED, WRONG, FITS = 3.0, 0.5, 0.8
 """Difference of a message's delay from the usual one, s, from which the recorder's clock may be wrong; largest share of such
 messages; and share of them whose stamps must fill holes."""
@@ -37,6 +37,12 @@ AHEAD = 0.1
 """Time by which two clocks must differ to be taken for different, s, if one of them stamps messages before they arrive ..."""
 LATE = 0.5
 """... and if none does, so that it may be a delay: no message that is worth recording is so late."""
+STRAY, FEW_ROWS = 10, 0.1
+"""Most rows in a row whose stamps are strays, and largest such number as a share of the longest stretch without a leap ..."""
+LEAPS = 10.0
+"""... where a leap is at least so many times the usual step, so that a slow log has none."""
+PAUSE = 600.0
+"""Longest pause after the first or before the last few rows, s, if the drive itself is no longer."""
 SIMULATED = 86400.0
 """Difference of stamps and the recorder's clock from which the stamps are of a simulation, s."""
 
@@ -50,15 +56,16 @@ class Stamps:
         self.count = 0
         """Number of messages."""
         self.resets: list[float] = []
-        """Times by which it was set back, s."""
+        """Times by which it was set back, s; negative if ahead."""
         self._last, self._shift = (-np.inf, 0.0), 0.0
 
     def read(self, stamp: float, received: float) -> float:
         """Return the time of a message, s; once the clock was set back, by that of the recorder."""
         time, (last, heard) = stamp + self._shift, self._last
-        if time < last - LEAP:
+        if time < last - LEAP or (self.count and time > last + SET):
             self.resets.append(last - time)
-            self._shift += (goes_on := last + max(received - heard, 0.0)) - time
+            passed = received - heard
+            self._shift += (goes_on := last + (passed if 0.0 < passed < SET else 0.0)) - time
             time = goes_on
         self._last, self.ahead, self.count = (time, received), max(self.ahead, time - received), self.count + 1
         return time
@@ -108,8 +115,38 @@ def rolled_over(
     return times
 
 
+def strays(time: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows have a stamp that is far from those around, such as 0 among times since 1970, shape (T,).
+
+    Between two stretches of a drive, a few rows are strays unless they lie between these in time, as in a pause. At an end they
+    are strays if they are farther away than the rest is long, and than `PAUSE`, or the clock runs back to or from them.
+
+    Args:
+        time: Shape (T,), s, in the order of the recording; NaN where unknown.
+    """
+    is_stray, rows = np.zeros(len(time), np.bool_), np.flatnonzero(np.isfinite(time))
+    steps = np.diff(time[rows])
+    if len(steps) < 2:
+        return is_stray
+    ends = np.flatnonzero(np.abs(steps) > max(LEAP, LEAPS * float(np.median(np.abs(steps))))) + 1
+    parts = np.split(rows, ends)
+    most = max(1, min(STRAY, int(FEW_ROWS * max(map(len, parts)))))
+    whole = [part for part in parts if len(part) > most]
+    if not whole or len(whole) == len(parts):
+        return is_stray
+    length = max(max(time[part].max() for part in whole) - min(time[part].min() for part in whole), PAUSE)
+    for part in parts:
+        if len(part) <= most:
+            before = [time[other[-1]] for other in whole if other[-1] < part[0]]
+            after = [time[other[0]] for other in whole if other[0] > part[-1]]
+            earliest = before[-1] if before else after[0] - length
+            latest = after[0] if after else before[-1] + length
+            is_stray[part] = not earliest < time[part[0]] <= time[part[-1]] < latest
+    return is_stray
+
+
 def continued(time: NDArray[np.float64], where: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
-    """Let the times of rows go on where their clock was set back.
+    """Let the times of rows go on where their clock was set.
 
     Args:
         time: Shape (T,), s, in the order of the recording; NaN where unknown.
@@ -120,7 +157,7 @@ def continued(time: NDArray[np.float64], where: str) -> tuple[NDArray[np.float64
     """
     finite = np.flatnonzero(np.isfinite(time))
     steps = np.diff(time[finite])
-    back = steps < -LEAP
+    back = (steps < -LEAP) | (steps > SET)
     is_set = np.zeros(len(time), np.bool_)
     if not back.any():
         return time, is_set, []
@@ -128,8 +165,9 @@ def continued(time: NDArray[np.float64], where: str) -> tuple[NDArray[np.float64
     moved = time.copy()
     moved[finite[1:]] += np.cumsum(np.where(back, np.median(steps[~back]) - steps, 0.0))
     first, by = int(np.argmax(back)), float(-steps[back][0])
-    text = f"{where}: the clock was set back {back.sum()} times, first by {by:.3f} s"
-    return moved, is_set, [f"{text} after {time[finite[first]]:.3f} s: later times are moved on"]
+    how = "back" if by > 0.0 else "ahead"
+    text = f"{where}: the clock was set {how} {back.sum()} times, first by {abs(by):.3f} s"
+    return moved, is_set, [f"{text} after {time[finite[first]]:.3f} s: later times are moved"]
 
 
 def increasing(time: NDArray[np.float64]) -> NDArray[np.bool_]:

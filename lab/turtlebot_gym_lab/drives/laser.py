@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from turtlebot_gym.beams import beams_of
 from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.files import read_arrays
-from turtlebot_gym.models.angles import wrap_all
+from turtlebot_gym.models.angles import sincos, wrap_all
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import ORIGIN, Pose
-from turtlebot_gym_lab.drives.clocks import continued, increasing
+from turtlebot_gym_lab.drives.clocks import continued, increasing, strays
 from turtlebot_gym_lab.drives.tables import LARGEST
 
 RANGE_MAX = 80.0
@@ -36,11 +37,11 @@ def is_laser_arrays(path: Path) -> bool:
         return {"time.npy", "odometry.npy", "ranges_cm.npy"} <= set(file.namelist())
 
 
-def read_laser_arrays(path: Path, *, label: str) -> Drive:
+def read_laser_arrays(path: Path, *, label: str, mount: Pose | None) -> Drive:
     """Read arrays of wheel poses and scans of half a turn; see `reading.read`.
 
     The file holds ``time`` (T), s; ``odometry`` (T, 3), m, m, rad; ``ranges_cm`` (T, beams); and where there is a truth,
-    ``reference_row`` (K), and ``reference`` (K, 3), m, m, rad.
+    ``reference_row`` (K), and ``reference`` (K, 3), m, m, rad. The LiDAR is where ``mount`` says.
 
     Raises:
         ValueError: If the arrays do not fit each other, or fewer than two rows are good.
@@ -60,8 +61,14 @@ def read_laser_arrays(path: Path, *, label: str) -> Drive:
     true[rows] = reference
     bad = int((~good).sum())
     remarks = [f"{path}: {bad} of {len(good)} rows are not finite: left out"] if bad else []
+    if mount is None:
+        mount = ORIGIN
+        remarks.append(
+            f"{path}: nothing says where the LiDAR is on the robot: it is assumed in the middle of the axle, looking ahead; "
+            "--mount X Y YAW states its pose"
+        )
     scans = (ranges[good].astype(np.float32) / 100.0).astype(np.float32)
-    return _of_poses(path, time[good], odometry[good], true[good], scans, label=label, remarks=remarks)
+    return _of_poses(path, time[good], odometry[good], true[good], scans, mount, label=label, remarks=remarks)
 
 
 def _of_poses(
@@ -70,16 +77,19 @@ def _of_poses(
     odometry: NDArray[np.float64],
     true: NDArray[np.float64],
     ranges: NDArray[np.float32],
+    mount: Pose,
     *,
     label: str,
     remarks: list[str],
 ) -> Drive:
     """Return a drive whose rows are poses that the wheels add up, with truth and scans by the same clock."""
-    times, is_set, notes = continued(np.asarray(stamps, np.float64), str(path))
+    is_stray = strays(np.asarray(stamps, np.float64))
+    times, is_set, notes = continued(np.where(is_stray, np.nan, stamps), str(path))
     resets, has_truth = np.cumsum(is_set), np.isfinite(true).all(axis=1)
     keep = increasing(times)
-    if not keep.all():
-        notes.append(f"{path}: {(~keep).sum()} of {len(keep)} rows have a time that does not increase: left out")
+    for bad, how in ((is_stray, "a time that is far from those around"), (~keep & ~is_stray, "a time that does not increase")):
+        if bad.any():
+            notes.append(f"{path}: {bad.sum()} of {len(keep)} rows have {how}: left out")
     rows = np.flatnonzero(keep)
     rows = rows[_spaced(times[rows], np.isin(times[rows], times[has_truth]))]
     if len(rows) < 2:
@@ -91,7 +101,8 @@ def _of_poses(
     for at, row in enumerate(np.searchsorted(time, times).tolist()):
         if row < len(rows):
             robot = Pose(*odometry[at].tolist())
-            seen.append(Seen(row, robot, _scan(ranges[at]), float(times[at] - time[0]), ORIGIN, robot))
+            lidar = increment(robot, ORIGIN, mount, sincos(robot.theta))
+            seen.append(Seen(row, lidar, _scan(ranges[at]), float(times[at] - time[0]), mount, robot))
     twist = _twist(time, poses)
     return Drive(
         time=time - time[0],

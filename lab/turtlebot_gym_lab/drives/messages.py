@@ -1,7 +1,7 @@
 """A drive from ROS 2 messages: those of a bag, decoded by `rosbags`, or those of a running graph.
 
-A row is a message on ``odom``. The truth is interpolated; of everything else, the last value holds for a while. What a message
-does not state stays unknown.
+A row is a message on ``odom``, or where there is none, one of the truth. The truth is interpolated; of everything else, the
+last value holds for a while. What a message does not state stays unknown.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive, RoomData, Seen
-from turtlebot_gym.models.angles import yaw_of_rotation
-from turtlebot_gym.mounts import StaticFrames, differ
+from turtlebot_gym.models.angles import sincos, yaw_of_rotation
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
-from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, read_scan, room_of, scan_of
-from turtlebot_gym.values import Pose, State
+from turtlebot_gym.rooms.scan import Obstacles, Scan, read_scan, room_of, scan_of
+from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_lab.drives.alignment import Stream
 from turtlebot_gym_lab.drives.clocks import Stamps
 from turtlebot_gym_lab.drives.frames import Transforms
+from turtlebot_gym_lab.drives.mounting import Mount, Mounting
 from turtlebot_gym_lab.drives.rotations import Rotations, is_unit, place_of, rotation_of
 
 GUARD = "cmd_vel_guard"
@@ -35,10 +36,11 @@ HELD = 1.0
 """Age up to which a value holds, s; a waypoint holds indefinitely."""
 
 ODOMETRY, TRANSFORMS = "nav_msgs/msg/Odometry", ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+MEASURED = "geometry_msgs/msg/PoseWithCovarianceStamped"
 POSES = (
     ODOMETRY,
     "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    MEASURED,
     "geometry_msgs/msg/TransformStamped",
     "geometry_msgs/msg/PointStamped",
     *TRANSFORMS,
@@ -105,7 +107,7 @@ _READ: dict[str, Callable[[Any], Any]] = {
     "nis": _nis,
     "clearance": lambda message: message.range,
     "scan": _scan,
-    "imu": lambda message: (message.angular_velocity.z,),
+    "imu": lambda message: (message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z),
     "obstacles": room_of,
     "map": grid_of,
     "hypotheses": _places,
@@ -123,24 +125,28 @@ class DriveListener:
     """Takes the messages of a drive topic by topic, and returns rows.
 
     Args:
-        lidar: The robot's LiDAR, for its mounting.
+        lidar: The robot's LiDAR, for its mounting where no transform states it.
+        mount: Pose of the LiDAR on the robot, m, m, rad; None for what the transforms state.
         guard: Name of the guard's node in ``diagnostics``, with its namespace; empty for that of any namespace.
         live: Whether the drive has no end: then only the newest values are kept, and a stamp far back begins anew. Of a
             recorded drive, a message with an empty stamp counts from when it was received.
     """
 
-    def __init__(self, *, lidar: Lidar = LIDARS["lds01"], guard: str = "", live: bool = False) -> None:
-        self._lidar, self._guard, self._live = lidar, guard, live
+    def __init__(
+        self, *, lidar: Lidar = LIDARS["lds01"], mount: Pose | None = None, guard: str = "", live: bool = False
+    ) -> None:
+        self._lidar, self._mount, self._guard, self._live = lidar, mount, guard, live
         self._streams: dict[str, Stream] = {}
         self.clocks: dict[str, Stamps] = {}
         """Clocks of the stamps of a recorded drive, by topic."""
-        self.frames = {"odom": ("", ""), "scan": ("", "")}
+        self.frames = {"odom": ("", ""), "scan": ("", ""), "imu": ("", "")}
         """The newest frame of some topics' messages, and its child."""
         self.transforms = Transforms()
         """Transforms of a recorded drive."""
         self.rotations: dict[str, Rotations] = {}
         """Rotations of a recorded drive, by topic."""
-        self._fixed = StaticFrames()
+        self.mounting = Mounting()
+        """Where sensors are."""
 
     def __getitem__(self, topic: str) -> Stream:
         return self._streams.setdefault(topic, Stream(live=self._live))
@@ -153,11 +159,11 @@ class DriveListener:
             message: The message.
             received: When it was received, s.
         """
-        if topic in ("tf", "tf_static"):
-            if not self._live:
+        if topic in ("tf", "tf_static", "mounts"):
+            if not self._live and topic != "mounts":
                 self.transforms.hear(message, received, is_static=topic == "tf_static")
-            if topic == "tf_static":
-                self._fixed.hear(message)
+            if not self._live or topic == "tf_static":
+                self.mounting.hear(message, "tf_static" if topic == "tf_static" else "tf")
             return True
         if topic in self.frames:
             self.frames[topic] = message.header.frame_id, getattr(message, "child_frame_id", "")
@@ -208,7 +214,8 @@ class DriveListener:
         if around is None:
             rooms, grids = self["obstacles"].values, self["map"].values
             around = RoomData(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
-        reports = self["diagnostics"].latest(self["received"].held(time), (math.nan, ""))
+        received = self["received"].held(time) if self["received"] else time
+        reports = self["diagnostics"].latest(received, (math.nan, ""))
         drive = Drive(
             time=time,
             true_state=truth,
@@ -219,7 +226,7 @@ class DriveListener:
             twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
             nis=self["nis"].held(time, fresh=held),
             clearance=self["clearance"].held(time, fresh=HELD),
-            gyro=self["imu"].nearest(time, 1)[:, 0] if self["imu"] and len(time) > 1 else np.full(len(time), np.nan),
+            gyro=self._gyro(time),
             level=np.array([level for level, _ in reports]),
             report=tuple(text for _, text in reports),
             circles=self._walkers(time, around.room),
@@ -233,33 +240,34 @@ class DriveListener:
         now = self["obstacles"].latest(time, room)
         return tuple(np.array(seen.circles if room and seen.circles != room.circles else ()).reshape(-1, 3) for seen in now)
 
-    def mount(self) -> tuple[Pose, str]:
-        """Return the pose of the LiDAR on the robot, by ``/tf_static`` if that states it, and a remark if it is unexpected."""
-        preset = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw)
-        try:
-            stated = self._fixed.mount(self.frames["odom"][1], self.frames["scan"][0])
-        except ValueError as error:
-            return preset, f"{error}: the mount of the LiDAR's preset is taken"
-        if stated is None or not differ(stated, preset):
-            return stated or preset, ""
-        x, y, theta = stated
-        return (
-            stated,
-            f"the LiDAR is at x {x:.3f} m, y {y:.3f} m, turned by {theta:.3f} rad, by /tf_static and not by its preset",
-        )
+    def mount(self) -> Mount:
+        """Return where the LiDAR is on the robot."""
+        return self.mounting.lidar(self.frames["odom"], self.frames["scan"][0], self._lidar, self._mount)
+
+    def gyro_mount(self) -> tuple[NDArray[np.float64], str]:
+        """Return how the IMU's turning rates count, and a remark; see `mounting.Mounting.gyro`."""
+        return self.mounting.gyro(self.frames["odom"], self.frames["imu"][0])
+
+    def _gyro(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the robot's turning rate by the gyro at each row, shape (T,), rad/s; NaN where there is none."""
+        if not self["imu"] or len(time) < 2:
+            return np.full(len(time), np.nan)
+        weights, _ = self.gyro_mount()
+        rates = self["imu"].nearest(time, 3)
+        return rates[:, 2] if weights[2] == 1.0 else rates @ weights
 
     def _scans(self, drive: Drive, start: float, after: float) -> tuple[Seen, ...]:
         """Return the scans with the robot's pose at their completion: by the truth, else the estimate, else odometry."""
         scans: list[Seen] = []
-        mount, _ = self.mount()
-        lidar = replace(self._lidar, x=mount.x, y=mount.y, yaw=mount.theta)
+        mount, is_inverted, _ = self.mount()
         states = np.where(np.isfinite(drive.truth), drive.truth, drive.estimate[:, :3])
         states = np.where(np.isfinite(states), states, drive.odometry)
         for stamp, scan in zip(self["scan"].times, self["scan"].values, strict=True):
             complete = stamp + scan.beam_period * len(scan.ranges)
             row = int(np.searchsorted(drive.time, complete - 1e-3))
             if complete - 1e-3 > after and row < len(drive) and np.isfinite(states[row]).all():
-                x, y, theta = states[row].tolist()
-                place = mounted(State(x, y, theta, 0.0, 0.0), lidar)
+                robot = Pose(*states[row].tolist())
+                place = increment(robot, ORIGIN, mount, sincos(robot.theta))
+                scan = scan._replace(first=-scan.first, increment=-scan.increment) if is_inverted else scan
                 scans.append(Seen(row, place, scan, stamp - start, mount))
         return tuple(scans)

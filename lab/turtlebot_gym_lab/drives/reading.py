@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -11,8 +11,10 @@ import numpy as np
 
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.files import in_bounds
+from turtlebot_gym.validation import FINITE, Numbers
+from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.drives.alignment import headings, interpolated
-from turtlebot_gym_lab.drives.bags import is_bag, read_bag
+from turtlebot_gym_lab.drives.bags import is_bag, read_bag, sensors_of
 from turtlebot_gym_lab.drives.causes import cause_of, jump_of
 from turtlebot_gym_lab.drives.clocks import judged
 from turtlebot_gym_lab.drives.laser import is_laser_arrays, read_laser_arrays
@@ -48,7 +50,7 @@ FORMATS = (
         "PoseWithCovarianceStamped, TransformStamped, PointStamped or `/tf`",
         is_bag,
         read_bag,
-        ("topics", "lidar"),
+        ("topics", "lidar", "mount"),
     ),
     Format(
         "laser arrays",
@@ -56,7 +58,7 @@ FORMATS = (
         "odometry, scans, the reference as truth",
         is_laser_arrays,
         read_laser_arrays,
-        (),
+        ("mount",),
         False,
     ),
     Format(
@@ -82,12 +84,13 @@ def read(
     truth: str | Path | None = None,
     label: str | None = None,
     lidar: str = "lds01",
+    mount: Sequence[float] | None = None,
 ) -> Drive:
     """Read a recorded drive in any of `FORMATS`.
 
-    Rows whose time or twist is not finite, or whose time does not increase, are left out. A pose that is not finite counts as
-    missing. Times after a clock was set back are moved on; a topic by another clock than the odometry's is moved to that. The
-    drive's remarks say all of this, and whether rows are missing.
+    Rows whose time or twist is not finite, or whose time does not increase or is far from those around, are left out. A pose
+    that is not finite counts as missing. Times after a clock was set back are moved on; a topic by another clock than the
+    odometry's is moved to that. The drive's remarks say all of this, and whether rows are missing.
 
     Args:
         path: The file, or the folder of a bag. The content decides what it is.
@@ -96,7 +99,9 @@ def read(
         truth: A topic of a bag, with ``:PARENT.CHILD`` where it holds transforms; or a table of true poses with the columns t,
             x, y and perhaps theta, by the drive's clock. By default what the drive itself holds.
         label: Label of the drive; by default the name of the file.
-        lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
+        lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mount of a LiDAR that no transform states.
+        mount: Pose of the LiDAR on the robot, m, m, rad; None for that of the transforms on ``/tf`` and ``/tf_static``, and
+            where none states it, for that of ``lidar``, which a remark says.
 
     Raises:
         OSError: If the file cannot be read, or is a pipe or a device.
@@ -110,9 +115,12 @@ def read(
         raise ValueError(f"{path}: the file is binary, and not one of these: {READABLE}.")
     if truth and beside is None and "topics" not in form.options:
         raise ValueError(f"truth must be auto, none, or a file for a {form.name}, got {str(truth)!r}.")
+    if mount is not None and "mount" not in form.options:
+        raise ValueError(f"mount says where a LiDAR is, and a {form.name} holds no scans: leave it out.")
     topics = topics or Topics()
     topics = replace(topics, truth=str(truth)) if truth and beside is None else topics
-    options = {"topics": topics, "columns": columns or {}, "lidar": lidar}
+    at = None if mount is None else Pose(*Numbers(FINITE, 3).check("mount", mount))
+    options = {"topics": topics, "columns": columns or {}, "lidar": lidar, "mount": at}
     drive = form.read(path, label=label or path.name, **{name: options[name] for name in form.options})
     drive = _with_headings(drive if beside is None else _with_truth(drive, beside))
     if not form.measures_twist:
@@ -121,6 +129,19 @@ def read(
     if why:
         return replace(drive, remarks=(*drive.remarks, f"{drive.around.label}: {why}"))
     return judged(drive)
+
+
+@in_bounds
+def pose_sensors(path: str | Path, *, truth: str = "") -> list[str]:
+    """Return the topics of a bag that state measured poses: the first usual one, or all others; nothing for other recordings.
+
+    Args:
+        path: The recording.
+        truth: Topic of the truth, which is no measurement.
+    """
+    path = Path(path)
+    form = next((form for form in FORMATS if form.recognizes(path)), None)
+    return sensors_of(path, truth.partition(":")[0]) if form is not None and form.read is read_bag else []
 
 
 def _with_truth(drive: Drive, path: Path) -> Drive:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive, RoomData, known
 from turtlebot_gym.files import LARGEST_LOG, read_arrays, read_text
-from turtlebot_gym_lab.drives.clocks import continued, increasing
+from turtlebot_gym_lab.drives.clocks import MISSING, continued, increasing, strays
 
 _STATE = ("x", "y", "theta", "v", "omega")
 NAMES: dict[str, tuple[str, ...]] = {
@@ -74,8 +74,9 @@ def read_table(path: Path, *, columns: Mapping[str, str], label: str) -> Drive:
     rows[~(np.abs(rows) <= LARGEST)] = np.nan
     part = dict(zip(chosen, rows.T, strict=True))
     time, twist = part["time"], np.stack([part[name] for name in _TWIST], axis=1)
-    time, is_set, remarks = continued(time, str(path))
-    keep, left_out = _good(path, time, twist, table.lines)
+    is_stray = strays(time)
+    time, is_set, remarks = continued(np.where(is_stray, np.nan, time), str(path))
+    keep, left_out = _good(path, time, twist, is_stray, table.lines)
     remarks += left_out
     span = np.ptp(np.flatnonzero(keep)) + 1 if keep.any() else len(keep)
     if keep.sum() < max(2, MOST * span):
@@ -93,7 +94,7 @@ def read_table(path: Path, *, columns: Mapping[str, str], label: str) -> Drive:
         time=time[keep],
         twist=twist[keep],
         **poses,
-        joined=np.concatenate([[False], keep[:-1]])[keep] & ~is_set[keep],
+        joined=_joined(time, keep, is_stray) & ~is_set[keep],
         around=RoomData(label),
         remarks=tuple(remarks),
     )
@@ -116,6 +117,7 @@ def read_poses(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         names += matches[:1]
     rows = table.numbers(names)
     rows = rows[(np.abs(rows) <= LARGEST).all(axis=1)]
+    rows = rows[~strays(rows[:, 0])]
     rows = rows[np.concatenate([[True], np.diff(np.maximum.accumulate(rows[:, 0])) > 0.0])[: len(rows)]]
     poses = np.full((len(rows), 3), np.nan)
     poses[:, : rows.shape[1] - 1] = rows[:, 1:]
@@ -222,17 +224,35 @@ def _choose(path: Path, names: Sequence[str], columns: Mapping[str, str]) -> dic
 
 
 def _good(
-    path: Path, time: NDArray[np.float64], twist: NDArray[np.float64], lines: Sequence[int]
+    path: Path,
+    time: NDArray[np.float64],
+    twist: NDArray[np.float64],
+    is_stray: NDArray[np.bool_],
+    lines: Sequence[int],
 ) -> tuple[NDArray[np.bool_], list[str]]:
     """Return which rows are good, and remarks on the others."""
     finite = np.isfinite(time) & known(twist)
     late = finite & ~increasing(np.where(finite, time, np.nan))
     remarks = [
         f"{path}: {bad.sum()} of {len(bad)} rows {reason}, first in line {lines[int(np.argmax(bad))]}: left out"
-        for bad, reason in ((~finite, "without a finite time and twist"), (late, "whose time does not increase"))
+        for bad, reason in (
+            (is_stray, "whose time is far from those around"),
+            (~finite & ~is_stray, "without a finite time and twist"),
+            (late, "whose time does not increase"),
+        )
         if bad.any()
     ]
     return finite & ~late, remarks
+
+
+def _joined(time: NDArray[np.float64], keep: NDArray[np.bool_], is_stray: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of the kept rows continue the kept row before: nothing lies between, or strays that took no time."""
+    rows = np.flatnonzero(keep)
+    steps = np.diff(time[rows], prepend=np.nan)
+    left_out = np.cumsum(~keep & ~is_stray)[rows]
+    passed = np.diff(rows, prepend=-1) > 1
+    joined = np.diff(left_out, prepend=-1) == 0
+    return joined & ~(passed & (steps > MISSING * np.nanmedian(steps)))
 
 
 def _poses(

@@ -74,3 +74,28 @@ def write_bag(folder, messages, *, plugin=Plugin.SQLITE3, compressed=False):
                 opened[topic] = writer.add_connection(topic, kind, typestore=TYPES)
             writer.write(opened[topic], round(received * 1e9), TYPES.serialize_cdr(message, kind))
     return folder
+
+
+def write_ros_1(path, messages):
+    """Write messages as a bag of ROS 1."""
+    rosbag1, noetic = pytest.importorskip("rosbags.rosbag1"), typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    noetic.register(typesys.get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
+    heads = iter(range(10**6))
+
+    def of_ros_1(value):
+        """Return a message of ROS 1: its header has a number."""
+        if isinstance(value, list):
+            return [of_ros_1(each) for each in value]
+        if not hasattr(value, "__msgtype__"):
+            return value
+        parts = {name: of_ros_1(part) for name, part in vars(value).items() if name != "__msgtype__"}
+        numbered = {"seq": next(heads)} if value.__msgtype__ == "std_msgs/msg/Header" else {}
+        return noetic.types[value.__msgtype__](**numbered, **parts)
+
+    with rosbag1.Writer(path) as writer:
+        opened = {}
+        for topic, kind, received, message in messages:
+            if topic not in opened:
+                opened[topic] = writer.add_connection(topic, kind, typestore=noetic)
+            writer.write(opened[topic], round(received * 1e9), noetic.serialize_ros1(of_ros_1(message), kind))
+    return path

@@ -62,23 +62,7 @@ def test_a_bag_is_read_whatever_its_file_is_called(tmp_path, plugin):
 
 
 def test_a_bag_of_ros_1_is_read(tmp_path):
-    rosbag1, noetic = pytest.importorskip("rosbags.rosbag1"), ros.typesys.get_typestore(ros.typesys.Stores.ROS1_NOETIC)
-    heads = iter(range(10**6))
-
-    def of_ros_1(value):
-        """Return a message of ROS 1: its header has a number."""
-        if not hasattr(value, "__msgtype__"):
-            return value
-        parts = {name: of_ros_1(part) for name, part in vars(value).items() if name != "__msgtype__"}
-        numbered = {"seq": next(heads)} if value.__msgtype__ == "std_msgs/msg/Header" else {}
-        return noetic.types[value.__msgtype__](**numbered, **parts)
-
-    with rosbag1.Writer(tmp_path / "drive.bag") as writer:
-        opened = {}
-        for topic, kind, received, message in messages_of(SHORT):
-            if topic not in opened:
-                opened[topic] = writer.add_connection(topic, kind, typestore=noetic)
-            writer.write(opened[topic], round(received * 1e9), noetic.serialize_ros1(of_ros_1(message), kind))
+    ros.write_ros_1(tmp_path / "drive.bag", messages_of(SHORT))
     shutil.copy(tmp_path / "drive.bag", tmp_path / "recording")
     for name in ("drive.bag", "recording"):
         drive = read(tmp_path / name)

@@ -20,12 +20,20 @@ def written(path, times, poses, ranges=None, **more):
 
 
 def test_the_twist_is_the_arc_between_poses(tmp_path):
-    drive = read(written(tmp_path / "a.npz", (10.0, 10.5, 11.5), ARC))
+    path = written(tmp_path / "a.npz", (10.0, 10.5, 11.5), ARC)
+    drive = read(path)
     np.testing.assert_allclose(drive.time, [0.0, 0.5, 1.5])
     np.testing.assert_allclose(drive.twist[1:], [[0.4, 0.4], [0.4, 0.4]], atol=1e-12)  # along the arc, not its chord
     np.testing.assert_allclose(drive.odometry, ARC)
     assert not drive.has_truth
+    (remark,) = drive.remarks
+    assert "nothing says where the LiDAR is on the robot: it is assumed in the middle of the axle" in remark
+    drive = read(path, mount=(0.1, 0.0, math.pi))
     assert drive.remarks == ()
+    assert drive.scans[0].mount == (0.1, 0.0, math.pi)
+    assert drive.scans[2].lidar == pytest.approx(
+        (ARC[2][0] + 0.1 * math.cos(0.6), ARC[2][1] + 0.1 * math.sin(0.6), 0.6 - math.pi)
+    )
 
 
 @pytest.mark.parametrize(("beams", "degrees"), [(180, 1.0), (181, 1.0), (360, 0.5), (361, 0.5)])
@@ -59,7 +67,7 @@ def test_the_arrays_of_a_log(tmp_path):
     np.testing.assert_allclose(drive.time, [0.0, 1.0, 2.0])
     np.testing.assert_allclose(drive.truth, [ARC[0], [np.nan] * 3, (7.0, 8.0, 0.5)])
     assert (drive.scans[0].scan.ranges[0], drive.scans[0].scan.ranges[3]) == (1.5, np.inf)
-    assert "1 of 4 rows have a time that does not increase" in drive.remarks[0]
+    assert "1 of 4 rows have a time that does not increase" in drive.remarks[-1]
     np.savez(path, **arrays, reference_row=[0, 4], reference=np.array(ARC[:2]))
     with pytest.raises(ValueError, match="do not fit each other"):
         read(path)
@@ -67,7 +75,7 @@ def test_the_arrays_of_a_log(tmp_path):
 
 @pytest.mark.parametrize(("name", "left_out"), [("aces", 0), ("intel", 1612)])
 def test_a_real_building_is_read_and_replayed(name, left_out):
-    drive = read(recorded(f"carmen/{name}.npz"))
+    drive = read(recorded(f"carmen/{name}.npz"), mount=(0.0, 0.0, 0.0))
     assert len(drive.scans) > 7000
     assert sum("does not increase" in remark for remark in drive.remarks) == bool(left_out)
     assert all(f"{left_out} of " in remark for remark in drive.remarks)
