@@ -208,3 +208,92 @@ def test_the_figures_legend_hides_nothing_and_calls_a_measured_twist_measured():
     assert "command" not in names
     assert not any(legend.get_window_extent().overlaps(axes.get_tightbbox()) for axes in figure.axes)
     assert not any(axes.get_legend() for axes in figure.axes)
+
+
+DEVIATIONS = (0.03, 0.03, 0.05)
+SENSOR = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+
+def sensed(folder, *, topics=("/amcl_pose",), every=1, frame=(0.0, 0.0, 0.0)):
+    """Write a bag of exact wheels, the truth, and a pose sensor of known noise; ``frame``: its frame in the truth's."""
+    messages, random = pytest.importorskip("rosbag_messages"), np.random.default_rng(8)
+    drive, said = perfect_drive(3000), []
+    for k, (time, place, twist) in enumerate(zip(drive.time, drive.truth, drive.twist, strict=True)):
+        said.append(("/odom", messages.ODOMETRY, time, messages.odometry(time, place, twist)))
+        header = messages.header(time)
+        said.append(("/ground_truth", messages.POSE, time, messages.make(messages.POSE, header, messages.pose(*place))))
+        away = complex(place[0] - frame[0], place[1] - frame[1]) * np.exp(-1j * frame[2])
+        measured = np.array([away.real, away.imag, place[2] - frame[2]]) + np.array(DEVIATIONS) * random.standard_normal(3)
+        if k % every == 0:
+            stated = messages.make("geometry_msgs/msg/PoseWithCovariance", messages.pose(*measured), np.zeros(36))
+            said += [(topic, SENSOR, time, messages.make(SENSOR, header, stated)) for topic in topics]
+    return messages.write_bag(folder, said)
+
+
+def noise_file(path, factor=1.0):
+    variances = ", ".join(f"{(factor * deviation) ** 2:.8f}" for deviation in DEVIATIONS)
+    path.write_text(f"odometry: {{R: [{variances}]}}\n")
+    return str(path)
+
+
+def replayed(capsys, tmp_path, folder, *options):
+    assert main(["replay", str(folder), "--json", str(tmp_path / "replay.json"), "--force", *options]) == 0
+    (run,) = json.loads((tmp_path / "replay.json").read_text())["runs"]
+    return run, capsys.readouterr()
+
+
+@pytest.mark.parametrize("frame", [(0.0, 0.0, 0.0), (3.0, -1.0, 2.0)])
+def test_a_recorded_pose_sensor_corrects_the_filter_and_its_nees_is_that_of_its_noise(tmp_path, capsys, frame):
+    folder = sensed(tmp_path / "bag", frame=frame)
+    run, printed = replayed(capsys, tmp_path, folder, "--noise", noise_file(tmp_path / "noise.yaml"))
+    assert run["measured"] == "/amcl_pose"
+    assert "bag: measured poses recorded on /amcl_pose." in printed.out
+    assert run["mean"]["raw"]["position_mean"] == pytest.approx(0.03 * np.sqrt(np.pi / 2.0), rel=0.05)  # Rayleigh's mean
+    assert run["mean"]["filter"]["position_mean"] < 0.5 * run["mean"]["raw"]["position_mean"]
+    assert len(run["seeds"]["nees"]) == 1
+    # The wheels are exact and the filter assumes that they are not: it may be unsure, never too sure.
+    assert 0.3 < run["nees"] < 3.5
+    assert ("in another frame" in printed.err) == any(frame)
+    sure, _ = replayed(capsys, tmp_path, folder, "--noise", noise_file(tmp_path / "noise.yaml", 0.2))
+    assert sure["nees"] > 3.0 * run["nees"]  # the number shows a filter that is too sure
+
+
+def test_measurements_are_generated_where_none_are_recorded_or_where_that_is_asked_for(tmp_path, capsys):
+    folder = sensed(tmp_path / "bag")
+    run, _ = replayed(capsys, tmp_path, folder, "--measured", "generated", "--seeds", "2")
+    assert (run["measured"], len(run["seeds"]["nees"])) == ("generated", 2)
+    run, _ = replayed(capsys, tmp_path, sensed(tmp_path / "bare", topics=()), "--seeds", "2")
+    assert run["measured"] == "generated"
+
+
+def test_of_several_pose_sensors_one_must_be_named(tmp_path, capsys):
+    folder = sensed(tmp_path / "bag", topics=("/left", "/right"), every=10)
+    run, printed = replayed(capsys, tmp_path, folder, "--seeds", "1")
+    assert run["measured"] == "generated"
+    assert "/left, /right state poses: --topics.fix says which of them corrects the filter" in printed.err
+    run, _ = replayed(capsys, tmp_path, folder, "--topics.fix", "/right", "--rate", "1")
+    assert run["measured"] == "/right"
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--seeds", "3"), "seeds are of generated poses, and the poses are recorded"),
+        (("--noise", "wheel"), "noise must be that of measured poses, got 'wheel'"),
+        (("--measured", "generated", "--topics.fix", "/amcl_pose"), "leave one of them out"),
+        (("--measured", "laser"), "measured must be one of 'auto', 'recorded', 'generated', got 'laser'"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(tmp_path, capsys, options, said):
+    assert main(["replay", str(sensed(tmp_path / "bag", every=50)), *options]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_the_measured_poses_of_a_table_are_a_sensor_if_their_noise_is_white(tmp_path, capsys):
+    drive, random = perfect_drive(1500), np.random.default_rng(2)
+    for name, deviation in (("recorded", 0.03), ("generated", 0.0)):  # the second are wheels that add up
+        poses = drive.truth + deviation * random.standard_normal(drive.truth.shape)
+        columns = np.column_stack([drive.time, drive.twist, poses, drive.truth])
+        header = "t v omega x y theta true_x true_y true_theta"
+        np.savetxt(tmp_path / "drive.txt", columns, header=header, comments="")
+        assert replayed(capsys, tmp_path, tmp_path / "drive.txt")[0]["measured"] == name

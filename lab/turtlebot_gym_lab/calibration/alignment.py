@@ -68,15 +68,10 @@ def aligned(
         delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
         is_noisy: Whether the truth is no better than measured poses.
     """
-    remarks, frame, late = [], SAME_FRAME, NO_SHIFT
+    remarks: list[str] = []
+    frame, late = SAME_FRAME, NO_SHIFT
     if has_truth and kind == "pose":
-        frame = _find_frame(drive)
-        if frame.is_other:
-            drive = _into_measured_frame(drive, frame)
-            remarks.append(
-                f"the truth is in another frame: that of the measured poses lies at ({frame.x:.3f} m, {frame.y:.3f} m, "
-                f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be distinguished from that"
-            )
+        drive, frame, remarks = in_one_frame(drive)
         late = _truth_delay(drive)
         if late.is_sure:
             drive = _shift_truth(drive, late.value)
@@ -102,6 +97,18 @@ def aligned(
             remark += ", that is, the twist comes late; this is left as it is, as the filter meets it"
         remarks.append(remark)
     return drive, (twist_late, late), frame, remarks
+
+
+def in_one_frame(drive: Drive) -> tuple[Drive, Frame, list[str]]:
+    """Return a drive with its truth in the frame of the measured poses, that frame in the truth's, and a remark if it moved."""
+    frame = _find_frame(drive)
+    if not frame.is_other:
+        return drive, frame, []
+    remark = (
+        f"the truth is in another frame: that of the measured poses lies at ({frame.x:.3f} m, {frame.y:.3f} m, "
+        f"{frame.theta:.4f} rad) in it; a bias of x and y cannot be distinguished from that"
+    )
+    return _into_measured_frame(drive, frame), frame, [remark]
 
 
 def _progress(drive: Drive) -> NDArray[np.float64]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import math
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
-from turtlebot_gym.validation import as_int
+from turtlebot_gym.validation import as_int, choose
 from turtlebot_gym_agents.commands.console import FigureFile, ReportingOptions, print_tables, progress, save_figure
 from turtlebot_gym_lab.commands.recorded import RecordingOptions
 
@@ -63,30 +64,62 @@ class Estimate(ReportingOptions):
             save_figure(report.estimation_figure(result), self.plot)
 
 
+GENERATED = "generated"
+"""Where measured poses come from if they are not recorded."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Replay(ReportingOptions, RecordingOptions):
     """Run the filter over recorded drives with known truth.
 
-    The filter predicts with the recorded wheel odometry, and is corrected by measured poses generated from the true ones with a
-    preset's noise.
+    The filter predicts with the recorded wheel odometry, and is corrected by the recorded poses of a sensor, such as AMCL's; if
+    there are none, by poses generated from the true ones with a preset's noise.
     """
 
     files: tyro.conf.Positional[tuple[Path, ...]]
     """Recordings with truth: bags, laser arrays, or tables with named columns."""
     filter: str = "matched"
     """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, or one of your own (MODULE:NAME)."""
+    measured: str = "auto"
+    """Measured poses: recorded, generated (from the true ones), or auto: recorded if there are any, such as those on
+    /amcl_pose, /pose or /pose_fix of a bag (or another topic by --topics.fix), and generated otherwise."""
     noise: str = "documented"
-    """Noise of the measured poses: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
+    """Noise of the measured poses: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); of recorded
+    ones, what the filter assumes."""
     integrator: str = "midpoint"
     """Integrator of the motion: euler or midpoint."""
     seed: int = 0
-    """The first seed of the noise."""
-    seeds: int = 20
-    """Number of seeds to average over."""
-    rate: float = 10.0
-    """Measured poses per second."""
+    """The first seed of the noise of generated poses."""
+    seeds: int | None = None
+    """Number of seeds of generated poses to average over; 20 by default."""
+    rate: float | None = None
+    """Measured poses per second, at most; by default 10 of generated ones, and all recorded ones."""
     plot: FigureFile = None
     """Draw the first seed here; for several files, one figure each, with the file's name appended."""
+
+    def _read(self, path: Path) -> tuple[Drive, str]:
+        """Return a drive to be replayed, and where its measured poses come from: a topic, "recorded" or "generated"."""
+        from turtlebot_gym_lab.calibration.calibrate import detect_kind
+        from turtlebot_gym_lab.calibration.estimates import POSE
+        from turtlebot_gym_lab.drives import read
+        from turtlebot_gym_lab.drives.reading import pose_sensors
+        from turtlebot_gym_lab.evaluation.replay import replayable
+
+        if self.measured == GENERATED:
+            if self.topics.fix:
+                raise ValueError(
+                    "--topics.fix names recorded poses, and --measured generated takes none: leave one of them out."
+                )
+            return replayable(read(path, **self.reading())), GENERATED
+        found = pose_sensors(path, truth=self.truth)
+        fix = self.topics.fix or (found[0] if len(found) == 1 else "")
+        drive = read(path, **replace(self, topics=replace(self.topics, fix=fix)).reading())
+        if len(found) > 1 and not self.topics.fix:
+            remark = f"{path}: {', '.join(found)} state poses: --topics.fix says which of them corrects the filter"
+            drive = replace(drive, remarks=(*drive.remarks, remark))
+        if fix or self.measured == "recorded" or detect_kind(drive) == POSE:
+            return replayable(drive, recorded=True), fix or "recorded"
+        return replayable(drive), GENERATED
 
     def paths(self, name: str) -> tuple[Path, ...]:
         """Return the files that an option writes: for ``plot``, one per drive if there are several."""
@@ -99,30 +132,51 @@ class Replay(ReportingOptions, RecordingOptions):
 
     def run(self) -> None:
         from turtlebot_gym_lab.commands import report
-        from turtlebot_gym_lab.drives import read
-        from turtlebot_gym_lab.evaluation.replay import dead_reckoning, replay_figure, replay_seeds, replayable
+        from turtlebot_gym_lab.evaluation.replay import dead_reckoning, replay_figure, replay_seeds
 
         if not self.files:
             raise ValueError("At least one FILE must be given.")
-        as_int("seeds", self.seeds, 1)
+        choose("measured", self.measured, dict.fromkeys(("auto", "recorded", "generated")))
+        number = as_int("seeds", 20 if self.seeds is None else self.seeds, 1)
         drives: dict[Path, Drive] = {}
+        sensors: dict[Path, str] = {}
         with progress(len(self.files)) as advance_to:
-            for number, path in enumerate(self.files, start=1):
-                drives[path] = replayable(read(path, **self.reading()))
-                advance_to(number)
+            for at, path in enumerate(self.files, start=1):
+                drives[path], sensors[path] = self._read(path)
+                advance_to(at)
+        if (self.seed or self.seeds is not None) and GENERATED not in sensors.values():
+            raise ValueError(
+                "seeds are of generated poses, and the poses are recorded: leave them out, or --measured generated."
+            )
         for remark in (remark for drive in drives.values() for remark in drive.remarks):
             print(remark, file=sys.stderr)
-        options = {"noise": self.noise, "filter": self.filter, "rate": self.rate, "integrator": self.integrator}
         results = {}
-        with progress(self.seeds * len(drives)) as advance_to:
+        seeds = {path: range(self.seed, self.seed + (number if sensors[path] == GENERATED else 1)) for path in drives}
+        with progress(sum(map(len, seeds.values()))) as advance_to:
             count = itertools.count(1)
             for path, drive in drives.items():
-                seeds = range(self.seed, self.seed + self.seeds)
-                results[path] = replay_seeds(drive, seeds, progress=lambda: advance_to(next(count)), **options)
+                recorded = sensors[path] != GENERATED
+                results[path] = replay_seeds(
+                    drive,
+                    seeds[path],
+                    progress=lambda: advance_to(next(count)),
+                    noise=self.noise,
+                    filter=self.filter,
+                    rate=self.rate or (math.inf if recorded else 10.0),
+                    integrator=self.integrator,
+                    recorded=recorded,
+                )
         names = [path.name for path in results]
-        tables = {path.name if names.count(path.name) == 1 else str(path): result for path, result in results.items()}
-        print_tables(report.replay_table(tables, title=f"noise {self.noise}, filter {self.filter}, mean of {self.seeds} seeds"))
-        self.report({"runs": [{"file": path, **result.summary()} for path, result in results.items()]})
+        labels = {path: path.name if names.count(path.name) == 1 else str(path) for path in results}
+        title = f"noise {self.noise}, filter {self.filter}"
+        title += f", mean of {number} seeds" if GENERATED in sensors.values() else ""
+        tables = {labels[path]: result for path, result in results.items()}
+        print_tables(report.replay_table(tables, title=title))
+        for path, sensor in sensors.items():
+            how = f"generated from the truth, noise {self.noise}" if sensor == GENERATED else "recorded"
+            print(f"{labels[path]}: measured poses {how}{f' on {sensor}' if sensor.startswith('/') else ''}.")
+        runs = [{"file": path, "measured": sensors[path], **result.summary()} for path, result in results.items()]
+        self.report({"runs": runs})
         if self.plot is not None:
             for (path, drive), picture in zip(drives.items(), self.paths("plot"), strict=True):
                 figure = replay_figure(

@@ -24,14 +24,23 @@ def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
         results: Name and result of each.
         title: Title of the figure or table.
     """
-    table = Table("", "", *ERRORS, "drift, m per metre", "drift, rad per metre", title=title)
+    table = Table(
+        "",
+        "",
+        *ERRORS,
+        "drift, m per metre",
+        "drift, rad per metre",
+        "NEES",
+        title=title,
+        caption="NEES of the pose, mean: 3 if the filter's covariance is right, more if it is too sure of itself",
+    )
     for name, replayed in results.items():
         table.add_section()
         table.add_row(name, "measured pose", *error_cells(replayed.raw))
         table.add_row(
             "", "wheels alone", *error_cells(replayed.wheels), f"{replayed.drift:.3f}", f"{replayed.drift_heading:.3f}"
         )
-        table.add_row("", "filter", *error_cells(replayed.filter))
+        table.add_row("", "filter", *error_cells(replayed.filter), "", "", f"{np.mean(replayed.nees):.2f}")
     return table
 
 

@@ -1,8 +1,8 @@
-"""The filter on recorded drives: recorded wheel odometry, and measured poses generated from the true ones.
+"""The filter on recorded drives: recorded wheel odometry, and measured poses, recorded or generated from the true ones.
 
 Real wheels slip and drift in ways that no simulation does. A recording with motion-capture truth shows whether the filter
-copes: it predicts with the recorded twist, and is corrected a few times a second by the true pose with an odometry preset's
-noise.
+copes: it predicts with the recorded twist, and is corrected by the recorded poses of a sensor, such as those of AMCL, or if
+there are none, a few times a second by the true pose with an odometry preset's noise.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive, known, position_error
+from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.estimation.filters import filter_of, matrix
 from turtlebot_gym.models.odometry import sense
 from turtlebot_gym.models.random import MAX_SEED, episode_key
@@ -27,6 +28,7 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int, choose
 from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
+from turtlebot_gym_lab.calibration.alignment import in_one_frame
 from turtlebot_gym_lab.calibration.plausibility import require_units
 
 if TYPE_CHECKING:
@@ -37,19 +39,33 @@ ANY_ROBOT = Robot(max_linear=1.0, max_angular=3.0)
 """Speed limits for unknown robots; no small robot reaches the refused multiples of them."""
 
 
-def replayable(drive: Drive) -> Drive:
+def replayable(drive: Drive, *, recorded: bool = False) -> Drive:
     """Return the longest stretch of a drive whose rows continue each other and that begins and ends with a true pose.
 
+    Args:
+        drive: The drive.
+        recorded: Whether its measured poses are replayed: then the stretch begins with one, and the truth is in their frame.
+
     Raises:
-        ValueError: If there is no truth, or a unit is wrong.
+        ValueError: If there is no truth, no measured pose is to be replayed, or a unit is wrong.
     """
     where = drive.around.label
+    if recorded and not drive.has_odometry:
+        raise ValueError(f"{where}: it holds no measured poses: name their topic or columns, or generate them from the truth.")
     has_truth = known(drive.truth)
     if has_truth.sum() < 2:
         raise ValueError(f"{where}: a replay needs the true poses; record them, or name their columns or their topic.")
     require_units(drive, ANY_ROBOT, where)
+    if recorded:
+        drive, _, remarks = in_one_frame(drive)
+        drive = replace(drive, remarks=(*drive.remarks, *(f"{where}: {remark}" for remark in remarks)))
     begins = np.flatnonzero(~drive.joined)
     stretches = [rows[has_truth[rows]] for rows in np.split(np.arange(len(drive)), begins[1:])]
+    if recorded:
+        first = [np.argmax(known(drive.odometry[rows])) if len(rows) else 0 for rows in stretches]
+        stretches = [rows[at:] for rows, at in zip(stretches, first, strict=True) if known(drive.odometry[rows]).any()]
+    if not stretches:
+        raise ValueError(f"{where}: the true and the measured poses do not overlap in time.")
     first, last = max(((rows[0], rows[-1]) for rows in stretches if rows.size), key=lambda ends: ends[1] - ends[0])
     if last - first + 1 == len(drive):
         return drive
@@ -57,10 +73,10 @@ def replayable(drive: Drive) -> Drive:
     return replace(drive[first : last + 1], remarks=(*drive.remarks, remark))
 
 
-def dead_reckoning(drive: Drive, *, integrator: str = "midpoint") -> NDArray[np.float64]:
-    """Return the poses by dead reckoning from the first true one, shape (T, 3)."""
+def dead_reckoning(drive: Drive, *, start: Pose | None = None, integrator: str = "midpoint") -> NDArray[np.float64]:
+    """Return the poses by dead reckoning from a start, by default the first true pose, shape (T, 3)."""
     rule = choose("integrator", integrator, INTEGRATORS)
-    pose = Pose(*drive.truth[0].tolist())
+    pose = Pose(*drive.truth[0].tolist()) if start is None else start
     poses = [pose]
     for (v, omega), dt in zip(drive.twist[1:].tolist(), np.diff(drive.time).tolist(), strict=True):
         pose = advance(pose, v, omega, dt, rule)
@@ -111,6 +127,7 @@ def replay(
     seed: int = 0,
     rate: float = 10.0,
     integrator: str = "midpoint",
+    recorded: bool = False,
 ) -> Drive:
     """Run the filter over a recorded drive.
 
@@ -123,9 +140,11 @@ def replay(
         seed: Seed of the odometry's noise.
         rate: Measured poses per second; infinite for every row.
         integrator: "euler" or "midpoint".
+        recorded: Whether the filter is corrected by the drive's own measured poses, as from ``replayable(recorded=True)``; then
+            ``noise`` only says what the filter assumes of them, and ``seed`` counts for nothing.
 
     Returns:
-        The drive from time 0 with generated odometry (NaN on rows without a measurement), estimate and covariance on every row.
+        The drive from time 0 with the odometry used (NaN on rows without a measurement), estimate and covariance on every row.
         ``command`` is the recorded twist.
 
     Raises:
@@ -134,6 +153,8 @@ def replay(
     POSITIVE_OR_INFINITE.check("rate", rate)
     as_int("seed", seed, 0, MAX_SEED)
     in_force = replace(make_noise(noise), process=process)
+    if recorded and in_force.odometry.wheel:
+        raise ValueError(f"noise must be that of measured poses, got {noise!r}: by wheels the filter is not corrected.")
     tuning, rule = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
     key = episode_key(seed, 0)
     true, wheels = ([Pose(*pose) for pose in poses.tolist()] for poses in (drive.truth, dead_reckoning(drive)))
@@ -142,16 +163,25 @@ def replay(
     commands.append(commands[-1])
     elapsed = drive.time - drive.time[0]
     ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
-    due = (np.diff(ticks, prepend=-1.0) > 0.0) & known(drive.truth)
+    due = known(drive.odometry if recorded else drive.truth)
+    if recorded:
+        at = np.flatnonzero(due)
+        due[at] = np.diff(ticks[at], prepend=-1.0) > 0.0
+    else:
+        due &= np.diff(ticks, prepend=-1.0) > 0.0
 
     filter_start, filter_step, *_ = filter_of(tuning)
-    now = sense(true[0], wheels[0], commands[0], Odometry(true[0], commands[0], True), in_force.odometry, key, 0)
+    given = [Odometry(Pose(*pose), command, True) for pose, command in zip(drive.odometry.tolist(), commands, strict=True)]
+    start = Odometry(true[0], commands[0], True)
+    now = given[0] if recorded else sense(true[0], wheels[0], commands[0], start, in_force.odometry, key, 0)
     estimate = filter_start(Senses(now), tuning)
     estimate = _moving(estimate, commands[0])
     odometry, beliefs = [now.pose], [estimate.belief]
     for row, dt in enumerate(np.diff(drive.time).tolist(), start=1):
         before, now = now, Odometry(now.pose, commands[row], False)
-        if due[row]:
+        if due[row] and recorded:
+            now = given[row]
+        elif due[row]:
             now = sense(true[row], wheels[row], commands[row], before, in_force.odometry, key, row)
             due[row] = now.measured
         estimate = filter_step(estimate, Senses(before), Senses(now), tuning, dt, rule)
@@ -187,6 +217,8 @@ class Replayed(NamedTuple):
     """Errors of dead reckoning from the first true pose; a single number each."""
     filter: Errors
     """Errors of the filter's estimate."""
+    nees: NDArray[np.float64]
+    """Mean NEES of the filter's pose, a number per seed: 3 if its covariance is right."""
     drift: float
     """Mean position error of dead reckoning over consecutive segments of 1 m, m."""
     drift_heading: float
@@ -201,7 +233,8 @@ class Replayed(NamedTuple):
             for name, errors in (("raw", self.raw), ("wheels", self.wheels), ("filter", self.filter))
         }
         per_metre = {"position": self.drift, "heading": self.drift_heading}
-        return {"mean": means, "wheels_per_metre": per_metre, "seeds": {"raw": self.raw, "filter": self.filter}}
+        seeds = {"raw": self.raw, "filter": self.filter, "nees": self.nees}
+        return {"mean": means, "nees": float(np.mean(self.nees)), "wheels_per_metre": per_metre, "seeds": seeds}
 
 
 def replay_seeds(
@@ -226,10 +259,21 @@ def replay_seeds(
         errors(np.stack([replayed.odometry for replayed in trajectories], axis=1), truth),
         errors(wheels, drive.truth),
         errors(np.stack([replayed.estimate for replayed in trajectories], axis=1), truth),
+        np.array([_mean_nees(replayed) for replayed in trajectories]),
         float(position.mean()) if position.size else np.nan,
         float(np.abs(heading).mean()) if heading.size else np.nan,
         trajectories[0],
     )
+
+
+def _mean_nees(replayed: Drive) -> float:
+    """Return the mean NEES of the estimated pose over the rows with a truth, and after the first row."""
+    rows = known(replayed.truth)
+    rows[0] = False
+    if not rows.any():
+        return float("nan")
+    estimate, truth, covariance = (each[rows] for each in (replayed.estimate, replayed.true_state, replayed.covariance))
+    return float(np.mean(nees(estimate, truth, covariance, components=3)))
 
 
 def replay_figure(trajectory: Drive, wheels: NDArray[np.float64], *, title: str | None = None) -> Figure:
