@@ -81,6 +81,19 @@ def _subtract(occupied: Any, outside: Any, inside: Any, side: float, out: Any) -
     out[:] = np.minimum(np.maximum((occupied - 0.5 + np.sqrt(outside) - np.sqrt(inside)) * side, -REACH), REACH)
 
 
+def _measure_each(squares, side, out):
+    for row in range(out.shape[0]):
+        for column in range(out.shape[1]):
+            out[row, column] = min(sqrt(squares[row, column]) * side, REACH)
+
+
+@in_loops(_measure_each)
+def _measure(squares: Any, side: float, out: Any) -> None:
+    """Write the distances, m, of their squares in cells; an array of doubles would take 8 bytes for each cell of a map."""
+    for row in range(out.shape[0]):
+        out[row] = np.minimum(np.sqrt(squares[row]) * side, REACH)
+
+
 @kernel
 def _squares_to_nearest(marked: Any, value: bool, reach: int) -> Any:
     """Return the squared distance from each cell to the nearest with a value, in cells; (reach + 1)^2 or more beyond the reach.
@@ -128,7 +141,7 @@ def field_of_hits(occupied: Any, side: float, out: Any) -> None:
         side: Side of a cell, m.
         out: Output, the same shape, float32, m.
     """
-    out[:] = np.minimum(np.sqrt(_squares_to_nearest(occupied, True, int(REACH / side) + 1)) * side, REACH)
+    _measure(_squares_to_nearest(occupied, True, int(REACH / side) + 1), side, out)
 
 
 @kernel
