@@ -72,8 +72,13 @@ def gyro_table(fitted: GyroFit, *, title: str) -> Table:
 
 
 def _interval(estimate: CalibrationEstimate) -> str:
-    high = f"{estimate.high:.4g}" if math.isfinite(estimate.high) else "?"
-    return f"{estimate.low:.4g} to {high}{' *' if estimate.is_profile else ''}"
+    """Return an interval with as many digits as tell its ends apart; one without a width says nothing of an error."""
+    low, high = estimate.low, estimate.high
+    if low == high:
+        return "undetermined"
+    digits = next((digits for digits in range(4, 12) if f"{low:.{digits}g}" != f"{high:.{digits}g}"), 12)
+    upper = f"{high:.{digits}g}" if math.isfinite(high) else "?"
+    return f"{low:.{digits}g} to {upper}{' *' if estimate.is_profile else ''}"
 
 
 def _in_file(fitted: Calibration, name: str, estimate: CalibrationEstimate) -> str:
