@@ -13,7 +13,7 @@ import numpy as np
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.values import Pose
-from turtlebot_gym_lab.drives.clocks import AHEAD, SIMULATED, Stamps, rolled_over, strays
+from turtlebot_gym_lab.drives.clocks import AHEAD, SIMULATED, Stamps, rolled_over, stray_stamps
 from turtlebot_gym_lab.drives.frames import Request, asked
 from turtlebot_gym_lab.drives.messages import MEASURED, ODOMETRY, POSES, TRANSFORMS, TWISTS, TYPES, DriveListener, stamp_of
 from turtlebot_gym_lab.drives.salvage import MCAP, ROS_1, SQLITE, suffix_of
@@ -29,8 +29,8 @@ _ASKED = ("odom", "true_state", "fix", "twist")
 """Topics whose names `Topics` holds; the others are searched beside that of the odometry, and in the root."""
 _CLOCKED = ("true_state", "fix", "twist", "scan", "estimate", "imu")
 """Topics that may come from another computer."""
-_UNTIMED = ("map", "obstacles", "diagnostics", "tf_static", "mounts")
-"""Topics whose stamps count for nothing."""
+_UNTIMED = ("tf", "map", "obstacles", "diagnostics", "tf_static", "mounts")
+"""Topics whose messages have no stamp of their own that counts; transforms are judged one by one."""
 _UNREADABLE = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
@@ -134,15 +134,13 @@ def _heard(
     timed = [
         np.flatnonzero((topics == at) & np.isfinite(stamps)) for at, role in enumerate(roles.values()) if role not in _UNTIMED
     ]
-    timed = [rows for rows in timed if 2 * (stamps[rows] == 0.0).sum() < len(rows)]  # some drivers set none
     is_stray = np.zeros(len(said), np.bool_)
     for rows in timed:
-        by_stamp = rows[np.argsort(stamps[rows], kind="stable")]
-        is_stray[by_stamp] = strays(stamps[by_stamp]) | (stamps[by_stamp] == 0.0)
-    usual = np.where(is_stray | (stamps == 0.0), np.nan, stamps)
-    times = rolled_over(received[~is_stray], usual[~is_stray], topics[~is_stray])
-    for rows in timed if times is None else ():  # the recorder's order is right
-        is_stray[rows] |= strays(usual[rows])
+        is_stray[rows] = stray_stamps(stamps[rows], is_in_order=False)
+    usual = np.where(stamps == 0.0, np.nan, stamps)[~is_stray]
+    times = rolled_over(received[~is_stray], usual, topics[~is_stray])
+    for rows in timed if times is None else ():
+        is_stray[rows] = stray_stamps(stamps[rows])
     for at, name in enumerate(roles):
         if bad := int((is_stray & (topics == at)).sum()):
             whole = f"{bad} of {int((topics == at).sum())} messages"
@@ -166,6 +164,10 @@ def _heard(
 def _chained(listener: DriveListener, tree: str, frames: str, path: Path) -> list[str]:
     """Take the poses of a chain of transforms for the truth, and return remarks."""
     transforms, remarks = listener.transforms, []
+    for (parent, child), number in transforms.settle().items():
+        remarks.append(
+            f"{tree}:{parent}.{child}: {number} transforms have a stamp that is 0, or far from those around: left out"
+        )
     odometry = listener.frames["odom"] if listener["odom"] else ("odom", "")
     try:
         chain = Request(transforms, tree, odometry).chain(frames)

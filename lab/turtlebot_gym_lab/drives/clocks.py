@@ -145,6 +145,21 @@ def strays(time: NDArray[np.float64]) -> NDArray[np.bool_]:
     return is_stray
 
 
+def stray_stamps(stamps: NDArray[np.float64], *, is_in_order: bool = True) -> NDArray[np.bool_]:
+    """Return which messages of a topic have a stamp that is far from those around, or 0 where others have one, shape (n,).
+
+    Args:
+        stamps: Shape (n,), s.
+        is_in_order: Whether their order is that in which they were sent; if not, only stamps far from all others are strays.
+    """
+    is_stray = stamps == 0.0
+    if 2 * is_stray.sum() >= len(stamps):  # some drivers set none
+        return np.zeros(len(stamps), np.bool_)
+    by_stamp = np.argsort(stamps, kind="stable")
+    is_stray[by_stamp] |= strays(stamps[by_stamp])
+    return is_stray | (is_in_order & strays(np.where(is_stray, np.nan, stamps)))
+
+
 def continued(time: NDArray[np.float64], where: str) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[str]]:
     """Let the times of rows go on where their clock was set.
 

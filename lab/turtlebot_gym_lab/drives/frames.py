@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from turtlebot_gym.drive import GAP
 from turtlebot_gym.mounts import MOST
 from turtlebot_gym_lab.drives.alignment import FRESH, SAME, Stream
-from turtlebot_gym_lab.drives.clocks import Stamps
+from turtlebot_gym_lab.drives.clocks import Stamps, stray_stamps
 from turtlebot_gym_lab.drives.rotations import is_unit
 
 Edge = tuple[str, str]
@@ -36,6 +36,7 @@ class Transforms:
         self.repeats_fixed = False
         """Whether fixed transforms are repeated, as ROS 1 does on ``/tf``."""
         self._fixed: set[Edge] = set()
+        self._heard: dict[Edge, list[tuple[float, float, tuple[float, ...]]]] = {}
 
     def hear(self, message: Any, received: float, *, is_static: bool) -> None:
         """Take a message with ``transforms``, received at a time in s."""
@@ -46,13 +47,25 @@ class Transforms:
             if not all(map(math.isfinite, values)) or not is_unit(q):
                 self.bad[edge] = self.bad.get(edge, 0) + 1
                 continue
-            if edge not in self.edges and len(self.edges) >= MOST:
+            if edge not in self._heard and len(self._heard) >= MOST:
                 raise ValueError(f"there are more than {MOST} frames")
             stamp = transform.header.stamp.sec + transform.header.stamp.nanosec * 1e-9
             if is_static:
                 self._fixed.add(edge)
-            time = received if is_static else self.clocks.setdefault(edge, Stamps()).read(stamp or received, received)
-            self.edges.setdefault(edge, Stream()).add(time, values)
+            self._heard.setdefault(edge, []).append((received if is_static else stamp, received, values))
+
+    def settle(self) -> dict[Edge, int]:
+        """Take all that was heard into `edges`, and return how many transforms have a stray stamp: those are left out."""
+        left_out: dict[Edge, int] = {}
+        for edge, heard in self._heard.items():
+            is_stray = stray_stamps(np.array([stamp for stamp, _, _ in heard]))
+            stream, clock = self.edges.setdefault(edge, Stream()), self.clocks.setdefault(edge, Stamps())
+            for (stamp, received, values), bad in zip(heard, is_stray.tolist(), strict=True):
+                if not bad:
+                    stream.add(clock.read(stamp or received, received), values)
+            left_out |= {edge: int(is_stray.sum())} if is_stray.any() else {}
+        self._heard.clear()
+        return left_out
 
     def stands(self, edge: Edge) -> bool:
         """Return whether a transform is a fixed one: of ``/tf_static``, sent once, or repeated by ROS 1."""

@@ -5,7 +5,7 @@ import pytest
 from drawing import columns_of, draw, write
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from rosbag_messages import ODOMETRY, POSE, header, make, odometry, pose, write_bag
+from rosbag_messages import ODOMETRY, POSE, TF, header, make, odometry, pose, transform, write_bag, write_ros_1
 
 from turtlebot_gym_lab.drives import bags, laser, read, tables
 from turtlebot_gym_lab.drives.clocks import strays
@@ -43,6 +43,17 @@ def bag(folder, rows):
     return write_bag(folder / "bag", messages)
 
 
+def tree(folder, rows):
+    """Write a bag of ROS 1 whose truth is in transforms; a fixed one is repeated without a stamp."""
+    messages = []
+    for at, (k, stamp) in enumerate(rows):
+        received = START + DRAWN.time[k] + 1e-3 + 1e-5 * at
+        messages.append(("/odom", ODOMETRY, received, odometry(START + DRAWN.time[k], DRAWN.odometry[k], DRAWN.twist[k])))
+        moving, fixed = transform(stamp, DRAWN.truth[k], "base", "map"), transform(0.0, (0.0, 0.0, 0.0), "laser", "base")
+        messages.append(("/tf", TF, received, make(TF, [fixed, moving] if k % 2 else [moving])))
+    return write_ros_1(folder / "drive.bag", messages)
+
+
 def clean():
     return [(k, START + float(DRAWN.time[k])) for k in range(len(DRAWN))]
 
@@ -66,6 +77,15 @@ def test_strays_change_nothing_and_are_counted(tmp_path_factory, form, inserted)
         assert f"{number} of {len(rows)}" in remark
     for name in EXACT:
         np.testing.assert_array_equal(getattr(drive, name), getattr(expected, name), err_msg=name)
+
+
+def test_a_transform_with_a_stray_stamp_is_left_out_and_one_that_never_has_a_stamp_is_not(tmp_path):
+    rows = [(k, {50: 0.0, 120: 12345.0, 121: START + 9e5}.get(k, stamp)) for k, stamp in clean()]
+    drive = read(tree(tmp_path, rows), truth="/tf:map.laser")
+    assert any("/tf:map.base: 3 transforms have a stamp that is 0, or far" in remark for remark in drive.remarks)
+    there = np.ones(len(DRAWN), np.bool_)
+    there[[50, 120, 121]] = False  # between its neighbours there
+    np.testing.assert_allclose(drive.truth[there], DRAWN.truth[there], atol=1e-6)
 
 
 def test_a_row_that_has_lost_its_stamp_costs_that_row_alone(tmp_path):
@@ -106,9 +126,11 @@ def test_a_robot_without_a_clock_of_its_own_drives_on_when_the_network_sets_it(t
     assert any("the clock was set ahead 1 times, first by 1699999" in remark for remark in drive.remarks)
 
 
-@pytest.mark.parametrize(("form", "module"), [("table", tables), ("bag", bags), ("arrays", laser)])
-def test_the_law_of_strays_can_fail(tmp_path, monkeypatch, form, module):
-    monkeypatch.setattr(module, "strays", lambda time: np.zeros(len(time), np.bool_))
+@pytest.mark.parametrize(
+    ("form", "module", "name"), [("table", tables, "strays"), ("bag", bags, "stray_stamps"), ("arrays", laser, "strays")]
+)
+def test_the_law_of_strays_can_fail(tmp_path, monkeypatch, form, module, name):
+    monkeypatch.setattr(module, name, lambda time, **_: np.zeros(len(time), np.bool_))
     rows = clean()
     rows.insert(120, (120, START - 7200.0))
     drive = read(FORMS[form](tmp_path, rows))
