@@ -10,7 +10,8 @@ from drive_samples import recorded
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_noise
 from turtlebot_gym.presets import WHEEL
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_lab.calibration import calibrate
+from turtlebot_gym_lab.calibration import CalibrationEstimate, calibrate
+from turtlebot_gym_lab.commands.calibration_report import interval_text
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.evaluation.calibration import judge, simulated_log
 from turtlebot_gym_lab.evaluation.replay import replay
@@ -101,3 +102,16 @@ def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, oth
     after, before = (judge(drive, noise, range(2)) for noise in (fitted.noise, None))
     assert after.nees.mean() <= 4.0 < before.nees.mean()
     assert after.position.mean() <= 0.026
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "shown"),
+    [
+        (0.95, 1.05, "0.95 to 1.05"),
+        (0.99999, 1.00001, "0.99999 to 1"),  # never "1 to 1"
+        (1.0, 1.0, "undetermined"),
+        (0.2, np.inf, "0.2 to ?"),
+    ],
+)
+def test_the_ends_of_an_interval_are_told_apart(low, high, shown):
+    assert interval_text(CalibrationEstimate(value=1.0, low=low, high=high)) == shown

@@ -44,6 +44,7 @@ REFUSED = [
     (["calibrate", "straight.csv", "--truth", "none.csv"], "truth must be auto, none, or a file for a table, got 'none.csv'"),
     (["calibrate", "straight.csv", "--columns", "speed=v"], "columns must name time, v, omega"),
     (["calibrate", "straight.csv", "--odometry", "laser"], "straight.csv: kind must be one of 'pose', 'wheel', got 'laser'"),
+    (["calibrate", "straight.csv", "--mount", "0", "0", "0"], "only with --map do scans count: leave it out, or add --map"),
     (["replay", "no/such/file.csv"], "no/such/file.csv"),
 ]
 

@@ -43,7 +43,7 @@ def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
         caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
     )
     for name, estimate in fitted.estimates.items():
-        table.add_row(name, f"{estimate.value:.4g}", _interval(estimate), estimate.unit, _in_file(fitted, name, estimate))
+        table.add_row(name, f"{estimate.value:.4g}", interval_text(estimate), estimate.unit, _in_file(fitted, name, estimate))
     tables = [table]
     open_ = {
         name: estimate.remedy for name, estimate in fitted.estimates.items() if not estimate.is_determined
@@ -67,11 +67,11 @@ def gyro_table(fitted: GyroFit, *, title: str) -> Table:
     table = Table("", "value", "95 % interval", "unit", title=f"{title}: gyro, {against}")
     for name, estimate in fitted.estimates.items():
         note = "" if estimate.is_determined else " (not determined)"
-        table.add_row(name, f"{estimate.value:.4g}{note}", _interval(estimate), estimate.unit)
+        table.add_row(name, f"{estimate.value:.4g}{note}", interval_text(estimate), estimate.unit)
     return table
 
 
-def _interval(estimate: CalibrationEstimate) -> str:
+def interval_text(estimate: CalibrationEstimate) -> str:
     """Return an interval with as many digits as tell its ends apart; one without a width says nothing of an error."""
     low, high = estimate.low, estimate.high
     if low == high:
@@ -95,7 +95,7 @@ def comment(fitted: Calibration, name: str, version: str) -> str:
     lines = [f"Calibrated from {name} by turtlebot-gym {version}: {_basis(fitted)}."]
     for key, estimate in fitted.estimates.items():
         note = "" if estimate.is_determined else "; not determined: " + estimate.remedy
-        lines.append(f"{key}: {estimate.value:.4g}, 95 % interval {_interval(estimate)} {estimate.unit}".rstrip() + note)
+        lines.append(f"{key}: {estimate.value:.4g}, 95 % interval {interval_text(estimate)} {estimate.unit}".rstrip() + note)
     lines += [f"{key}: unknown; {remedy}" for key, remedy in fitted.unknown.items()]
     lines += [f"Found: {remark}" for remark in fitted.remarks]
     lines.append(fitted.verdict.text)

@@ -8,14 +8,17 @@ import rosbag_messages as ros
 from drawing import draw
 from rosbag_messages import ODOMETRY, POSE, TF, TWIST, header, make, odometry, pose, write_bag
 
+from turtlebot_gym.values import ORIGIN
 from turtlebot_gym_lab.calibration import calibrate
+from turtlebot_gym_lab.commands.recorded import StartOptions
 from turtlebot_gym_lab.drives import read
+from turtlebot_gym_lab.evaluation.replay import dead_reckoning
 
 START = 1.7e9
 DRAWN = draw(900, scale=0.9, deviations=(0.0, 0.0, 0.0), alphas=(0.002, 0.0, 0.0, 0.002))
 
 
-def messages(*, wheels=True, truth="/ground_truth", tree=False, commands="/cmd_vel"):
+def messages(*, wheels=True, truth: str | None = "/ground_truth", tree=False, commands="/cmd_vel"):
     said = []
     for k, time in enumerate(START + DRAWN.time):
         if wheels:
@@ -52,6 +55,15 @@ def test_with_odometry_its_own_rows_count(tmp_path):
     drive = read(write_bag(tmp_path / "bag", messages()))
     assert drive.has_odometry
     assert not any("there is no odometry" in remark for remark in drive.remarks)
+
+
+def test_a_localizer_adds_the_commands_up(tmp_path):
+    drive = read(write_bag(tmp_path / "bag", messages(wheels=False)))
+    moved = StartOptions().localizable(drive)
+    assert moved.has_odometry
+    np.testing.assert_array_equal(moved.odometry, dead_reckoning(drive, start=ORIGIN))
+    assert "there is no odometry: the twist, added up, stands for it" in moved.remarks[-1]
+    assert StartOptions().localizable(moved) is moved
 
 
 @pytest.mark.parametrize(
