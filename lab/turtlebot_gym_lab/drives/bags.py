@@ -43,7 +43,8 @@ def read_bag(path: Path, *, topics: Topics, label: str, lidar: str, mount: Pose 
     """Read a bag; see `reading.read`."""
     truth, frames, fixed = asked(topics.truth)
     with opened(path) as bag:
-        kinds = bag.kinds
+        named = {topics.odom, truth, topics.fix, topics.twist} - {Topics().odom}
+        kinds = {name: kind for name, kind in bag.kinds.items() if name in named or name not in bag.silent}
         roles = _roles(path, kinds, replace(topics, truth=truth))
         if fixed and kinds.get(fixed) in TRANSFORMS:
             roles[fixed] = "tf_static"
@@ -90,7 +91,7 @@ def read_bag(path: Path, *, topics: Topics, label: str, lidar: str, mount: Pose 
 def sensors_of(path: Path, truth: str) -> list[str]:
     """Return the topics of a bag that state measured poses; see `reading.pose_sensors`."""
     with opened(path) as bag:
-        found = [name for name, kind in bag.kinds.items() if kind == MEASURED and name != truth]
+        found = [name for name, kind in bag.kinds.items() if kind == MEASURED and name not in (truth, *bag.silent)]
     found = [name for name in found if not name.endswith(_NO_SENSORS)]
     return next(([name] for end in _SENSORS for name in found if name.endswith(f"/{end}")), sorted(found))
 
@@ -287,6 +288,6 @@ def _commands(path: Path, kinds: dict[str, str], wanted: Topics) -> str:
     )
     instead = f": did you mean {' or '.join(others + (poses if twist in kinds else []))}?" if others or poses else ""
     raise ValueError(
-        f"{path}: there is no topic {Topics().odom!r}, and without odometry a drive needs the commands and the truth; "
+        f"{path}: nothing was recorded on {Topics().odom!r}, and without odometry a drive needs the commands and the truth; "
         f"it lacks {lacks}{instead or '; there are ' + ', '.join(sorted(kinds)) + '.'}"
     )

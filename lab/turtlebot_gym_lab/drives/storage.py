@@ -74,7 +74,16 @@ class Bag:
     @property
     def kinds(self) -> dict[str, str]:
         """Types of the messages, by topic."""
-        return {each.topic: each.msgtype for _, reader in self._readers if reader is not None for each in reader.connections}
+        return {each.topic: each.msgtype for each in self._connections()}
+
+    @property
+    def silent(self) -> set[str]:
+        """Topics without messages: a recorder names every topic that it subscribes."""
+        heard = {each.topic for each in self._connections() if each.msgcount}
+        return set(self.kinds) - heard if heard else set()
+
+    def _connections(self) -> list[Any]:
+        return [each for _, reader in self._readers if reader is not None for each in reader.connections]
 
     @property
     def is_ros_1(self) -> bool:

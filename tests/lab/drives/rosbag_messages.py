@@ -62,13 +62,13 @@ def transform(seconds, place, child="base", frame="world"):
     return make(TRANSFORM, header(seconds, frame), child, make("geometry_msgs/msg/Transform", vector(x, y), turn(theta)))
 
 
-def write_bag(folder, messages, *, plugin=Plugin.SQLITE3, compressed=False):
-    """Write messages, each given as its topic, its type, when it was received, and itself."""
+def write_bag(folder, messages, *, plugin=Plugin.SQLITE3, compressed=False, silent=()):
+    """Write messages, each given as its topic, its type, when it was received, and itself; ``silent``: topics without any."""
     writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
     if compressed:
         writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
     with writer:
-        opened = {}
+        opened = {topic: writer.add_connection(topic, kind, typestore=TYPES) for topic, kind in silent}
         for topic, kind, received, message in messages:
             if topic not in opened:
                 opened[topic] = writer.add_connection(topic, kind, typestore=TYPES)

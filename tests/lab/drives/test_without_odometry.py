@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import rosbag_messages as ros
 from drawing import draw
-from rosbag_messages import ODOMETRY, POSE, TF, TWIST, header, make, odometry, pose, write_bag
+from rosbag_messages import ODOMETRY, POSE, TF, TWIST, Plugin, header, make, odometry, pose, write_bag
 
 from turtlebot_gym.values import ORIGIN
 from turtlebot_gym_lab.calibration import calibrate
 from turtlebot_gym_lab.commands.recorded import StartOptions
 from turtlebot_gym_lab.drives import read
+from turtlebot_gym_lab.drives.reading import pose_sensors
 from turtlebot_gym_lab.evaluation.replay import dead_reckoning
 
 START = 1.7e9
@@ -55,6 +56,16 @@ def test_with_odometry_its_own_rows_count(tmp_path):
     drive = read(write_bag(tmp_path / "bag", messages()))
     assert drive.has_odometry
     assert not any("there is no odometry" in remark for remark in drive.remarks)
+
+
+@pytest.mark.parametrize("plugin", list(Plugin))
+def test_a_topic_that_was_recorded_without_messages_is_none(tmp_path, plugin):
+    silent = (("/odom", ODOMETRY), ("/true_state", ODOMETRY), ("/pose", "geometry_msgs/msg/PoseWithCovarianceStamped"))
+    folder = write_bag(tmp_path / "bag", messages(wheels=False), plugin=plugin, silent=silent)
+    assert len(read(folder)) == len(DRAWN)
+    assert pose_sensors(folder) == []
+    with pytest.raises(ValueError, match="topic '/true_state' has no messages"):
+        read(folder, truth="/true_state")
 
 
 def test_a_localizer_adds_the_commands_up(tmp_path):
