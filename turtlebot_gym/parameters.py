@@ -93,13 +93,33 @@ class OdometryNoise:
     """Size of a heading spike, rad."""
     dropout_probability: Annotated[float, PROBABILITY] = 0.0
     """Probability per measurement that it is lost."""
+    gap_end: Annotated[float, PROBABILITY] = 1.0
+    """Probability per measurement that a loss is the last one: 1 for losses that have nothing to do with each other, less for
+    gaps, as of messages that come late, all at once, of which the newest counts."""
     quantization: Annotated[tuple[float, ...], Numbers(NON_NEGATIVE, 2)] = (0.0, 0.0)
     """Resolution of position and heading; m, rad. Zero for none."""
     wheel: bool = False
-    """Whether the odometry integrates the wheels instead of measuring the pose."""
+    """Whether the odometry integrates the wheels instead of measuring the pose; the next five are for such odometry alone."""
+    leap_probability: Annotated[float, PROBABILITY] = 0.0
+    """Probability per 0.1 s that the integrated pose leaps, by `leap` in any direction and by `leap_turn` to either side. It
+    stays there."""
+    leap: Annotated[float, NON_NEGATIVE] = 0.0
+    """Length of a leap, m."""
+    leap_turn: Annotated[float, NON_NEGATIVE] = 0.0
+    """Turn of a leap, rad."""
+    reset_probability: Annotated[float, PROBABILITY] = 0.0
+    """Probability per 0.1 s that the integrated pose begins again at the origin, as when a driver is started anew."""
+    reverse_probability: Annotated[float, PROBABILITY] = 0.0
+    """Probability per 0.1 s of reverse motion that it is counted as forward motion, in the pose and in the twist."""
 
     def __post_init__(self) -> None:
         check_fields(self)
+        events = ("leap_probability", "reset_probability", "reverse_probability")
+        lone = [] if self.wheel else [name for name in events if getattr(self, name) > 0.0]
+        if lone:
+            raise refusal(
+                f"OdometryNoise.{lone[0]}", "0 without wheel: a measured pose does not integrate", getattr(self, lone[0])
+            )
 
 
 def is_covariance(R: Sequence[float], cross: Sequence[float]) -> bool:
@@ -152,51 +172,59 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Kalman:
+class Gate:
+    """The gate of a filter that corrects, `estimation.gate`; the next classes have these numbers, too."""
+
+    gate: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""
+    max_rejections: Annotated[int, ONE_OR_MORE] = 10
+    """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
+    lockout: Annotated[float, NON_NEGATIVE] = 0.0
+    """Least time for which measurements of each step must be refused before the filter counts as lost, s."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kalman(Gate):
     """The extended Kalman filter, `estimation.ekf`: its own numbers beside those of `FilterTuning`, as for the next classes."""
 
     remember_velocity: bool = False
     """The tutorial's Jacobian: speed and turning rate depend on their previous values, though commands replace them."""
     wrap_innovation: bool = True
     """Whether the heading's innovation is wrapped to [-pi, pi); the tutorial does not wrap it."""
-    gate: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
-    """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""
-    max_rejections: Annotated[int, ONE_OR_MORE] = 10
-    """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeadReckoning:
     """Odometry increments drive the prediction and nothing corrects it, as for `OdometryNoise.wheel`."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Gated:
-    """The extended Kalman filter with a gate on the heading alone, `estimation.ekf`."""
-
-    heading_gate: Annotated[float, POSITIVE_OR_INFINITE]
-    """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom)."""
-    max_rejections: Annotated[int, ONE_OR_MORE] = 10
-    """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
+    leap: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """Way beyond that of the twist from which an increment is a leap of the odometry, m: the twist then moves the belief."""
+    leap_turn: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    """The same for a turn, rad."""
 
     def __post_init__(self) -> None:
         check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Mixture:
+class Gated(Gate):
+    """The extended Kalman filter with a further gate on the heading alone, `estimation.ekf`."""
+
+    heading_gate: Annotated[float, POSITIVE_OR_INFINITE]
+    """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mixture(Gate):
     """The filter that models heading spikes, `estimation.mixture`."""
 
     spike_probability: Annotated[float, PROBABILITY]
     """Probability per measurement of a heading spike."""
     spike: Annotated[float, NON_NEGATIVE]
     """Size of a heading spike, rad."""
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -205,14 +233,11 @@ class Slip(Mixture):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scale:
+class Scale(Gate):
     """The filter that also estimates the executed share of a twist, `estimation.scale`."""
 
     scale_deviation: Annotated[float, NON_NEGATIVE] = 0.05
     """Initial standard deviation of the executed share of a commanded twist."""
-
-    def __post_init__(self) -> None:
-        check_fields(self)
 
 
 KINDS: dict[str, type] = {kind.__name__: kind for kind in (Kalman, DeadReckoning, Gated, Mixture, Slip, Scale)}

@@ -36,6 +36,12 @@ VARIANCE_FLOOR = 1e-6
 
 HEADING_GATE = 6.635
 """Normalized innovation squared that 1 % of correct headings exceed (chi-square, 1 degree of freedom)."""
+POSE_GATE = {"gate": 16.27, "max_rejections": 3, "lockout": 1.0}
+"""The gate of all filters that correct, `parameters.Gate`: 0.1 % of correct poses exceed it (chi-square, 3 degrees of freedom).
+A leap that lasts half a second is kept out; after a second the belief gives way."""
+
+ODOMETRY_LEAP = {"leap": 0.3, "leap_turn": 0.3}
+"""What dead reckoning takes for a leap of the odometry, m and rad, see `parameters.DeadReckoning`."""
 
 CLEAN = Noise()
 """No noise, as in most simulators used for training."""
@@ -114,7 +120,7 @@ def matched(noise: Noise) -> FilterTuning:
         Q=(0.0, 0.0, 0.0, SPEED_FLOOR**2, TURN_FLOOR**2),
         R=tuple(max(variance, VARIANCE_FLOOR) for variance in R),
         process=replace(process, **_EXACT, alpha1=process.alpha1 + bursts, alpha4=process.alpha4 + bursts, slip=0.0),
-        kind=DeadReckoning() if odometry.wheel else Kalman(),
+        kind=DeadReckoning(**ODOMETRY_LEAP) if odometry.wheel else Kalman(**POSE_GATE),
     )
 
 
@@ -135,26 +141,26 @@ def _of_kind(tuning: FilterTuning, kind: Any) -> FilterTuning:
 
 def _gated(noise: Noise) -> FilterTuning:
     """Return the matched tuning for the noise without spikes, with a gate that refuses 1 % of correct headings."""
-    return _of_kind(matched(_without_spikes(noise)), Gated(heading_gate=HEADING_GATE))
+    return _of_kind(matched(_without_spikes(noise)), Gated(heading_gate=HEADING_GATE, **POSE_GATE))
 
 
 def _mixture(noise: Noise) -> FilterTuning:
     """Return the matched tuning, without spikes in R, of the filter that models spikes: `estimation.mixture`."""
     spikes, size = noise.odometry.spike_probability, noise.odometry.spike
-    return _of_kind(matched(_without_spikes(noise)), Mixture(spike_probability=spikes, spike=size))
+    return _of_kind(matched(_without_spikes(noise)), Mixture(spike_probability=spikes, spike=size, **POSE_GATE))
 
 
 def _slip(noise: Noise) -> FilterTuning:
     """Return the tuning of the filter that models spikes and slip: `estimation.slip`."""
     process, odometry = noise.process, noise.odometry
     steady = matched(_without_spikes(replace(noise, process=replace(process, slip=0.0))))
-    kind = Slip(spike_probability=odometry.spike_probability, spike=odometry.spike)
+    kind = Slip(spike_probability=odometry.spike_probability, spike=odometry.spike, **POSE_GATE)
     return _of_kind(replace(steady, process=replace(process, **_EXACT)), kind)
 
 
 def _scale(noise: Noise) -> FilterTuning:
     """Return the matched tuning of the filter that estimates the executed share of a twist: `estimation.scale`."""
-    return _of_kind(matched(noise), Scale())
+    return _of_kind(matched(noise), Scale(**POSE_GATE))
 
 
 def _gyro(noise: Noise, imu: Any) -> FilterTuning:
@@ -162,7 +168,8 @@ def _gyro(noise: Noise, imu: Any) -> FilterTuning:
     if not imu:
         raise ValueError("filter 'gyro' reads the sensor 'imu': choose one with imu=..., such as imu='calibrated'.")
     white, walk = max(imu.variance, TURN_FLOOR**2 * 1e-4), imu.bias_walk
-    gyro = Gyro(variance=white, bias_deviation=imu.bias_deviation, bias_walk=walk, corrects=not noise.odometry.wheel)
+    corrects = not noise.odometry.wheel
+    gyro = Gyro(variance=white, bias_deviation=imu.bias_deviation, bias_walk=walk, corrects=corrects, **POSE_GATE)
     return replace(matched(noise), kind=gyro)
 
 

@@ -204,7 +204,7 @@ HEADING_GATE = make_filter("gated", Noise(odometry=OdometryNoise(R=R)))
 @pytest.mark.parametrize(("factor", "is_outlier"), [(2.5, False), (2.6, True)])
 def test_a_gate_on_the_heading_keeps_the_position(factor, is_outlier):
     start, step, *_ = filter_of(HEADING_GATE)
-    first = start(Senses(Odometry(Pose(1.0, 2.0, 0.5), STOP, True)), HEADING_GATE)
+    first = start(Senses(Odometry(Pose(1.0, 2.0, 0.5), STOP, True)), HEADING_GATE)._replace(rejections=0.0)
     deviation = math.sqrt(2.0 * R[2])  # of the difference of two measured headings, at rest
     heading = 0.5 + factor * deviation  # chi-square's 99 % quantile is 6.63, whose root is 2.58
     senses = Senses(Odometry(Pose(1.1, 2.05, heading), Command(0.1, 0.2), True))

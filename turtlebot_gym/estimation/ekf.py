@@ -1,4 +1,4 @@
-"""An extended Kalman filter for a unicycle whose pose is measured; with a gate on its heading, and without any correction.
+"""An extended Kalman filter for a unicycle whose pose is measured; with a gate for the heading, and without any correction.
 
 State ``[x, y, theta, v, omega]``, input the executed twist, measurement ``[x, y, theta]``. The measured components are
 independent, so the update processes them in turn: three scalar updates equal the joint one, need no matrix inverse, and keep
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, choose, judge, restart
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import (
     Variances,
@@ -30,7 +31,7 @@ from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import expected, motion
 from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Gated
-from turtlebot_gym.values import Belief, Command, Covariance, Odometry, Pose, Senses, State
+from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
 
 
 class Estimate(NamedTuple):
@@ -40,7 +41,7 @@ class Estimate(NamedTuple):
     nis: float
     """Normalized innovation squared of the last measurement."""
     rejections: float
-    """Number of measurements refused in a row."""
+    """Number of measurements refused in a row, or `gate.ONE_MEASUREMENT`; for dead reckoning, of those that were lost."""
 
 
 @kernel
@@ -51,7 +52,7 @@ def initialize(odometry: Pose, tuning: FilterTuning) -> Estimate:
     xx, yy, tt = (P0[0], P0[1], P0[2]) if tuning.from_origin else (R[0], R[1], R[2])
     vv, ww = (P0[3], P0[4]) if tuning.from_origin else (0.0, 0.0)
     covariance = Covariance(xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, tt, 0.0, 0.0, vv, 0.0, ww)
-    return Estimate(Belief(State(x, y, theta, 0.0, 0.0), covariance), 0.0, 0.0)
+    return Estimate(Belief(State(x, y, theta, 0.0, 0.0), covariance), 0.0, 0.0 if tuning.from_origin else ONE_MEASUREMENT)
 
 
 @kernel
@@ -174,8 +175,11 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
     """Predict, and correct by the measured pose if one arrived; see `interface.Filter`."""
     odometry = senses.odometry
     prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator, tuning.kind.remember_velocity)
-    posterior, nis = correct(prior, odometry.pose, tuning.R, tuning.kind.wrap_innovation)
-    return _settle(estimate, prior, posterior, prior, nis, nis > tuning.kind.gate, odometry, tuning)
+    z, measured = odometry.pose, odometry.measured
+    posterior, nis = correct(prior, z, tuning.R, tuning.kind.wrap_innovation)
+    verdict = judge(estimate.rejections, measured, nis > tuning.kind.gate, tuning, dt)
+    belief = choose(verdict, measured, prior, posterior, restart(prior, z, tuning))
+    return Estimate(belief, nis if measured else estimate.nis, verdict.rejections)
 
 
 @kernel
@@ -186,50 +190,29 @@ def fix(estimate: Estimate, z: Pose, R: Variances, tuning: FilterTuning) -> Esti
 
 
 @kernel
-def _settle(
-    estimate: Estimate,
-    prior: Belief,
-    posterior: Belief,
-    spared: Belief,
-    nis: float,
-    is_outlier: bool,
-    odometry: Odometry,
-    tuning: FilterTuning,
-) -> Estimate:
-    """Return the estimate after a step whose measurement may be an outlier, or missing.
-
-    An outlier leaves the belief ``spared``; after ``max_rejections`` of them in a row the filter is lost, and starts anew from
-    the measured pose.
-    """
-    measured = odometry.measured
-    refused = measured and is_outlier
-    rejections = estimate.rejections + 1.0 if refused else (0.0 if measured else estimate.rejections)
-    lost = rejections >= tuning.kind.max_rejections
-    refused_belief = _restart(prior, odometry.pose, tuning) if lost else spared
-    belief = refused_belief if refused else (posterior if measured else prior)
-    return Estimate(belief, nis if measured else estimate.nis, 0.0 if lost else rejections)
-
-
-@kernel
-def _restart(prior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
-    """Replace the believed pose by the measured one; the twist stays as executed."""
-    R, P = tuning.R, prior.covariance
-    covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, P.vv, P.vw, P.ww)
-    return Belief(State(z.x, z.y, z.theta, prior.mean.v, prior.mean.omega), covariance)
-
-
-@kernel
 def _gated_step(
     estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
 ) -> Estimate:
-    """Predict, and correct by the position and by a plausible heading."""
-    odometry = senses.odometry
+    """Predict, and correct by a plausible position and by a plausible heading."""
+    odometry, rules = senses.odometry, tuning.kind
     prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
-    turn = innovation(prior.mean, odometry.pose).theta
-    placed, nis, _, turn = correct_position(prior, odometry.pose, tuning.R, turn)
+    z, measured = odometry.pose, odometry.measured
+    turn = innovation(prior.mean, z).theta
+    placed, nis, _, turn = correct_position(prior, z, tuning.R, turn)
     turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
-    is_outlier = nis_theta > tuning.kind.heading_gate
-    return _settle(estimate, prior, wrapped(turned), wrapped(placed), nis + nis_theta, is_outlier, odometry, tuning)
+    misplaced = nis > rules.gate
+    is_outlier = misplaced | (nis_theta > rules.heading_gate)
+    verdict = judge(estimate.rejections, measured, is_outlier, tuning, dt)
+    spared = prior if misplaced else wrapped(placed)
+    refused = restart(prior, z, tuning) if verdict.lost else spared
+    belief = refused if verdict.refused else (wrapped(turned) if measured else prior)
+    return Estimate(belief, nis + nis_theta if measured else estimate.nis, verdict.rejections)
+
+
+@kernel
+def _carried_start(senses: Senses, tuning: FilterTuning) -> Estimate:
+    """Start from the first measurement, after which none is missed."""
+    return Estimate(initialize(senses.odometry.pose, tuning).belief, 0.0, 0.0)
 
 
 @kernel
@@ -240,23 +223,34 @@ def _carried_step(
     x, y, theta, _, _ = estimate.belief.mean
     process = tuning.process
     is_exact = (process.scale == 1.0) & (process.turn_scale == 1.0) & (process.veer == 0.0)  # without the branch of an `and`
-    twist, z = senses.odometry.twist, senses.odometry.pose
+    twist, z, last = senses.odometry.twist, senses.odometry.pose, before.odometry.pose
     prior = predict(estimate.belief, twist, tuning, dt, integrator)
-    pose = increment(Pose(x, y, theta), before.odometry.pose, z, sincos(theta - before.odometry.pose.theta))
+    pose = increment(Pose(x, y, theta), last, z, sincos(theta - last.theta))
+    missed = estimate.rejections  # measurements in a row, after which an increment is as many times as long
+    carries = is_exact & (not _leaps(last, z, estimate.belief.mean, twist, (missed + 1.0) * dt, tuning))
     by_twist = prior.mean
     mean = State(
-        pose.x if is_exact else by_twist.x,
-        pose.y if is_exact else by_twist.y,
-        pose.theta if is_exact else by_twist.theta,
+        pose.x if carries else by_twist.x,
+        pose.y if carries else by_twist.y,
+        pose.theta if carries else by_twist.theta,
         by_twist.v,
         by_twist.omega,
     )
-    return Estimate(Belief(mean, prior.covariance), 0.0, 0.0)
+    return Estimate(Belief(mean, prior.covariance), 0.0, 0.0 if senses.odometry.measured else missed + 1.0)
+
+
+@kernel
+def _leaps(last: Pose, z: Pose, moving: State, twist: Command, time: float, tuning: FilterTuning) -> bool:
+    """Return whether odometry moved farther in a time, s, than its twists at the start and the end of it explain."""
+    rules, x, y = tuning.kind, z.x - last.x, z.y - last.y
+    way = max(abs(moving.v), abs(twist.v)) * time + rules.leap
+    turn = max(abs(moving.omega), abs(twist.omega)) * time + rules.leap_turn
+    return (x * x + y * y > way * way) | (abs(wrap(z.theta - last.theta)) > turn)
 
 
 EXTENDED_KALMAN = Filter(start, step, fix)
 """Predicts with the executed twist and corrects by the measured pose."""
-DEAD_RECKONING = Filter(start, _carried_step, fix, kind=DeadReckoning())
+DEAD_RECKONING = Filter(_carried_start, _carried_step, fix, kind=DeadReckoning())
 """Moves as the wheel odometry moves, the best that a robot with wheel odometry alone can do."""
 GATED = Filter(start, _gated_step, fix, kind=Gated(heading_gate=6.635))
-"""Refuses an implausible heading, which then does not cost the position."""
+"""Refuses an implausible heading, which then does not cost the position, and a pose at an implausible position."""

@@ -17,7 +17,7 @@ from turtlebot_gym.estimation.mixture import MIXTURE
 from turtlebot_gym.estimation.scale import SCALE
 from turtlebot_gym.estimation.slip import SLIP
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
-from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Kalman
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gate, Kalman
 from turtlebot_gym.validation import POSITIVE, choose, refusal
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
@@ -148,7 +148,7 @@ class KalmanFilter:
     @property
     def rejections(self) -> int:
         """Number of measurements in a row that the gate has refused; 0 for a filter without a gate."""
-        return int(getattr(self._estimate, "rejections", 0))
+        return max(int(self._estimate.rejections), 0) if isinstance(self.tuning.kind, Gate) else 0
 
     def start(self, odometry: Pose) -> None:
         """Restart from a first measurement, or as the tuning says."""

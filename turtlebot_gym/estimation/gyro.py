@@ -10,18 +10,19 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import innovation, predict
+from turtlebot_gym.estimation.ekf import predict
+from turtlebot_gym.estimation.gate import ONE_MEASUREMENT
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.scale import Sixth, correct_both, correct_both_correlated, moved_column, update_both
+from turtlebot_gym.estimation.scale import Sixth, correct_both_correlated, moved_column, settle_both, update_both
 from turtlebot_gym.estimation.update import Projection, Variances, wrapped
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.validation import NON_NEGATIVE, check_fields
+from turtlebot_gym.parameters import FilterTuning, Gate
+from turtlebot_gym.validation import NON_NEGATIVE
 from turtlebot_gym.values import Belief, Pose, State
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gyro:
+class Gyro(Gate):
     """The filter's own numbers, `FilterTuning.kind`."""
 
     variance: Annotated[float, NON_NEGATIVE]
@@ -36,9 +37,6 @@ class Gyro:
     filter: ClassVar[Any]
     """The `Filter` that these numbers belong to."""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
-
 
 class _GyroEstimate(NamedTuple):
     belief: Belief
@@ -46,13 +44,16 @@ class _GyroEstimate(NamedTuple):
     """Normalized innovation squared of the last measured pose."""
     bias: Sixth
     """The gyro's bias, rad/s."""
+    rejections: float
+    """See `ekf.Estimate`."""
 
 
 @kernel
 def _start(senses: Any, tuning: FilterTuning) -> _GyroEstimate:
     """Start from the first measurement, without a bias; see `interface.Filter`."""
     belief, deviation = ekf.initialize(senses.odometry.pose, tuning).belief, tuning.kind.bias_deviation
-    return _GyroEstimate(belief, 0.0, Sixth(0.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0)))
+    bias = Sixth(0.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0))
+    return _GyroEstimate(belief, 0.0, bias, ONE_MEASUREMENT)
 
 
 @kernel
@@ -78,17 +79,15 @@ def _step(
     surprise = senses.imu.omega - belief.mean.omega - bias.mean
     h = _turn_rate(belief, bias)
     belief, bias, _ = update_both(belief, bias, h, bias.column.omega + bias.variance, surprise, gyro.variance)
-    turned = _GyroEstimate(wrapped(belief), estimate.nis, bias)
-
-    z, prior = odometry.pose, turned.belief
-    belief, bias, nis = correct_both(prior, bias, z, tuning.R, innovation(prior.mean, z).theta)
-    return _GyroEstimate(belief, nis, bias) if odometry.measured and gyro.corrects else turned
+    corrects = odometry.measured & gyro.corrects
+    belief, bias, nis, rejections = settle_both(estimate.rejections, wrapped(belief), bias, odometry.pose, corrects, tuning, dt)
+    return _GyroEstimate(belief, nis if corrects else estimate.nis, bias, rejections)
 
 
 @kernel
 def _fix(estimate: _GyroEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _GyroEstimate:
     belief, bias = correct_both_correlated(estimate.belief, estimate.bias, z, R)
-    return _GyroEstimate(belief, estimate.nis, bias)
+    return _GyroEstimate(belief, estimate.nis, bias, estimate.rejections)
 
 
 Gyro.filter = Filter(_start, _step, _fix, ("odometry", "imu"), Gyro(variance=3e-6, bias_deviation=0.01))

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import correct_position, innovation, predict
+from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, Verdict, choose, judge, restart
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import (
     Variances,
@@ -53,6 +54,8 @@ class _MixtureEstimate(NamedTuple):
     hypotheses: Hypotheses
     weights: Three
     """Probabilities of the hypotheses."""
+    rejections: float
+    """See `ekf.Estimate`."""
 
 
 class _Tracked(NamedTuple):
@@ -62,6 +65,8 @@ class _Tracked(NamedTuple):
     nis: float
     exponent: float
     factor: float
+    prior: Belief
+    """The hypothesis before the measurement."""
 
 
 class Tracks(NamedTuple):
@@ -141,20 +146,44 @@ def _turned(belief: Belief, turn: float) -> Belief:
 @kernel
 def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
     """Return a belief for each explanation of the first heading, and their probabilities."""
-    belief = wrapped(ekf.initialize(z, tuning).belief)
     spike = 0.0 if tuning.from_origin else tuning.kind.spike
+    return explained(wrapped(ekf.initialize(z, tuning).belief), spike), first_weights(tuning)
+
+
+@kernel
+def explained(belief: Belief, spike: float) -> Hypotheses:
+    """Return a belief for each explanation of its heading."""
+    return Hypotheses(belief, _turned(belief, -spike), _turned(belief, spike))
+
+
+@kernel
+def first_weights(tuning: FilterTuning) -> Three:
+    """Return the probabilities of the explanations of a first heading."""
     half = 0.5 * tuning.kind.spike_probability
-    return Hypotheses(belief, _turned(belief, -spike), _turned(belief, spike)), (
-        1.0 - tuning.kind.spike_probability,
-        half,
-        half,
+    return (1.0 - tuning.kind.spike_probability, half, half)
+
+
+@kernel
+def settled(verdict: Verdict, measured: bool, tracks: Tracks, anew: Hypotheses) -> Hypotheses:
+    """Return the hypotheses after the gate's verdict: predicted, corrected, or anew."""
+    true, high, low = tracks
+    return Hypotheses(
+        choose(verdict, measured, true.prior, true.belief, anew.true),
+        choose(verdict, measured, high.prior, high.belief, anew.high),
+        choose(verdict, measured, low.prior, low.belief, anew.low),
     )
+
+
+@kernel
+def either(which: bool, one: Three, other: Three) -> Three:
+    """Return one of two sets of weights."""
+    return (one[0] if which else other[0], one[1] if which else other[1], one[2] if which else other[2])
 
 
 @kernel
 def _start(senses: Senses, tuning: FilterTuning) -> _MixtureEstimate:
     hypotheses, weights = begin(senses.odometry.pose, tuning)
-    return _MixtureEstimate(merged(hypotheses, weights), 0.0, hypotheses, weights)
+    return _MixtureEstimate(merged(hypotheses, weights), 0.0, hypotheses, weights, ONE_MEASUREMENT)
 
 
 @kernel
@@ -189,6 +218,7 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, i
         expected_nis,
         0.5 * (nis + least) if measured else 0.0,
         likely * max(sqrt(precision * inverse), _LEAST) if measured else 1.0,
+        prior,
     )
 
 
@@ -205,7 +235,7 @@ def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, 
 @kernel
 def _fix_one(belief: Belief, z: Pose, R: Variances) -> _Tracked:
     posterior, nis, precision = correct_correlated(belief, z, R)
-    return _Tracked(posterior, nis, 0.5 * nis, max(sqrt(precision), _LEAST))
+    return _Tracked(posterior, nis, 0.5 * nis, max(sqrt(precision), _LEAST), belief)
 
 
 @kernel
@@ -248,13 +278,17 @@ def _step(
     estimate: _MixtureEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
 ) -> _MixtureEstimate:
     """Predict, correct and weigh all hypotheses; see `interface.Filter`."""
+    z, measured = senses.odometry.pose, senses.odometry.measured
     tracks = track_all(estimate.hypotheses, senses.odometry, tuning, dt, integrator)
     true, high, low = tracks
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
     nis = weights[0] * true.nis + weights[1] * high.nis + weights[2] * low.nis
-    hypotheses = beliefs(tracks)
-    return _MixtureEstimate(merged(hypotheses, weights), nis if senses.odometry.measured else estimate.nis, hypotheses, weights)
+    verdict = judge(estimate.rejections, measured, nis > tuning.kind.gate, tuning, dt)
+    hypotheses = settled(verdict, measured, tracks, explained(restart(true.prior, z, tuning), tuning.kind.spike))
+    weights = either(verdict.lost, first_weights(tuning), either(verdict.refused, estimate.weights, weights))
+    belief = merged(hypotheses, weights)
+    return _MixtureEstimate(belief, nis if measured else estimate.nis, hypotheses, weights, verdict.rejections)
 
 
 @kernel
@@ -264,7 +298,7 @@ def _fix(estimate: _MixtureEstimate, z: Pose, R: Variances, tuning: FilterTuning
     likely = weigh(estimate.weights, tracks, least_exponent(tracks))
     weights = scaled(likely, 1.0 / (likely[0] + likely[1] + likely[2]))
     hypotheses = beliefs(tracks)
-    return _MixtureEstimate(merged(hypotheses, weights), estimate.nis, hypotheses, weights)
+    return _MixtureEstimate(merged(hypotheses, weights), estimate.nis, hypotheses, weights, estimate.rejections)
 
 
 MIXTURE = Filter(_start, _step, _fix, kind=Mixture(spike_probability=0.02, spike=0.3))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import innovation, predict
+from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, choose, judge, restart
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import (
     Projection,
@@ -94,6 +95,41 @@ class _ScaleEstimate(NamedTuple):
     """Normalized innovation squared of the last measurement."""
     scale: Sixth
     """The executed share of a twist."""
+    rejections: float
+    """See `ekf.Estimate`."""
+
+
+@kernel
+def settle_both(
+    rejections: float,
+    prior: Belief,
+    sixth: Sixth,
+    z: Pose,
+    measured: bool,
+    tuning: FilterTuning,
+    dt: float,
+) -> tuple[Belief, Sixth, float, float]:
+    """Correct by a measured pose, unless there is none or the gate refuses it.
+
+    A filter that starts anew keeps its sixth state, which then has no covariance with the pose.
+
+    Returns:
+        Belief and sixth state, the NIS, and the number of refusals in a row.
+    """
+    posterior, corrected, nis = correct_both(prior, sixth, z, tuning.R, innovation(prior.mean, z).theta)
+    verdict = judge(rejections, measured, nis > tuning.kind.gate, tuning, dt)
+    belief = choose(verdict, measured, prior, posterior, restart(prior, z, tuning))
+    lost, takes = verdict.lost, measured & (nis <= tuning.kind.gate)
+    mean, variance = (corrected.mean if takes else sixth.mean), (corrected.variance if takes else sixth.variance)
+    old, new = sixth.column, corrected.column
+    column = State(
+        0.0 if lost else (new.x if takes else old.x),
+        0.0 if lost else (new.y if takes else old.y),
+        0.0 if lost else (new.theta if takes else old.theta),
+        new.v if takes else old.v,
+        new.omega if takes else old.omega,
+    )
+    return belief, Sixth(mean, variance, column), nis, verdict.rejections
 
 
 @kernel
@@ -101,7 +137,8 @@ def _start(senses: Senses, tuning: FilterTuning) -> _ScaleEstimate:
     """Start from the first measurement, with a scale of 1; see `interface.Filter`."""
     belief = ekf.initialize(senses.odometry.pose, tuning).belief
     deviation = tuning.kind.scale_deviation
-    return _ScaleEstimate(belief, 0.0, Sixth(1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0)))
+    scale = Sixth(1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0))
+    return _ScaleEstimate(belief, 0.0, scale, ONE_MEASUREMENT)
 
 
 @kernel
@@ -139,17 +176,16 @@ def _step(
     estimate: _ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
 ) -> _ScaleEstimate:
     """Predict with the executed share of the twist, and correct; see `interface.Filter`."""
-    z = senses.odometry.pose
-    prior, scale = _predict(estimate.belief, estimate.scale, senses.odometry.twist, tuning, dt, integrator)
-    now = _ScaleEstimate(prior, estimate.nis, scale)
-    belief, scale, nis = correct_both(prior, scale, z, tuning.R, innovation(prior.mean, z).theta)
-    return _ScaleEstimate(belief, nis, scale) if senses.odometry.measured else now
+    z, twist, measured = senses.odometry
+    prior, scale = _predict(estimate.belief, estimate.scale, twist, tuning, dt, integrator)
+    belief, scale, nis, rejections = settle_both(estimate.rejections, prior, scale, z, measured, tuning, dt)
+    return _ScaleEstimate(belief, nis if measured else estimate.nis, scale, rejections)
 
 
 @kernel
 def _fix(estimate: _ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _ScaleEstimate:
     belief, scale = correct_both_correlated(estimate.belief, estimate.scale, z, R)
-    return _ScaleEstimate(belief, estimate.nis, scale)
+    return _ScaleEstimate(belief, estimate.nis, scale, estimate.rejections)
 
 
 SCALE = Filter(_start, _step, _fix, kind=Scale())

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, judge, restart
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.mixture import (
     Hypotheses,
@@ -19,11 +20,15 @@ from turtlebot_gym.estimation.mixture import (
     Tracks,
     begin,
     beliefs,
+    either,
+    explained,
+    first_weights,
     fix_all,
     least_exponent,
     merge,
     merged,
     scaled,
+    settled,
     share_of,
     track_all,
     weigh,
@@ -47,6 +52,8 @@ class _SlipEstimate(NamedTuple):
     """Probability of each hypothesis with wheels that grip ..."""
     slip_weights: Three
     """... and that slip; the six sum to 1."""
+    rejections: float
+    """See `ekf.Estimate`."""
 
 
 @kernel
@@ -60,7 +67,8 @@ def _start(senses: Senses, tuning: FilterTuning) -> _SlipEstimate:
     """Start from the first measurement, with wheels that grip; see `interface.Filter`."""
     hypotheses, weights = begin(senses.odometry.pose, tuning)
     none = (0.0, 0.0, 0.0)
-    return _SlipEstimate(_all(hypotheses, hypotheses, weights, none), 0.0, hypotheses, hypotheses, weights, none)
+    belief = _all(hypotheses, hypotheses, weights, none)
+    return _SlipEstimate(belief, 0.0, hypotheses, hypotheses, weights, none, ONE_MEASUREMENT)
 
 
 @kernel
@@ -96,7 +104,8 @@ def _fix(estimate: _SlipEstimate, z: Pose, R: Variances, tuning: FilterTuning) -
     gripped, slipped = fix_all(estimate.gripping, z, R), fix_all(estimate.slipping, z, R)
     grip, slip = _weigh_both(estimate, gripped, slipped)
     gripping, slipping = beliefs(gripped), beliefs(slipped)
-    return _SlipEstimate(_all(gripping, slipping, grip, slip), estimate.nis, gripping, slipping, grip, slip)
+    belief = _all(gripping, slipping, grip, slip)
+    return _SlipEstimate(belief, estimate.nis, gripping, slipping, grip, slip, estimate.rejections)
 
 
 @kernel
@@ -116,13 +125,21 @@ def _step(
         + slip[1] * slipped.high.nis
         + slip[2] * slipped.low.nis
     )
-    g_true, s_true, grip_0, slip_0 = _mix(gripped.true.belief, slipped.true.belief, grip[0], slip[0], twist, tuning, dt)
-    g_high, s_high, grip_1, slip_1 = _mix(gripped.high.belief, slipped.high.belief, grip[1], slip[1], twist, tuning, dt)
-    g_low, s_low, grip_2, slip_2 = _mix(gripped.low.belief, slipped.low.belief, grip[2], slip[2], twist, tuning, dt)
+    z, measured, first, none = odometry.pose, odometry.measured, first_weights(tuning), (0.0, 0.0, 0.0)
+    verdict = judge(estimate.rejections, measured, nis > tuning.kind.gate, tuning, dt)
+    lost, refused = verdict.lost, verdict.refused
+    anew = explained(restart(gripped.true.prior, z, tuning), tuning.kind.spike)
+    gripping, slipping = settled(verdict, measured, gripped, anew), settled(verdict, measured, slipped, anew)
+    grip = either(lost, first, either(refused, estimate.grip_weights, grip))
+    slip = either(lost, none, either(refused, estimate.slip_weights, slip))
+    g_true, s_true, grip_0, slip_0 = _mix(gripping.true, slipping.true, grip[0], slip[0], twist, tuning, dt)
+    g_high, s_high, grip_1, slip_1 = _mix(gripping.high, slipping.high, grip[1], slip[1], twist, tuning, dt)
+    g_low, s_low, grip_2, slip_2 = _mix(gripping.low, slipping.low, grip[2], slip[2], twist, tuning, dt)
     gripping, slipping = Hypotheses(g_true, g_high, g_low), Hypotheses(s_true, s_high, s_low)
     grip, slip = (grip_0, grip_1, grip_2), (slip_0, slip_1, slip_2)
     belief = _all(gripping, slipping, grip, slip)
-    return _SlipEstimate(belief, nis if odometry.measured else estimate.nis, gripping, slipping, grip, slip)
+    nis = nis if measured else estimate.nis
+    return _SlipEstimate(belief, nis, gripping, slipping, grip, slip, verdict.rejections)
 
 
 SLIP = Filter(_start, _step, _fix, kind=Slip(spike_probability=0.02, spike=0.3))

@@ -114,10 +114,13 @@ _SIMPLE = (
     ("tuning.process.alpha3", 0.0),
     ("noise.odometry.quantization[0]", 0.0),
     ("noise.odometry.quantization[1]", 0.0),
+    ("noise.odometry.gap_end", 1.0),
     ("noise.odometry.wheel", 0.0),
+    ("noise.odometry.leap_probability", 0.0),
+    ("noise.odometry.reset_probability", 0.0),
+    ("noise.odometry.reverse_probability", 0.0),
     ("tuning.kind.remember_velocity", 0.0),
     ("tuning.kind.wrap_innovation", 1.0),
-    ("tuning.kind.gate", math.inf),
     ("task.on_belief", 0.0),
     ("task.switch_period", math.inf),
     ("task.laps", 1.0),
@@ -155,7 +158,7 @@ _WHEELS = tuple(_pairs("body.wheels", "body.true_state", "x", "y", "theta"))
 _TWISTS = tuple(
     pair for part in ("senses.odometry.twist", "estimate.belief.mean") for pair in _pairs(part, "body.command", "v", "omega")
 )
-_KNOWN = (("estimate.rejections", 0.0), *((f"{_P}.{entry}", 0.0) for entry in _WITH_TWIST))
+_KNOWN = tuple((f"{_P}.{entry}", 0.0) for entry in _WITH_TWIST)
 _ONE_GOAL = tuple(_pairs("course.following", "course.reference", "x", "y", "theta"))
 
 _ANY_COURSE = Special(parameters=_SIMPLE, world=_KNOWN, same=(*_WHEELS, *_TWISTS), own=(), name="by waypoints")
@@ -236,7 +239,7 @@ def with_late_fixes(special: Special, late: int) -> Special:
         elif path.startswith("estimate."):
             rest = path.removeprefix("estimate.")
             world += [(f"estimate.{of}.{rest}", value) for of in ("newest", "oldest")]
-            world += [] if rest == "rejections" else [(path, value)]
+            world.append((path, value))
         else:
             world.append((path, value))
     now, passed = "senses.odometry", "senses.fix.passed[0]"
