@@ -58,10 +58,16 @@ ODOMETRY = OdometryNoise(
     dropout_probability=0.1,
     quantization=(0.01, 0.02),
 )
+LEAPING = replace(
+    ODOMETRY, wheel=True, leap_probability=0.1, leap=0.3, leap_turn=0.4, reset_probability=0.05, reverse_probability=0.4
+)
+GATE = {"gate": 6.0, "max_rejections": 2}
+RULES = {"gate": 3.0, "max_rejections": 5, "lockout": 1.0}
+"""Other numbers of a gate."""
 TUNING = replace(
     matched(Noise(process=PROCESS, odometry=ODOMETRY)),
     Q=(1e-4, 2e-4, 3e-4, 1e-3, 2e-3),
-    kind=Kalman(gate=6.0, max_rejections=2),
+    kind=Kalman(**GATE),
     from_origin=True,
 )
 TASK = Task(random=False, radius=0.35, heading_tolerance=1.5, turn_tolerance=1.9, laps=2, max_steps=200.0)
@@ -121,8 +127,19 @@ LAW = {
             "spike_probability": 0.2,
             "spike": 0.5,
             "dropout_probability": 0.2,
+            "gap_end": 0.3,
             "quantization": (0.01, 0.05),
             "wheel": True,
+            **{
+                name: (LEAPING, replace(LEAPING, **{name: value}))
+                for name, value in {
+                    "leap_probability": 0.3,
+                    "leap": 0.5,
+                    "leap_turn": 0.2,
+                    "reset_probability": 0.2,
+                    "reverse_probability": 0.9,
+                }.items()
+            },
         },
     ),
     FilterTuning: (
@@ -137,15 +154,20 @@ LAW = {
             "kind": DeadReckoning(),
         },
     ),
-    Kalman: (TUNING.kind, of_filter, {"remember_velocity": True, "wrap_innovation": False, "gate": 3.0, "max_rejections": 5}),
-    Gated: (Gated(heading_gate=0.3, max_rejections=2), of_filter, {"heading_gate": 0.2, "max_rejections": 5}),
-    Mixture: (Mixture(**SPIKY), of_filter, {"spike_probability": 0.05, "spike": 0.3}),
-    Slip: (Slip(**SPIKY), of_filter, {"spike_probability": 0.05, "spike": 0.3}),
-    Scale: (Scale(), of_filter, {"scale_deviation": 0.1}),
+    Kalman: (TUNING.kind, of_filter, {"remember_velocity": True, "wrap_innovation": False, **RULES}),
+    DeadReckoning: (
+        DeadReckoning(leap=0.05, leap_turn=0.5),
+        lambda value: of_filter(value)._replace(noise=Noise(process=PROCESS, odometry=LEAPING)),
+        {"leap": 10.0, "leap_turn": 0.05},
+    ),
+    Gated: (Gated(heading_gate=0.3, **GATE), of_filter, {"heading_gate": 0.2, **RULES}),
+    Mixture: (Mixture(**SPIKY, **GATE), of_filter, {"spike_probability": 0.05, "spike": 0.3, **RULES}),
+    Slip: (Slip(**SPIKY, **GATE), of_filter, {"spike_probability": 0.05, "spike": 0.3, **RULES}),
+    Scale: (Scale(**GATE), of_filter, {"scale_deviation": 0.1, **RULES}),
     Gyro: (
-        Gyro(variance=1e-4, bias_deviation=0.05, bias_walk=0.01),
+        Gyro(variance=1e-4, bias_deviation=0.05, bias_walk=0.01, **GATE),
         lambda value: of_filter(value)._replace(imu=IMU),
-        {"variance": 1e-3, "bias_deviation": 0.5, "bias_walk": 0.1, "corrects": False},
+        {"variance": 1e-3, "bias_deviation": 0.5, "bias_walk": 0.1, "corrects": False, **RULES},
     ),
     Task: (
         TASK,

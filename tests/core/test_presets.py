@@ -1,9 +1,11 @@
 """Presets: the tuning that is matched to a noise, by hand; names, values, mappings and files, and what is wrong with a file."""
 
+import json
 import math
 import re
 import time
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from turtlebot_gym.parameters import (
     OdometryNoise,
     ProcessNoise,
 )
-from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER, make_filter, matched
+from turtlebot_gym.presets import FIXES, NOISES, ODOMETRY_LEAP, POSE_GATE, TUTORIAL_FILTER, make_filter, matched
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
@@ -33,11 +35,25 @@ MATCHED = {
     "documented": ((0.0025, 0.0025, 0.0118), (0.0, 0.0, 0.0, 0.0)),
     "wheel": ((1e-6, 1e-6, 1e-6), (0.0029, 0.0064, 0.0062, 0.0049)),
     "rough": ((0.0004, 0.0004, 0.0022), (0.09664183, 0.0, 0.0, 0.09664183)),
+    "recorded": ((1e-6, 1e-6, 1e-6), (0.0225814717, 0.0068, 0.0021, 0.0120814717)),
 }
 
 
 def alphas(process):
     return process.alpha1, process.alpha2, process.alpha3, process.alpha4
+
+
+def test_the_recorded_preset_has_the_numbers_of_the_recordings():
+    """Those that `benchmarks/recorded.py` found, to two digits."""
+    found = json.loads((Path(__file__).parents[2] / "benchmarks/recorded.json").read_text())
+    process, odometry = NOISES["recorded"].process, NOISES["recorded"].odometry
+    for name, fits in found["parameters"].items():
+        assert getattr(process, name) == pytest.approx(fits["preset"]["value"], rel=0.05 if name.startswith("alpha") else 1e-3)
+    rates = {name: event["value"] for name, event in found["events"].items()}
+    events = {"gaps": "dropout_probability", "gap ends": "gap_end", "leaps": "leap_probability", "resets": "reset_probability"}
+    for event, name in (events | {"counted forwards": "reverse_probability"}).items():
+        assert getattr(odometry, name) == pytest.approx(rates[event], rel=0.05)
+    assert process.slip_start == pytest.approx(rates["slips"], rel=0.05)
 
 
 @pytest.mark.parametrize("name", NOISES)
@@ -47,7 +63,7 @@ def test_the_matched_filter_has_its_numbers(name):
     assert list(tuning.R) == pytest.approx(R, rel=1e-12)
     assert alphas(tuning.process) == pytest.approx(expected, rel=1e-7)
     assert tuning.process.slip == 0.0  # it is in the alphas: counted once
-    assert tuning.kind == (DeadReckoning() if name == "wheel" else Kalman())
+    assert tuning.kind == (DeadReckoning(**ODOMETRY_LEAP) if NOISES[name].odometry.wheel else Kalman(**POSE_GATE))
     assert not tuning.from_origin
     assert matched(Noise(process=ProcessNoise(scale=0.98))).process.scale == 1.0  # it knows nothing of a speed error
 

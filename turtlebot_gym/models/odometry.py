@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.models.random import EVENTS, HEADING, POSITION, normals, uniforms
-from turtlebot_gym.parameters import OdometryNoise
+from turtlebot_gym.models.angles import PI, TWO_PI, sincos, wrap
+from turtlebot_gym.models.random import COUNT, EVENTS, HEADING, LEAP, POSITION, normals, uniforms
+from turtlebot_gym.parameters import REFERENCE_PERIOD, OdometryNoise
 from turtlebot_gym.values import Command, Odometry, Pose
 
 
@@ -48,6 +48,37 @@ def measure(
 
 
 @kernel
+def miscounts(v: float, noise: OdometryNoise, key: int, at: int, dt: float) -> bool:
+    """Return whether the wheels' speed v, m/s, is backwards in step ``at`` and counted as forwards."""
+    draw, _ = uniforms(key, at, COUNT)
+    return (v < 0.0) & (draw < noise.reverse_probability * (dt / REFERENCE_PERIOD))
+
+
+@kernel
+def counted(before: Pose, after: Pose, v: float, noise: OdometryNoise, key: int, at: int, dt: float) -> Pose:
+    """Return the pose that the wheels integrate in a step, with what goes wrong: wrong directions, leaps and resets.
+
+    Args:
+        before: The integrated pose at the start of the step.
+        after: At its end, by the wheels' motion.
+        v: Speed of the wheels, m/s.
+        noise: The odometry's errors.
+        key: The episode's key.
+        at: The step's number.
+        dt: Control interval, s.
+    """
+    share, wrong = dt / REFERENCE_PERIOD, miscounts(v, noise, key, at, dt)
+    x, y = (2.0 * before.x - after.x if wrong else after.x), (2.0 * before.y - after.y if wrong else after.y)
+    event, to = uniforms(key, at, LEAP)
+    sine, cosine = sincos(TWO_PI * to - PI)
+    leaps, resets = event < noise.leap_probability * share, event >= 1.0 - noise.reset_probability * share
+    turn = noise.leap_turn if to < 0.5 else -noise.leap_turn
+    x, y = (x + noise.leap * cosine if leaps else x), (y + noise.leap * sine if leaps else y)
+    theta = wrap(after.theta + turn) if leaps else after.theta
+    return Pose(0.0 if resets else x, 0.0 if resets else y, 0.0 if resets else theta)
+
+
+@kernel
 def sense(pose: Pose, wheels: Pose, twist: Command, before: Odometry, noise: OdometryNoise, key: int, at: int) -> Odometry:
     """Return the odometry at a step; if a measurement is lost, the last pose that arrived is kept.
 
@@ -63,7 +94,8 @@ def sense(pose: Pose, wheels: Pose, twist: Command, before: Odometry, noise: Odo
     heading, _ = normals(key, at, HEADING)
     event, dropout = uniforms(key, at, EVENTS)
     z = measure(pose, wheels, noise, normals(key, at, POSITION), heading, event)
-    measured = (dropout >= noise.dropout_probability) | (at == 0)  # without the branch of an `or`
+    goes_on = (dropout < 1.0 - noise.gap_end) & (not before.measured)
+    measured = ((dropout >= noise.dropout_probability) & (not goes_on)) | (at == 0)  # without the branch of an `or`
     last = before.pose
     newest = Pose(z.x if measured else last.x, z.y if measured else last.y, z.theta if measured else last.theta)
     return Odometry(newest, twist, measured)

@@ -19,7 +19,7 @@ _WEYL = 0x1E3779B97F4A7C15
 _STREAMS = 16
 
 # Streams of the draws. Each yields two uniform or two normal numbers.
-PROCESS, POSITION, HEADING, EVENTS, SLIP, START, GOAL = range(7)
+PROCESS, POSITION, HEADING, EVENTS, SLIP, START, GOAL, LEAP, COUNT = range(9)
 
 # Uses of an episode that draw more numbers in a step than there are streams: each has its own key, see `sub_key`.
 ROOM, SCAN, FIX, SENSOR = 1, 2, 3, 4

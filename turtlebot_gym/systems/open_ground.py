@@ -10,6 +10,7 @@ from functools import cache
 
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.odometry import counted
 from turtlebot_gym.models.random import PROCESS, SLIP, normals, uniforms
 from turtlebot_gym.models.unicycle import accelerate, advance, execute, limit, slips
 from turtlebot_gym.observations import OPEN_GROUND, observed_state
@@ -71,6 +72,7 @@ def _move(body, command, key, at, p):
     pose = advance(Pose(truth.x, truth.y, truth.theta), truth.v, truth.omega, dt, p.integrator)
     # What nothing reads is not worked out: a large batch takes as long as its memory.
     rolled = advance(body.wheels, body.command.v, body.command.omega, dt, p.integrator)
+    rolled = counted(body.wheels, rolled, body.command.v, p.noise.odometry, key, at, dt)
     is_rolled, is_late = p.noise.odometry.wheel, p.delay > 0.0
     wheels = Pose(
         rolled.x if is_rolled else pose.x, rolled.y if is_rolled else pose.y, rolled.theta if is_rolled else pose.theta

@@ -37,9 +37,10 @@ class _PhysicalBody(NamedTuple):
 
 def _sense(body, before, key, at, p):
     """Sense as `sensors.ODOMETRY` does, with the wheels' own twist."""
-    truth = body.true_state
+    truth, (v, omega), noise = body.true_state, body.twist, p.noise.odometry
     pose = Pose(truth.x, truth.y, truth.theta)
-    return odometry.sense(pose, body.wheels, body.twist, before, p.noise.odometry, key, at)
+    twist = Command(-v if odometry.miscounts(v, noise, key, at, p.dt) else v, omega)
+    return odometry.sense(pose, body.wheels, twist, before, noise, key, at)
 
 
 def _first_sense(body, key, p):
@@ -65,7 +66,8 @@ def physical(system: System, burger: MujocoBurger) -> System:
         now = obey(body, command, p)
         driven = engine.drive(body.physics, body.wheels, (body.command, now), p.dt)
         asked = (command, *body.asked[:2])
-        return _PhysicalBody(driven.truth, now, asked, driven.wheels, False, driven.twist, driven.physics)
+        wheels = odometry.counted(body.wheels, driven.wheels, driven.twist.v, p.noise.odometry, key, at, p.dt)
+        return _PhysicalBody(driven.truth, now, asked, wheels, False, driven.twist, driven.physics)
 
     system = system.with_sensor(Sensor("odometry", _first_sense, _sense))
     return system._replace(start=start, move=move, example=system.example._replace(plant=burger), compiled=False)

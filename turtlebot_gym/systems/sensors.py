@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models import odometry
-from turtlebot_gym.values import Odometry, Pose, senses_of
+from turtlebot_gym.values import Command, Odometry, Pose, senses_of
 
 
 class Sensor(NamedTuple):
@@ -34,10 +34,11 @@ class Sensor(NamedTuple):
 
 @kernel
 def _sense_odometry(body, before, key, at, p):
-    """Return a measured pose, unless it is lost, and the twist that the wheels were set to."""
-    truth = body.true_state
+    """Return a measured pose, unless it is lost, and the twist that the wheels were set to, as it is counted."""
+    truth, (v, omega), noise = body.true_state, body.command, p.noise.odometry
     pose = Pose(truth.x, truth.y, truth.theta)
-    return odometry.sense(pose, body.wheels, body.command, before, p.noise.odometry, key, at)
+    twist = Command(-v if odometry.miscounts(v, noise, key, at + 1, p.dt) else v, omega)  # which moves in the next step
+    return odometry.sense(pose, body.wheels, twist, before, noise, key, at)
 
 
 @kernel
