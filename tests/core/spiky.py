@@ -23,7 +23,7 @@ def spiky_drive(noise, spike, seed, steps=300):
     """Return twists (T, 2) that hold from each step on, true poses and measured poses (T, 3); the first is no spike."""
     rng, process, root = np.random.default_rng(seed), noise.process, np.sqrt(noise.odometry.R)
     pose, executed = Pose(*rng.uniform([-1.0, -1.0, -3.0], [1.0, 1.0, 3.0])), (0.0, 0.0)
-    twists, truth, measured, ends = [], [], [], 0
+    twists, truth, measured, ends, twist, offset = [], [], [], 0, np.zeros(2), np.zeros(2)
     for step in range(steps):
         if step % 10 == 0:
             twist = np.array([rng.uniform(0.05, 0.22), rng.uniform(-1.0, 1.0)])
@@ -45,7 +45,8 @@ def spiky_drive(noise, spike, seed, steps=300):
                 ends, offset = step + 5, 0.42 * np.array([math.cos(to), math.sin(to)])
             z[:2] += offset if step < ends else 0.0
         z[2] = _difference(z[2])
-        twists.append(twist), truth.append(pose), measured.append(z)
+        for record, value in ((twists, twist), (truth, pose), (measured, z)):
+            record.append(value)
     return np.array(twists), np.array(truth), np.array(measured)
 
 
@@ -82,7 +83,8 @@ def by_peer(tuning, twists, measured, confidence=0.999):
         if nu @ np.linalg.solve(peer.P[:3, :3] + peer.R, nu) <= gate:
             peer.update(peer.x[:3] + nu, lambda x: H, lambda x: x[:3])
             peer.x[2] = _difference(peer.x[2])
-        means.append(peer.x.copy()), covariances.append(peer.P.copy())
+        means.append(peer.x.copy())
+        covariances.append(peer.P.copy())
     return np.array(means), np.array(covariances)
 
 
