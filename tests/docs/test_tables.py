@@ -311,3 +311,44 @@ def test_the_table_of_policies_on_calibrated_files_is_what_was_measured():
     lost = [f"{100.0 * results['lost'][end]:+.2f}" for end in ("value", "low", "high")]
     assert lost == ["+0.05", "-1.14", "+1.23"]
     assert all(abs(results["lost"][end]) < 0.02 for end in ("low", "high"))
+
+
+def test_the_tables_of_the_recorded_noise_are_what_was_measured():
+    page, cases = "docs/concepts/noises.md", measured("recorded_policies")["cases"]
+    of = {(case["policy"], case["noise"], case["filter"]): case for case in cases}
+
+    def cells(case, *names):
+        numbers = {name: case[name]["value"] for name in names}
+        return [
+            f"{100.0 * value:.0f}" if name in ("success", "false_arrival") else f"{value:.3f}"
+            for name, value in numbers.items()
+        ]
+
+    errors = ("estimate_position_mean", "odometry_position_mean")
+    policies = rows_after(page, "## What policies do with it")
+    for policy, noise, *numbers, ratio in policies:
+        case = of[policy.strip("`"), noise.strip("`"), "matched"]
+        assert [*numbers, ratio] == [*cells(case, "success", "false_arrival", *errors), f"{case['ratio']:.2f}"]
+    filters = rows_after(page, "on the same drives of `ppo-nav`")
+    for name, *numbers, ratio in filters:
+        case = of["ppo-nav", "recorded", name.replace("`", "").replace(" with the fix ", ", fix ")]
+        assert [*numbers, ratio] == [*cells(case, "success", *errors), f"{case['ratio']:.2f}"]
+    for name, *_, ratio in rows_after(page, "# Which noise is yours"):
+        case = of.get(("bearing", name.strip("`"), "matched"))
+        assert ratio == (f"{case['ratio']:.2f}" if case else "")
+    assert (len(policies), len(filters)) == (12, 8)
+    wheel, recorded = (of["proportional", noise, "matched"] for noise in ("wheel", "recorded"))
+    said = f"{cells(wheel, errors[0])[0]} m both, ratio {wheel['ratio']:.2f}"
+    assert (
+        f"{said}; on wheels as recordings show them {cells(recorded, errors[0])[0]} m of {cells(recorded, errors[1])[0]} m"
+        in (ROOT / "README.md").read_text(encoding="utf-8")
+    )
+
+
+def test_the_table_of_what_recordings_show_is_what_was_fitted():
+    found = measured("recorded")
+    events = ("gaps", "gap ends", "leaps", "resets", "slips", "counted forwards")
+    intervals = [fits["preset"] for fits in found["parameters"].values()] + [found["events"][name] for name in events]
+    rows = rows_after("docs/concepts/noises.md", "## What recordings show")
+    for (_, _, cell, _), fit in zip(rows, intervals, strict=True):
+        assert cell == f"{fit['value']:.3g} ({fit['low']:.3g}, {fit['high']:.3g})"
