@@ -2,16 +2,20 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from spiky import SPIKES, by_filter, by_peer, errors, spiky_drive
 
 from turtlebot_gym import make_filter
-from turtlebot_gym.estimation.filters import KalmanFilter
+from turtlebot_gym.estimation.filters import KalmanFilter, filter_of
 from turtlebot_gym.parameters import Noise, OdometryNoise
 from turtlebot_gym.presets import POSE_GATE, WHEEL
-from turtlebot_gym.values import Command, Pose
+from turtlebot_gym.systems.imu import IMUS, Imu
+from turtlebot_gym.values import STOP, Command, Odometry, Pose, senses_of
+
+Read = senses_of(("odometry", "imu"))
 
 NOISE = Noise(process=WHEEL.process, odometry=OdometryNoise(R=(0.05**2, 0.05**2, 0.05**2)))
 """Wheels as recorded, and a sensor of the pose."""
@@ -82,6 +86,21 @@ def steps_until_back(name, dt, away, **rules):
 @pytest.mark.parametrize("name", FILTERS)
 def test_a_leap_that_stays_is_believed_after_a_second_or_three_measurements(name, dt, away):
     assert steps_until_back(name, dt, away) == pytest.approx(max(3, POSE_GATE["lockout"] / dt), abs=1)
+
+
+@pytest.mark.parametrize("gate", [POSE_GATE["gate"], math.inf])
+def test_the_filter_of_a_gyro_refuses_a_leap_too(gate):
+    tuning = make_filter("gyro", NOISE, imu=IMUS["calibrated"])
+    tuning = replace(tuning, kind=replace(tuning.kind, gate=gate))
+    start, step, *_ = filter_of(tuning)
+    senses = [Read(Odometry(Pose(x, 0.0, 0.0), STOP, True), Imu(0.0, 0.0)) for x in (0.0, 0.0, 0.0, 0.5)]
+    estimate = start(senses[0], tuning)
+    for before, now in pairwise(senses):
+        estimate = step(estimate, before, now, tuning, 0.1, 0.0)
+    assert (abs(estimate.belief.mean.x) < 1e-6) == (gate < math.inf)
+    for _ in range(10):
+        estimate = step(estimate, senses[-1], senses[-1], tuning, 0.1, 0.0)
+    assert abs(estimate.belief.mean.x - 0.5) < 0.15
 
 
 def test_a_filter_that_may_refuse_for_ever_does():
