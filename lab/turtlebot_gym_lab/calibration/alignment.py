@@ -1,4 +1,4 @@
-"""Clocks and frames: the time offset of the twist and of the truth, and the frame of the truth."""
+"""Clocks and frames: the time offset and the frame of the truth beside measured poses, and a twist that is shifted."""
 
 from __future__ import annotations
 
@@ -15,10 +15,6 @@ from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym_lab.drives.alignment import between
 
-WINDOW = 0.1
-"""Window over which motions are compared if the truth is known, s ..."""
-NOISY_WINDOW = 1.0
-"""... and if only measured poses are known, or poses by scans, s."""
 REACH = 0.6
 """Largest clock offset that is searched, s."""
 SURE = 10.0
@@ -56,47 +52,17 @@ class Frame(NamedTuple):
 SAME_FRAME = Frame(0.0, 0.0, 0.0, False)
 
 
-def aligned(
-    drive: Drive, kind: str, has_truth: bool, delay: float | None, is_noisy: bool = False
-) -> tuple[Drive, tuple[Shift, Shift], Frame, list[str]]:
-    """Return a drive with one clock and one frame, and the shifts, frame and remarks that this took.
-
-    Args:
-        drive: The drive.
-        kind: Kind of its odometry; only that which measures the pose has a clock and a frame of its own.
-        has_truth: Whether the truth is used.
-        delay: Time by which the motion lags behind the recorded twist, s; None to estimate it.
-        is_noisy: Whether the truth is no better than measured poses.
-    """
-    remarks: list[str] = []
-    frame, late = SAME_FRAME, NO_SHIFT
-    if has_truth and kind == "pose":
-        drive, frame, remarks = in_one_frame(drive)
-        late = _truth_delay(drive)
-        if late.is_sure:
-            drive = _shift_truth(drive, late.value)
-            remarks.append(f"the measured poses are {late.value:.3f} s behind the truth ({late.low:.3f} to {late.high:.3f})")
-            if frame.is_other:
-                again = _find_frame(drive)
-                drive = _into_measured_frame(drive, again)
-    poses, window = drive.truth if has_truth else drive.odometry, WINDOW if has_truth and not is_noisy else NOISY_WINDOW
-    if delay is None:
-        twist_late = _twist_delay(drive, poses, max(window, drive.period))
-        if is_noisy and twist_late.low <= 0.0 <= twist_late.high:
-            twist_late = twist_late._replace(is_sure=False)
-        rows = twist_late.value / drive.period
-        if abs(rows - round(rows)) < 0.25:  # delays by steps are whole steps
-            twist_late = twist_late._replace(value=round(rows) * drive.period)
-    else:
-        twist_late = Shift(delay, delay, delay, True)
-    if twist_late.is_sure:
-        remark = f"the motion follows the recorded twist by {twist_late.value:.3f} s"
-        if twist_late.value > 0.0 or delay is not None:
-            drive = _shift_twist(drive, twist_late.value)
-        else:  # the filter gets the twist just as late when it drives
-            remark += ", that is, the twist comes late; this is left as it is, as the filter meets it"
-        remarks.append(remark)
-    return drive, (twist_late, late), frame, remarks
+def aligned(drive: Drive) -> tuple[Drive, Shift, Frame, list[str]]:
+    """Return a drive whose truth has the clock and frame of its measured poses, with the shift, the frame and remarks."""
+    drive, frame, remarks = in_one_frame(drive)
+    late = _truth_delay(drive)
+    if late.is_sure:
+        drive = _shift_truth(drive, late.value)
+        remarks.append(f"the measured poses are {late.value:.3f} s behind the truth ({late.low:.3f} to {late.high:.3f})")
+        if frame.is_other:
+            again = _find_frame(drive)
+            drive = _into_measured_frame(drive, again)
+    return drive, late, frame, remarks
 
 
 def in_one_frame(drive: Drive) -> tuple[Drive, Frame, list[str]]:
@@ -116,7 +82,7 @@ def _progress(drive: Drive) -> NDArray[np.float64]:
     return np.concatenate([np.zeros((1, 2)), np.cumsum(drive.twist[1:] * np.diff(drive.time)[:, None], axis=0)])
 
 
-def _shift_twist(drive: Drive, delay: float) -> Drive:
+def shift_twist(drive: Drive, delay: float) -> Drive:
     """Return a drive whose twists are delayed; a row that has no twist then does not continue the one before it."""
     if delay == 0.0:
         return drive
@@ -156,26 +122,6 @@ def _at(time: NDArray[np.float64], poses: NDArray[np.float64], then: NDArray[np.
     """Return poses interpolated over all that are unknown, at other times, shape (n, 3)."""
     are_known = known(poses)
     return between(time[are_known], poses[are_known], then)
-
-
-def _twist_delay(drive: Drive, poses: NDArray[np.float64], window: float) -> Shift:
-    """Return how long the motion lags behind the recorded twist."""
-    begin = np.arange(drive.time[0] + REACH, drive.time[-1] - REACH - window, 0.5 * window)
-    if len(begin) < 20:
-        return NO_SHIFT
-    driven = _progress(drive)
-    first, last = _at(drive.time, poses, begin), _at(drive.time, poses, begin + window)
-    middle = 0.5 * (first[:, 2] + last[:, 2])
-    way = np.cos(middle) * (last[:, 0] - first[:, 0]) + np.sin(middle) * (last[:, 1] - first[:, 1])
-    moved = np.stack([way, last[:, 2] - first[:, 2]], axis=1)
-    shifts = _shifts(max(0.25 * drive.period, 0.005))
-    score = np.zeros(len(shifts))
-    for at, shift in enumerate(shifts):
-        for k in (0, 1):
-            until, since = (np.interp(begin + ahead - shift, drive.time, driven[:, k]) for ahead in (window, 0.0))
-            misfit = float(((moved[:, k] - (until - since)) ** 2).sum())
-            score[at] -= 0.25 * len(begin) * math.log(misfit + 1e-12 * len(begin))  # windows overlap by half
-    return _best(shifts, score)
 
 
 def _truth_delay(drive: Drive) -> Shift:

@@ -281,4 +281,4 @@ def measured_rows(drive: Drive) -> Rows:
     """Return a drive's measured poses."""
     due = known(drive.odometry)
     poses = np.where(due[:, None], drive.odometry, 0.0)
-    return Rows(drive.time, drive.twist, poses, due, np.zeros(len(due), np.bool_), drive.joined)
+    return Rows(drive.time, drive.twist, poses, due, drive.joined)

@@ -1,4 +1,4 @@
-"""The execution of twists, fitted to a drive with truth: row by row, or over segments where errors are correlated."""
+"""The execution of twists, fitted to a drive with truth: wheels by windows, noise by pieces, and a verdict by halves."""
 
 from __future__ import annotations
 
@@ -9,251 +9,226 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
 
-from turtlebot_gym.drive import Drive
-from turtlebot_gym.models.angles import wrap_all
+from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import Noise, OdometryNoise
+from turtlebot_gym.parameters import Noise
 from turtlebot_gym.validation import choose
-from turtlebot_gym_lab.calibration.coordinates import ALPHAS, PARAMETERS, with_values
-from turtlebot_gym_lab.calibration.diagnosis import Verdict, diagnose
-from turtlebot_gym_lab.calibration.estimates import (
-    FEWEST,
-    FINE,
-    CalibrationEstimate,
-    Likelihood,
-    estimates_of,
-    profiled,
-    remedy_of,
-    search,
-)
-from turtlebot_gym_lab.calibration.fit import LEVEL, Fit, Z, maximize
-from turtlebot_gym_lab.calibration.likelihood import Rows, count_segments, innovations, segment_rows
-from turtlebot_gym_lab.calibration.motions import Array, Motions, motions_of
-from turtlebot_gym_lab.calibration.regression import (
-    LINEAR,
-    USUAL,
-    WHEELS_ONLY,
-    Regression,
-    RegressionProblem,
-    problem_of,
-    relinearized,
-)
+from turtlebot_gym_lab.calibration.alignment import NO_SHIFT, Shift, shift_twist
+from turtlebot_gym_lab.calibration.alphas import AlphaFit, fit_alphas, intervals, pieces_of
+from turtlebot_gym_lab.calibration.blocks import quantile
+from turtlebot_gym_lab.calibration.coordinates import ALPHAS, PARAMETERS, value_of, with_values
+from turtlebot_gym_lab.calibration.estimates import MOTIONS, CalibrationEstimate
+from turtlebot_gym_lab.calibration.truth import at_axle, cleaned
+from turtlebot_gym_lab.calibration.verdict import DEGREES, Verdict, judge
+from turtlebot_gym_lab.calibration.wheels import SEEN, WheelFit, fit_wheels
+from turtlebot_gym_lab.calibration.windows import OVERLAP, USUAL, Array, length_for, path_of, relative, windows_of
+from turtlebot_gym_lab.calibration.windows import PARAMETERS as WHEELS
 
-SEGMENTS = (0.25, 0.5, 1.0)
-"""Segment lengths for errors that are correlated from row to row, m: timing errors show over short distances, drift
-over long ones. All lengths together count as much as the last one alone, since correlated errors are no further
-evidence."""
-CAPTURED = (1e-3) ** 2
-"""Variance of the truth over segments: that of motion capture, a millimetre and a milliradian."""
-BLOCKS = 20
-"""Parts of a drive whose scores count as independent where errors are correlated."""
-PLAUSIBLE = np.array([0.3, 0.6, 0.5, 0.1, 0.3, 0.3, math.inf])
-"""Largest differences from the usual that are believed where errors are correlated, in the order of `LINEAR`."""
-TYPICAL = np.array([0.1, 0.3, 0.1, 0.03, 0.1, 0.1, 1.0])
-"""Typical differences from the usual, as standard deviations."""
-SEEN = 5.0
-"""Standard deviations from which a marker counts as off the axle."""
-CLOSE = 20.0
-"""Difference of log-likelihoods at the first variances beyond which the better integrator is certain."""
+SHORT, LONG = (0.1,), (0.5, 1.0, 2.0)
+"""Lengths of pieces to which alphas are fitted, m: if errors are white, and if they last or take each other back."""
+WHITE = 2.0
+"""Ratio of the NEES after the last of the long lengths to the right one, either way, up to which errors are white."""
+WEIGHTED = 2
+"""Rounds in which windows are weighted by the noise found."""
+TOLD, NEAR = 5.0, 0.15
+"""Standard deviations by which, and share of a turn to which, the truth must tell that steps have the heading of their start;
+otherwise it is the midpoint rule. Wheels that slip to the side look a little like that."""
+CERTAIN = 0.6
+"""Standard deviation of an alpha's logarithm up to which it is determined."""
 LEAST = 1e-3
 """Least drift and place of a marker that matter, rad/s, m and rad."""
+JUMP = 6.0
+"""Standard deviations from which a step of the truth jumps."""
+EARLIEST = 0.01
+"""Least delay that matters, s."""
 UNITS = {"drift": "rad/s", "marker_x": "m", "marker_y": "m", "marker_theta": "rad"}
+MARKER = (("marker_x", "m", "ahead"), ("marker_y", "m", "to the left"), ("marker_theta", "rad", "turned"))
 
 
 class Execution(NamedTuple):
     """What a drive with truth shows about the execution of its twists."""
 
-    noise: Noise
+    likeliest: Noise
     """The noise model with the likeliest execution."""
+    noise: Noise
+    """The same, with alphas as large as its verdict demands."""
     estimates: dict[str, CalibrationEstimate]
     verdict: Verdict
     integrator: str
-    segment: float
-    """Length of the longest segments to which the alphas were fitted, m; 0 for row by row."""
-    segments: int
+    lengths: tuple[float, ...]
+    """Lengths of the pieces to which the alphas were fitted, m."""
+    delay: Shift
+    """Time by which the motion lags behind the twist, s."""
     truth_deviations: tuple[float, float]
     """Standard deviations of the truth, m and rad."""
-    jumps: NDArray[np.intp]
-    """Rows at which the truth, or the twist, jumps."""
     drive: Drive
-    """The drive with its truth at the middle of the axle, without jumps, and its twist without drift."""
-
-    def is_seen(self, name: str) -> bool:
-        """Return whether a parameter differs from 0 beyond doubt, and by as much as matters."""
-        estimate = self.estimates[name]
-        return abs(estimate.value) > max(SEEN / Z * 0.5 * (estimate.high - estimate.low), LEAST)
+    """The drive with its truth at the middle of the axle, without jumps, and its twist without drift or lag."""
+    remarks: list[str]
 
 
-def fit_execution(drive: Drive, start: Noise, integrator: str | None, segment: float | None) -> Execution:
+def fit_execution(drive: Drive, start: Noise, integrator: str | None, delay: float | None) -> Execution:
     """Fit the execution of twists to a drive with truth.
 
     Args:
         drive: The drive.
-        start: Start of the search for the alphas over segments.
+        start: Noise model whose alphas are the usual ones, and whose wheels are as assumed.
         integrator: "euler" or "midpoint"; None for the one that explains the motion better.
-        segment: Length of the segments to which the alphas are fitted, m; 0 for row by row; None to choose.
+        delay: Time by which the motion lags behind the recorded twist, s; None to find it.
 
     Raises:
-        ValueError: If fewer than `FEWEST` motions have a truth.
+        ValueError: If the truth shows too little motion.
     """
-    motions = motions_of(drive)
-    if len(motions.row) < FEWEST:
-        raise ValueError(f"only {len(motions.row)} motions have a true pose before and after them.")
-    other = None
-    if integrator is None:
-        integrator, other = _likelier(motions)
-    rule = choose("integrator", integrator, INTEGRATORS)
-    problem, fit, best = _fitted(problem_of(motions, rule), rule)
-    verdict = diagnose(problem, best)
-    if verdict.is_correlated and not (np.abs(best.linear - USUAL) < PLAUSIBLE).all():
-        # Errors that last look like a marker off the axle if the drive is short.
-        problem, fit, best = _fitted(problem_of(motions, rule, prior=WHEELS_ONLY), rule)
-    linear, covariance = _by_blocks(best) if verdict.is_correlated else (best.linear, best.covariance)
-    estimates = _linear_estimates(linear, covariance, blocks=BLOCKS * verdict.is_correlated)
-    if other is not None and not verdict.is_correlated:
-        estimates = _with_either(estimates, _linear_estimates(other.linear, other.covariance))
-    seen = np.where(np.abs(linear) > SEEN * np.sqrt(np.diag(covariance)), linear, 0.0)
-    drive = at_axle(drive, *seen[4:])
-    drive = _corrected(drive, problem, seen[3])
-    written = _without_guesses(linear, covariance) if verdict.is_correlated else linear
-    wheels = with_values(start, dict(zip(LINEAR[:3], written.tolist(), strict=False)))
-    lengths = (segment,) if segment else ()
-    if segment is None and verdict.is_correlated and count_segments(segment_rows(drive, SEGMENTS[-1])) >= FEWEST:
-        lengths = SEGMENTS
-    rows = [segment_rows(drive, length) for length in lengths]
-    if lengths:
-        likelihood = _over(rows, rule)
-        alphas = estimates_of(likelihood, wheels, ALPHAS, search(likelihood, wheels, ALPHAS, widely=True), has_truth=True)
-    else:
-        alphas = _alphas(problem, fit)
-    return Execution(
-        noise=with_values(wheels, {name: estimate.value for name, estimate in alphas.items()}),
-        estimates=alphas | estimates,
-        verdict=verdict,
-        integrator=integrator,
-        segment=lengths[-1] if lengths else 0.0,
-        segments=count_segments(rows[-1]) if lengths else len(problem.motions.row),
-        truth_deviations=(0.0, 0.0) if problem.is_exact else (abs(float(fit.x[4])), abs(float(fit.x[5]))),
-        jumps=problem.jumps,
-        drive=drive,
-    )
+    given = np.append(np.full(len(USUAL) - 1, np.nan), np.nan if delay is None else delay)
+    path = path_of(drive)
+    name = integrator or integrator_of(drive)
+    rule = choose("integrator", name, INTEGRATORS)
+    fit = fit_wheels(path, windows_of(path, drive.truth, length_for(path)), rule, given)
+    drive, remark = cleaned(drive, fit.values, rule)
+    usual = [value_of(start, name) for name in ALPHAS]
+    fit = _weighted(drive, rule, given, fit.values, usual)
+    remarks = [remark] if remark else []
+    drive, lag, text = _in_time(drive, _delay(fit, drive.period, is_given=delay is not None), is_given=delay is not None)
+    remarks += text
+    remarks += _remarks(fit)
+    drive = at_axle(drive, *fit.values[4:7])
+    drive = replace(drive, twist=drive.twist - [0.0, fit.values[3] / (fit.values[0] * fit.values[1])])
+    wheels = np.append(fit.values[:3], np.zeros(5))
+    alphas, lengths = _alphas(drive, wheels, rule, usual)
+    half = np.where(fit.values == USUAL, USUAL, np.nan)
+    half[3:] = 0.0
+    half[7] = min(fit.values[7], 0.0) if delay is None else 0.0  # a lag is taken off, a late twist is not
+
+    def refit(part: Drive) -> tuple[Array, Array]:
+        again = _weighted(part, rule, half, np.append(wheels[:-1], half[7]), usual)
+        found = np.append(again.values[:3], np.zeros(5))
+        return found, _fit(part, found, rule, usual, lengths).variances
+
+    verdict, factor = judge(drive, refit, np.append(usual, alphas.variances[4:]), rule)
+    if verdict.is_usual:
+        wheels = USUAL.copy()
+    likeliest = with_values(start, dict(zip(WHEELS[:3], wheels.tolist(), strict=False)))
+    likeliest = with_values(likeliest, dict(zip(ALPHAS, alphas.variances.tolist(), strict=False)))
+    wide = with_values(likeliest, {name: factor * value_of(likeliest, name) for name in ALPHAS})
+    deviations = np.sqrt(alphas.variances[4:]).tolist()
+    estimates = _alpha_estimates(alphas) | wheel_estimates(fit)
+    return Execution(likeliest, wide, estimates, verdict, name, lengths, lag, (deviations[0], deviations[1]), drive, remarks)
 
 
-def _likelier(motions: Motions) -> tuple[str, Regression | None]:
-    """Return the integrator that explains motions better, and the regression with the other one if that may be right, too.
+def lag_of(drive: Drive, delay: float | None) -> tuple[Drive, Shift, list[str]]:
+    """Return a drive without truth whose motion does not lag behind its twist, by its measured poses, the lag and remarks."""
+    path = path_of(drive)
+    given = np.append(np.full(len(USUAL) - 1, np.nan), np.nan if delay is None else delay)
+    try:
+        fit = fit_wheels(path, windows_of(path, drive.odometry, LONG[0]), given=given)
+    except ValueError:  # too short to tell
+        return drive, NO_SHIFT, []
+    return _in_time(drive, _delay(fit, drive.period, is_given=delay is not None), is_given=delay is not None)
 
-    Jumps of the one that sees fewer of them are left out.
+
+def _in_time(drive: Drive, lag: Shift, *, is_given: bool) -> tuple[Drive, Shift, list[str]]:
+    """Return a drive whose motion does not lag behind its twist, and a remark. A twist that comes late stays as it is."""
+    if not lag.is_sure:
+        return drive, lag, []
+    text = f"the motion follows the recorded twist by {lag.value:.3f} s"
+    if lag.value > 0.0 or is_given:
+        return shift_twist(drive, lag.value), lag, [text]
+    # The filter gets the twist just as late when it drives.
+    return drive, lag, [f"{text}, that is, the twist comes late; the wheels are fitted without that, and the noise contains it"]
+
+
+def _weighted(drive: Drive, rule: float, given: Array, start: Array, usual: Sequence[float]) -> WheelFit:
+    """Return the wheels of a drive without gross errors, its windows weighted by the noise that others of them show."""
+    path, truth = path_of(drive), drive.truth
+    length = length_for(path)
+    windows = windows_of(path, truth, length)
+    for _ in range(WEIGHTED):
+        noise = fit_alphas([pieces_of(path, truth, start, rule, length)], usual)
+        covariance = pieces_of(path, truth, start, rule, length, overlap=OVERLAP).covariance(noise.variances)
+        fit = fit_wheels(path, windows, rule, given, start, covariance)
+        start = fit.values
+    return fit
+
+
+def integrator_of(drive: Drive) -> str:
+    """Return by which rule the truth moves from row to row: "euler" moves along the heading at the start of a step.
+
+    Seen from the heading in the middle, such a step goes aside by half its turn. A marker ahead of the axle goes aside by its
+    distance times the turn, and one that is turned in proportion to the way.
     """
-    problems = [problem_of(motions, rule) for rule in INTEGRATORS.values()]
-    kept = min(problems, key=lambda problem: len(problem.jumps) + int(problem.is_far().sum())).motions
-    by_name = {name: problem_of(kept, rule, rounds=0) for name, rule in INTEGRATORS.items()}
-    values = {name: problem.likelihood(problem.roots) for name, problem in by_name.items()}
-    if max(values.values()) - min(values.values()) > CLOSE:
-        return max(values, key=values.__getitem__), None
-    best = {name: _fitted(problem, INTEGRATORS[name])[2] for name, problem in by_name.items()}
-    other, chosen = sorted(best, key=lambda name: best[name].likelihood)
-    is_close = 2.0 * (best[chosen].likelihood - best[other].likelihood) < Z**2
-    return chosen, best[other] if is_close else None
+    rows = np.flatnonzero(known(drive.truth)[1:] & known(drive.truth)[:-1] & drive.joined[1:]) + 1
+    x, y, turn = relative(drive.truth[rows - 1], drive.truth[rows]).T
+    step = (x + 1j * y) * np.exp(-0.5j * turn)
+    X = np.column_stack([step.real * turn, turn, step.real])
+    kept = np.isfinite(turn)
+    for _ in range(2):  # the second time without jumps
+        if kept.sum() < 2 * len(X.T):
+            return "midpoint"
+        solution = np.linalg.lstsq(X[kept], step.imag[kept])[0]
+        off = step.imag - X @ solution
+        variance = float((off[kept] ** 2).mean()) * np.linalg.pinv(X[kept].T @ X[kept])[0, 0]
+        kept = np.abs(off) <= max(JUMP * 1.4826 * float(np.median(np.abs(off))), 1e-9)
+    slope, deviation = float(solution[0]), math.sqrt(variance)
+    return "euler" if slope < -TOLD * deviation and abs(slope + 0.5) < NEAR else "midpoint"
 
 
-def _with_either(
-    estimates: dict[str, CalibrationEstimate], others: dict[str, CalibrationEstimate]
-) -> dict[str, CalibrationEstimate]:
-    """Return estimates with intervals that hold those of the other integrator, too."""
+def _delay(fit: WheelFit, period: float, *, is_given: bool) -> Shift:
+    """Return the delay of the motion, with its interval; delays by steps are whole steps."""
+    value, off = float(fit.values[7]), quantile(fit.blocks) * float(fit.deviations[7])
+    is_sure = is_given or abs(value) > max(SEEN * float(fit.deviations[7]), EARLIEST, 0.25 * period)
+    steps = round(value / period)
+    whole = steps * period if not is_given and abs(value / period - steps) < 0.25 and value > 0.0 else value
+    return Shift(whole, value - off, value + off, bool(is_sure))
+
+
+def _alphas(drive: Drive, wheels: Array, rule: float, usual: Sequence[float]) -> tuple[AlphaFit, tuple[float, ...]]:
+    """Return the alphas by short pieces, or by long ones if errors last, and the lengths."""
+    short = _fit(drive, wheels, rule, usual, SHORT)
+    long = pieces_of(path_of(drive), drive.truth, wheels, rule, LONG[-1], overlap=4)
+    if not len(long.off) or 1.0 / WHITE < long.nees(short.variances).mean() / DEGREES < WHITE:
+        return short, SHORT
+    return _fit(drive, wheels, rule, usual, LONG), LONG
+
+
+def _fit(drive: Drive, wheels: Array, rule: float, usual: Sequence[float], lengths: Sequence[float]) -> AlphaFit:
+    path = path_of(drive)
+    return fit_alphas([pieces_of(path, drive.truth, wheels, rule, length) for length in lengths], usual)
+
+
+def _alpha_estimates(fit: AlphaFit) -> dict[str, CalibrationEstimate]:
+    low, high = intervals(fit, quantile(fit.blocks))
+    unsure = np.sqrt(np.diag(fit.covariance)) > CERTAIN
     return {
-        name: replace(estimate, low=min(estimate.low, others[name].low), high=max(estimate.high, others[name].high))
-        for name, estimate in estimates.items()
+        name: CalibrationEstimate(
+            value=float(fit.variances[at]),
+            low=float(low[at]),
+            high=float(high[at]),
+            unit=PARAMETERS[name].unit,
+            remedy=MOTIONS[name] if unsure[at] else "",
+        )
+        for at, name in enumerate(ALPHAS)
     }
 
 
-def _fitted(problem: RegressionProblem, rule: float) -> tuple[RegressionProblem, Fit, Regression]:
-    """Return a problem, the maximum of its restricted likelihood, and the regression there."""
-    fit = maximize(problem.likelihood, problem.roots, 0.3 * problem.roots)
-    problem = relinearized(problem, problem.solve(fit.x).linear, rule)
-    return problem, fit, problem.solve(fit.x)
-
-
-def _alphas(problem: RegressionProblem, fit: Fit) -> dict[str, CalibrationEstimate]:
-    """Return the alphas at the maximum of the restricted likelihood, with their intervals.
-
-    Made linear again after the fit, the problem has other values and another maximum, from which its deviances count.
-    """
-    fit = maximize(problem.likelihood, fit.x, fit.deviations)
-    return profiled(problem.likelihood, fit, dict(zip(ALPHAS, (fit.x**2).tolist(), strict=False)), has_truth=True)
-
-
-def _linear_estimates(linear: Array, covariance: Array, *, blocks: int = 0) -> dict[str, CalibrationEstimate]:
-    """Return the parameters of the mean motion; with ``blocks``, their covariance is that of so many independent parts."""
-    quantile, table = float(stats.t.ppf(0.5 + 0.5 * LEVEL, blocks - 1)) if blocks else Z, {}
-    for name, value, variance in zip(LINEAR, linear.tolist(), np.diag(covariance).tolist(), strict=True):
-        deviation = math.sqrt(variance)
-        low, high = value - quantile * deviation, value + quantile * deviation
-        remedy = remedy_of(name, value, deviation, low, high, has_truth=True)
+def wheel_estimates(fit: WheelFit) -> dict[str, CalibrationEstimate]:
+    """Return the estimates of wheels, drift and marker."""
+    table = {}
+    for at, name in enumerate(WHEELS[:-1]):
+        off, value = quantile(fit.blocks) * float(fit.deviations[at]), float(fit.values[at])
         unit = PARAMETERS[name].unit if name in PARAMETERS else UNITS[name]
-        table[name] = CalibrationEstimate(value=value, low=low, high=high, unit=unit, remedy=remedy)
+        remedy = "" if fit.determined[at] else MOTIONS[name]
+        table[name] = CalibrationEstimate(value=value, low=value - off, high=value + off, unit=unit, remedy=remedy)
     return table
 
 
-def _by_blocks(best: Regression) -> tuple[Array, Array]:
-    """Return the parameters of `LINEAR` and their covariance by how much the parts of a drive differ.
-
-    A drive in curves of one kind hardly tells a turn of its own from one by the speed; then the usual values count.
-
-    References:
-        Liang, Zeger, "Longitudinal data analysis using generalized linear models", *Biometrika* 73 (1986).
-    """
-    sums = np.array([part.sum(axis=0) for part in np.array_split(best.influence, BLOCKS)])
-    prior = np.diag(TYPICAL**2)
-    gain = prior @ np.linalg.inv(prior + BLOCKS / (BLOCKS - 1.0) * sums.T @ sums)
-    return USUAL + gain @ (best.linear - USUAL), prior - gain @ prior
-
-
-def _without_guesses(linear: Array, covariance: Array) -> Array:
-    """Return the parameters with the usual values of scale, turn scale and veer that a drive neither determines nor refutes."""
-    linear, covariance = linear.copy(), covariance.copy()
-    for at in np.argsort(-np.diag(covariance)[:3]):
-        off, deviation = USUAL[at] - linear[at], math.sqrt(covariance[at, at])
-        if deviation > FINE[LINEAR[at]] and abs(off) < 2.0 * deviation:
-            share = covariance[at] / covariance[at, at]  # the others as they are if this one is as usual
-            linear, covariance = linear + share * off, covariance - np.outer(share, covariance[at])
-    return linear
-
-
-def at_axle(drive: Drive, x: float, y: float, direction: float) -> Drive:
-    """Return a drive with its truth at the point that the wheels move, from that of a marker there; m, m, rad."""
-    state = drive.true_state.copy()
-    heading = state[:, 2] - direction
-    state[:, 0] -= x * np.cos(heading) - y * np.sin(heading)
-    state[:, 1] -= x * np.sin(heading) + y * np.cos(heading)
-    state[:, 2] = wrap_all(heading)
-    return replace(drive, true_state=state)
-
-
-def _corrected(drive: Drive, problem: RegressionProblem, drift: float) -> Drive:
-    """Return a drive with its twist without drift, and interrupted by jumps."""
-    scale, turn_scale = problem.guess[:2]
-    twist, joined = drive.twist.copy(), drive.joined.copy()
-    twist[:, 1] -= drift / (scale * turn_scale)
-    joined[problem.jumps] = False
-    return replace(drive, twist=twist, joined=joined)
-
-
-def _over(sets: Sequence[Rows], rule: float) -> Likelihood:
-    """Return the likelihood of a noise model over segments of several lengths, weighted as if there were only the last length.
-
-    The count is reduced by the number of fitted parameters: with few errors, three for each segment, maximum likelihood
-    makes variances too small by that share.
-    """
-    counts = [count_segments(rows) for rows in sets]
-    errors = 3.0 * counts[-1]
-    rest = max(errors - len(ALPHAS) - 3.0, 0.2 * errors) / errors
-    shares = [rest * counts[-1] / (len(sets) * max(count, 1)) for count in counts]
-    truth = OdometryNoise(R=(CAPTURED,) * 3)
-
-    def likelihood(model: Noise) -> float:
-        exact = Noise(process=model.process, odometry=truth)
-        return sum(share * innovations(rows, exact, integrator=rule) for share, rows in zip(shares, sets, strict=True))
-
-    return likelihood
+def _remarks(fit: WheelFit) -> list[str]:
+    """Return what differs from the usual beyond doubt, and by as much as matters, and was taken off."""
+    seen: NDArray[np.bool_] = np.abs(fit.values) > np.maximum(SEEN * fit.deviations, LEAST)
+    off = {name: float(fit.values[at]) for at, name in enumerate(WHEELS) if at in range(3, 7) and seen[at]}
+    remarks = []
+    if "drift" in off:
+        remarks.append(f"the recorded turning rate is off by {off['drift']:.4f} rad/s throughout: a gyro's bias? Subtract it")
+    places = [f"{off[name]:.3f} {unit} {side}" for name, unit, side in MARKER if name in off]
+    if places:
+        remarks.append(f"what is tracked is {', '.join(places)} from the middle of the axle; the truth was moved there")
+    return remarks

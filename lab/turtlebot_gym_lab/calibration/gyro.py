@@ -21,7 +21,7 @@ from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.systems.imu import ImuNoise
 from turtlebot_gym_lab.calibration.estimates import CLEAR, CalibrationEstimate
 from turtlebot_gym_lab.calibration.fit import LEVEL, Z
-from turtlebot_gym_lab.calibration.motions import Array
+from turtlebot_gym_lab.calibration.windows import Array
 
 STILL = (1e-3, 0.02)
 """Speed and turning rate by the wheels below which a robot stands, m/s and rad/s."""

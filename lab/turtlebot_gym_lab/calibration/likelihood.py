@@ -1,11 +1,6 @@
 """Likelihood of a recorded drive under a noise model: the core's own filter, run over the rows in compiled loops.
 
-By the equations of `estimation.mixture`, each pose is given all before it. With measured poses this needs no truth. With
-true poses at the ends of segments, and a restart at each, it measures the error of the wheels after each segment, given the
-true pose at its start.
-
-Row by row, the likelihood is the environment's own. Errors of real wheels are correlated from row to row and add up faster
-than white noise. Over longer segments, from end to end, white noise represents the error that is left after that distance.
+By the equations of `estimation.mixture`, each measured pose is given all before it, which needs no truth.
 
 References:
     Schweppe, "Evaluation of likelihood functions for Gaussian signals", *IEEE Transactions on Information Theory* 11 (1965).
@@ -21,15 +16,12 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.mixture import Hypotheses, Three, begin, least_exponent, scaled, track, track_all, weigh
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning, Mixture, Noise
 from turtlebot_gym.values import Belief, Command, Odometry, Pose
 
-LEVER = 0.2
-"""Distance as which a turn by 1 rad counts, m: a turn on the spot ends segments, too."""
 CERTAIN = 1.0 - 1e-13
 """Probability of a hypothesis above which the others are dropped."""
 
@@ -45,43 +37,8 @@ class Rows(NamedTuple):
     """Poses that the filter receives, shape (T, 3); m, m, rad."""
     due: NDArray[np.bool_]
     """Whether the filter receives a pose, shape (T,)."""
-    begins: NDArray[np.bool_]
-    """Whether the filter restarts at a row's pose, after its likelihood has been counted; shape (T,)."""
     joined: NDArray[np.bool_]
     """Whether a row continues the one before it, shape (T,)."""
-
-
-def segment_rows(drive: Drive, length: float) -> Rows:
-    """Return a drive's true poses at the ends of segments; wheel odometry restarts at each.
-
-    Args:
-        drive: With truth.
-        length: Length of the segments by the twist, m, where a turn by 1 rad counts as `LEVER`; 0 for every row.
-    """
-    are_known = known(drive.truth)
-    truth = np.where(are_known[:, None], drive.truth, 0.0)
-    # by the twist: the ends of segments must not depend on the errors
-    motion = np.abs(drive.twist[1:]) @ np.array([1.0, LEVER]) * np.diff(drive.time)
-    driven = np.concatenate([[0.0], np.cumsum(motion)])
-    ends = are_known.copy()
-    if length > 0.0:
-        ends[:] = False
-        reached, running = -np.inf, False
-        for row in range(len(driven)):
-            running = running and bool(drive.joined[row])
-            if are_known[row] and (not running or driven[row] >= reached):
-                ends[row], running, reached = True, True, driven[row] + length
-    return Rows(drive.time, drive.twist, truth, ends, ends.copy(), drive.joined)
-
-
-def count_segments(rows: Rows) -> int:
-    """Return the number of segments."""
-    running, segments = False, 0
-    for due, joined in zip(rows.due.tolist(), rows.joined.tolist(), strict=True):
-        running = running and joined
-        segments += bool(due and running)
-        running = running or due
-    return segments
 
 
 @kernel
@@ -107,7 +64,7 @@ def _surest(hypotheses: Hypotheses, weights: Three) -> Belief:
 
 
 @in_machine_code("likelihood of drives")
-def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, integrator):
+def _of_innovations(time, twist, poses, due, joined, tuning, bias, integrator):
     rows, total, running, alone = len(time), 0.0, False, False
     hypotheses, weights = begin(Pose(0.0, 0.0, 0.0), tuning)
     belief = hypotheses.true
@@ -135,7 +92,7 @@ def _of_innovations(time, twist, poses, due, begins, joined, tuning, bias, integ
                 hypotheses = Hypotheses(tracks.true.belief, tracks.high.belief, tracks.low.belief)
                 alone = max(weights[0], max(weights[1], weights[2])) > CERTAIN
                 belief = _surest(hypotheses, weights)
-        if due[row] and (begins[row] or not running) and not is_last:
+        if due[row] and not running and not is_last:
             hypotheses, weights = _depart(z, twist_then, tuning, time[after] - time[row], integrator)
             belief, running, alone = hypotheses.true, True, tuning.kind.spike_probability == 0.0
     return total

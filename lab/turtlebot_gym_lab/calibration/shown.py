@@ -14,14 +14,17 @@ from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise
 from turtlebot_gym.values import STOP, Command, Covariance, Pose
+from turtlebot_gym_lab.calibration.alphas import pieces_of
 from turtlebot_gym_lab.calibration.calibrate import Calibration
+from turtlebot_gym_lab.calibration.coordinates import ALPHAS, value_of
 from turtlebot_gym_lab.calibration.estimates import measured_rows
-from turtlebot_gym_lab.calibration.likelihood import Rows, segment_rows, tuning_of
+from turtlebot_gym_lab.calibration.likelihood import Rows, tuning_of
+from turtlebot_gym_lab.calibration.windows import path_of
 
 LENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Segment lengths for which the drift is shown, m."""
+"""Lengths of pieces for which the drift is shown, m."""
 FEWEST = 3
-"""Fewest segments for which the drift is shown."""
+"""Fewest pieces for which the drift is shown."""
 
 
 class Residuals(NamedTuple):
@@ -34,12 +37,12 @@ class Residuals(NamedTuple):
 
 
 class Drift(NamedTuple):
-    """Error of wheel odometry at the end of segments, by length."""
+    """Error of wheel odometry at the end of pieces, by length."""
 
     length: NDArray[np.float64]
-    """Segment lengths, shape (m,), m."""
-    segments: NDArray[np.intp]
-    """Number of segments, shape (m,)."""
+    """Lengths of the pieces, shape (m,), m."""
+    pieces: NDArray[np.intp]
+    """Number of pieces, shape (m,)."""
     measured: NDArray[np.float64]
     """Root mean square of the position's error and of the heading's, shape (m, 2); m, rad."""
     fitted: NDArray[np.float64]
@@ -70,15 +73,19 @@ def drift(calibration: Calibration, noise: Noise | None = None, *, lengths: Sequ
     Args:
         calibration: The calibration, with truth.
         noise: The noise model; None for the one that was fitted.
-        lengths: The distances, m.
+        lengths: The distances, m; a turn by 1 rad counts as `windows.LEVER`.
     """
-    tuning = FilterTuning(Q=(0.0,) * 5, R=(0.0,) * 3, process=(noise or calibration.likeliest).process)
-    table = []
+    noise = noise or calibration.likeliest
+    rule, process = INTEGRATORS[calibration.integrator], noise.process
+    wheels = np.array([process.scale, process.turn_scale, process.veer, 0.0, 0.0, 0.0, 0.0, 0.0])
+    variances, path, table = np.array([*(value_of(noise, name) for name in ALPHAS), 0.0, 0.0]), path_of(calibration.drive), []
     for length in lengths:
-        walk = _innovations(segment_rows(calibration.drive, length), tuning, calibration)
-        squares = np.array([(off.x**2 + off.y**2, off.theta**2, P.xx + P.yy, P.tt) for off, P in walk])
-        if len(squares) >= FEWEST:
-            table.append((length, len(squares), *np.sqrt(squares.mean(axis=0))))
+        pieces = pieces_of(path, calibration.drive.truth, wheels, rule, length)
+        if len(pieces.off) >= FEWEST:
+            C, squares = pieces.covariance(variances), (pieces.off**2).mean(axis=0)
+            fitted = np.diagonal(C, axis1=1, axis2=2).mean(axis=0)
+            roots = np.sqrt([squares[:2].sum(), squares[2], fitted[:2].sum(), fitted[2]])
+            table.append((length, len(pieces.off), *roots))
     columns = np.array(table, np.float64).reshape(-1, 6)
     return Drift(columns[:, 0], columns[:, 1].astype(np.intp), columns[:, 2:4], columns[:, 4:6])
 
@@ -96,6 +103,6 @@ def _innovations(rows: Rows, tuning: FilterTuning, calibration: Calibration) -> 
             if rows.due[row]:
                 yield ekf.innovation(belief.mean, z), belief.covariance
                 belief, _ = ekf.correct(belief, z, tuning.R)
-        if rows.due[row] and (rows.begins[row] or is_first) and row < last:
+        if rows.due[row] and is_first and row < last:
             begun = ekf.initialize(z, tuning).belief
             belief = ekf.predict(begun, following, tuning, times[row + 1] - times[row], rule)

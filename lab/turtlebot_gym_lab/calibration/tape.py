@@ -30,15 +30,16 @@ from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.validation import POSITIVE, check_fields, short_repr
 from turtlebot_gym_lab.calibration.calibrate import Calibration, detect_kind
 from turtlebot_gym_lab.calibration.coordinates import ALPHAS, PARAMETERS, value_of, with_values
-from turtlebot_gym_lab.calibration.diagnosis import Verdict
 from turtlebot_gym_lab.calibration.estimates import FINE, MOTIONS, WHEELS, CalibrationEstimate
-from turtlebot_gym_lab.calibration.execution import TYPICAL
 from turtlebot_gym_lab.calibration.fit import Z
-from turtlebot_gym_lab.calibration.motions import Array
-from turtlebot_gym_lab.calibration.regression import FREE, LINEAR, USUAL
+from turtlebot_gym_lab.calibration.verdict import Verdict
+from turtlebot_gym_lab.calibration.windows import PARAMETERS as WHEEL_PARAMETERS
+from turtlebot_gym_lab.calibration.windows import USUAL, Array
 
-NAMES = LINEAR[:3]
+NAMES = WHEEL_PARAMETERS[:3]
 """Parameters of the wheels."""
+FREE, TYPICAL = np.array([0.3, 0.5, 0.5]), np.array([0.1, 0.3, 0.1])
+"""Standard deviations of a prior so wide that it counts only where nothing was measured, and typical differences."""
 GUESSED = (2, 0, 1)
 """The order in which parameters that nothing determines take the preset's value: veer, scale, turn scale."""
 LEVEL = 1e-4
@@ -211,7 +212,7 @@ def _fitted(legs: Sequence[Leg], paths: Sequence[_Steps], start: Noise, free: ND
     pairs = list(zip(legs, paths, strict=True))
     masks = [np.isfinite(leg.measured) for leg in legs]
     usual = np.array([value_of(start, name) for name in NAMES])
-    roots = np.sqrt(FREE[:3])[free]
+    roots = 1.0 / FREE[free]
     wheels, info, z = usual.copy(), np.zeros((3, 3)), np.zeros(0)
     for _ in range(ROUNDS if free.any() else 0):
         V = [_covariance(leg, path, wheels, start)[np.ix_(s, s)] for (leg, path), s in zip(pairs, masks, strict=True)]
@@ -224,7 +225,7 @@ def _fitted(legs: Sequence[Leg], paths: Sequence[_Steps], start: Noise, free: ND
             parts = [W @ error[s] for W, error, s in zip(whiten, off, masks, strict=True)]
             return np.concatenate([*parts, roots * (x - usual[free])])
 
-        solution = least_squares(rest, wheels[free], x_scale=TYPICAL[:3][free])
+        solution = least_squares(rest, wheels[free], x_scale=TYPICAL[free])
         wheels[free], z = solution.x, solution.fun[: -int(free.sum())]
         info[np.ix_(free, free)] = solution.jac.T @ solution.jac
     covariance = np.zeros((3, 3))
@@ -288,7 +289,6 @@ def _require_likely(leg: Leg, path: _Steps) -> None:
 def _verdict(chi_squared: float, numbers: int, parameters: int) -> Verdict:
     """Return whether the measurements agree with each other."""
     degrees = numbers - parameters
-    nees = chi_squared / degrees if degrees > 0 else 1.0
     if not parameters:
         is_good, text = False, "The measurements determine no parameter of the wheels."
     elif degrees <= 0:
@@ -297,4 +297,4 @@ def _verdict(chi_squared: float, numbers: int, parameters: int) -> Verdict:
         is_good = bool(stats.chi2.sf(chi_squared, degrees) >= LEVEL)
         how = "agree" if is_good else "contradict each other or the model"
         text = f"The measurements {how} (chi-squared {chi_squared:.1f} for {degrees})."
-    return Verdict(is_good, False, text, nees, 3.0)
+    return Verdict(is_good, text)

@@ -54,8 +54,8 @@ class Calibrate(ReportingOptions, StartOptions):
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
     from the innovations of measured poses. What was measured by tape (--distance, --turns, --loop, --measured) determines the
     wheels instead: scale, turn_scale and veer; in a known place (--map) the scans of the log do, and the noise of the wheels.
-    The report lists what the log does not determine, and the motion that would. If the model does not describe the drive, no
-    file is written.
+    The report lists what the log does not determine, and the motion that would. Its last line says how the fit to one half of
+    the log drives the other; a file that makes the wheels worse is not written.
     """
 
     log: tyro.conf.Positional[Path]
@@ -89,12 +89,10 @@ class Calibrate(ReportingOptions, StartOptions):
     """Robot whose speed limits a log must satisfy: a preset, such as burger, or a file of your own (FILE.yaml)."""
     integrator: str | None = None
     """euler or midpoint; by default the one that explains the motion better."""
-    segment: float | None = None
-    """Length of the segments to which the alphas are fitted, m; 0 for row by row. Chosen automatically by default."""
     delay: float | None = None
     """Time by which the motion lags behind the recorded twist, s; estimated by default."""
     force: bool = False
-    """Write the noise file even if the model does not describe the drive."""
+    """Write the noise file even if it makes the wheels worse."""
     plot: FigureFile = None
     """Draw measured against fitted here."""
 
@@ -118,7 +116,7 @@ class Calibrate(ReportingOptions, StartOptions):
             drive = self._read(self.log, robot)
         self._fit_gyro(drive)
         fit: Callable[..., Calibration] = calibrate
-        options: dict[str, Any] = {"use_truth": self.truth != "none", "segment": self.segment}
+        options: dict[str, Any] = {"use_truth": self.truth != "none"}
         if self.map is not None:
             drive = self.localizable(drive)
             fit, options = calibrate_by_map, {"place": self.place(self.map, drive, self.log)[1]}
@@ -187,10 +185,7 @@ class Calibrate(ReportingOptions, StartOptions):
 
 
 def _result_of(fitted: Calibration) -> dict[str, object]:
-    plain = {
-        name: getattr(fitted, name)
-        for name in ("kind", "has_truth", "integrator", "segment", "segments", "measured", "remarks")
-    }
+    plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "lengths", "measured", "remarks")}
     return plain | {
         "noise": asdict(fitted.noise),
         "likeliest": asdict(fitted.likeliest),
@@ -198,7 +193,7 @@ def _result_of(fitted: Calibration) -> dict[str, object]:
             name: asdict(estimate) | {"is_determined": estimate.is_determined} for name, estimate in fitted.estimates.items()
         },
         "unknown": fitted.unknown,
-        "verdict": fitted.verdict._asdict(),
+        "verdict": fitted.verdict._asdict() | {"held": [each._asdict() for each in fitted.verdict.held]},
         "delay": fitted.delay._asdict(),
         "truth_delay": fitted.truth_delay._asdict(),
         "frame": fitted.frame._asdict(),

@@ -27,8 +27,7 @@ def _basis(fitted: Calibration) -> str:
         return f"wheels by tape, {fitted.measured} numbers"
     source = "measured poses" if fitted.kind == "pose" else "wheel odometry"
     to = "the truth" if fitted.has_truth else "the innovations alone"
-    by = f", alphas over segments, {fitted.segments} of them of {fitted.segment:g} m" if fitted.segment else ""
-    return f"{source}, fitted to {to}{by}, integrator {fitted.integrator}"
+    return f"{source}, fitted to {to}, integrator {fitted.integrator}"
 
 
 def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
@@ -40,7 +39,7 @@ def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
         "unit",
         "in the file",
         title=f"{title}: {_basis(fitted)}",
-        caption="* by the profile likelihood; alphas that are not determined are in the file as the worst that the log allows",
+        caption="* by the profile likelihood; what is not determined stays as usual",
     )
     for name, estimate in fitted.estimates.items():
         table.add_row(name, f"{estimate.value:.4g}", interval_text(estimate), estimate.unit, _in_file(fitted, name, estimate))

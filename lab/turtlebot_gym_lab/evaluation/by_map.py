@@ -23,8 +23,7 @@ from turtlebot_gym.models.angles import sincos, wrap, wrap_all
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.values import Pose
-from turtlebot_gym_lab.calibration import Calibration, calibrate
-from turtlebot_gym_lab.calibration.poses import Scanned
+from turtlebot_gym_lab.calibration import Calibration, calibrate, detect_kind
 from turtlebot_gym_lab.evaluation.localize import TRAIL, KnownPlace, RecordedCourse, clocked, localize, recorded_of
 
 CLEAR = 0.05
@@ -35,8 +34,6 @@ class Mapped(NamedTuple):
     """A drive whose truth comes from a map."""
 
     drive: Drive
-    scanned: Scanned
-    """Covariances and period of the poses."""
     course: RecordedCourse
     """The localizer's beliefs, from which the descents started."""
     where: NDArray[np.intp]
@@ -123,12 +120,11 @@ def by_map(drive: Drive, place: KnownPlace, wheels: ProcessNoise | None = None) 
     tracked = course.states[recorded.rows] == TRACKING
     clear = np.diagonal(covariances, axis1=1, axis2=2).max(axis=1) < CLEAR**2
     good = (row >= first) & tracked & clear & (fits >= tuning.doubt)
-    truth, covariance = np.full((len(drive), 3), np.nan), np.full((len(drive), 3, 3), np.nan)
-    truth[row[good]], covariance[row[good]] = poses[good], covariances[good]
-    scanned = Scanned(covariance, recorded.interval * recorded.ranges.shape[1])
+    truth = np.full((len(drive), 3), np.nan)
+    truth[row[good]] = poses[good]
     share = 100.0 * float(tracked.mean())
     remark = f"the truth is that of the map, by {good.sum()} of {number} scans; the localizer tracks at {share:.0f} % of them"
-    return Mapped(replace(drive, true_state=truth, remarks=(*drive.remarks, remark)), scanned, course, where)
+    return Mapped(replace(drive, true_state=truth, remarks=(*drive.remarks, remark)), course, where)
 
 
 def calibrate_by_map(drive: Drive, place: KnownPlace, **options: Any) -> Calibration:
@@ -140,13 +136,14 @@ def calibrate_by_map(drive: Drive, place: KnownPlace, **options: Any) -> Calibra
         **options: Those of `turtlebot_gym_lab.calibration.calibrate`.
 
     Raises:
-        ValueError: If the drive has no odometry or no scans, or the localizer tracks too few of them.
+        ValueError: If the drive has no wheel odometry or no scans, or the localizer tracks too few of them.
     """
+    if (options.get("kind") or detect_kind(drive)) != "wheel":
+        raise ValueError("by a map only wheel odometry is calibrated, and its poses look measured: if they are not, say so.")
     simpler: dict[str, Any] = options | {"integrator": options.get("integrator") or "midpoint"}
     rough = by_map(drive, place)
-    wheels = calibrate(rough.drive, scanned=rough.scanned, **simpler).likeliest.process
-    mapped = by_map(drive, place, wheels)
-    return calibrate(mapped.drive, scanned=mapped.scanned, **options)
+    wheels = calibrate(rough.drive, **simpler).likeliest.process
+    return calibrate(by_map(drive, place, wheels).drive, **options)
 
 
 def corrected(odometry: NDArray[np.float64], wheels: ProcessNoise) -> NDArray[np.float64]:

@@ -19,7 +19,6 @@ from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, beams_by
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.calibration import calibrate
-from turtlebot_gym_lab.calibration.poses import Scanned
 from turtlebot_gym_lab.evaluation.by_map import by_map, calibrate_by_map, corrected, nearest
 from turtlebot_gym_lab.evaluation.localize import KnownPlace
 
@@ -90,16 +89,15 @@ def test_the_localizers_belief_as_truth_follows_the_wheels_instead_of_judging_th
     drive, place, wheels = tour
     mapped = by_map(drive, place)
     belief = replace(drive, true_state=mapped.course.poses[mapped.where])
-    naive = calibrate(belief, kind="wheel", segment=0.0, delay=0.0, integrator="euler").estimates
+    naive = calibrate(belief, kind="wheel", delay=0.0, integrator="euler").estimates
     assert naive["veer"].low > 0.5 * wheels.veer
     assert naive["alpha2"].high < 0.5 * wheels.alpha2
 
 
 def test_measured_poses_are_not_calibrated_by_a_map(tour):
-    drive, _, _ = tour
-    scanned = Scanned(np.broadcast_to(np.eye(3), (len(drive), 3, 3)), 0.0)
+    drive, place, _ = tour
     with pytest.raises(ValueError, match="only wheel odometry"):
-        calibrate(replace(drive, true_state=1.1 * drive.odometry), kind="pose", scanned=scanned)
+        calibrate_by_map(drive, place, kind="pose")
 
 
 def test_odometry_is_corrected_by_the_wheels_parameters():

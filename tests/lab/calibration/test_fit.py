@@ -1,4 +1,4 @@
-"""The search and its intervals against likelihoods that are known, and clocks: the likeliest shift of a grid, and a lag."""
+"""The search and its intervals against likelihoods that are known, and clocks: the likeliest shift of a grid."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from turtlebot_gym.drive import Drive
-from turtlebot_gym_lab.calibration.alignment import NO_SHIFT, _best, _shift_truth, _twist_delay
+from turtlebot_gym_lab.calibration.alignment import _best, _shift_truth
 from turtlebot_gym_lab.calibration.fit import Z, interval, maximize
 
 random = np.random.default_rng(1)
@@ -97,30 +97,6 @@ def test_a_shift_is_sure_where_none_is_far_less_likely(height, is_sure):
 def test_at_the_end_of_the_grid_there_is_no_parabola():
     assert _best(GRID, 100.0 * GRID).value == pytest.approx(0.5)
     assert _best(GRID, -100.0 * GRID).value == pytest.approx(-0.5)
-
-
-@pytest.mark.parametrize("lag", [-0.2, 0.1, 0.3])
-@pytest.mark.parametrize("heading", [0.0, 0.5 * math.pi, 2.0])
-def test_a_robot_that_follows_its_twist_later_lags_by_that(heading, lag):
-    """On a straight line in any direction, with a speed that swings."""
-    time = 0.05 * np.arange(1200)
-    speed, swing = 0.2, 1.3
-
-    def way(at):
-        return speed * at - 0.1 / swing * np.cos(swing * at)
-
-    twist = np.stack([np.gradient(way(time), time), np.zeros(len(time))], axis=1)
-    driven = way(time - lag)
-    poses = np.stack([driven * math.cos(heading), driven * math.sin(heading), np.full(len(time), heading)], axis=1)
-    delay = _twist_delay(Drive(time=time, twist=twist, true_state=poses), poses, 0.1)
-    assert delay.value == pytest.approx(lag, abs=0.03)  # a twist of a row is that of the interval before it
-    assert delay.is_sure
-
-
-def test_a_short_drive_determines_no_clock_offset():
-    time = 0.05 * np.arange(40)
-    poses = np.zeros((40, 3))
-    assert _twist_delay(Drive(time=time, twist=np.zeros((40, 2)), true_state=poses), poses, 0.1) == NO_SHIFT
 
 
 def test_poses_that_lag_behind_the_truth_get_the_truth_of_their_own_moment():

@@ -7,13 +7,8 @@ import pytest
 from scipy import stats
 
 from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated, summary
-from turtlebot_gym_lab.calibration import CalibrationEstimate, calibrate, detect_kind
-from turtlebot_gym_lab.calibration.calibrate import _capped
+from turtlebot_gym_lab.calibration import calibrate, detect_kind
 from turtlebot_gym_lab.calibration.coordinates import value_of
-from turtlebot_gym_lab.calibration.diagnosis import Verdict
-from turtlebot_gym_lab.calibration.execution import _alphas, _fitted
-from turtlebot_gym_lab.calibration.motions import motions_of
-from turtlebot_gym_lab.calibration.regression import problem_of
 
 ALPHAS = {"alpha1": 0.004, "alpha2": 0.003, "alpha3": 0.006, "alpha4": 0.005}
 USUAL = {"left": RADIUS, "right": RADIUS, "track": TRACK, "drift": 0.0, **ALPHAS}
@@ -60,56 +55,6 @@ def test_the_kind_is_found_with_either_integrator(integrator):
             assert detect_kind(simulated(seed, integrator, kind, "noisy")[0]) == kind
 
 
-def test_the_restricted_likelihood_is_that_of_the_dense_matrices():
-    drive, _ = simulated(3, "midpoint", "wheel", "noisy", rate=20)
-    problem = problem_of(motions_of(drive[:40]), 0.5)
-    model, n = problem.model, 3 * len(problem.motions.row)
-    roots = np.array([0.06, 0.05, 0.08, 0.07, 1e-3, 2e-3])
-    bands = np.tensordot(roots**2, model.parts, axes=1)
-    V = model.resolution**2 * np.eye(n)
-    for below in range(6):
-        for at in range(n - below):
-            V[at + below, at] += bands[at, below]
-            V[at, at + below] += bands[at, below] * (below > 0)
-    weight = np.linalg.inv(V)
-    information = model.X.T @ weight @ model.X + np.diag(problem.prior)
-    linear = problem.solve(roots).linear
-    scale = linear[0]
-    estimate = np.array([scale, scale * linear[1], scale * linear[2], *linear[3:6], linear[6] - problem.guess[6]])
-    off = model.y - model.X @ estimate
-    pull = model.X.T @ weight @ off + problem.prior * (np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) - estimate)
-    # The first guess is not the usual; only the prior, which hardly counts, sees the difference.
-    assert np.abs(np.linalg.solve(information, pull)).max() < 1e-3
-    expected = -0.5 * (np.linalg.slogdet(V)[1] + np.linalg.slogdet(information)[1] + off @ weight @ off)
-    assert problem.solve(roots).likelihood == pytest.approx(expected, abs=0.05)
-
-
-def test_deviances_count_from_the_maximum_of_the_same_likelihood():
-    problem, fit, _ = _fitted(problem_of(motions_of(simulated(0, "euler", "pose", "noisy")[0]), 0.0), 0.0)
-    # The fit is of the problem linear elsewhere, with other values: by as much as an interval's end is away.
-    assert abs(problem.solve(fit.x).likelihood - fit.value) > 0.5
-    alphas, others = _alphas(problem, fit), _alphas(problem, fit._replace(value=fit.value + 1.5))
-    for name in ALPHAS:
-        assert (alphas[name].low, alphas[name].high) == pytest.approx((others[name].low, others[name].high), rel=0.02)
-
-
-def test_intervals_hold_those_of_either_integrator_where_both_may_be_right():
-    drive, values = simulated(49, "euler", "pose", "noisy")
-    fitted = calibrate(drive, kind="pose")
-    estimate = fitted.estimates["marker_theta"]
-    assert estimate.low < values["marker_theta"] < estimate.high
-    alone = calibrate(drive, kind="pose", integrator=fitted.integrator).estimates["marker_theta"]
-    assert not alone.low < values["marker_theta"] < alone.high
-
-
-def test_a_marker_in_an_exact_truth_is_certain_with_euler_steps():
-    for seed in range(3):
-        drive, values = simulated(seed, "euler", "wheel", "exact", rate=100)
-        estimate = calibrate(drive, kind="wheel", integrator="euler", delay=0.0).estimates["marker_y"]
-        assert abs(estimate.value - values["marker_y"]) < CERTAIN
-        assert estimate.high - estimate.low < 1e-4
-
-
 def drawn(truth="noisy", seed=2, **given):
     return simulated(seed, "midpoint", "wheel", truth, rate=20, **USUAL | given)[0]
 
@@ -147,19 +92,3 @@ def test_jumps_of_the_truth_are_left_out_and_reported(truth):
     assert fitted.verdict.is_good
     for alpha, true in ALPHAS.items():
         assert 0.5 * true < value_of(fitted.noise, alpha) < 2.0 * true
-
-
-@pytest.mark.parametrize("truth", ["exact", "noisy"])
-def test_heavy_tails_are_named(truth):
-    verdict = calibrate(drawn(truth, tails=3)).verdict
-    assert not verdict.is_good
-    assert "heavy tails" in verdict.text
-
-
-@pytest.mark.parametrize(("low", "is_good"), [(2.4, True), (2.6, False)])
-def test_an_alpha_beyond_any_robot_is_not_described(low, is_good):
-    usual = CalibrationEstimate(value=0.01, low=0.005, high=0.02)
-    good = Verdict(True, False, "The model describes the drive.", 1.0, 3.0)
-    verdict = _capped(good, {**dict.fromkeys(ALPHAS, usual), "alpha3": replace(usual, value=174.0, low=low)})
-    assert verdict.is_good == is_good
-    assert ("alpha3 is 174, above 2.5" in verdict.text) != is_good

@@ -18,7 +18,7 @@ from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.rooms.lidar import DRIVERS
 from turtlebot_gym.rooms.scan import Scan, as_sent
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
-from turtlebot_gym_lab.calibration.diagnosis import Verdict
+from turtlebot_gym_lab.calibration.verdict import Verdict
 from turtlebot_gym_lab.field import findings, program, session, steps
 from turtlebot_gym_lab.field.findings import FINE, REFUSED, SKIPPED, WARNING, End, Figure, Finding, Topic
 from turtlebot_gym_lab.field.measured import MeasuredDrive
@@ -245,7 +245,7 @@ def test_a_model_that_does_not_describe_the_drive_is_a_warning_and_gives_no_file
     def noise(scale):
         return replace(WHEEL, process=replace(WHEEL.process, scale=scale))
 
-    fitted = SimpleNamespace(estimates={}, remarks=(), verdict=Verdict(is_good, False, "So it is.", 1.0, 3.0), noise=noise(0.9))
+    fitted = SimpleNamespace(estimates={}, remarks=(), verdict=Verdict(is_good, "So it is."), noise=noise(0.9))
     monkeypatch.setattr("turtlebot_gym_lab.calibration.calibrate", lambda drive, kind: fitted)
     monkeypatch.setattr("turtlebot_gym_lab.drives.read", lambda path: None)
     monkeypatch.setattr(steps, "_by_tape", lambda at: (noise(0.8), [Finding("by tape", FINE, "")]))

@@ -1,0 +1,55 @@
+"""Intervals by blocks: errors of real wheels are correlated, but parts of a drive are nearly independent of each other.
+
+References:
+    Liang, Zeger, "Longitudinal data analysis using generalized linear models", *Biometrika* 73 (1986): the covariance of an
+        estimate by how much the scores of blocks differ.
+    Künsch, "The jackknife and the bootstrap for general stationary observations", *Annals of Statistics* 17 (1989).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from turtlebot_gym_lab.calibration.fit import LEVEL
+from turtlebot_gym_lab.calibration.windows import Array
+
+MOST, FEWEST = 20, 5
+"""Number of blocks of a drive, if it is long enough, and otherwise."""
+
+
+def block_sums(values: Array, blocks: int) -> Array:
+    """Return the sums over blocks of rows in order, shape (blocks, ...)."""
+    return np.array([part.sum(axis=0) for part in np.array_split(values, blocks)])
+
+
+def correlation(errors: Array, blocks: int) -> float:
+    """Return how many rows count as one independent row: the variance of block sums over that of independent rows, at least 1.
+
+    Args:
+        errors: Shape (n, axes), with mean 0.
+        blocks: Number of blocks.
+    """
+    power = float((errors**2).sum())
+    return max(float((block_sums(errors, blocks) ** 2).sum()) / power, 1.0) if power > 0.0 else 1.0
+
+
+def covariance_of(scores: Array, information: Array, prior: Array, blocks: int) -> Array:
+    """Return the covariance of parameters that minimize squares, by how they change without each block, shape (m, m).
+
+    Args:
+        scores: What each row pulls at the parameters, shape (n, m).
+        information: Second derivatives of half the squares of each row, shape (n, m, m).
+        prior: Inverse variances of the prior, shape (m,); what rows leave open keeps the variance of the prior.
+        blocks: Number of blocks.
+    """
+    parts = block_sums(information, blocks)
+    total = parts.sum(axis=0) + np.diag(prior)
+    changes = np.linalg.solve(total - parts, block_sums(scores, blocks)[..., None])[..., 0]
+    gain = np.linalg.inv(total)
+    return (blocks - 1.0) / blocks * changes.T @ changes + gain @ np.diag(prior) @ gain
+
+
+def quantile(blocks: int) -> float:
+    """Return half the width of an interval, in standard deviations by blocks."""
+    return float(stats.t.ppf(0.5 + 0.5 * LEVEL, blocks - 1))
