@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym_lab.calibration.blocks import FEWEST, MOST, covariance_of
+from turtlebot_gym_lab.calibration.blocks import FEWEST, LONG, MOST, covariance_of
 from turtlebot_gym_lab.calibration.windows import Array, Path, driven, rest, windows_of
 
 SPREAD = np.array([2.5, 2.5, 2.5, 2.5, 1.5, 1.5])
@@ -166,7 +166,7 @@ def fit_alphas(sets: Sequence[Pieces], usual: Sequence[float]) -> AlphaFit:
         u, (cost, scores, information) = u + move, tried
         if np.abs(move).max() < 1e-4:
             break
-    blocks = min(max(number // 4, FEWEST), MOST)
+    blocks = min(max(number // LONG, FEWEST), MOST)
     return AlphaFit(u, covariance_of(scores, information, prior, blocks), blocks)
 
 

@@ -15,7 +15,9 @@ from turtlebot_gym_lab.calibration.fit import LEVEL
 from turtlebot_gym_lab.calibration.windows import Array
 
 MOST, FEWEST = 20, 5
-"""Number of blocks of a drive, if it is long enough, and otherwise."""
+"""Number of blocks of a drive, if it is long enough, and the least."""
+LONG = 2
+"""Windows in a block: those that overlap its ends, and so belong to two, must be few."""
 
 
 def block_sums(values: Array, blocks: int) -> Array:
@@ -47,7 +49,9 @@ def covariance_of(scores: Array, information: Array, prior: Array, blocks: int) 
     total = parts.sum(axis=0) + np.diag(prior)
     changes = np.linalg.solve(total - parts, block_sums(scores, blocks)[..., None])[..., 0]
     gain = np.linalg.inv(total)
-    return (blocks - 1.0) / blocks * changes.T @ changes + gain @ np.diag(prior) @ gain
+    by_blocks = (blocks - 1.0) / blocks * changes.T @ changes + gain @ np.diag(prior) @ gain
+    wider = np.sqrt(np.maximum(np.diag(gain) / np.diag(by_blocks), 1.0))  # few blocks may agree by chance
+    return by_blocks * np.outer(wider, wider)
 
 
 def quantile(blocks: int) -> float:

@@ -26,9 +26,9 @@ from turtlebot_gym_lab.calibration.windows import OVERLAP, USUAL, Array, length_
 from turtlebot_gym_lab.calibration.windows import PARAMETERS as WHEELS
 
 SHORT, LONG = (0.1,), (0.5, 1.0, 2.0)
-"""Lengths of pieces to which alphas are fitted, m: if errors are white, and if they last or take each other back."""
+"""Lengths of pieces to which alphas are fitted, m: if errors are white, and if they last."""
 WHITE = 2.0
-"""Ratio of the NEES after the last of the long lengths to the right one, either way, up to which errors are white."""
+"""Ratio of the NEES after the last of the long lengths to the right one up to which errors are white."""
 WEIGHTED = 2
 """Rounds in which windows are weighted by the noise found."""
 TOLD, NEAR = 5.0, 0.15
@@ -36,6 +36,8 @@ TOLD, NEAR = 5.0, 0.15
 otherwise it is the midpoint rule. Wheels that slip to the side look a little like that."""
 CERTAIN = 0.6
 """Standard deviation of an alpha's logarithm up to which it is determined."""
+CAUTION = 4.0
+"""Least ratio of an alpha that is not determined to the usual one: a filter that is too sure is worse than a cautious one."""
 LEAST = 1e-3
 """Least drift and place of a marker that matter, rad/s, m and rad."""
 JUMP = 6.0
@@ -52,7 +54,7 @@ class Execution(NamedTuple):
     likeliest: Noise
     """The noise model with the likeliest execution."""
     noise: Noise
-    """The same, with alphas as large as its verdict demands."""
+    """The same, with alphas as large as its verdict demands, and those that are not determined `CAUTION` times as usual."""
     estimates: dict[str, CalibrationEstimate]
     verdict: Verdict
     integrator: str
@@ -86,7 +88,7 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, delay: flo
     fit = fit_wheels(path, windows_of(path, drive.truth, length_for(path)), rule, given)
     drive, remark = cleaned(drive, fit.values, rule)
     usual = [value_of(start, name) for name in ALPHAS]
-    fit = _weighted(drive, rule, given, fit.values, usual)
+    fit = _weighted(drive, rule, given, fit.soft, usual)
     remarks = [remark] if remark else []
     drive, lag, text = _in_time(drive, _delay(fit, drive.period, is_given=delay is not None), is_given=delay is not None)
     remarks += text
@@ -109,9 +111,10 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, delay: flo
         wheels = USUAL.copy()
     likeliest = with_values(start, dict(zip(WHEELS[:3], wheels.tolist(), strict=False)))
     likeliest = with_values(likeliest, dict(zip(ALPHAS, alphas.variances.tolist(), strict=False)))
-    wide = with_values(likeliest, {name: factor * value_of(likeliest, name) for name in ALPHAS})
-    deviations = np.sqrt(alphas.variances[4:]).tolist()
     estimates = _alpha_estimates(alphas) | wheel_estimates(fit)
+    least = {name: 0.0 if estimates[name].is_determined else CAUTION * value_of(start, name) for name in ALPHAS}
+    wide = with_values(likeliest, {name: max(factor * value_of(likeliest, name), least[name]) for name in ALPHAS})
+    deviations = np.sqrt(alphas.variances[4:]).tolist()
     return Execution(likeliest, wide, estimates, verdict, name, lengths, lag, (deviations[0], deviations[1]), drive, remarks)
 
 
@@ -146,7 +149,7 @@ def _weighted(drive: Drive, rule: float, given: Array, start: Array, usual: Sequ
         noise = fit_alphas([pieces_of(path, truth, start, rule, length)], usual)
         covariance = pieces_of(path, truth, start, rule, length, overlap=OVERLAP).covariance(noise.variances)
         fit = fit_wheels(path, windows, rule, given, start, covariance)
-        start = fit.values
+        start = fit.soft
     return fit
 
 
@@ -185,7 +188,7 @@ def _alphas(drive: Drive, wheels: Array, rule: float, usual: Sequence[float]) ->
     """Return the alphas by short pieces, or by long ones if errors last, and the lengths."""
     short = _fit(drive, wheels, rule, usual, SHORT)
     long = pieces_of(path_of(drive), drive.truth, wheels, rule, LONG[-1], overlap=4)
-    if not len(long.off) or 1.0 / WHITE < long.nees(short.variances).mean() / DEGREES < WHITE:
+    if not len(long.off) or long.nees(short.variances).mean() < WHITE * DEGREES:
         return short, SHORT
     return _fit(drive, wheels, rule, usual, LONG), LONG
 

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from turtlebot_gym_lab.calibration.blocks import FEWEST, MOST, correlation, covariance_of
+from turtlebot_gym_lab.calibration.blocks import FEWEST, LONG, MOST, correlation, covariance_of
 from turtlebot_gym_lab.calibration.windows import USUAL, Array, Path, Windows, rest
 
-TYPICAL = np.array([0.1, 0.3, 0.04, 0.005, 0.02, 0.02, 0.3, 0.3])
+TYPICAL = np.array([0.1, 0.3, 0.04, 0.007, 0.02, 0.02, 0.3, 0.3])
 """Standard deviations of parameters that a drive does not determine, in the order of `PARAMETERS`."""
 LOOSE = np.array([1.0, 1.0, 3.0, 1.0, 1.5, 1.5, 1.0, 1.0])
 """Ratio of the prior to `TYPICAL` while it is found which parameters a drive determines."""
-CLEAR = np.array([0.04, 0.08, 0.016, 0.0015, 0.008, 0.008, 0.1, np.inf])
+CLEAR = np.array([0.04, 0.08, 0.02, 0.0015, 0.008, 0.008, 0.1, np.inf])
 """Standard deviations up to which a drive determines a parameter ..."""
-SEEN = 4.0
+SEEN = 3.5
 """... and by how many of them one that is not so clear must differ from the usual."""
 EVIDENT = 2.0
 """Standard deviations by which veer, drift and marker must differ from the usual: what is not evident is not taken for real."""
@@ -51,6 +51,8 @@ class WheelFit(NamedTuple):
     """Which windows have no gross error, shape (n,)."""
     blocks: int
     """Number of blocks."""
+    soft: Array
+    """Values of all parameters, drawn to the usual ones by the prior: the best explanation of the windows, shape (8,)."""
 
     @property
     def deviations(self) -> Array:
@@ -81,7 +83,7 @@ def fit_wheels(
     Raises:
         ValueError: If there are too few windows.
     """
-    blocks = min(int(0.5 * _independent(windows)), MOST)
+    blocks = min(int(_independent(windows)) // LONG, MOST)
     if blocks < FEWEST:
         raise ValueError("the truth shows too little motion to fit to: drive 10 m or more, and record the truth of it.")
     whiten = None if covariance is None else np.linalg.inv(np.linalg.cholesky(covariance))
@@ -95,7 +97,7 @@ def fit_wheels(
         free = unknown & _determined(fit, usual)
         if (free == before).all():
             break
-    determined = free
+    determined, soft = free, fit.values
     free = unknown & (MAIN | free & (np.abs(wheels - usual) > EVIDENT * fit.deviations))
     for _ in range(2):
         wheels = np.where(free, wheels, usual)
@@ -104,7 +106,7 @@ def fit_wheels(
         if clear[free & MAIN].all():
             break
         free &= clear | ~MAIN
-    return fit._replace(determined=np.where(MAIN, free, determined) & unknown)
+    return fit._replace(determined=np.where(MAIN, free, determined) & unknown, soft=soft)
 
 
 def _determined(fit: WheelFit, usual: Array) -> NDArray[np.bool_]:
@@ -174,7 +176,7 @@ def _least_squares(
     by_blocks = covariance_of(scores[:, free], information[:, free][:, :, free], prior**-2.0, blocks)
     covariance[np.ix_(free, free)] = by_blocks + follow @ unsure @ follow.T
     covariance[np.ix_(fixed, fixed)] = unsure
-    return WheelFit(wheels, covariance, free, used, blocks)
+    return WheelFit(wheels, covariance, free, used, blocks, wheels)
 
 
 def _times(W: Array, off: Array) -> Array:
