@@ -21,8 +21,8 @@ NEAR = (0.1, 0.5)
 """Lengths of further pieces, m, a turn counted by `windows.LEVER`: a filter that is corrected often meets errors of these."""
 OVERLAP, FEWEST = 4, 4
 """Pieces that begin in the length of one, and fewest of them that say something."""
-WORSE = 1.1
-"""Ratio of the drifts from which a file is refused; if it is worse by less, the usual wheels are as good."""
+BETTER, WORSE = 0.97, 1.1
+"""Ratios of the drifts by file to raw ones up to which other wheels than the usual are evident, and from which they are refused."""
 DEGREES = 3.0
 """Degrees of freedom of a pose."""
 
@@ -107,7 +107,7 @@ def judge(
     if any(each.file > WORSE * each.raw for each in held):
         why = "the wheels or the floor change during the drive, or the truth is wrong; record a longer drive, on one floor"
         return Verdict(False, f"The file makes the wheels worse. {text}: {why}.", tuple(held)), 1.0
-    is_usual = held[0].file > held[0].raw
+    is_usual = all(each.file > BETTER * each.raw for each in held)
     nees = [each.usual_nees if is_usual else each.nees for each in held]
     for length in NEAR:
         sides = zip((second, first), fits, strict=True)

@@ -25,6 +25,10 @@ PARTS, USUAL = 4, 150
 usual number of evaluations of a likelihood in one."""
 
 
+MAP_BYTES = 100_000
+"""Largest file that may be a map."""
+
+
 class _Bar:
     """How far a calibration is, in percent: each evaluation takes it nearer to the end of its step.
 
@@ -105,7 +109,7 @@ class Calibrate(ReportingOptions, StartOptions):
         from turtlebot_gym_lab.evaluation.by_map import calibrate_by_map
 
         robot, refused = make_robot(self.robot), ""
-        by_tape = self.loop or any(value is not None for value in (self.distance, self.turns, self.measured))
+        by_tape = self._by_hand
         if by_tape and self.map is not None:
             raise ValueError("wheels are calibrated by a tape or by a map, not by both: leave one of them out.")
         if self.mount is not None and self.map is None:
@@ -135,9 +139,9 @@ class Calibrate(ReportingOptions, StartOptions):
                     )
                 )
         except ValueError as error:
-            raise ValueError(f"{self.log}: {error}") from error
+            raise ValueError(f"{self.log}: {error}{self._map_hint(drive)}") from error
         print_tables(*calibration_tables(fitted, title=self.log.name))
-        print(fitted.verdict.text)
+        print(f"{fitted.verdict.text}{self._map_hint(drive)}")
         if self.out is not None and not (fitted.verdict.is_good or self.force):
             refused = f"{self.out} is not written: {fitted.verdict.text} Record another drive, or write it with --force."
         elif self.out is not None:
@@ -148,6 +152,11 @@ class Calibrate(ReportingOptions, StartOptions):
         if refused:
             raise ValueError(refused)
 
+    @property
+    def _by_hand(self) -> bool:
+        """Whether something was measured by tape."""
+        return self.loop or any(value is not None for value in (self.distance, self.turns, self.measured))
+
     def _read(self, path: Path, robot: Robot) -> Drive:
         from turtlebot_gym_lab.calibration.plausibility import check
         from turtlebot_gym_lab.drives import read
@@ -155,6 +164,15 @@ class Calibrate(ReportingOptions, StartOptions):
         drive = read(path, **self.reading())
         check(drive, robot, str(path))
         return drive
+
+    def _map_hint(self, drive: Drive) -> str:
+        """Return that the log's scans can be the truth, if there is no other and nothing was measured."""
+        if self.map is not None or not drive.scans or drive.has_truth or self._by_hand:
+            return ""
+        folders = {self.log.parent, self.log} if self.log.is_dir() else {self.log.parent}
+        maps = sorted(path for folder in folders for path in folder.glob("*.yaml") if _is_map(path))
+        how = f"--map {maps[0]}" if maps else "--map FILE.yaml, with a map of the place,"
+        return f" The log has scans: {how} makes their poses the truth (and --start X Y HEADING says where it begins)."
 
     def _fit_gyro(self, drive: Drive) -> None:
         """Print and write the noise of the gyro, even if the log does not determine the rest."""
@@ -182,6 +200,17 @@ class Calibrate(ReportingOptions, StartOptions):
             measured = {name: value for name in ("distance", "turns") if (value := getattr(self, name)) is not None}
             legs.append(leg_of(drive, loop=self.loop, **measured, **deviations))
         return calibrate_by_tape(legs)
+
+
+def _is_map(path: Path) -> bool:
+    """Return whether a file is a map as map_server takes it."""
+    from turtlebot_gym.files import read_text
+
+    try:
+        names = {line.partition(":")[0] for line in read_text(path, most=MAP_BYTES).splitlines()}
+    except (OSError, ValueError):
+        return False
+    return {"image", "resolution", "origin"} <= names
 
 
 def _result_of(fitted: Calibration) -> dict[str, object]:

@@ -42,7 +42,8 @@ def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
         caption="* by the profile likelihood; what is not determined stays as usual",
     )
     for name, estimate in fitted.estimates.items():
-        table.add_row(name, f"{estimate.value:.4g}", interval_text(estimate), estimate.unit, _in_file(fitted, name, estimate))
+        value = f"{estimate.value:.4g}" if estimate.is_determined else "not determined"
+        table.add_row(name, value, interval_text(estimate), estimate.unit, _in_file(fitted, name))
     tables = [table]
     open_ = {
         name: estimate.remedy for name, estimate in fitted.estimates.items() if not estimate.is_determined
@@ -80,21 +81,21 @@ def interval_text(estimate: CalibrationEstimate) -> str:
     return f"{low:.{digits}g} to {upper}{' *' if estimate.is_profile else ''}"
 
 
-def _in_file(fitted: Calibration, name: str, estimate: CalibrationEstimate) -> str:
+def _in_file(fitted: Calibration, name: str) -> str:
     from turtlebot_gym_lab.calibration.coordinates import PARAMETERS, value_of
 
     if name not in PARAMETERS and name != "dropout_probability":
         return "-"
-    value = value_of(fitted.noise, name) if name in PARAMETERS else estimate.value
-    return f"{value:.4g}" + ("" if estimate.is_determined else " (not determined)")
+    value = value_of(fitted.noise, name) if name in PARAMETERS else fitted.noise.odometry.dropout_probability
+    return f"{value:.4g}"
 
 
 def comment(fitted: Calibration, name: str, version: str) -> str:
     """Return the comment above the numbers in a noise file."""
     lines = [f"Calibrated from {name} by turtlebot-gym {version}: {_basis(fitted)}."]
     for key, estimate in fitted.estimates.items():
-        note = "" if estimate.is_determined else "; not determined: " + estimate.remedy
-        lines.append(f"{key}: {estimate.value:.4g}, 95 % interval {interval_text(estimate)} {estimate.unit}".rstrip() + note)
+        value = f"{estimate.value:.4g}" if estimate.is_determined else f"not determined ({estimate.remedy})"
+        lines.append(f"{key}: {value}, 95 % interval {interval_text(estimate)} {estimate.unit}".rstrip())
     lines += [f"{key}: unknown; {remedy}" for key, remedy in fitted.unknown.items()]
     lines += [f"Found: {remark}" for remark in fitted.remarks]
     lines.append(fitted.verdict.text)
