@@ -195,13 +195,13 @@ def test_standing_still_never_gains_more_than_the_map_knows(in_hall):
     room, pose, points = in_hall
     located = locate(Pose(*pose), WIDE, Q)
     for _ in range(200):
-        located = move(located, Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), STOP, NO_DRIFT, Q)
+        located = move(located, Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), STOP, NO_DRIFT, 0.0, Q)
         located = scan(located, sight(room, points), Q)
     P = located.belief.covariance
     assert min(P.xx, P.yy) > Q.bias**2
     assert P.tt > Q.turn_bias**2
     assert located.taken > 1.0 - 1e-6, "an hour more would change nothing"
-    driven = move(located, Pose(0.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), STOP, NO_DRIFT, Q)
+    driven = move(located, Pose(0.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), STOP, NO_DRIFT, 0.0, Q)
     assert driven.taken == 0.0
 
 
@@ -268,9 +268,24 @@ def test_a_scan_that_no_place_explains_makes_it_unsure_and_in_the_end_lost(in_ha
     assert variances[-1] > variances[0]
 
 
-def test_too_few_beams_on_known_ground_say_nothing(in_hall):
+def test_too_few_beams_say_nothing_and_beams_on_unknown_ground_contradict(in_hall):
     room, pose, points = in_hall
     before = locate(Pose(*pose), KNOWN, Q)
     assert scan(before, sight(room, points[:, :4].copy()), Q) == before
-    unknown = np.full_like(room.field, np.nan)
-    assert scan(before, sight(room._replace(field=unknown), points), Q) == before
+    beside, states = room._replace(field=np.full_like(room.field, np.nan)), []
+    after = before
+    for _ in range(int(Q.patience)):
+        after = scan(after, sight(beside, points), Q)
+        states.append(state_of(after, Q))
+    assert after.belief == before.belief
+    assert states[-1] == LOST
+    assert states[-2] == UNSURE
+
+
+@pytest.mark.parametrize(("seconds", "state"), [(1.9, TRACKING), (2.1, LOST)])
+def test_a_robot_that_no_scan_agrees_with_is_lost_after_two_seconds(in_hall, seconds, state):
+    room, pose, points = in_hall
+    rest = Pose(0.0, 0.0, 0.0)
+    located = move(locate(Pose(*pose), KNOWN, Q), rest, rest, STOP, NO_DRIFT, seconds, Q)
+    assert state_of(located, Q) == state
+    assert state_of(scan(located, sight(room, points), Q), Q) == TRACKING

@@ -7,7 +7,7 @@ import pytest
 from localization_rooms import hall, make_room, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_NUMBA
-from turtlebot_gym.localization.hypotheses import CYCLE, LOG_WEIGHT, MOST, NONE, ROWS, exp, look, nowhere
+from turtlebot_gym.localization.hypotheses import COLUMNS, CYCLE, LOG_WEIGHT, MOST, NONE, ROWS, exp, look, nowhere
 from turtlebot_gym.localization.localizer import LOST, SURE, TRACKING, locate, move, state_of
 from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.localization.tuning import LocalizerTuning
@@ -18,7 +18,7 @@ POSES = [(1.7, 2.1, 0.4), (4.6, 0.8, -2.9), (1.0, 3.9, 1.6), (4.0, 3.0, 3.1)]
 
 
 def looks(located, room, points, times=CYCLE, bank=None):
-    bank = np.zeros((ROWS, 4)) if bank is None else bank
+    bank = np.zeros((ROWS, COLUMNS)) if bank is None else bank
     for _ in range(times):
         located = look(located, bank, sight(room, points), Pose(0.0, 0.0, 0.0), Q)
     return located
@@ -60,7 +60,7 @@ def test_a_kidnapped_robot_is_found_after_its_patience():
 @pytest.mark.parametrize(("usually", "now", "doubts"), [(0, 0, False), (0, 4, True), (4, 4, False), (4, 24, True)])
 def test_more_misfits_than_usual_put_the_place_in_doubt(usually, now, doubts):
     """Of 40 beams so many end short, at what is not on the map; the first doubt of these is confirmed to be none."""
-    room, bank, counts = make_room(hall()), np.zeros((ROWS, 4)), []
+    room, bank, counts = make_room(hall()), np.zeros((ROWS, COLUMNS)), []
     points, located = scan_of(room, POSES[0]), locate(Pose(*POSES[0]), (1e-4, 1e-4, 1e-4), Q)
     for strays, times in ((usually, 100), (now, int(Q.patience))):
         short = points.copy()
@@ -75,7 +75,7 @@ def test_more_misfits_than_usual_put_the_place_in_doubt(usually, now, doubts):
 
 def test_a_place_that_fits_one_scan_does_not_take_over():
     """Before, it fits somewhat better than the belief, as some other place does where people hide the true one."""
-    room, bank, located = make_room(hall()), np.zeros((ROWS, 4)), locate(Pose(*POSES[0]), (1e-4, 1e-4, 1e-4), Q)
+    room, bank, located = make_room(hall()), np.zeros((ROWS, COLUMNS)), locate(Pose(*POSES[0]), (1e-4, 1e-4, 1e-4), Q)
     own, other = scan_of(room, POSES[0]), scan_of(room, POSES[1])
     mixed = np.where(np.arange(own.shape[1]) % 5 < 2, own, other)
     located = looks(located, room, mixed, int(Q.patience) + 3 * CYCLE, bank)
@@ -87,7 +87,7 @@ def test_a_place_that_fits_one_scan_does_not_take_over():
 
 def test_where_two_places_look_alike_both_stay():
     """The partner of the first test."""
-    room, bank = empty_hall(), np.zeros((ROWS, 4))
+    room, bank = empty_hall(), np.zeros((ROWS, COLUMNS))
     points = scan_of(room, POSES[0])
     located = looks(nowhere(Q), room, points, 10 * CYCLE, bank)
     assert state_of(located, Q) == LOST
@@ -99,12 +99,12 @@ def test_where_two_places_look_alike_both_stay():
 
 def test_hypotheses_move_with_the_wheels():
     """Two places that look the same both stay; the best of them is either one."""
-    room, bank = empty_hall(), np.zeros((ROWS, 4))
+    room, bank = empty_hall(), np.zeros((ROWS, COLUMNS))
     x, y, theta = POSES[0]
     located, wheels = looks(nowhere(Q), room, scan_of(room, POSES[0]), 2, bank), Pose(0.0, 0.0, 0.0)
     for step in range(1, 8):
         now = Pose(0.1 * step, 0.0, 0.0)
-        located = move(located, wheels, now, STOP, (0.0, 0.0), Q)
+        located = move(located, wheels, now, STOP, (0.0, 0.0), 0.0, Q)
         wheels = now
         pose = (x + math.cos(theta) * now.x, y + math.sin(theta) * now.x, theta)
         points = scan_of(room, pose)
@@ -115,7 +115,7 @@ def test_hypotheses_move_with_the_wheels():
 
 def test_a_scan_that_no_place_explains_leaves_it_lost():
     room, angles, rng = make_room(hall()), np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False), np.random.default_rng(1)
-    located, bank = nowhere(Q), np.zeros((ROWS, 4))
+    located, bank = nowhere(Q), np.zeros((ROWS, COLUMNS))
     for _ in range(4 * CYCLE):
         lengths = rng.uniform(0.4, 3.0, 40)
         nonsense = np.array([lengths * np.cos(angles), lengths * np.sin(angles), np.cos(angles), np.sin(angles), lengths])

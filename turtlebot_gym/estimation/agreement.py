@@ -273,12 +273,13 @@ class Agreement:
         return ""
 
     def _disobeys(self, command: Command | None) -> str:
-        """Return whether the robot does not follow its command."""
+        """Return whether the robot does not follow its command; what was in force during a gap in the messages is unknown."""
         now = self._at
         assert now is not None
         orders = self._orders
-        if command is None:
+        if command is None or (orders and now.time - orders[-1][0] > DELAY):
             orders.clear()
+        if command is None:
             return ""
         orders.append((now.time, command, now.twist))
         while len(orders) > 1 and now.time - orders[1][0] >= DELAY + SEEN:

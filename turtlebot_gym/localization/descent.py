@@ -31,8 +31,10 @@ WIDTH = 0.2
 """Residual at which a beam's `agreement` has fallen to a half, m, for starts; the descent takes them the rest of the way."""
 APART, TURNED = 0.2, 0.12
 """Distance and turn from which on two starts, or two hypotheses, are different ones; m, rad."""
-MOST_ALONG, MOST_TURNS = 6, 20
-"""Most starts on each side of the prediction along an axis, and in heading."""
+MOST_ALONG, MOST_TURNS = 6, 48
+"""Most starts on each side of the prediction along an axis, and in heading: a leap of odometry's heading is within."""
+WIDE = 3.0
+"""Standard deviations of the prediction's heading that starts span, where that is more than `swing`."""
 
 
 class Descent(NamedTuple):
@@ -63,15 +65,16 @@ def descend(
         drift: See `information`.
     """
     end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0)
-    for _ in range(int(q.iterations)):
-        L = information(sight, end.at, prior, scale, q, drift)
+    for step in range(int(q.iterations)):
+        is_wide = step < q.wide_steps
+        L = information(sight, end.at, prior if is_wide else end.belief, scale if is_wide else end.scale, q, drift)
         if L.used < LEAST_BEAMS:
             return Descent(prior, scale, at, 0.0, 0.0, 0.0, L.used)
         belief, sixth, nis, freedom = condition(prior, scale, end.at, blurred(L, bias[0], bias[1]))
         to, was = Guess(belief.mean.x, belief.mean.y, belief.mean.theta, sixth.mean), end.at
         end = Descent(belief, sixth, to, nis, freedom, L.fits, L.used)
         change = abs(to.x - was.x) + abs(to.y - was.y) + abs(to.theta - was.theta) + abs(to.scale - was.scale)
-        if change < SETTLED:
+        if change < SETTLED and (step >= q.wide_steps or q.wide_steps >= q.iterations):
             break
     return end
 
@@ -196,7 +199,8 @@ def _starts_around(sight: ScanPoints, belief: Belief, q: Any, starts: Any, value
     # A turn moves the end of a mean beam by the distance between two starts.
     turn = min(max(SIDE / max(total / max(sight.number, 1), 0.5), 0.02), 0.1)
     in_x, in_y = min(int(2.0 * sqrt(var_x) / SIDE) + 1, MOST_ALONG), min(int(2.0 * sqrt(var_y) / SIDE) + 1, MOST_ALONG)
-    in_turn, gain, count = min(int(2.0 * sqrt(var_theta) / turn) + 1, MOST_TURNS), gain_of(sight.number, q), 0
+    widest = max(2.0 * sqrt(var_theta), WIDE * sqrt(P.tt))
+    in_turn, gain, count = min(int(widest / turn) + 1, MOST_TURNS), gain_of(sight.number, q), 0
     for a in range(-in_turn, in_turn + 1):
         for i in range(-in_y, in_y + 1):
             for j in range(-in_x, in_x + 1):

@@ -4,6 +4,9 @@ The poses in the whole map that fit a scan best are tracked for some scans: odom
 better it agrees with one, the more weight that one gains. Then the best is believed, if it has enough weight and fits. Weights
 fade, so in a symmetric room, where only noise distinguishes the poses, several hypotheses remain.
 
+People hide the true place, so that some other fits a scan by chance, but not many scans on the way. A place that agrees less
+than perfectly is therefore believed only after more scans, and with a lead over all others, see `_outlasts`.
+
 A belief that is in doubt is a hypothesis too, the first one: only a pose that fits well refutes it, since in a wrong map the
 true pose fits badly, too. Otherwise it is confirmed, and not doubted again for some time.
 """
@@ -16,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.scale import Sixth
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, SURE, Located, locate, scan
+from turtlebot_gym.localization.passing import agreeing
 from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.models.angles import sincos, wrap
@@ -28,8 +32,10 @@ from turtlebot_gym.values import Belief, Covariance, Pose, State
 
 MOST = 16
 """Most hypotheses."""
-ROWS = MOST + 1
-"""Rows of a bank of hypotheses, see `LOG_WEIGHT`."""
+LAST = MOST + 1
+"""Row of a bank with the position of the odometry at the last scan, and whether the last search found only places that are alike."""
+ROWS, COLUMNS = MOST + 2, 6
+"""Rows and columns of a bank of hypotheses, see `LOG_WEIGHT`."""
 CYCLE = 4
 """Scans from one search of the whole map, or decision, to the next."""
 FADING = 0.95
@@ -55,12 +61,27 @@ OBVIOUS = 0.25
 """Share of what the belief leaves unexplained below which another place takes over after one cycle."""
 PATIENCE = 4 * CYCLE
 """Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
+PER_METRE, ENOUGH = 30.0, 100.0
+"""Scans that a metre of way counts, since scans from one place are alike, and evidence after which a place is believed that people
+hide in part ..."""
+WELL, LEAD = 0.75, 6.0
+"""... if this share of its beams agrees, and its logarithm of the weight leads all others by so much."""
+LIKE = 0.05
+"""Difference in agreement within which places are alike: if a search finds only such ones, as in a long corridor, the true place
+may be none of them."""
+ITSELF = 0.65
+"""Share of agreeing beams that a belief in doubt needs to be confirmed."""
 FAR = 1e4
 """Variance of an unknown pose, m^2 and rad^2."""
-LOG_WEIGHT = 3
-"""Column of a bank of hypotheses, shape (`ROWS`, 4): x, y and heading of the odometry's origin in the map; the logarithm of the
-weight, of which the best is 0. In the last row the weight of a belief in doubt; the share of fitting beams that another place
-needs; and the sums since the search of what the belief and the best other place leave unexplained."""
+LATE = 3.0
+"""Logarithm of the weight that a place loses that a later search finds, beside those that are followed."""
+MEMORY = 10.0
+"""Scans over which the share of agreeing beams of a hypothesis is averaged."""
+LOG_WEIGHT, AGREES, AGE = 3, 4, 5
+"""Columns of a bank of hypotheses, shape (`ROWS`, `COLUMNS`): x, y and heading of the odometry's origin in the map; the logarithm
+of the weight, of which the best is 0; the mean share of agreeing beams; the evidence since it was found, in scans. In row `MOST`
+those of a belief in doubt; and the share of fitting beams that another place needs, and the sums since the search of what the
+belief and the best other place leave unexplained."""
 
 
 @kernel
@@ -73,27 +94,73 @@ def exp(x: float) -> float:
 
 
 @kernel
-def _put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float) -> None:
+def _put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float, agrees: float, age: float) -> None:
     """Write a hypothesis at which the odometry is ``wheels`` into a bank."""
     seat = increment(pose, wheels, Pose(0.0, 0.0, 0.0), sincos(pose.theta - wheels.theta))
     bank[k, 0], bank[k, 1], bank[k, 2], bank[k, LOG_WEIGHT] = seat.x, seat.y, seat.theta, log_weight
+    bank[k, AGREES], bank[k, AGE] = agrees, age
 
 
 @kernel
-def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints, wheels: Pose, q: Any) -> None:
-    """Fill a bank with the places of the whole map that fit a scan best, and the belief if it still fits somehow."""
+def _place(bank: Any, k: int, wheels: Pose) -> Pose:
+    """Return where a hypothesis is now."""
+    seat = Pose(float(bank[k, 0]), float(bank[k, 1]), float(bank[k, 2]))
+    return increment(seat, Pose(0.0, 0.0, 0.0), wheels, sincos(seat.theta))
+
+
+@kernel
+def _insert(bank: Any, pose: Pose, wheels: Pose, log_weight: float) -> None:
+    """Put a pose into a bank in the place of the least likely one, unless that is likelier, or it is there."""
+    slot, least = 0, log_weight
+    for k in range(MOST):
+        if bank[k, LOG_WEIGHT] > NONE:
+            there = _place(bank, k, wheels)
+            dx, dy = there.x - pose.x, there.y - pose.y
+            if dx * dx + dy * dy < APART * APART and abs(wrap(there.theta - pose.theta)) < TURNED:
+                return
+        if bank[k, LOG_WEIGHT] < least:
+            slot, least = k, float(bank[k, LOG_WEIGHT])
+    if least < log_weight:
+        _put(bank, slot, pose, wheels, log_weight, 0.0, 0.0)
+
+
+@kernel
+def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints, wheels: Pose, since: int, q: Any) -> None:
+    """Add to a bank the places of the whole map that fit a scan best, and first the belief if it still fits somehow."""
     poses, values = np.empty((MOST, 3)), np.zeros(MOST)
     mean, gain = located.belief.mean, gain_of(sight.number, q)
     count = seek(sight, poses, values)
-    for k in range(ROWS):
-        bank[k, LOG_WEIGHT] = NONE
+    if since == 0:
+        for k in range(ROWS):
+            bank[k, LOG_WEIGHT] = NONE
     for k in range(count):
-        weight = max(gain * (float(values[k]) - float(values[0])), UNLIKELY)
-        _put(bank, k, Pose(float(poses[k, 0]), float(poses[k, 1]), float(poses[k, 2])), wheels, weight)
+        weight = max(gain * (float(values[k]) - float(values[0])), UNLIKELY) - (LATE if since > 0 else 0.0)
+        _insert(bank, Pose(float(poses[k, 0]), float(poses[k, 1]), float(poses[k, 2])), wheels, weight)
+    bank[LAST, 2] = 1.0 if count == MOST and values[MOST - 1] > values[0] - LIKE else 0.0
     if is_hypothesis:
         bank[MOST, 0], bank[MOST, 1], bank[MOST, 2] = CLEAR, 0.0, 0.0
+    if is_hypothesis and since == 0:
+        bank[MOST, AGREES], bank[MOST, AGE] = 0.0, 0.0
         worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH) - float(values[0])
         bank[MOST, LOG_WEIGHT] = BONUS + gain * worth
+
+
+@kernel
+def _averaged(mean: float, age: float, value: float) -> float:
+    """Return a mean over some scans with that of one more."""
+    return mean + (value - mean) / min(age + 1.0, MEMORY)
+
+
+@kernel
+def _outlasts(agrees: float, age: float, lead: float) -> bool:
+    """Return whether a place has explained so many scans so well that it is believed, though people hide a part of it.
+
+    Args:
+        agrees: Mean share of its agreeing beams.
+        age: The evidence for it, in scans.
+        lead: Difference of the logarithms of its weight and of that of the best other place.
+    """
+    return (agrees > WELL) & (lead > LEAD) & (age >= ENOUGH)
 
 
 @kernel
@@ -108,12 +175,14 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         misfits: Doubtful scans before this one, see `Located.misfits`.
         q: A `LocalizerTuning`.
     """
-    guesses, values, count, gain = np.empty((MOST, 5)), np.empty(MOST), 0, gain_of(sight.number, q)
+    guesses, values, count, gain = np.empty((MOST, 7)), np.empty(MOST), 0, gain_of(sight.number, q)
     mean, own = located.belief.mean, float(bank[MOST, LOG_WEIGHT])
+    dx, dy = wheels.x - float(bank[LAST, 0]), wheels.y - float(bank[LAST, 1])
+    more = 1.0 + PER_METRE * min(sqrt(dx * dx + dy * dy), 0.5)
+    bank[LAST, 0], bank[LAST, 1] = wheels.x, wheels.y
     for k in range(MOST):
         if bank[k, LOG_WEIGHT] > NONE:
-            seat = Pose(float(bank[k, 0]), float(bank[k, 1]), float(bank[k, 2]))
-            there = increment(seat, Pose(0.0, 0.0, 0.0), wheels, sincos(seat.theta))
+            there, age = _place(bank, k, wheels), float(bank[k, AGE])
             near = locate(there, (POSITION * POSITION, POSITION * POSITION, TURN * TURN), q)
             start = Guess(there.x, there.y, there.theta, 0.0)
             end = descend(sight, near.belief, near.scale, start, (0.0, 0.0), q)
@@ -123,11 +192,16 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             dx, dy, theta = at.x - mean.x, at.y - mean.y, wrap(at.theta)
             is_own = dx * dx + dy * dy < APART * APART and abs(wrap(theta - mean.theta)) < TURNED
             if not (is_own and own > NONE):
-                count = keep(guesses, values, count, (at.x, at.y, theta, end.fits, explained), value, APART, TURNED)
+                agrees = _averaged(float(bank[k, AGREES]), age, agreeing(sight, at, q))
+                guess = (at.x, at.y, theta, end.fits, explained, agrees, age + more)
+                count = keep(guesses, values, count, guess, value, APART, TURNED)
     if own > NONE:
         at = Guess(mean.x, mean.y, mean.theta, located.scale.mean)
         explained = agreement(sight, at, FINE)
         own = FADING * own + gain * explained
+        age = float(bank[MOST, AGE])
+        bank[MOST, AGREES] = _averaged(float(bank[MOST, AGREES]), age, agreeing(sight, at, q))
+        bank[MOST, AGE] = age + more
         bank[MOST, 1] += 1.0 - explained
         bank[MOST, 2] += 1.0 - (float(guesses[0, 4]) if count > 0 else 0.0)
     other = float(values[0]) if count > 0 else NONE
@@ -140,7 +214,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             pose = Pose(float(guesses[k, 0]), float(guesses[k, 1]), float(guesses[k, 2]))
             weight, dx, dy, turn = exp(log_weight), pose.x - best.x, pose.y - best.y, wrap(pose.theta - best.theta)
             total, xx, yy, tt = total + weight, xx + weight * dx * dx, yy + weight * dy * dy, tt + weight * turn * turn
-            _put(bank, k, pose, wheels, log_weight)
+            _put(bank, k, pose, wheels, log_weight, float(guesses[k, 5]), float(guesses[k, 6]))
     own_weight = exp(max(own - top, UNLIKELY)) if own > NONE else 0.0
     total = total + own_weight
     bank[MOST, LOG_WEIGHT] = max(own - top, UNLIKELY) if own > NONE else NONE
@@ -151,14 +225,35 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     if own > NONE:
         decides = since >= 3 * CYCLE - 1 and since % PATIENCE >= 2 * CYCLE - 1
         decides = decides or (since % PATIENCE >= CYCLE - 1 and bank[MOST, 2] < OBVIOUS * bank[MOST, 1])
+    lead = other - max(own, float(values[1]) if count > 1 else top + UNLIKELY)
+    is_complete = bank[LAST, 2] == 0.0
+    outlasts = count > 0 and is_complete and _outlasts(float(guesses[0, 5]), float(guesses[0, 6]), lead)
     is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
-    belief, nis, scale, own_fits, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays = located
-    if own > NONE and not (decides and own_weight < (1.0 - SURE) * total and is_clear):
+    belief, nis, scale, own_fits, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays, own_agrees, silent = located
+    takes_over = outlasts or (decides and own_weight < (1.0 - SURE) * total and is_clear and is_complete and lead > q.lead)
+    if own > NONE and not takes_over:
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
-        misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, own_weight / total)
-        return Located(belief, nis, scale, own_fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays)
+        is_sure = is_sure and bank[MOST, AGREES] > ITSELF
+        misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, own_weight / total, silent)
+        return Located(
+            belief,
+            nis,
+            scale,
+            own_fits,
+            misfits,
+            taken,
+            slack,
+            scans,
+            moves,
+            weight,
+            way_drift,
+            turn_drift,
+            strays,
+            own_agrees,
+            silent,
+        )
     bank[MOST, LOG_WEIGHT] = NONE
-    is_sure = decides and weight > SURE and fits >= least
+    is_sure = outlasts or (decides and weight > SURE and fits >= least and is_complete and lead > q.lead)
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
     covariance = Covariance(
         POSITION * POSITION + xx * share,
@@ -180,8 +275,25 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     if count > 0:
         belief = Belief(State(best.x, best.y, best.theta, mean.v, mean.omega), covariance)
     fresh = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    misfits, weight = (-CALM, 1.0) if is_sure else (misfits + 1.0, weight)
-    return Located(belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight, way_drift, turn_drift, strays)
+    misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, weight, silent)
+    agrees = agreeing(sight, Guess(best.x, best.y, best.theta, 0.0), q) if count > 0 else 0.0
+    return Located(
+        belief,
+        0.0,
+        fresh,
+        fits,
+        misfits,
+        0.0,
+        1.0,
+        scans + 1.0,
+        moves,
+        weight,
+        way_drift,
+        turn_drift,
+        strays,
+        agrees,
+        silent,
+    )
 
 
 @kernel
@@ -199,7 +311,9 @@ def look(
         unseen: Number of moves since the scan and during it, see `points.swept`.
     """
     in_doubt, since = located.misfits >= q.patience, int(located.misfits - q.patience)
-    is_hypothesis = located.belief.covariance.xx < FAR if since == 0 else bank[MOST, LOG_WEIGHT] > NONE
+    is_hypothesis = bank[MOST, LOG_WEIGHT] > NONE
+    if since == 0:
+        is_hypothesis = located.belief.covariance.xx < FAR and located.agrees > 0.0
     after = located
     if is_hypothesis or not in_doubt:
         after = scan(located, sight, q, unseen)
@@ -207,9 +321,9 @@ def look(
         return after
     if since == 0:
         bank[MOST, 0] = 1.0 * q.doubt
-    fits_badly = since % CYCLE == 0 and located.fits < 0.7 * q.doubt
-    if since % PATIENCE == 0 if is_hypothesis else fits_badly:
-        _search(located, is_hypothesis, bank, sight, wheels, q)
+    fits_badly = since % CYCLE == 0 and located.agrees < 0.7 * q.doubt
+    if since % PATIENCE == 0 or (fits_badly and not is_hypothesis):
+        _search(located, is_hypothesis, bank, sight, wheels, since, q)
     return _follow(after, bank, sight, wheels, located.misfits, q)
 
 
@@ -261,5 +375,5 @@ def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) 
 @kernel
 def nowhere(q: Any) -> Located:
     """Return a localizer that does not know where it starts: the whole map is searched at the first scan."""
-    belief, nis, scale, _, _, taken, slack, scans, moves, _, _, _, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
-    return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0, 0.0, 0.0, 0.0)
+    belief, nis, scale, _, _, taken, slack, scans, moves, _, _, _, _, _, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
+    return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -21,8 +21,9 @@ from typing import Any, NamedTuple
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.localization.descent import best_descent, widened
+from turtlebot_gym.localization.descent import LEAST_BEAMS, best_descent, widened
 from turtlebot_gym.localization.information import ScanPoints
+from turtlebot_gym.localization.passing import agreeing
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
@@ -48,6 +49,8 @@ HIDDEN = 0.25
 variance, that of beams that count the more the newer they are by less."""
 TRACKING, UNSURE, LOST = 0, 1, 2
 """States of a localizer, see `state_of`."""
+SILENT = 2.0
+"""Time without a scan that agrees with the belief after which the robot is lost, s."""
 
 
 class Located(NamedTuple):
@@ -77,7 +80,11 @@ class Located(NamedTuple):
     turn_drift: float
     """... and of the turn, rad^2."""
     strays: float
-    """Share of a scan's beams that usually do not end near a surface: the map lacks something, or people walk about."""
+    """Share of a scan's beams that usually disagree: the map lacks something, or people walk about."""
+    agrees: float
+    """Share of the last scan's beams that agree with the belief, see `passing.agreeing`; 1 before the first."""
+    silent: float
+    """Time since a scan agreed with the belief, s."""
 
 
 @kernel
@@ -86,7 +93,7 @@ def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
     covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, 0.0, 0.0, 0.0)
     belief = Belief(State(pose.x, pose.y, pose.theta, 0.0, 0.0), covariance)
     scale = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
 @kernel
@@ -127,7 +134,7 @@ def _spread(P: Covariance, heading: float, way: float, turn: float, drift: tuple
 
 
 @kernel
-def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple[float, float], q: Any) -> Located:
+def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple[float, float], dt: float, q: Any) -> Located:
     """Move the belief as the odometry moved.
 
     Args:
@@ -136,6 +143,7 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
         now: Odometry at its end.
         twist: Executed from now on; kept in the belief, whose pose does not depend on it.
         drift: Variances of way and turn that the interval adds by time, m^2 and rad^2; noise by way is in the tuning.
+        dt: The interval, s.
         q: A `LocalizerTuning`.
     """
     mean, P = located.belief
@@ -166,8 +174,36 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
     scale = Sixth(located.scale.mean, located.scale.variance, State(c.x - dy * c.theta, c.y + dx * c.theta, c.theta, 0.0, 0.0))
     belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
     taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
-    _, nis, _, fits, misfits, _, _, scans, moves, weight, _, _, strays = located
-    return Located(belief, nis, scale, fits, misfits, taken, slack, scans, moves + 1.0, weight, drift[0], drift[1], strays)
+    _, nis, _, fits, misfits, _, _, scans, moves, weight, _, _, strays, agrees, silent = located
+    return Located(
+        belief,
+        nis,
+        scale,
+        fits,
+        misfits,
+        taken,
+        slack,
+        scans,
+        moves + 1.0,
+        weight,
+        drift[0],
+        drift[1],
+        strays,
+        agrees,
+        silent + dt,
+    )
+
+
+@kernel
+def _contradicted(located: Located, q: Any) -> Located:
+    """Return the localizer after a scan whose beams end where nothing is known: the belief has left the map."""
+    belief, nis, scale, _, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, _, silent = located
+    misfits = max(misfits, 0.0) + 1.0
+    misfits = max(misfits, 1.0 * q.patience) if silent > SILENT else misfits
+    weight = 0.0 if misfits >= q.patience else weight
+    return Located(
+        belief, nis, scale, 0.0, misfits, taken, slack, scans + 1.0, moves, weight, way_drift, turn_drift, strays, 0.0, silent
+    )
 
 
 @kernel
@@ -184,10 +220,13 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
     bias = (q.bias * q.bias / take, q.turn_bias * q.turn_bias / take)
     since, during = unseen
     end = best_descent(sight, located.belief, located.scale, bias, q, SHARED * during * located.turn_drift)
-    if end.freedom == 0.0:  # too few beams on known ground: it says nothing
-        return located
+    if end.freedom == 0.0:  # a scan without beams says nothing; beams on unknown ground contradict the belief
+        return _contradicted(located, q) if sight.number >= LEAST_BEAMS else located
     bad = 0.7 * q.doubt  # below this share no start has explained the scan
-    loose = q.loosen * q.loosen * max(1.0 - end.fits / bad, 0.0) if bad > 0.0 else 0.0
+    agrees = end.fits
+    if q.short < 1.0 and 1.0 - end.fits > q.suspicion:
+        agrees = max(agreeing(sight, end.at, q), end.fits)
+    loose = q.loosen * q.loosen * max(1.0 - agrees / bad, 0.0) if bad > 0.0 else 0.0
     hidden = since + HIDDEN * during
     drift, turn_drift = 0.5 * hidden * located.way_drift, hidden * located.turn_drift
     belief = wrapped(widened(end.belief, loose + drift, 0.25 * loose + turn_drift))
@@ -196,13 +235,16 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
     by_wheels = min(surprise / q.usual, q.gate * q.gate) if end.fits >= FITTING else min(surprise, 1.0)
     growth = q.memory + (1.0 - q.memory) * by_wheels  # 1 where scans surprise as much as they should
     slack = min(max(located.slack * growth, 1.0), q.widening)
-    before, astray = max(located.misfits, 0.0), 1.0 - end.fits
-    misfits = before + 1.0 if astray > UNUSUAL * located.strays + q.suspicion else max(before - 1.0, 0.0)
-    learns = before == 0.0 and end.fits >= bad  # doubtful or unexplained scans are not the usual ones
+    before, astray = max(located.misfits, 0.0), 1.0 - agrees
+    is_strange = astray > UNUSUAL * located.strays + q.suspicion
+    misfits = before + 1.0 if is_strange else max(before - 1.0, 0.0)
+    learns = before == 0.0 and agrees >= bad  # doubtful or unexplained scans are not the usual ones
     strays = located.strays + ((astray - located.strays) / HABIT if learns else 0.0)
-    if located.misfits < 0.0 and end.fits >= bad:
-        misfits = located.misfits + 1.0
-    weight = 0.0 if misfits >= q.patience and end.fits < bad else 1.0
+    if located.misfits < 0.0 and agrees >= bad:
+        misfits, is_strange = located.misfits + 1.0, False
+    silent = located.silent if is_strange or before >= q.patience else 0.0
+    misfits = max(misfits, 1.0 * q.patience) if silent > SILENT else misfits
+    weight = 0.0 if misfits >= q.patience and agrees < bad else 1.0
     was, now = located.belief.mean, belief.mean
     dx, dy, turn = now.x - was.x, now.y - was.y, wrap(now.theta - was.theta)
     if dx * dx + dy * dy > LEAP * LEAP or abs(turn) > LEAP:  # it may have been carried farther
@@ -222,11 +264,18 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
         located.way_drift,
         located.turn_drift,
         strays,
+        agrees,
+        silent,
     )
 
 
 @kernel
 def state_of(located: Located, q: Any) -> int:
-    """Return `TRACKING`; `UNSURE` if scans put the place in doubt; `LOST` after too many of these without a likely place."""
-    looks, unsure = located.misfits >= q.patience, 2.0 * located.misfits >= q.patience or located.fits < 0.7 * q.doubt
-    return LOST if looks and not located.weight > SURE else (UNSURE if unsure else TRACKING)
+    """Return `TRACKING`; `UNSURE` if scans put the place in doubt; `LOST` if nobody may drive by the belief.
+
+    A robot is lost if too many scans put its place in doubt and none is likely, if as many more have not confirmed a likely one,
+    and if no scan has agreed with its belief for some time, be it that there are none.
+    """
+    looks, unsure = located.misfits >= q.patience, 2.0 * located.misfits >= q.patience or located.agrees < 0.7 * q.doubt
+    is_lost = located.silent > SILENT or (looks and (not located.weight > SURE or located.misfits >= 2.0 * q.patience))
+    return LOST if is_lost else (UNSURE if unsure else TRACKING)

@@ -41,6 +41,9 @@ class LocalizerTuning:
     """Standard deviations beyond which a beam counts little."""
     iterations: Annotated[int, ONE_OR_MORE] = 4
     """Most Gauss-Newton steps per scan."""
+    wide_steps: Annotated[int, ONE_OR_MORE] = 100
+    """Gauss-Newton steps in which a beam's weight has the width of the prediction's covariance; later ones have that of the belief
+    reached, in which beams that end at people count less."""
     thin: Annotated[float, Range(0.0, 2.0)] = 0.3
     """Cosine between beam and distance's gradient from which an end counts as behind a wall, or in its farther half; 2 for
     never."""
@@ -69,6 +72,9 @@ class LocalizerTuning:
     """Distance from a surface up to which a beam fits, m, whatever the belief."""
     doubt: Annotated[float, PROBABILITY] = 0.7
     """Share of fitting beams below which starts all around the prediction are tried; 0 for never."""
+    short: Annotated[float, PROBABILITY] = 1.0
+    """How much a beam that ends before a surface of the map says against a place, beside one that passes through; less than 1 where
+    people walk about."""
     suspicion: Annotated[float, PROBABILITY] = 0.08
     """Share of beams that do not fit, beyond twice the usual share, above which a scan fits badly, see `patience`."""
     reach: Annotated[float, NON_NEGATIVE] = 0.6
@@ -79,6 +85,8 @@ class LocalizerTuning:
     """Share of a scan's log likelihood that counts where starts are compared: neighbouring beams see the same surfaces."""
     loosen: Annotated[float, NON_NEGATIVE] = 0.03
     """Standard deviation added by a scan that no start explains, m; half of it in rad."""
+    lead: Annotated[float, NON_NEGATIVE] = 0.0
+    """By how much the logarithm of a place's weight must lead all others before it is believed."""
     patience: Annotated[int, ONE_OR_MORE] = 8
     """Scans that fit badly, less those that do not, after which the whole map is searched."""
 
@@ -95,16 +103,21 @@ ROBOT = LocalizerTuning(
     bias=0.02,
     turn_bias=0.005,
     thin=2.0,
-    along_walk=0.06,
-    along_step=0.5,
+    along_walk=0.25,
+    along_step=0.8,
     aside_walk=0.05,
     aside_step=0.1,
-    aside_turn=0.05,
+    aside_turn=0.25,
     turn_walk=0.06,
     turn_step=0.35,
+    gate=1.5,
+    temper=0.4,
     widening=1.0,
     doubt=0.9,
-    suspicion=0.3,
+    suspicion=0.15,
+    short=0.25,
+    wide_steps=2,
+    lead=6.0,
     reach=0.3,
     swing=0.3,
 )

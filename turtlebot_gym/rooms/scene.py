@@ -187,6 +187,6 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
             field=zeros(0, 0, dtype=np.float32),
             field_frame=zeros(5),
             trail=zeros(0, 4),
-            bank=zeros(0, 4),
+            bank=zeros(0, 6),
         ),
     )

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.localization.hypotheses import ROWS, correct_by_scan, nowhere
+from turtlebot_gym.localization.hypotheses import COLUMNS, ROWS, correct_by_scan, nowhere
 from turtlebot_gym.localization.localizer import locate, move
 from turtlebot_gym.localization.points import Timing, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
@@ -49,7 +49,7 @@ def _estimate(estimate, before, senses, p, room, scene):
     """Move the belief as the wheels moved, and correct it where a scan is complete."""
     at, lidar, memory, q = int(estimate.moves) + 1, p.room.lidar, scene.memory, p.localizer
     odometry, was = senses.odometry, before.odometry
-    moved = move(estimate, was.pose, odometry.pose, odometry.twist, drift_of(was.twist, p.tuning, p.dt), q)
+    moved = move(estimate, was.pose, odometry.pose, odometry.twist, drift_of(was.twist, p.tuning, p.dt), p.dt, q)
     if odometry.measured:
         remember(memory.trail, at * p.dt, odometry.pose)
     beams, done = int(lidar.beams), beams_by(at, lidar, p.dt)
@@ -83,7 +83,7 @@ def localizing(system: System) -> System:
         memory = scenes.memory._replace(
             field=np.zeros((number, rows, columns), np.float32),
             trail=np.zeros((number, max(map(_trail, parameters)), 4)),
-            bank=np.zeros((number, ROWS, 4)),
+            bank=np.zeros((number, ROWS, COLUMNS)),
         )
         return scenes._replace(memory=memory)
 

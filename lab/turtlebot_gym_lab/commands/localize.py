@@ -39,7 +39,7 @@ class Localize(ReportingOptions, StartOptions):
 
         from turtlebot_gym.drive import known
         from turtlebot_gym_lab.drives import read
-        from turtlebot_gym_lab.evaluation.localize import STATES, errors_of, localize, recorded_of
+        from turtlebot_gym_lab.evaluation.localize import STATES, errors_of, evidence_of, localize, recorded_of
 
         with progress(3) as advance_to:
             drive = self.localizable(read(self.file, **self.reading()))
@@ -55,14 +55,17 @@ class Localize(ReportingOptions, StartOptions):
         states = {name: float(np.mean(course.states[first:] == state)) for name, state in STATES.items()}
         judged = rows[rows >= place.first]
         errors = errors_of(course, where[judged], drive.truth[judged]) if len(judged) else {}
+        evidence = evidence_of(course, recorded.odometry, first)
         table = Table("", "", title=f"{self.file.name} in {self.map.name}, {course.scans} scans")
         for name, figure in errors.items():
             table.add_row(LABELS[name], f"{figure:.3g}")
+        table.add_row("beams that fit the map, mean, %", f"{100.0 * evidence['fits']:.1f}")
+        table.add_row("leaps of more than 0.3 m or 0.3 rad", f"{evidence['leaps']:g}")
         for name, share in states.items():
             table.add_row(f"{name}, % of the rows", f"{100.0 * share:.1f}")
         print_tables(table)
         beliefs = {"poses": course.poses, "covariances": course.covariances, "fits": course.fits, "states": course.states}
-        self.report({"errors": errors, "shares": states, "time": recorded.time, **beliefs})
+        self.report({"errors": errors, "evidence": evidence, "shares": states, "time": recorded.time, **beliefs})
         if self.plot is not None:
             save_figure(_path_figure(course, drive, grid, title=self.file.name), self.plot)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -58,8 +58,9 @@ class StartOptions(MountOption):
     """LiDAR preset: match assumes its errors, and where no transform states the LiDAR's mount, its mount is assumed."""
     hits: bool = True
     """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
-    start: tuple[float, float, float] | None = None
-    """Pose in the map at the first row, within 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Default: the first true pose."""
+    start: tuple[float, float, float] | Literal["unknown"] | None = None
+    """Pose in the map at the first row, within 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Or unknown: the whole map is searched.
+    Default: the first true pose."""
 
     def reading(self) -> dict[str, Any]:
         """Return the options of `turtlebot_gym_lab.drives.read`."""
@@ -89,9 +90,10 @@ class StartOptions(MountOption):
         assert grid is not None
         rows = np.flatnonzero(known(drive.truth))
         if self.start is not None:
-            return grid, KnownPlace(grid.field(hits=self.hits), grid.frame, tuning, Pose(*self.start))
+            start = None if self.start == "unknown" else Pose(*self.start)
+            return grid, KnownPlace(grid.field(hits=self.hits), grid.frame, tuning, start)
         if not len(rows):
-            raise ValueError(f"{name} holds no truth: --start must say where in the map the drive begins.")
+            raise ValueError(f"{name} holds no truth: --start must say where in the map the drive begins, or unknown.")
         first = int(rows[0])
         start = Pose(*drive.truth[first].tolist())
         return grid, KnownPlace(grid.field(hits=self.hits), grid.frame, tuning, start, KNOWN, first)

@@ -11,11 +11,11 @@ from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drive import Drive, heading_error, known, position_error
 from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.localization.hypotheses import ROWS, correct_by_scan
-from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, state_of
+from turtlebot_gym.localization.hypotheses import COLUMNS, ROWS, correct_by_scan, nowhere
+from turtlebot_gym.localization.localizer import LEAP, LOST, TRACKING, UNSURE, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.models.angles import wrap, wrap_all
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_agents.evaluation.episodes import ASTRAY
 
@@ -24,7 +24,9 @@ TRAIL = 64
 FAR = 20.0
 """Greatest range that is used, m: an error of the heading moves the end of a longer beam by more than a cell of the map."""
 STILL, UNTURNED = 0.02, 0.01
-"""Distance and turn since the last used scan, m and rad, up to which a scan says nothing new and is left out."""
+"""Distance and turn since the last used scan, m and rad, up to which a scan says nothing new and is left out ..."""
+STALE = 1.0
+"""... unless none has been used for so long, s, or the place is in doubt."""
 
 
 KNOWN = (0.01, 0.01, 0.001)
@@ -62,8 +64,8 @@ class KnownPlace(NamedTuple):
     frame: NDArray[np.float64]
     """Frame of the distances."""
     tuning: LocalizerTuning
-    start: Pose
-    """The pose at the first row."""
+    start: Pose | None
+    """The pose at the first row; None if it is unknown."""
     R: tuple[float, float, float] = (0.02, 0.02, 0.02)
     """Variances of that pose; m^2, m^2, rad^2."""
     first: int = 0
@@ -105,7 +107,7 @@ def _follow(
     states: Any,
 ) -> Any:
     """Write the belief at each row from ``first`` on, shape (T, 11): pose, covariance, share of fitting beams."""
-    trail, bank = np.empty((TRAIL, 4)), np.zeros((ROWS, 4))
+    trail, bank = np.empty((TRAIL, 4)), np.zeros((ROWS, COLUMNS))
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
     rest(trail, time[first], now)
     # As if the robot had driven far, so that the first scan is used.
@@ -113,12 +115,14 @@ def _follow(
     for row in range(first, len(odometry)):
         if row > first:
             before, now = now, Pose(odometry[row, 0], odometry[row, 1], odometry[row, 2])
-            located = move(located, before, now, Command(0.0, 0.0), (0.0, 0.0), q)
+            dt = max(time[row] - time[row - 1], 0.0)
+            located = move(located, before, now, Command(0.0, 0.0), (0.0, 0.0), dt, q)
             remember(trail, time[row], now)
             way += np.hypot(now.x - before.x, now.y - before.y)
             turn += abs(wrap(now.theta - before.theta))
         while at < len(rows) and rows[at] <= row:
-            if way > STILL or turn > UNTURNED:
+            is_due = located.silent > STALE or state_of(located, q) != TRACKING
+            if way > STILL or turn > UNTURNED or is_due:
                 when = Timing(last[at], timing.interval, timing.x, timing.y, timing.range_max)
                 located = correct_by_scan(located, ranges[at], beams, when, trail, bank, field, frame, q)
                 way = turn = 0.0
@@ -154,7 +158,7 @@ def localize(recorded: RecordedScans, place: KnownPlace) -> RecordedCourse:
         place.field,
         place.frame,
         q,
-        locate(place.start, place.R, q),
+        nowhere(q) if place.start is None else locate(place.start, place.R, q),
         place.first,
         course,
         states,
@@ -164,13 +168,33 @@ def localize(recorded: RecordedScans, place: KnownPlace) -> RecordedCourse:
     return RecordedCourse(course[:, :3], covariances, course[:, 9], states, int(located.scans), float(located.scale.mean))
 
 
+def evidence_of(course: RecordedCourse, odometry: NDArray[np.float64], first: int) -> dict[str, float]:
+    """Return what a localizer shows of itself where there is no truth.
+
+    Args:
+        course: Its beliefs.
+        odometry: The odometry at each row, shape (T, 3).
+        first: The first row.
+
+    Returns:
+        Mean share of fitting beams; number of leaps: corrections by more than `LEAP`, m or rad, of a belief that was not lost.
+    """
+    poses, wheels = course.poses[first:], odometry[first:]
+    turn, (dx, dy, moved) = poses[:-1, 2] - wheels[:-1, 2], np.diff(wheels, axis=0).T
+    cosine, sine = np.cos(turn), np.sin(turn)
+    away = np.hypot(*(np.diff(poses[:, :2], axis=0) - np.column_stack((cosine * dx - sine * dy, sine * dx + cosine * dy))).T)
+    leaps = (away > LEAP) | (np.abs(wrap_all(np.diff(poses[:, 2]) - moved)) > LEAP)
+    return {"fits": float(np.mean(course.fits[first:])), "leaps": int(np.sum(leaps & (course.states[first:-1] != LOST)))}
+
+
 def clocked(recorded: RecordedScans) -> RecordedScans:
-    """Return a recording whose time increases: stamps that do not are replaced by the numbers of the rows."""
+    """Return a recording whose time increases: if stamps do not, rows count as regular."""
     rows = recorded.rows.astype(np.int64)
     if (np.diff(recorded.time) > 0.0).all():
         return recorded._replace(rows=rows)
-    time = np.arange(len(recorded.odometry), dtype=np.float64)
-    return recorded._replace(time=time, rows=rows, last=rows.astype(np.float64), interval=0.0)
+    usual = np.median(np.diff(np.unique(recorded.time))) if len(np.unique(recorded.time)) > 1 else 1.0
+    time = usual * np.arange(len(recorded.odometry))
+    return recorded._replace(time=time, rows=rows, last=time[rows], interval=0.0)
 
 
 def recorded_of(drive: Drive) -> tuple[RecordedScans, NDArray[np.intp]]:

@@ -165,12 +165,14 @@ def test_after_steps_that_were_skipped_it_goes_on_from_where_the_wheels_have_led
     assert loop.error < 0.05
 
 
-def test_without_a_scan_that_says_anything_it_is_unsure(drive):
+def test_without_a_scan_that_says_anything_it_is_lost(drive):
     loop = drive()
     loop.go(1.0)
-    loop.go(3.0, see=lambda scan: scan._replace(ranges=np.full(360, np.inf, np.float32)))
-    assert loop.answer
-    assert loop.node.notice == "unsure: no scan has said anything for 2 s"
+    assert 15 < loop.go(3.0, see=lambda scan: scan._replace(ranges=np.full(360, np.inf, np.float32))) <= 20
+    assert not loop.answer
+    assert loop.node.notice.startswith("lost: no scan has agreed with the map for 2 s")
+    assert loop.go(1.0) > 5
+    assert loop.error < 0.1
 
 
 def test_a_scan_is_read_as_it_was_sent(drive):

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.localization.hypotheses import ROWS, followed, look, nowhere
+from turtlebot_gym.localization.hypotheses import COLUMNS, ROWS, followed, look, nowhere
 from turtlebot_gym.localization.information import ScanPoints
-from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, Located, locate, move, state_of
+from turtlebot_gym.localization.localizer import LOST, SILENT, TRACKING, UNSURE, Located, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points
 from turtlebot_gym.localization.tuning import make_localizer
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
@@ -48,8 +48,6 @@ TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan: 1 s at 50 Hz."""
 FAR = 20.0
 """Greatest range that is used, m: the end of a longer beam moves by its heading's error more than a map's cells are wide."""
-SILENT = 2.0
-"""Time without a scan that says anything after which the localizer is unsure, s."""
 AHEAD = 0.1
 """Time by which the transform to ``odom`` is stamped ahead, s, so that it holds until the next one."""
 LEAPS, LEAP_TIME = 3, 10.0
@@ -170,7 +168,7 @@ class Localizer:
     def reset(self) -> None:
         """Start anew with the next odometry."""
         self._located: Located | None = None
-        self._trail, self._bank = np.empty((TRAIL, 4)), np.zeros((ROWS, 4))
+        self._trail, self._bank = np.empty((TRAIL, 4)), np.zeros((ROWS, COLUMNS))
         self._since = self._time = self._dt = 0.0
         self._considered: tuple[Pose, ...] = ()
         self._ticks = 0
@@ -226,7 +224,7 @@ class Localizer:
                 rest(self._trail, self._time, odometry.pose)
                 self._measured = self._time - scan.age
             before, drift = self._odometry, drift_of(self._odometry.twist, self._tuning, dt)
-            after = move(self._located, before.pose, odometry.pose, odometry.twist, drift, self._q)
+            after = move(self._located, before.pose, odometry.pose, odometry.twist, drift, dt, self._q)
             if odometry.measured:
                 remember(self._trail, self._time, odometry.pose)
         if initial_pose is not None:
@@ -245,7 +243,7 @@ class Localizer:
     def _begin(self, odometry: Odometry, scan: Stamped) -> Located:
         """Return the belief at the first odometry; scans from before it are not used."""
         rest(self._trail, 0.0, odometry.pose)
-        self._measured, self._used = -scan.age, 0.0
+        self._measured = -scan.age
         if self._params.start == "odometry":
             x, y, heading = self._tuning.R
             return locate(odometry.pose, (x, y, heading), self._q)
@@ -284,10 +282,7 @@ class Localizer:
         number = to_points(ranges, beams, int(located.scans), timing, self._trail, self._points)
         unseen, points = swept(timing, len(ranges), self._trail), self._points
         sight = ScanPoints(self._field, self._grid.frame, points, number)
-        after = look(located, self._bank, sight, self._wheels(), q, unseen)
-        if after.scans > located.scans:
-            self._used = self._time
-        return after
+        return look(located, self._bank, sight, self._wheels(), q, unseen)
 
     def _wheels(self) -> Pose:
         """Return the odometry at the present pose."""
@@ -308,15 +303,9 @@ class Localizer:
 
     def _answer(self, located: Located, odometry: Odometry) -> dict[str, Any]:
         """Return what is published of a belief, and report its state."""
-        state, silent = state_of(located, self._q), self._time - self._used
-        state = max(state, UNSURE) if silent > SILENT else state
-        fits = f"{100.0 * located.fits:.0f} % of the beams fit the map"
-        if state == TRACKING:
-            self.notice = None
-        elif silent > SILENT and state == UNSURE:
-            self.notice = f"unsure: no scan has said anything for {SILENT:g} s"
-        else:
-            self.notice = f"{STATES[state]}: {fits}"
+        state, fits = state_of(located, self._q), f"{100.0 * located.fits:.0f} % of the beams fit the map"
+        why = f"no scan has agreed with the map for {SILENT:g} s, {fits}" if located.silent > SILENT else fits
+        self.notice = None if state == TRACKING else f"{STATES[state]}: {why}"
         self.figures = {
             "localization": STATES[state],
             "fitting beams": f"{located.fits:.2f}",
