@@ -220,3 +220,17 @@ def test_a_twist_that_froze_shows_when_the_robot_turns_another_way():
         assert agreement.cause == "" or driver.time > 2.01
         agreement.judge(Driver.dt, driver.step(command), command)
     assert "pose and twist differ" in agreement.cause
+
+
+@pytest.mark.parametrize(("gap", "refused"), [(3.0, False), (0.05, True)])
+def test_a_robot_that_stands_after_a_gap_in_the_messages_has_not_disobeyed(gap, refused):
+    """It stood because nobody was there to command it; with the same messages in time it does disobey."""
+    turning, agreement, heading = Command(0.0, 0.6), Agreement(BURGER, NOISES["wheel"]), 0.0
+    agreement.judge(0.0, Odometry(Pose(0.0, 0.0, 0.0), turning, True), turning)
+    for _ in range(40):
+        heading = wrapped(heading + 0.6 * Driver.dt)
+        assert agreement.judge(Driver.dt, Odometry(Pose(0.0, 0.0, heading), turning, True), turning) == ""
+    stands = Odometry(Pose(0.0, 0.0, heading), STOP, True)
+    refusals = [agreement.judge(gap if first else Driver.dt, stands, turning) for first in [True] + [False] * 14]
+    assert refusals[0] == ""
+    assert any("does not turn" in why for why in [*refusals, agreement.judge(Driver.dt, stands, turning)]) is refused

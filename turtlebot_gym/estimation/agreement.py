@@ -191,7 +191,10 @@ class Agreement:
         heading = theta + 0.5 * omega * dt
         reckoned = Pose(x + v * dt * math.cos(heading), y + v * dt * math.sin(heading), theta + omega * dt)
         sums = before.way + abs(v) * dt, before.turned + abs(omega) * dt, before.unseen + (dt if dt > GAP else 0.0)
-        return _Said(before.time + dt, odometry.pose, odometry.twist, reckoned, *sums)
+        now = _Said(before.time + dt, odometry.pose, odometry.twist, reckoned, *sums)
+        if dt > DELAY:  # it may have stood in between
+            self._moved = now, now
+        return now
 
     def _earlier(self, now: _Said) -> Iterator[_Said]:
         """Yield the messages with which one is compared."""
