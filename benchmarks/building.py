@@ -72,7 +72,7 @@ def chart(building: Building, cell: float, frames: slice = slice(None)) -> Chart
 
 
 def steps_of(odometry: NDArray[np.float64], order: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return the motions between rows in an order: ahead, to the left and turn, shape (n - 1, 3); none where the order leaps."""
+    """Return the motions between rows in an order, shape (n - 1, 3): ahead, to the left, turn; none where the order leaps."""
     poses = odometry[order]
     (dx, dy, turn), theta = np.diff(poses, axis=0).T, poses[:-1, 2]
     cosine, sine = np.cos(theta), np.sin(theta)

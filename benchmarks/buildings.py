@@ -1,7 +1,8 @@
 """Localize a robot on recordings of real buildings: a map from reference key frames, raw odometry and scans through it.
 
-The map's cells are drawn from the scans at the key frames alone; the localizer sees wheels and scans only. Each building is driven
-under conditions that differ from the first in one thing, all with one tuning. Errors are those of the position at the key frames.
+The map's cells are drawn from the scans at the key frames alone; the localizer sees wheels and scans only. Each building is
+driven under conditions that differ from the first in one thing, all with one tuning. Errors are those of the position at the
+key frames.
 
 * backwards: rows in the reverse order, from the last key frame on.
 * halves: the map of the even key frames, judged at the odd ones.
@@ -12,8 +13,8 @@ under conditions that differ from the first in one thing, all with one tuning. E
 * carried: after 20 s the robot stands elsewhere in the building, with odometry that says nothing of it.
 * starts: the localizer begins beside the map, in the unknown near the true place, or without a pose.
 
-Poses between the key frames, by which carried robots and starts are judged, are those of the first condition. A robot is right if
-it is tracking within 0.5 m and 0.3 rad; `wrong` is the longest time in which it was tracking farther than 0.5 m from there.
+Poses between the key frames, by which carried robots and starts are judged, are those of the first condition. A robot is right
+if it is tracking within 0.5 m and 0.3 rad; `wrong` is the longest time in which it was tracking farther than 0.5 m from there.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
-from building import Building, Chart, chart, crowded, load, rearranged, shuttle, steps_of
 from numpy.typing import NDArray
 from rich.table import Table
 
+from building import Building, Chart, chart, crowded, load, rearranged, shuttle, steps_of
 from harness.study import Study, each, run
 from turtlebot_gym.drive import heading_error, position_error
 from turtlebot_gym.estimation.consistency import nees
@@ -264,8 +265,8 @@ def short(site: Site, condition: Condition, config: Config) -> dict[str, float]:
 
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
-    """Return the figures of each building under each condition, and their tables."""
-    results: dict[str, Any] = {}
+    """Return the figures of each building under each condition, losses first, and their tables."""
+    results: dict[str, Any] = {"buildings": {}, "found": {}}
     errors = Table(
         "building", "condition", "median cm", "95 %", "worst", "lost", "NEES", "mean", "unsure", "lost", "wrong s", "us"
     )
@@ -275,14 +276,11 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     chosen = [condition for condition in CONDITIONS if not config.only or condition.name in config.only]
     for name in config.buildings:
         site = site_of(load(config.data / "carmen" / f"{name}.npz"))
-        results[name] = {}
-        for condition in each(chosen, name):
-            figure = (short if condition.begin else whole)(site, condition, config)
-            results[name][condition.name] = figure
-            if condition.begin:
-                values = (f"{figure[key]:.3g}" for key in list(figure)[:-1])
-                found.add_row(name, condition.name, *values)
-                continue
+        figures = {it.name: (short if it.begin else whole)(site, it, config) for it in each(chosen, name)}
+        drives = {it.name: figures[it.name] for it in chosen if not it.begin}
+        results["buildings"][name] = dict(sorted(drives.items(), key=lambda item: -item[1]["lost"]))
+        results["found"][name] = {it.name: figures[it.name] for it in chosen if it.begin}
+        for condition, figure in results["buildings"][name].items():
             lengths = (f"{100.0 * figure[key]:.1f}" for key in ("median", "quantile95", "worst"))
             shares = (f"{figure[key]:.3f}" for key in ("unsure", "declared_lost"))
             more = (
@@ -292,8 +290,10 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
                 *shares,
                 f"{figure['wrong']:.1f}",
             )
-            errors.add_row(name, condition.name, *lengths, *more, f"{1e6 * figure['seconds_per_scan']:.0f}")
-    return {"buildings": results}, [errors, found]
+            errors.add_row(name, condition, *lengths, *more, f"{1e6 * figure['seconds_per_scan']:.0f}")
+        for condition, figure in results["found"][name].items():
+            found.add_row(name, condition, *(f"{figure[key]:.3g}" for key in list(figure)[:-1]))
+    return results, [errors, found]
 
 
 if __name__ == "__main__":

@@ -90,6 +90,19 @@ TABLES = {
             "lost": "{lost:.1%}",
             "says so": "{declared_lost:.1%}",
             "NEES": "{nees:.1f}",
+            "mean": "{mean_nees:.1f}",
+            "wrong, s": "{wrong:.1f}",
+        },
+    ),
+    "found": lambda: table(
+        [{"building": name, **row} for name, rows in read("buildings")["found"].items() for row in named(rows)],
+        {
+            "building": "{building}",
+            "drives that begin": "{name}",
+            "right after 10 m": "{right:.1%}",
+            "found, median, s": "{found:.1f}",
+            "way, m": "{way:.1f}",
+            "wrong, s": "{wrong:.1f}",
         },
     ),
     "graph": lambda: table(

@@ -13,7 +13,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive, RoomData, Seen
-from turtlebot_gym.localization.hypotheses import followed
+from turtlebot_gym.localization.bank import followed
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.charting import BORDER
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap, charted

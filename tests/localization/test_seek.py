@@ -7,7 +7,8 @@ import pytest
 from localization_rooms import hall, make_room, scan_of, sight
 
 from turtlebot_gym.kernel import HAS_NUMBA
-from turtlebot_gym.localization.hypotheses import COLUMNS, CYCLE, LOG_WEIGHT, MOST, NONE, ROWS, exp, look, nowhere
+from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, MOST, NONE, ROWS, exp
+from turtlebot_gym.localization.hypotheses import CYCLE, look, nowhere
 from turtlebot_gym.localization.localizer import LOST, SURE, TRACKING, locate, move, state_of
 from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.localization.tuning import LocalizerTuning

@@ -12,6 +12,7 @@ import numpy as np
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.information import Guess, ScanPoints, blurred, condition, information
+from turtlebot_gym.localization.passing import agreeing
 from turtlebot_gym.localization.points import LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
@@ -47,6 +48,8 @@ class Descent(NamedTuple):
     freedom: float
     fits: float
     used: float
+    agrees: float
+    """Share of beams that agree, see `passing.agreeing`."""
 
 
 @kernel
@@ -64,19 +67,28 @@ def descend(
         q: A `LocalizerTuning`.
         drift: See `information`.
     """
-    end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0)
+    end = Descent(prior, scale, at, 0.0, 0.0, 0.0, 0.0, 0.0)
     for step in range(int(q.iterations)):
         is_wide = step < q.wide_steps
         L = information(sight, end.at, prior if is_wide else end.belief, scale if is_wide else end.scale, q, drift)
         if L.used < LEAST_BEAMS:
-            return Descent(prior, scale, at, 0.0, 0.0, 0.0, L.used)
+            return Descent(prior, scale, at, 0.0, 0.0, 0.0, L.used, 0.0)
         belief, sixth, nis, freedom = condition(prior, scale, end.at, blurred(L, bias[0], bias[1]))
         to, was = Guess(belief.mean.x, belief.mean.y, belief.mean.theta, sixth.mean), end.at
-        end = Descent(belief, sixth, to, nis, freedom, L.fits, L.used)
+        end = Descent(belief, sixth, to, nis, freedom, L.fits, L.used, L.fits)
         change = abs(to.x - was.x) + abs(to.y - was.y) + abs(to.theta - was.theta) + abs(to.scale - was.scale)
         if change < SETTLED and (step >= q.wide_steps or q.wide_steps >= q.iterations):
             break
     return end
+
+
+@kernel
+def judged(end: Descent, sight: ScanPoints, q: Any) -> Descent:
+    """Return a descent with the share of beams that agree with its end."""
+    belief, scale, at, nis, freedom, fits, used, agrees = end
+    if q.short < 1.0 and 1.0 - fits > q.suspicion:  # else nearly all beams fit, or the others count as much
+        agrees = max(agreeing(sight, at, q), fits)
+    return Descent(belief, scale, at, nis, freedom, fits, used, agrees)
 
 
 @kernel
@@ -254,23 +266,23 @@ def best_descent(sight: ScanPoints, now: Belief, scale: Sixth, bias: tuple[float
     """
     wide = widened(now, 0.25 * q.reach * q.reach, 0.25 * q.swing * q.swing)
     start = Guess(now.mean.x, now.mean.y, now.mean.theta, scale.mean)
-    best, value, least = Descent(now, scale, start, 0.0, 0.0, 0.0, 0.0), -1e300, -1.0
+    best, value, least = Descent(now, scale, start, 0.0, 0.0, 0.0, 0.0, 0.0), -1e300, -1.0
     starts, values, count, k = np.empty((STARTS, 3)), np.empty(STARTS), 0, -1
     while k < count:  # a single call of the descent: code for a second one would take long to compile
         if k >= 0:
             start = Guess(starts[k, 0], starts[k, 1], starts[k, 2], scale.mean)
-        end = descend(sight, now if k < 0 else wide, scale, start, bias, q, drift)
-        in_doubt = k >= 0 or end.fits < q.doubt or end.nis > q.gate * q.gate * end.freedom
+        end = judged(descend(sight, now if k < 0 else wide, scale, start, bias, q, drift), sight, q)
+        in_doubt = k >= 0 or end.agrees < q.doubt or end.nis > q.gate * q.gate * end.freedom
         if k < 0:
             best = end
         if q.doubt == 0.0 or sight.number < LEAST_BEAMS or not in_doubt:
             break
         worth = likelihood(sight, end.at, wide, q) if end.freedom > 0.0 else -1e300
         if k < 0:
-            least = end.fits + BETTER_FIT if end.fits < q.doubt else q.doubt
+            least = end.agrees + BETTER_FIT if end.agrees < q.doubt else q.doubt
             value = worth + BETTER_VALUE
             count = _starts_around(sight, now, q, starts, values)
-        elif end.fits > least and worth > value:
+        elif end.agrees > least and worth > value:
             best, value = end, worth
         k += 1
     return best

@@ -16,34 +16,37 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.localization.bank import (
+    AGE,
+    AGREES,
+    LAST,
+    LOG_WEIGHT,
+    MOST,
+    NONE,
+    ROWS,
+    UNLIKELY,
+    averaged,
+    exp,
+    insert,
+    place,
+    put,
+)
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, SURE, Located, locate, scan
 from turtlebot_gym.localization.passing import agreeing
 from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
-from turtlebot_gym.models.angles import sincos, wrap
-from turtlebot_gym.models.odometry import increment
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 
-MOST = 16
-"""Most hypotheses."""
-LAST = MOST + 1
-"""Row of a bank with the position of the odometry at the last scan, and whether the last search found only places that are alike."""
-ROWS, COLUMNS = MOST + 2, 6
-"""Rows and columns of a bank of hypotheses, see `LOG_WEIGHT`."""
 CYCLE = 4
 """Scans from one search of the whole map, or decision, to the next."""
 FADING = 0.95
 """Share of the logarithm of a weight that stays after a scan."""
-UNLIKELY = -10.0
-"""Logarithm of a weight, relative to the best, below which a hypothesis is dropped."""
-NONE = -1e300
-"""Logarithm of the weight where there is no hypothesis."""
 FINE = 0.1
 """Residual at which a beam's agreement has fallen to a half, m, for hypotheses that have descended."""
 POSITION, TURN = 0.15, 0.1
@@ -62,66 +65,19 @@ OBVIOUS = 0.25
 PATIENCE = 4 * CYCLE
 """Scans after which a belief that is in doubt is confirmed if it is the best hypothesis, or the whole map is searched anew."""
 PER_METRE, ENOUGH = 30.0, 100.0
-"""Scans that a metre of way counts, since scans from one place are alike, and evidence after which a place is believed that people
-hide in part ..."""
+"""Scans that a metre of way counts, since scans from one place are alike, and evidence after which a place is believed that
+people hide in part ..."""
 WELL, LEAD = 0.75, 6.0
 """... if this share of its beams agrees, and its logarithm of the weight leads all others by so much."""
 LIKE = 0.05
-"""Difference in agreement within which places are alike: if a search finds only such ones, as in a long corridor, the true place
-may be none of them."""
+"""Difference in agreement within which places are alike: if a search finds only such ones, as in a long corridor, the true
+place may be none of them."""
 ITSELF = 0.65
 """Share of agreeing beams that a belief in doubt needs to be confirmed."""
 FAR = 1e4
 """Variance of an unknown pose, m^2 and rad^2."""
 LATE = 3.0
 """Logarithm of the weight that a place loses that a later search finds, beside those that are followed."""
-MEMORY = 10.0
-"""Scans over which the share of agreeing beams of a hypothesis is averaged."""
-LOG_WEIGHT, AGREES, AGE = 3, 4, 5
-"""Columns of a bank of hypotheses, shape (`ROWS`, `COLUMNS`): x, y and heading of the odometry's origin in the map; the logarithm
-of the weight, of which the best is 0; the mean share of agreeing beams; the evidence since it was found, in scans. In row `MOST`
-those of a belief in doubt; and the share of fitting beams that another place needs, and the sums since the search of what the
-belief and the best other place leave unexplained."""
-
-
-@kernel
-def exp(x: float) -> float:
-    """Return the exponential of a number from `UNLIKELY` to 0, to 5 %: by products, the same compiled and plain."""
-    y = 1.0 + x / 1024.0
-    for _ in range(10):
-        y = y * y
-    return y
-
-
-@kernel
-def _put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float, agrees: float, age: float) -> None:
-    """Write a hypothesis at which the odometry is ``wheels`` into a bank."""
-    seat = increment(pose, wheels, Pose(0.0, 0.0, 0.0), sincos(pose.theta - wheels.theta))
-    bank[k, 0], bank[k, 1], bank[k, 2], bank[k, LOG_WEIGHT] = seat.x, seat.y, seat.theta, log_weight
-    bank[k, AGREES], bank[k, AGE] = agrees, age
-
-
-@kernel
-def _place(bank: Any, k: int, wheels: Pose) -> Pose:
-    """Return where a hypothesis is now."""
-    seat = Pose(float(bank[k, 0]), float(bank[k, 1]), float(bank[k, 2]))
-    return increment(seat, Pose(0.0, 0.0, 0.0), wheels, sincos(seat.theta))
-
-
-@kernel
-def _insert(bank: Any, pose: Pose, wheels: Pose, log_weight: float) -> None:
-    """Put a pose into a bank in the place of the least likely one, unless that is likelier, or it is there."""
-    slot, least = 0, log_weight
-    for k in range(MOST):
-        if bank[k, LOG_WEIGHT] > NONE:
-            there = _place(bank, k, wheels)
-            dx, dy = there.x - pose.x, there.y - pose.y
-            if dx * dx + dy * dy < APART * APART and abs(wrap(there.theta - pose.theta)) < TURNED:
-                return
-        if bank[k, LOG_WEIGHT] < least:
-            slot, least = k, float(bank[k, LOG_WEIGHT])
-    if least < log_weight:
-        _put(bank, slot, pose, wheels, log_weight, 0.0, 0.0)
 
 
 @kernel
@@ -135,7 +91,7 @@ def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints,
             bank[k, LOG_WEIGHT] = NONE
     for k in range(count):
         weight = max(gain * (float(values[k]) - float(values[0])), UNLIKELY) - (LATE if since > 0 else 0.0)
-        _insert(bank, Pose(float(poses[k, 0]), float(poses[k, 1]), float(poses[k, 2])), wheels, weight)
+        insert(bank, Pose(float(poses[k, 0]), float(poses[k, 1]), float(poses[k, 2])), wheels, weight)
     bank[LAST, 2] = 1.0 if count == MOST and values[MOST - 1] > values[0] - LIKE else 0.0
     if is_hypothesis:
         bank[MOST, 0], bank[MOST, 1], bank[MOST, 2] = CLEAR, 0.0, 0.0
@@ -146,21 +102,16 @@ def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints,
 
 
 @kernel
-def _averaged(mean: float, age: float, value: float) -> float:
-    """Return a mean over some scans with that of one more."""
-    return mean + (value - mean) / min(age + 1.0, MEMORY)
-
-
-@kernel
-def _outlasts(agrees: float, age: float, lead: float) -> bool:
+def _outlasts(agrees: float, age: float, lead: float, is_complete: bool) -> bool:
     """Return whether a place has explained so many scans so well that it is believed, though people hide a part of it.
 
     Args:
         agrees: Mean share of its agreeing beams.
         age: The evidence for it, in scans.
         lead: Difference of the logarithms of its weight and of that of the best other place.
+        is_complete: Whether the last search found more than places that look alike; otherwise it takes half as much more.
     """
-    return (agrees > WELL) & (lead > LEAD) & (age >= ENOUGH)
+    return (agrees > WELL) & (lead > LEAD) & (age >= (ENOUGH if is_complete else 1.5 * ENOUGH))
 
 
 @kernel
@@ -182,7 +133,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     bank[LAST, 0], bank[LAST, 1] = wheels.x, wheels.y
     for k in range(MOST):
         if bank[k, LOG_WEIGHT] > NONE:
-            there, age = _place(bank, k, wheels), float(bank[k, AGE])
+            there, age = place(bank, k, wheels), float(bank[k, AGE])
             near = locate(there, (POSITION * POSITION, POSITION * POSITION, TURN * TURN), q)
             start = Guess(there.x, there.y, there.theta, 0.0)
             end = descend(sight, near.belief, near.scale, start, (0.0, 0.0), q)
@@ -192,7 +143,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             dx, dy, theta = at.x - mean.x, at.y - mean.y, wrap(at.theta)
             is_own = dx * dx + dy * dy < APART * APART and abs(wrap(theta - mean.theta)) < TURNED
             if not (is_own and own > NONE):
-                agrees = _averaged(float(bank[k, AGREES]), age, agreeing(sight, at, q))
+                agrees = averaged(float(bank[k, AGREES]), age, agreeing(sight, at, q))
                 guess = (at.x, at.y, theta, end.fits, explained, agrees, age + more)
                 count = keep(guesses, values, count, guess, value, APART, TURNED)
     if own > NONE:
@@ -200,7 +151,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         explained = agreement(sight, at, FINE)
         own = FADING * own + gain * explained
         age = float(bank[MOST, AGE])
-        bank[MOST, AGREES] = _averaged(float(bank[MOST, AGREES]), age, agreeing(sight, at, q))
+        bank[MOST, AGREES] = averaged(float(bank[MOST, AGREES]), age, agreeing(sight, at, q))
         bank[MOST, AGE] = age + more
         bank[MOST, 1] += 1.0 - explained
         bank[MOST, 2] += 1.0 - (float(guesses[0, 4]) if count > 0 else 0.0)
@@ -214,7 +165,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             pose = Pose(float(guesses[k, 0]), float(guesses[k, 1]), float(guesses[k, 2]))
             weight, dx, dy, turn = exp(log_weight), pose.x - best.x, pose.y - best.y, wrap(pose.theta - best.theta)
             total, xx, yy, tt = total + weight, xx + weight * dx * dx, yy + weight * dy * dy, tt + weight * turn * turn
-            _put(bank, k, pose, wheels, log_weight, float(guesses[k, 5]), float(guesses[k, 6]))
+            put(bank, k, pose, wheels, log_weight, float(guesses[k, 5]), float(guesses[k, 6]))
     own_weight = exp(max(own - top, UNLIKELY)) if own > NONE else 0.0
     total = total + own_weight
     bank[MOST, LOG_WEIGHT] = max(own - top, UNLIKELY) if own > NONE else NONE
@@ -227,9 +178,9 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         decides = decides or (since % PATIENCE >= CYCLE - 1 and bank[MOST, 2] < OBVIOUS * bank[MOST, 1])
     lead = other - max(own, float(values[1]) if count > 1 else top + UNLIKELY)
     is_complete = bank[LAST, 2] == 0.0
-    outlasts = count > 0 and is_complete and _outlasts(float(guesses[0, 5]), float(guesses[0, 6]), lead)
+    outlasts = count > 0 and _outlasts(float(guesses[0, 5]), float(guesses[0, 6]), lead, is_complete)
     is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
-    belief, nis, scale, own_fits, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays, own_agrees, silent = located
+    belief, nis, scale, fit, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays, agrees, silent = located
     takes_over = outlasts or (decides and own_weight < (1.0 - SURE) * total and is_clear and is_complete and lead > q.lead)
     if own > NONE and not takes_over:
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
@@ -239,7 +190,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             belief,
             nis,
             scale,
-            own_fits,
+            fit,
             misfits,
             taken,
             slack,
@@ -249,7 +200,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             way_drift,
             turn_drift,
             strays,
-            own_agrees,
+            agrees,
             silent,
         )
     bank[MOST, LOG_WEIGHT] = NONE
@@ -278,21 +229,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, weight, silent)
     agrees = agreeing(sight, Guess(best.x, best.y, best.theta, 0.0), q) if count > 0 else 0.0
     return Located(
-        belief,
-        0.0,
-        fresh,
-        fits,
-        misfits,
-        0.0,
-        1.0,
-        scans + 1.0,
-        moves,
-        weight,
-        way_drift,
-        turn_drift,
-        strays,
-        agrees,
-        silent,
+        belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight, way_drift, turn_drift, strays, agrees, silent
     )
 
 
@@ -350,26 +287,6 @@ def correct_by_scan(
     fetch_ends(sight, Guess(mean.x, mean.y, mean.theta, located.scale.mean))
     wheels = Pose(float(trail[0, 1]), float(trail[0, 2]), float(trail[0, 3]))
     return look(located, bank, sight, wheels, q, swept(timing, len(ranges), trail))
-
-
-def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) -> NDArray[np.float64]:
-    """Return the other places that a localizer follows: x, y, heading and share of the weight, shape (0 to `MOST`, 4).
-
-    There are none while it does not doubt its belief.
-
-    Args:
-        located: The localizer.
-        bank: Its hypotheses.
-        wheels: The odometry at the present pose.
-        q: A `LocalizerTuning`.
-    """
-    if located.misfits <= q.patience:
-        return np.empty((0, 4))
-    rows = bank[:MOST][bank[:MOST, LOG_WEIGHT] > NONE]
-    places = [increment(Pose(*seat), Pose(0.0, 0.0, 0.0), wheels, sincos(seat[2])) for seat in rows[:, :3].tolist()]
-    own = np.exp(bank[MOST, LOG_WEIGHT]) if bank[MOST, LOG_WEIGHT] > NONE else 0.0
-    weights = np.exp(rows[:, LOG_WEIGHT])
-    return np.column_stack((np.array(places).reshape(-1, 3), weights / (weights.sum() + own)))
 
 
 @kernel

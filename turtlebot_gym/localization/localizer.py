@@ -23,7 +23,6 @@ from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.descent import LEAST_BEAMS, best_descent, widened
 from turtlebot_gym.localization.information import ScanPoints
-from turtlebot_gym.localization.passing import agreeing
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.values import Belief, Command, Covariance, Pose, State
@@ -49,6 +48,8 @@ HIDDEN = 0.25
 variance, that of beams that count the more the newer they are by less."""
 TRACKING, UNSURE, LOST = 0, 1, 2
 """States of a localizer, see `state_of`."""
+VAGUE = 0.25
+"""Standard deviation of the position beyond which a robot is unsure, m."""
 SILENT = 2.0
 """Time without a scan that agrees with the belief after which the robot is lost, s."""
 
@@ -223,9 +224,7 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
     if end.freedom == 0.0:  # a scan without beams says nothing; beams on unknown ground contradict the belief
         return _contradicted(located, q) if sight.number >= LEAST_BEAMS else located
     bad = 0.7 * q.doubt  # below this share no start has explained the scan
-    agrees = end.fits
-    if q.short < 1.0 and 1.0 - end.fits > q.suspicion:
-        agrees = max(agreeing(sight, end.at, q), end.fits)
+    agrees = end.agrees
     loose = q.loosen * q.loosen * max(1.0 - agrees / bad, 0.0) if bad > 0.0 else 0.0
     hidden = since + HIDDEN * during
     drift, turn_drift = 0.5 * hidden * located.way_drift, hidden * located.turn_drift
@@ -271,11 +270,12 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
 
 @kernel
 def state_of(located: Located, q: Any) -> int:
-    """Return `TRACKING`; `UNSURE` if scans put the place in doubt; `LOST` if nobody may drive by the belief.
+    """Return `TRACKING`; `UNSURE` if scans put the place in doubt, or it is vague; `LOST` if nobody may drive by the belief.
 
-    A robot is lost if too many scans put its place in doubt and none is likely, if as many more have not confirmed a likely one,
-    and if no scan has agreed with its belief for some time, be it that there are none.
+    A robot is lost if too many scans put its place in doubt and none is likely, if as many more have not confirmed a likely
+    one, and if no scan has agreed with its belief for some time, be it that there are none.
     """
-    looks, unsure = located.misfits >= q.patience, 2.0 * located.misfits >= q.patience or located.agrees < 0.7 * q.doubt
+    P, looks = located.belief.covariance, located.misfits >= q.patience
+    unsure = 2.0 * located.misfits >= q.patience or located.agrees < 0.7 * q.doubt or P.xx + P.yy > VAGUE * VAGUE
     is_lost = located.silent > SILENT or (looks and (not located.weight > SURE or located.misfits >= 2.0 * q.patience))
     return LOST if is_lost else (UNSURE if unsure else TRACKING)

@@ -58,7 +58,7 @@ def agreeing(sight: ScanPoints, at: Guess, q: Any) -> float:
         if d == d and abs(d) < near:
             fit += 1.0
             continue
-        passes, back = not d == d, length - BEGIN
+        passes, back = d != d, length - BEGIN
         while back > near and not passes:
             before = distance_at(field, frame, x - back * ux, y - back * uy)
             passes = before < ON_SURFACE * side

@@ -42,8 +42,8 @@ class LocalizerTuning:
     iterations: Annotated[int, ONE_OR_MORE] = 4
     """Most Gauss-Newton steps per scan."""
     wide_steps: Annotated[int, ONE_OR_MORE] = 100
-    """Gauss-Newton steps in which a beam's weight has the width of the prediction's covariance; later ones have that of the belief
-    reached, in which beams that end at people count less."""
+    """Gauss-Newton steps in which a beam's weight has the width of the prediction's covariance; later ones have that of the
+    belief reached, in which beams that end at people count less."""
     thin: Annotated[float, Range(0.0, 2.0)] = 0.3
     """Cosine between beam and distance's gradient from which an end counts as behind a wall, or in its farther half; 2 for
     never."""
@@ -71,10 +71,10 @@ class LocalizerTuning:
     near: Annotated[float, POSITIVE] = 0.15
     """Distance from a surface up to which a beam fits, m, whatever the belief."""
     doubt: Annotated[float, PROBABILITY] = 0.7
-    """Share of fitting beams below which starts all around the prediction are tried; 0 for never."""
+    """Share of agreeing beams below which starts all around the prediction are tried; 0 for never."""
     short: Annotated[float, PROBABILITY] = 1.0
-    """How much a beam that ends before a surface of the map says against a place, beside one that passes through; less than 1 where
-    people walk about."""
+    """How much a beam that ends before a surface of the map says against a place, beside one that passes through; less than 1
+    where people walk about."""
     suspicion: Annotated[float, PROBABILITY] = 0.08
     """Share of beams that do not fit, beyond twice the usual share, above which a scan fits badly, see `patience`."""
     reach: Annotated[float, NON_NEGATIVE] = 0.6
@@ -113,7 +113,7 @@ ROBOT = LocalizerTuning(
     gate=1.5,
     temper=0.4,
     widening=1.0,
-    doubt=0.9,
+    doubt=0.8,
     suspicion=0.15,
     short=0.25,
     wide_steps=2,

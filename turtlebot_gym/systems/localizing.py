@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.localization.hypotheses import COLUMNS, ROWS, correct_by_scan, nowhere
+from turtlebot_gym.localization.bank import COLUMNS, ROWS
+from turtlebot_gym.localization.hypotheses import correct_by_scan, nowhere
 from turtlebot_gym.localization.localizer import locate, move
 from turtlebot_gym.localization.points import Timing, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning

@@ -59,8 +59,8 @@ class StartOptions(MountOption):
     hits: bool = True
     """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
     start: tuple[float, float, float] | Literal["unknown"] | None = None
-    """Pose in the map at the first row, within 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Or unknown: the whole map is searched.
-    Default: the first true pose."""
+    """Pose in the map at the first row, within 0.3 m and 0.3 rad: x, y, heading; m, m, rad. Or unknown: the whole map is
+    searched. Default: the first true pose."""
 
     def reading(self) -> dict[str, Any]:
         """Return the options of `turtlebot_gym_lab.drives.read`."""

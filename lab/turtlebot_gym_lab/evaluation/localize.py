@@ -11,7 +11,8 @@ from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drive import Drive, heading_error, known, position_error
 from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.localization.hypotheses import COLUMNS, ROWS, correct_by_scan, nowhere
+from turtlebot_gym.localization.bank import COLUMNS, ROWS
+from turtlebot_gym.localization.hypotheses import correct_by_scan, nowhere
 from turtlebot_gym.localization.localizer import LEAP, LOST, TRACKING, UNSURE, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.localization.hypotheses import COLUMNS, ROWS, followed, look, nowhere
+from turtlebot_gym.localization.bank import COLUMNS, ROWS, followed
+from turtlebot_gym.localization.hypotheses import look, nowhere
 from turtlebot_gym.localization.information import ScanPoints
 from turtlebot_gym.localization.localizer import LOST, SILENT, TRACKING, UNSURE, Located, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points

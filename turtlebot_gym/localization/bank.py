@@ -1,0 +1,100 @@
+"""The bank in which a localizer keeps the places that it follows while its own is in doubt."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.kernel import kernel
+from turtlebot_gym.localization.descent import APART, TURNED
+from turtlebot_gym.localization.localizer import Located
+from turtlebot_gym.models.angles import sincos, wrap
+from turtlebot_gym.models.odometry import increment
+from turtlebot_gym.values import Pose
+
+MOST = 16
+"""Most hypotheses."""
+LAST = MOST + 1
+"""Row of a bank with the position of the odometry at the last scan, and whether the last search found only places that look
+alike."""
+ROWS, COLUMNS = MOST + 2, 6
+"""Rows and columns of a bank of hypotheses, see `LOG_WEIGHT`."""
+UNLIKELY = -10.0
+"""Logarithm of a weight, relative to the best, below which a hypothesis is dropped."""
+NONE = -1e300
+"""Logarithm of the weight where there is no hypothesis."""
+MEMORY = 10.0
+"""Scans over which the share of agreeing beams of a hypothesis is averaged."""
+LOG_WEIGHT, AGREES, AGE = 3, 4, 5
+"""Columns of a bank of hypotheses, shape (`ROWS`, `COLUMNS`): x, y and heading of the odometry's origin in the map; the
+logarithm of the weight, of which the best is 0; the mean share of agreeing beams; the evidence since it was found, in scans. In
+row `MOST` those of a belief in doubt; and the share of fitting beams that another place needs, and the sums since the search of
+what the belief and the best other place leave unexplained."""
+
+
+@kernel
+def exp(x: float) -> float:
+    """Return the exponential of a number from `UNLIKELY` to 0, to 5 %: by products, the same compiled and plain."""
+    y = 1.0 + x / 1024.0
+    for _ in range(10):
+        y = y * y
+    return y
+
+
+@kernel
+def put(bank: Any, k: int, pose: Pose, wheels: Pose, log_weight: float, agrees: float, age: float) -> None:
+    """Write a hypothesis at which the odometry is ``wheels`` into a bank."""
+    seat = increment(pose, wheels, Pose(0.0, 0.0, 0.0), sincos(pose.theta - wheels.theta))
+    bank[k, 0], bank[k, 1], bank[k, 2], bank[k, LOG_WEIGHT] = seat.x, seat.y, seat.theta, log_weight
+    bank[k, AGREES], bank[k, AGE] = agrees, age
+
+
+@kernel
+def place(bank: Any, k: int, wheels: Pose) -> Pose:
+    """Return where a hypothesis is now."""
+    seat = Pose(float(bank[k, 0]), float(bank[k, 1]), float(bank[k, 2]))
+    return increment(seat, Pose(0.0, 0.0, 0.0), wheels, sincos(seat.theta))
+
+
+@kernel
+def insert(bank: Any, pose: Pose, wheels: Pose, log_weight: float) -> None:
+    """Put a pose into a bank in the place of the least likely one, unless that is likelier, or it is there."""
+    slot, least = 0, log_weight
+    for k in range(MOST):
+        if bank[k, LOG_WEIGHT] > NONE:
+            there = place(bank, k, wheels)
+            dx, dy = there.x - pose.x, there.y - pose.y
+            if dx * dx + dy * dy < APART * APART and abs(wrap(there.theta - pose.theta)) < TURNED:
+                return
+        if bank[k, LOG_WEIGHT] < least:
+            slot, least = k, float(bank[k, LOG_WEIGHT])
+    if least < log_weight:
+        put(bank, slot, pose, wheels, log_weight, 0.0, 0.0)
+
+
+@kernel
+def averaged(mean: float, age: float, value: float) -> float:
+    """Return a mean over some scans with that of one more."""
+    return mean + (value - mean) / min(age + 1.0, MEMORY)
+
+
+def followed(located: Located, bank: NDArray[np.float64], wheels: Pose, q: Any) -> NDArray[np.float64]:
+    """Return the other places that a localizer follows: x, y, heading and share of the weight, shape (0 to `MOST`, 4).
+
+    There are none while it does not doubt its belief.
+
+    Args:
+        located: The localizer.
+        bank: Its hypotheses.
+        wheels: The odometry at the present pose.
+        q: A `LocalizerTuning`.
+    """
+    if located.misfits <= q.patience:
+        return np.empty((0, 4))
+    rows = bank[:MOST][bank[:MOST, LOG_WEIGHT] > NONE]
+    places = [increment(Pose(*seat), Pose(0.0, 0.0, 0.0), wheels, sincos(seat[2])) for seat in rows[:, :3].tolist()]
+    own = np.exp(bank[MOST, LOG_WEIGHT]) if bank[MOST, LOG_WEIGHT] > NONE else 0.0
+    weights = np.exp(rows[:, LOG_WEIGHT])
+    return np.column_stack((np.array(places).reshape(-1, 3), weights / (weights.sum() + own)))
