@@ -58,6 +58,8 @@ class Calibrate(ReportingOptions, StartOptions):
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
     from the innovations of measured poses. What was measured by tape (--distance, --turns, --loop, --measured) determines the
     wheels instead: scale, turn_scale and veer; in a known place (--map) the scans of the log do, and the noise of the wheels.
+    A log with scans and none of these is calibrated scan against scan: the wheels in the LiDAR's metres, where the LiDAR is on
+    the robot, even if it looks backwards or hangs upside down, and the gyro. Tape or map, truth, scans: the first one counts.
     The report lists what the log does not determine, and the motion that would. Its last line says how the fit to one half of
     the log drives the other; a file that makes the wheels worse is not written.
     """
@@ -105,6 +107,7 @@ class Calibrate(ReportingOptions, StartOptions):
         from turtlebot_gym_agents.provenance import provenance
         from turtlebot_gym_lab.calibration import calibrate
         from turtlebot_gym_lab.calibration.fit import watched
+        from turtlebot_gym_lab.commands import calibration_by_scans
         from turtlebot_gym_lab.commands.calibration_report import calibration_figure, calibration_tables, comment
         from turtlebot_gym_lab.evaluation.by_map import calibrate_by_map
 
@@ -119,6 +122,13 @@ class Calibrate(ReportingOptions, StartOptions):
         with progress(1):
             drive = self._read(self.log, robot)
         self._fit_gyro(drive)
+        if (
+            not by_tape
+            and self.map is None
+            and calibration_by_scans.applies(drive, kind=self.odometry, use_truth=self.truth != "none")
+        ):
+            calibration_by_scans.run(self, drive)
+            return
         fit: Callable[..., Calibration] = calibrate
         options: dict[str, Any] = {"use_truth": self.truth != "none"}
         if self.map is not None:

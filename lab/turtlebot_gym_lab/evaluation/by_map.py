@@ -18,13 +18,13 @@ from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.localization.alone import alone
 from turtlebot_gym.localization.localizer import TRACKING
-from turtlebot_gym.localization.points import Timing, directions, remember, rest, to_points
+from turtlebot_gym.localization.points import Timing, remember, rest, to_points
 from turtlebot_gym.models.angles import sincos, wrap, wrap_all
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.calibration import Calibration, calibrate, detect_kind
-from turtlebot_gym_lab.evaluation.localize import TRAIL, KnownPlace, RecordedCourse, clocked, localize, recorded_of
+from turtlebot_gym_lab.evaluation.localize import TRAIL, KnownPlace, RecordedCourse, beams_of, clocked, localize, recorded_of
 
 CLEAR = 0.05
 """Largest standard deviation of a pose that is used, m and rad: a scan does not tell where along a corridor it was taken."""
@@ -69,7 +69,7 @@ def _each_alone(
             remember(trail, time[row], now)
         while k < len(rows) and rows[k] <= row:
             when = Timing(last[k], timing.interval, timing.x, timing.y, timing.range_max)
-            number = to_points(ranges[k], beams, 0, when, trail, points)
+            number = to_points(ranges[k], beams[k], 0, when, trail, points)
             start = Pose(starts[row, 0], starts[row, 1], starts[row, 2])
             pose, fits[k] = alone(field, frame, points, number, start, scale, q, covariances[k])
             measured = Pose(odometry[at[k], 0], odometry[at[k], 1], odometry[at[k], 2])
@@ -106,7 +106,7 @@ def by_map(drive: Drive, place: KnownPlace, wheels: ProcessNoise | None = None) 
         where[row].astype(np.int64),
         recorded.last,
         recorded.ranges,
-        directions(recorded.angles),
+        beams_of(recorded),
         Timing(0.0, recorded.interval, *recorded.mount, recorded.range_max),
         field,
         frame,

@@ -48,7 +48,7 @@ class RecordedScans(NamedTuple):
     ranges: NDArray[np.float32]
     """Shape (S, B), m; beams without a measurement are NaN, infinite or not in (0, `range_max`]."""
     angles: NDArray[np.float64]
-    """Directions of the beams in the robot's frame, shape (B,), rad."""
+    """Directions of the beams in the robot's frame, shape (B,), rad; shape (S, B) where they differ from scan to scan."""
     interval: float = 0.0
     """Time between two beams, s; 0 if all were measured at once."""
     mount: tuple[float, float] = (0.0, 0.0)
@@ -125,7 +125,7 @@ def _follow(
             is_due = located.silent > STALE or state_of(located, q) != TRACKING
             if way > STILL or turn > UNTURNED or is_due:
                 when = Timing(last[at], timing.interval, timing.x, timing.y, timing.range_max)
-                located = correct_by_scan(located, ranges[at], beams, when, trail, bank, field, frame, q)
+                located = correct_by_scan(located, ranges[at], beams[at], when, trail, bank, field, frame, q)
                 way = turn = 0.0
             at += 1
         mean, P = located.belief
@@ -154,7 +154,7 @@ def localize(recorded: RecordedScans, place: KnownPlace) -> RecordedCourse:
         recorded.rows,
         recorded.last,
         recorded.ranges,
-        directions(recorded.angles),
+        beams_of(recorded),
         timing,
         place.field,
         place.frame,
@@ -188,6 +188,12 @@ def evidence_of(course: RecordedCourse, odometry: NDArray[np.float64], first: in
     return {"fits": float(np.mean(course.fits[first:])), "leaps": int(np.sum(leaps & (course.states[first:-1] != LOST)))}
 
 
+def beams_of(recorded: RecordedScans) -> NDArray[np.float64]:
+    """Return the cosine and sine of the beams of each scan, shape (S, 2, B)."""
+    turned = directions(recorded.angles)
+    return np.broadcast_to(turned, (len(recorded.rows), *turned.shape)) if turned.ndim == 2 else np.moveaxis(turned, 0, 1)
+
+
 def clocked(recorded: RecordedScans) -> RecordedScans:
     """Return a recording whose time increases: if stamps do not, rows count as regular."""
     rows = recorded.rows.astype(np.int64)
@@ -204,16 +210,23 @@ def recorded_of(drive: Drive) -> tuple[RecordedScans, NDArray[np.intp]]:
     A scan that was recorded with an odometry pose of its own becomes a row.
 
     Raises:
-        ValueError: If the drive has no odometry or no scans, or scans of several kinds.
+        ValueError: If the drive has no odometry or no scans, or a LiDAR that moves on the robot.
     """
     if not drive.has_odometry or not drive.scans:
         lacks = "scans" if drive.has_odometry else "odometry"
         raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; a localizer needs odometry and scans.")
     seen = sorted(drive.scans, key=lambda scanned: (scanned.row, scanned.time))
-    kinds = {(len(scanned.scan.ranges), scanned.scan.first, scanned.scan.increment, scanned.mount) for scanned in seen}
-    if len(kinds) > 1:
-        raise ValueError(f"The scans of {drive.around.label or 'the recording'} must all have the same beams.")
+    if len({scanned.mount for scanned in seen}) > 1:
+        raise ValueError(f"The LiDAR of {drive.around.label or 'the recording'} must stay where it is on the robot.")
     scan, mount = seen[0].scan, seen[0].mount
+    number = max(len(scanned.scan.ranges) for scanned in seen)
+    ranges = np.full((len(seen), number), np.nan, np.float32)
+    for at, scanned in enumerate(seen):
+        ranges[at, : len(scanned.scan.ranges)] = scanned.scan.ranges
+    aim = np.array([(scanned.scan.first, scanned.scan.increment) for scanned in seen])
+    aim = aim[:1] if (aim == aim[0]).all() else aim
+    angles = mount.theta + aim[:, :1] + aim[:, 1:] * np.arange(number, dtype=np.float64)
+    interval = float(np.median([scanned.scan.beam_period for scanned in seen]))
     measured = known(drive.odometry)
     newest = np.maximum.accumulate(np.where(measured, np.arange(len(drive)), np.flatnonzero(measured)[0]))
     rows, times = np.array([scanned.row for scanned in seen]), np.array([scanned.time for scanned in seen])
@@ -227,10 +240,10 @@ def recorded_of(drive: Drive) -> tuple[RecordedScans, NDArray[np.intp]]:
         time,
         np.insert(drive.odometry[newest], before, poses, axis=0),
         rows,
-        np.where(np.isfinite(times), times + scan.beam_period * (len(scan.ranges) - 1), time[rows]),
-        np.stack([scanned.scan.ranges for scanned in seen]),
-        mount.theta + scan.first + scan.increment * np.arange(len(scan.ranges), dtype=np.float64),
-        scan.beam_period,
+        np.where(np.isfinite(times), times + interval * (number - 1), time[rows]),
+        ranges,
+        angles[0] if len(angles) == 1 else angles,
+        interval,
         (mount.x, mount.y),
         min(scan.range_max, FAR),
     )
