@@ -46,8 +46,8 @@ LEAST_ALPHA = 1e-7
 
 
 WAY_OFF, TURN_OFF = (0.002, 0.0005), (0.001, 0.0003)
-"""Errors of matches that repeat, because the same surfaces are seen again, ahead and to the left: as a share of the way, and m per
-rad of the turn; measured in simulated rooms."""
+"""Errors of matches that repeat, because the same surfaces are seen again, ahead and to the left: as a share of the way, and
+m per rad of the turn; measured in simulated rooms."""
 
 
 class Motions(NamedTuple):
@@ -247,7 +247,9 @@ def fit(m: Motions, start: Array, variances: Array, free: NDArray[np.bool_]) -> 
             break
     deviation, blocks = np.full(len(NAMES), np.inf), max(min(BLOCKS, n // LEAST_BLOCK), 1)
     repeated = _repeated(m, A, J, root, weights)
-    deviation[names] = np.hypot(_jackknife(A, J, white, weights, blocks), repeated)
+    # Where only the prior says something, no block moves the fit.
+    by_blocks = np.maximum(_jackknife(A, J, white, weights, blocks), 0.5 * np.sqrt(np.diag(np.linalg.inv(A))))
+    deviation[names] = np.hypot(by_blocks, repeated)
     return ScanFit(x, deviation, blocks, variances, logs, errors_of(m, x), weights, (white**2).sum(axis=1))
 
 
