@@ -172,13 +172,15 @@ def continued(time: NDArray[np.float64], where: str) -> tuple[NDArray[np.float64
     """
     finite = np.flatnonzero(np.isfinite(time))
     steps = np.diff(time[finite])
-    back = (steps < -LEAP) | (steps > SET)
+    size = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    back = (steps < -LEAP) | (steps > max(SET, LEAPS * size))
+    usual = float(np.median(steps[~back])) if not back.all() else size
     is_set = np.zeros(len(time), np.bool_)
     if not back.any():
         return time, is_set, []
     is_set[finite[1:][back]] = True
     moved = time.copy()
-    moved[finite[1:]] += np.cumsum(np.where(back, np.median(steps[~back]) - steps, 0.0))
+    moved[finite[1:]] += np.cumsum(np.where(back, usual - steps, 0.0))
     first, by = int(np.argmax(back)), float(-steps[back][0])
     how = "back" if by > 0.0 else "ahead"
     text = f"{where}: the clock was set {how} {back.sum()} times, first by {abs(by):.3f} s"

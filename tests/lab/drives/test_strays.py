@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from rosbag_messages import ODOMETRY, POSE, TF, header, make, odometry, pose, transform, write_bag, write_ros_1
 
 from turtlebot_gym_lab.drives import bags, laser, read, tables
-from turtlebot_gym_lab.drives.clocks import strays
+from turtlebot_gym_lab.drives.clocks import continued, strays
 
 START = 1.7e9
 DRAWN = draw(240)
@@ -106,6 +106,12 @@ def test_clocks_that_were_set_and_pauses_are_no_strays(relative):
     for each in (time, paused, back, slow, time[:2], time[:3], paused[:203]):
         assert not strays(each).any()
     assert strays(np.where(np.arange(600) == 300, relative - 1e6, time)).sum() == 1
+
+
+@pytest.mark.parametrize("steps", [[], [-100.0], [1e9] * 20, [-1e9] * 20, [1e9, 0.1, -1e9]])
+def test_times_of_any_kind_increase_or_stay(steps):
+    time, _, _ = continued(np.concatenate([[5.0], 5.0 + np.cumsum(steps)]), "a.csv")
+    assert (np.diff(time) > 0.0).all()
 
 
 def test_the_truth_in_a_file_of_its_own_loses_no_more_than_its_strays(tmp_path):
