@@ -135,13 +135,13 @@ def strays(time: NDArray[np.float64]) -> NDArray[np.bool_]:
     if not whole or len(whole) == len(parts):
         return is_stray
     length = max(max(time[part].max() for part in whole) - min(time[part].min() for part in whole), PAUSE)
+    begins = [part[0] for part in whole]
     for part in parts:
         if len(part) <= most:
-            before = [time[other[-1]] for other in whole if other[-1] < part[0]]
-            after = [time[other[0]] for other in whole if other[0] > part[-1]]
-            earliest = before[-1] if before else after[0] - length
-            latest = after[0] if after else before[-1] + length
-            is_stray[part] = not earliest < time[part[0]] <= time[part[-1]] < latest
+            at = int(np.searchsorted(begins, part[0]))
+            before = time[whole[at - 1][-1]] if at else time[whole[0][0]] - length
+            after = time[whole[at][0]] if at < len(whole) else time[whole[-1][-1]] + length
+            is_stray[part] = not before < time[part[0]] <= time[part[-1]] < after
     return is_stray
 
 
