@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import correct_position, innovation, predict
-from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, Verdict, choose, judge, restart
+from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, Three, Verdict, choose, either, judge, restart
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import (
     Variances,
@@ -34,8 +34,6 @@ from turtlebot_gym.values import Belief, Covariance, Odometry, Pose, Senses, Sta
 _LEAST = 1e-100
 """Least density of a measurement, without its exponent, so that one that was certain beforehand does not count as
 impossible."""
-
-Three = tuple[float, float, float]
 
 
 class Hypotheses(NamedTuple):
@@ -172,12 +170,6 @@ def settled(verdict: Verdict, measured: bool, tracks: Tracks, anew: Hypotheses) 
         choose(verdict, measured, high.prior, high.belief, anew.high),
         choose(verdict, measured, low.prior, low.belief, anew.low),
     )
-
-
-@kernel
-def either(which: bool, one: Three, other: Three) -> Three:
-    """Return one of two sets of weights."""
-    return (one[0] if which else other[0], one[1] if which else other[1], one[2] if which else other[2])
 
 
 @kernel

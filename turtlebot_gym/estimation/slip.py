@@ -12,15 +12,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, judge, restart
+from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, Three, either, judge, restart
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.mixture import (
     Hypotheses,
-    Three,
     Tracks,
     begin,
     beliefs,
-    either,
     explained,
     first_weights,
     fix_all,
