@@ -126,6 +126,7 @@ CHANGED = {
     "angle": 0.3,
     "gate": 2.0,
     "iterations": 1,
+    "wide_steps": 1,
     "thin": 2.0,
     "along_walk": 0.05,
     "along_step": 0.4,
@@ -139,11 +140,13 @@ CHANGED = {
     "memory": 0.2,
     "near": 0.05,
     "doubt": 0.0,
+    "short": 0.25,
     "suspicion": 0.5,
     "reach": 0.3,
     "swing": 0.3,
     "temper": 1.0,
     "loosen": 0.2,
+    "lead": 1e3,
     "patience": 2,
 }
 
@@ -154,8 +157,9 @@ def test_each_assumption_changes_the_belief():
         along_walk=0.02, aside_walk=0.02, aside_step=0.05, aside_turn=0.02, turn_walk=0.02, widening=20.0, doubt=0.95
     )
 
-    def believed(tuning):
-        options = Options(world={**asdict(ROOMS["dense"]), "unmapped": 0.5}, noise="wheel", localizer=tuning)
+    def believed(tuning, start="known"):
+        world = {**asdict(ROOMS["dense"]), "unmapped": 0.5 if start == "known" else 0.0}
+        options = Options(world=world, noise="wheel", localizer=tuning, start=start)
         p, waypoints, plan, _ = options.setup()
         batch, beliefs = Batch(2, p._replace(noise=replace(p.noise, process=slipping)), waypoints, plan=plan), []
         batch.seeds[:] = 4
@@ -165,10 +169,12 @@ def test_each_assumption_changes_the_belief():
             beliefs.append(batch.world(0).estimate)
         return beliefs
 
-    usually = believed(usual)
+    usually, lost = believed(usual), believed(usual, "unknown")
     assert CHANGED.keys() == {field.name for field in fields(LocalizerTuning)}
-    same = [name for name, value in CHANGED.items() if believed(replace(usual, **{name: value})) == usually]
+    changed = {name: replace(usual, **{name: value}) for name, value in CHANGED.items()}
+    same = [name for name, tuning in changed.items() if name != "lead" and believed(tuning) == usually]
     assert not same
+    assert believed(changed["lead"], "unknown") != lost  # it counts where a place is looked for
 
 
 def test_all_robots_share_the_field_of_a_map():

@@ -93,7 +93,8 @@ def test_a_belief_that_has_left_the_map_is_lost_after_its_patience_and_found_by_
 
 @pytest.mark.skipif(not HAS_NUMBA, reason="takes a minute in plain Python")
 @pytest.mark.parametrize("unknown", [True, False])
-def test_among_people_a_place_is_believed_after_enough_evidence_and_not_before(room, unknown, in_machine_code):
+def test_among_people_a_robot_is_found_and_its_own_place_not_given_up_before(room, unknown, in_machine_code):
+    """Without a place of its own it may take one that nearly all beams of a scan fit by luck."""
     points, rng, bank = scan_of(room, THERE, 60), np.random.default_rng(1), np.zeros((ROWS, COLUMNS))
     located, since = nowhere(ROBOT) if unknown else locate(Pose(*HERE), SURE, ROBOT), None
     for number in range(int(ENOUGH) + int(ROBOT.patience) + 30):
@@ -101,7 +102,7 @@ def test_among_people_a_place_is_believed_after_enough_evidence_and_not_before(r
         if since is None and state_of(located, ROBOT) == TRACKING and number > ROBOT.patience:
             since = number
     assert since is not None
-    assert since >= ENOUGH - 1
+    assert unknown or since >= ENOUGH - 1
     assert off(located, THERE) < 0.05
 
 

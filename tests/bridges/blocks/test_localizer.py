@@ -154,6 +154,23 @@ def test_after_most_draws_of_nonsense_a_standing_robot_finds_itself_within_five_
     assert right >= 12
 
 
+@pytest.mark.parametrize("localizer", ["match", "robot"])
+@pytest.mark.parametrize("beside", [(500.0, 500.0, 0.0), (-3.0, 2.0, 1.0)])
+def test_a_pose_beside_the_map_is_not_believed_for_longer_than_two_seconds(drive, localizer, beside):
+    """The robot stands, since nothing is published, and looks for itself."""
+    loop = drive(localizer=localizer)
+    loop.go(1.0)
+    loop.go(0.1, STOP, initial_pose=(Fix(Pose(*beside), (0.02, 0.02, 0.02), 0.0, True), 0.0))
+    states = []
+    for _ in range(50):
+        loop.go(0.1, STOP)
+        states.append(loop.node.figures["localization"])
+        assert ("estimate" in loop.answer) == (states[-1] != "lost")
+    assert "lost" in states[:20]
+    assert states[-1] == "tracking"
+    assert loop.error < 0.1
+
+
 def test_after_steps_that_were_skipped_it_goes_on_from_where_the_wheels_have_led(drive):
     loop = drive()
     loop.go(2.0)
