@@ -36,7 +36,7 @@ from turtlebot_gym.localization.bank import (
 )
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
-from turtlebot_gym.localization.localizer import CALM, SURE, Located, locate, scan
+from turtlebot_gym.localization.localizer import CALM, SILENT, SURE, Located, locate, scan
 from turtlebot_gym.localization.passing import agreeing
 from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
@@ -226,7 +226,8 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     if count > 0:
         belief = Belief(State(best.x, best.y, best.theta, mean.v, mean.omega), covariance)
     fresh = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, weight, silent)
+    # A place that is only the likeliest is nothing to drive by: the robot is lost until it is sure.
+    misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, weight, max(silent, 2.0 * SILENT))
     agrees = agreeing(sight, Guess(best.x, best.y, best.theta, 0.0), q) if count > 0 else 0.0
     return Located(
         belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight, way_drift, turn_drift, strays, agrees, silent

@@ -196,6 +196,15 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
 
 
 @kernel
+def stay(located: Located) -> Located:
+    """Return the localizer of a robot that stands where scans agreed, and leaves out one that would say the same again."""
+    belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, _ = located
+    return Located(
+        belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, 0.0
+    )
+
+
+@kernel
 def _contradicted(located: Located, q: Any) -> Located:
     """Return the localizer after a scan whose beams end where nothing is known: the belief has left the map."""
     belief, nis, scale, _, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, _, silent = located

@@ -13,7 +13,7 @@ from turtlebot_gym.drive import Drive, heading_error, known, position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.localization.bank import COLUMNS, ROWS
 from turtlebot_gym.localization.hypotheses import correct_by_scan, nowhere
-from turtlebot_gym.localization.localizer import LEAP, LOST, TRACKING, UNSURE, locate, move, state_of
+from turtlebot_gym.localization.localizer import LEAP, LOST, TRACKING, UNSURE, locate, move, state_of, stay
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap, wrap_all
@@ -26,8 +26,8 @@ FAR = 20.0
 """Greatest range that is used, m: an error of the heading moves the end of a longer beam by more than a cell of the map."""
 STILL, UNTURNED = 0.02, 0.01
 """Distance and turn since the last used scan, m and rad, up to which a scan says nothing new and is left out ..."""
-STALE = 1.0
-"""... unless none has been used for so long, s, or the place is in doubt."""
+STALE = 6
+"""... unless so many before it were left out, or the place is in doubt."""
 
 
 KNOWN = (0.01, 0.01, 0.001)
@@ -112,7 +112,7 @@ def _follow(
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
     rest(trail, time[first], now)
     # As if the robot had driven far, so that the first scan is used.
-    at, way, turn = int(np.searchsorted(rows, first)), 1.0, 0.0
+    at, way, turn, left_out = int(np.searchsorted(rows, first)), 1.0, 0.0, 0
     for row in range(first, len(odometry)):
         if row > first:
             before, now = now, Pose(odometry[row, 0], odometry[row, 1], odometry[row, 2])
@@ -122,11 +122,13 @@ def _follow(
             way += np.hypot(now.x - before.x, now.y - before.y)
             turn += abs(wrap(now.theta - before.theta))
         while at < len(rows) and rows[at] <= row:
-            is_due = located.silent > STALE or state_of(located, q) != TRACKING
+            is_due = left_out == STALE or state_of(located, q) != TRACKING
             if way > STILL or turn > UNTURNED or is_due:
                 when = Timing(last[at], timing.interval, timing.x, timing.y, timing.range_max)
                 located = correct_by_scan(located, ranges[at], beams[at], when, trail, bank, field, frame, q)
-                way = turn = 0.0
+                way, turn, left_out = 0.0, 0.0, 0
+            else:
+                located, left_out = stay(located), left_out + 1
             at += 1
         mean, P = located.belief
         course[row, 0], course[row, 1], course[row, 2] = mean.x, mean.y, mean.theta
