@@ -232,7 +232,8 @@ def short(site: Site, condition: Condition, config: Config) -> dict[str, float]:
             start = BESIDE_MAP
         elif condition.begin == "grey":
             row, column = unknown[random.integers(len(unknown))]
-            start = Pose(*(frame[:2] + frame[4] * np.array((column, row))), random.uniform(-np.pi, np.pi))
+            x, y = (frame[:2] + frame[4] * np.array((column, row))).tolist()
+            start = Pose(x, y, random.uniform(-np.pi, np.pi))
         course = follow(site, condition, order, start, config.seed + number)
         far, turned = position_error(course.poses, site.poses[order]), heading_error(course.poses, site.poses[order])
         right = (far < ASTRAY) & (turned < TURNED) & (course.states == TRACKING)
