@@ -107,13 +107,13 @@ def fit_execution(drive: Drive, start: Noise, integrator: str | None, delay: flo
         return found, _fit(part, found, rule, usual, lengths).variances
 
     verdict, factor = judge(drive, refit, np.append(usual, alphas.variances[4:]), rule)
-    if verdict.is_usual:
-        wheels = USUAL.copy()
     likeliest = with_values(start, dict(zip(WHEELS[:3], wheels.tolist(), strict=False)))
     likeliest = with_values(likeliest, dict(zip(ALPHAS, alphas.variances.tolist(), strict=False)))
     estimates = _alpha_estimates(alphas) | wheel_estimates(fit)
     least = {name: 0.0 if estimates[name].is_determined else CAUTION * value_of(start, name) for name in ALPHAS}
     wide = with_values(likeliest, {name: max(factor * value_of(likeliest, name), least[name]) for name in ALPHAS})
+    if verdict.is_usual:
+        wide = with_values(wide, dict(zip(WHEELS[:3], USUAL.tolist(), strict=False)))
     deviations = np.sqrt(alphas.variances[4:]).tolist()
     return Execution(likeliest, wide, estimates, verdict, name, lengths, lag, (deviations[0], deviations[1]), drive, remarks)
 
@@ -145,12 +145,14 @@ def _weighted(drive: Drive, rule: float, given: Array, start: Array, usual: Sequ
     path, truth = path_of(drive), drive.truth
     length = length_for(path)
     windows = windows_of(path, truth, length)
-    for _ in range(WEIGHTED):
+    rounds = WEIGHTED
+    while True:
         noise = fit_alphas([pieces_of(path, truth, start, rule, length)], usual)
         covariance = pieces_of(path, truth, start, rule, length, overlap=OVERLAP).covariance(noise.variances)
         fit = fit_wheels(path, windows, rule, given, start, covariance)
-        start = fit.soft
-    return fit
+        start, rounds = fit.soft, rounds - 1
+        if not rounds:
+            return fit
 
 
 def integrator_of(drive: Drive) -> str:
@@ -163,7 +165,7 @@ def integrator_of(drive: Drive) -> str:
     x, y, turn = relative(drive.truth[rows - 1], drive.truth[rows]).T
     step = (x + 1j * y) * np.exp(-0.5j * turn)
     X = np.column_stack([step.real * turn, turn, step.real])
-    kept = np.isfinite(turn)
+    kept, solution, variance = np.isfinite(turn), np.zeros(3), math.inf
     for _ in range(2):  # the second time without jumps
         if kept.sum() < 2 * len(X.T):
             return "midpoint"

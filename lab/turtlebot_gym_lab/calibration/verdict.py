@@ -22,7 +22,7 @@ NEAR = (0.1, 0.5)
 OVERLAP, FEWEST = 4, 4
 """Pieces that begin in the length of one, and fewest of them that say something."""
 BETTER, WORSE = 0.97, 1.1
-"""Ratios of a file's drift to the raw one: below the first other wheels than the usual are evident, above the second refused."""
+"""Ratios of the drift by file to raw: up to the first, other wheels than the usual are evident; above the second, refused."""
 DEGREES = 3.0
 """Degrees of freedom of a pose."""
 

@@ -86,20 +86,21 @@ def fit_wheels(
     blocks = min(int(_independent(windows)) // LONG, MOST)
     if blocks < FEWEST:
         raise ValueError("the truth shows too little motion to fit to: drive 10 m or more, and record the truth of it.")
-    whiten = None if covariance is None else np.linalg.inv(np.linalg.cholesky(covariance))
+    whiten = None if covariance is None else np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
     unknown = np.ones(len(USUAL), np.bool_) if given is None else np.isnan(given)
     wheels = _begun(path, windows) if start is None else start.copy()
     usual = USUAL if given is None else np.where(unknown, USUAL, given)
     wheels, free = np.where(unknown, wheels, usual), np.zeros(len(USUAL), np.bool_)
-    for _ in range(ROUNDS):  # what is freed is no longer drawn to the usual, and neither are the others because of it
+    rounds = ROUNDS
+    while True:  # what is freed is no longer drawn to the usual, and neither are the others because of it
         fit = _least_squares(path, windows, integrator, wheels, unknown, usual, _priors(free) * LOOSE, blocks, whiten)
         wheels, before = fit.values, free
-        free = unknown & _determined(fit, usual)
-        if (free == before).all():
+        free, rounds = unknown & _determined(fit, usual), rounds - 1
+        if (free == before).all() or not rounds:
             break
     determined, soft = free, fit.values
     free = unknown & (MAIN | free & (np.abs(wheels - usual) > EVIDENT * fit.deviations))
-    for _ in range(2):
+    while True:
         wheels = np.where(free, wheels, usual)
         fit = _least_squares(path, windows, integrator, wheels, free, usual, _priors(free), blocks, whiten, unknown)
         clear = _determined(fit, usual)
@@ -136,7 +137,8 @@ def _least_squares(
     uncertain = free if uncertain is None else uncertain
     off = rest(path, windows, wheels, integrator)
     used, dependent, prior = ~_gross(off), len(off) / _independent(windows), priors[free]
-    for _ in range(ROUNDS):
+    rounds = ROUNDS
+    while True:
         chosen, before = windows.chosen(used), used
         if whiten is None:
             sizes = np.maximum(np.sqrt((rest(path, chosen, wheels, integrator) ** 2).mean(axis=0)), LEAST)
@@ -159,7 +161,9 @@ def _least_squares(
         off = rest(path, windows, wheels, integrator)
         white, used = _times(W, off[before]), ~_gross(off)
         again, dependent = dependent, correlation(white - white.mean(axis=0), blocks)
-        if (used == before).all() and moved.max(initial=0.0) < 1e-3 and abs(again / dependent - 1.0) < 0.1:
+        rounds -= 1
+        is_stable = moved.max(initial=0.0) < 1e-3 and abs(again / dependent - 1.0) < 0.1
+        if not rounds or ((used == before).all() and is_stable):
             break
     J = np.zeros((int(before.sum()), 3, len(USUAL)))
     for at in np.flatnonzero(uncertain):

@@ -72,7 +72,7 @@ def path_of(drive: Drive) -> Path:
     """Return what the recorded twists of a drive add up to."""
     steps = np.where(drive.joined[1:, None], np.nan_to_num(drive.twist[1:]), 0.0) * np.diff(drive.time)[:, None]
     way, turn = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]).T
-    return Path(drive.time, way, turn, np.cumsum(~drive.joined))
+    return Path(drive.time, way, turn, np.cumsum(~drive.joined, dtype=np.intp))
 
 
 def relative(first: Array, last: Array) -> Array:
