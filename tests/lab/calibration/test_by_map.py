@@ -7,38 +7,16 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym import Options
-from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.drive import Drive, Seen
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.localization.tuning import matched
-from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.parameters import ProcessNoise
-from turtlebot_gym.presets import WHEEL
-from turtlebot_gym.rooms.lidar import LIDARS, SECTORS, SIGHT, beams_by
-from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.values import Pose
+from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym_lab.calibration import calibrate
 from turtlebot_gym_lab.evaluation.by_map import by_map, calibrate_by_map, corrected, nearest
 from turtlebot_gym_lab.evaluation.localize import KnownPlace
+from turtlebot_gym_lab.evaluation.tours import simulated_tour
 
 pytestmark = pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python")
-
-LIDAR = LIDARS["lds01"]
-HOLD = 15
-"""Steps for which a motion is held."""
-
-
-def motion(random, ranges, before, is_new):
-    """Return an action: straight ahead, a turn on the spot or an arc, and a turn to the open side where the way is blocked."""
-    is_blocked = min(ranges[:5].min(), ranges[-4:].min()) < 0.5
-    if is_new:
-        arc, turn = random.uniform(-0.25, 0.25), random.uniform(0.1, 0.35) * random.choice((-1.0, 1.0))
-        ahead = random.uniform(0.5, 1.0)
-        before = np.array(((ahead, 0.0), (0.0, turn), (ahead, arc))[random.integers(3)])
-    if is_blocked and before[0] > 0.0:
-        return np.array((0.0, 0.3 if ranges[3:12].mean() > ranges[-11:-2].mean() else -0.3))
-    return before
 
 
 @pytest.fixture(scope="module")
@@ -48,27 +26,9 @@ def tour():
     alphas = {f"alpha{k}": float(np.exp(random.uniform(np.log(0.002), np.log(0.012)))) for k in range(1, 5)}
     scale, turn_scale, veer = random.uniform((0.95, 0.8, -0.1), (1.05, 1.2, 0.1)).tolist()
     wheels = ProcessNoise(**alphas, scale=scale, turn_scale=turn_scale, veer=veer)
-    p, waypoints, plan, _ = Options(world="office", lidar="lds01", noise="wheel", localizer="match").setup()
-    batch = Batch(1, p._replace(noise=replace(WHEEL, process=wheels)), waypoints, plan=plan)
-    batch.seeds[:] = 2
-    observations, outcomes = batch.empty()
-    batch.reset(np.ones(1, np.bool_), observations, outcomes)
-    start, beam, action = Pose(*batch.numbers("body.true_state")[0, :3].tolist()), 1.0 / (LIDAR.rate * LIDAR.beams), np.zeros(2)
-    twists, odometry, scans = [np.zeros(2)], [batch.numbers("senses.odometry.pose")[0]], []
-    for step in range(1, round(150.0 / p.dt) + 1):
-        action = motion(random, observations[0, -SECTORS - 1 : -1] * SIGHT, action, step % HOLD == 1)
-        twists.append(batch.numbers("body.command")[0])
-        observations, _ = batch.step(action.astype(np.float32)[None])
-        odometry.append(batch.numbers("senses.odometry.pose")[0])
-        turns = beams_by(step, LIDAR, p.dt) // LIDAR.beams
-        if turns > beams_by(step - 1, LIDAR, p.dt) // LIDAR.beams:
-            ranges = batch.scenes.lidar.ranges[0, 1, : LIDAR.beams].copy()
-            scan = Scan(ranges, 0.0, TWO_PI / LIDAR.beams, LIDAR.range_min, LIDAR.range_max, beam)
-            first = (turns - 1.0) / LIDAR.rate + beam
-            scans.append(Seen(step, start, scan, first, Pose(LIDAR.x, LIDAR.y, LIDAR.yaw)))
-    time = p.dt * np.arange(len(twists), dtype=np.float64)
-    drive = Drive(time=time, twist=np.array(twists), odometry=np.array(odometry), scans=tuple(scans))
-    return drive, KnownPlace(batch.scenes.memory.field[0], batch.scenes.memory.field_frame[0], matched(LIDAR), start), wheels
+    driven = simulated_tour("office", seed=2, wheels=wheels, generator=random)
+    drive = replace(driven.drive, true_state=None)
+    return drive, KnownPlace(driven.field, driven.frame, matched(LIDARS["lds01"]), driven.start), wheels
 
 
 def test_intervals_hold_the_wheels_that_the_localizer_does_not_know(tour):
