@@ -30,6 +30,9 @@ UNITS = ("", "", "rad/m", "m", "m", "rad", "s")
 """Units of `NAMES`."""
 ALPHAS = (("alpha1", ""), ("alpha2", "m^2"), ("alpha3", "rad^2/m^2"), ("alpha4", ""))
 """The wheels' noise, with its units."""
+ALPHAS_OFF = (0.1, 0.3, 0.25, 0.1)
+"""Standard deviations of the alphas' logarithms beyond what the likelihood says, measured in simulated rooms: part of what
+matches miss looks like noise of the wheels."""
 CLEAR = 0.6
 """Standard deviation of a variance's logarithm up to which it counts as determined: that of 0.3 of its root."""
 REMEDIES = {
@@ -189,7 +192,7 @@ def estimates_of(found: ByScans) -> dict[str, CalibrationEstimate]:
         value = values[at]
         estimates[name] = CalibrationEstimate(value=value, low=value - width, high=value + width, unit=unit, remedy=remedy)
     for at, (name, unit) in enumerate(ALPHAS):
-        value, off = float(found.fit.variances[at]), float(found.fit.log_deviation[at])
+        value, off = float(found.fit.variances[at]), math.hypot(float(found.fit.log_deviation[at]), ALPHAS_OFF[at])
         low, high = value * math.exp(-Z * off), value * math.exp(Z * off)
         remedy = "" if off < CLEAR else MOTIONS[name]
         estimates[name] = CalibrationEstimate(value=value, low=low, high=high, unit=unit, remedy=remedy)
