@@ -80,7 +80,8 @@ class WheelWatch:
     def wheels(self) -> Wheels:
         """What was found so far."""
         deviations = np.sqrt(np.diag(self._P)).tolist()
-        return Wheels(*self._x.tolist(), (deviations[0], deviations[1], deviations[2]), self._windows)
+        scale, turn, veer = self._x.tolist()
+        return Wheels(scale, turn, veer, (deviations[0], deviations[1], deviations[2]), self._windows)
 
     def see(self, belief: Pose, odometry: Pose, *, is_confirmed: bool) -> None:
         """Take a belief after a scan, and the odometry at the same time.
