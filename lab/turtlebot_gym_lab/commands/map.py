@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from turtlebot_gym_lab.scans.mapping import DrivenMap
 
+NOTICEABLE = 0.005
+"""Share of the ranges from which a map with the wheels' metres says that it differs from the LiDAR's."""
 STEPS = 6
 """Parts of the work, for its progress bar."""
 
@@ -86,6 +88,12 @@ class Map(ReportingOptions):
         ):
             table.add_row(name, value)
         print_tables(table)
+        if abs(drawn.range_share) > NOTICEABLE:
+            off = f"the LiDAR's ranges are {100.0 * drawn.range_share:+.1f} % off in the wheels' metres of this map"
+            print(
+                f"{off}: localize in it with --localizer match, which estimates such a share, or draw it with --metres lidar.",
+                file=sys.stderr,
+            )
         self.report(
             {
                 "size": [rows, columns],
