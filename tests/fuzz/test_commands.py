@@ -38,6 +38,7 @@ BASES: dict[str, list[str]] = {
     "estimate": ["--runs", "4", "--seconds", "0.3", "--filter", "matched"],
     "calibrate": ["binary.csv"],
     "localize": ["binary.csv", "--map", "mine.yaml"],
+    "map": ["binary.csv", "--out", "lab.yaml"],
     "watch": ["--drive", "binary.csv", "--html", "a.html"],
     "train": ["--config", "list.yaml", "--out", "run"],
     "tune": ["--config", "broken.yaml", "--out", "search"],

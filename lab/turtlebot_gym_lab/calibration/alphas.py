@@ -128,10 +128,16 @@ def fit_alphas(sets: Sequence[Pieces], usual: Sequence[float]) -> AlphaFit:
         sets: Pieces of each length, that do not overlap.
         usual: The four alphas of the prior.
 
+    Raises:
+        ValueError: If there are none.
+
     References:
         Jennrich, Schluchter, "Unbalanced repeated-measures models with structured covariance matrices", *Biometrics* 42 (1986):
             Fisher scoring.
     """
+    sets = [each for each in sets if len(each.off)]
+    if not sets:
+        raise ValueError("the truth shows too little motion to fit to: drive 10 m or more, and record the truth of it.")
     off, parts = np.concatenate([each.off for each in sets]), np.concatenate([each.parts for each in sets])
     number = len(sets[-1].off)
     weights = np.concatenate([np.full(len(each.off), number / (len(sets) * len(each.off))) for each in sets])

@@ -74,11 +74,19 @@ def test_a_robot_that_is_not_as_assumed_is_estimated_and_spoils_no_alpha(truth, 
     fitted = calibrate(drawn(truth, **given))
     assert fitted.estimates[name].value == pytest.approx(value, rel=tolerance)
     assert fitted.verdict.is_good
-    for alpha, true in ALPHAS.items():
-        assert 0.5 * true < value_of(fitted.noise, alpha) < 2.0 * true
+    are_not_spoiled(fitted)
     remarks = " ".join(fitted.remarks)
     assert ("gyro" in remarks) == (name == "drift")
     assert ("ahead" in remarks) == (name == "marker_x")
+
+
+def are_not_spoiled(fitted):
+    """Assert that each alpha is right to a factor of two, or undetermined, and then written no smaller than that."""
+    determined = [alpha for alpha in ALPHAS if fitted.estimates[alpha].is_determined]
+    assert len(determined) >= 3
+    for alpha, true in ALPHAS.items():
+        assert 0.5 * true < value_of(fitted.noise, alpha)
+        assert value_of(fitted.noise, alpha) < 2.0 * true or alpha not in determined
 
 
 @pytest.mark.parametrize("truth", ["exact", "noisy"])
@@ -90,5 +98,4 @@ def test_jumps_of_the_truth_are_left_out_and_reported(truth):
     fitted = calibrate(replace(drive, true_state=state))
     assert "jumps 5 times" in " ".join(fitted.remarks)
     assert fitted.verdict.is_good
-    for alpha, true in ALPHAS.items():
-        assert 0.5 * true < value_of(fitted.noise, alpha) < 2.0 * true
+    are_not_spoiled(fitted)
