@@ -16,6 +16,8 @@ from turtlebot_gym_ros.base.session import INTERRUPTED
 T = TypeVar("T")
 WAIT = 5.0
 """How long a command waits for the graph by default, s."""
+SETTLED = 1.5
+"""Time without anything new after which a command takes the graph as known, s."""
 
 
 @contextmanager

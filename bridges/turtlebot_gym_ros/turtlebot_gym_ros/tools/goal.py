@@ -18,7 +18,7 @@ from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.node.geometry import write_pose
 from turtlebot_gym_ros.node.navigate import NAME
-from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, until
+from turtlebot_gym_ros.tools.asking import SETTLED, WAIT, answered, asking, until
 
 SUCCEEDED = 4
 """``action_msgs/msg/GoalStatus.STATUS_SUCCEEDED``."""
@@ -47,14 +47,17 @@ def goal(argv: Any = None) -> int:
         write_pose(pose.pose, Pose(options.x, options.y, options.heading))
         topic = f"{prefix}/goal_pose"
         publisher = node.create_publisher(PoseStamped, topic, STREAM)
-        action = f"{prefix}/{NAME}"
+        action, matched = f"{prefix}/{NAME}", (0, time.monotonic())
 
         def there() -> str | None:
+            nonlocal matched
             services = dict(node.get_service_names_and_types())
             if f"{action}/_action/send_goal" in services:
                 return "action"
-            listeners = len(node.get_subscriptions_info_by_topic(topic))
-            return "topic" if publisher.get_subscription_count() >= listeners > 0 else None
+            number, now = publisher.get_subscription_count(), time.monotonic()
+            if number != matched[0]:  # others may be discovered a little later
+                matched = number, now
+            return "topic" if number and now > matched[1] + SETTLED else None
 
         door = until(there, options.wait, lambda: f"nobody takes goals after {options.wait:g} s: is waypoint_generator there?")
         if door == "action":

@@ -13,11 +13,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from turtlebot_gym_ros.base.names import message_type, node_name
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import STREAM
-from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, type_in
+from turtlebot_gym_ros.tools.asking import SETTLED, WAIT, answered, asking, type_in
 from turtlebot_gym_ros.tools.messages import message_of, text_of
-
-SETTLED = 1.5
-"""Time without anything new after which `topics` takes the graph as known, s."""
 
 
 def _parser(name: str, description: str) -> argparse.ArgumentParser:
