@@ -15,6 +15,7 @@ from sensor_msgs.msg import Imu, LaserScan
 from std_msgs.msg import Bool
 
 from turtlebot_gym_ros import Shell
+from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.blocks import VelocityController, WaypointGenerator
 from turtlebot_gym_ros.nodes import TOOLS, load
 from turtlebot_gym_ros.tools.foxglove import Relay
@@ -26,14 +27,9 @@ TYPES = (
 )
 
 
-def name_of(kind):
-    package, folder, *_ = kind.__module__.split(".")
-    return f"{package}/{folder}/{kind.__name__}"
-
-
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.__name__)
 def test_a_message_goes_to_text_and_back(kind):
-    assert message_of(name_of(kind), text_of(kind(), longest=100)) == kind()
+    assert message_of(type_name(kind), text_of(kind(), longest=100)) == kind()
 
 
 def test_numbers_lists_and_nested_messages_are_written():

@@ -13,15 +13,15 @@ ROOT = "/"
 """Root namespace, for a graph without its own."""
 
 
-def absolute(namespace: str) -> str:
-    """Return a namespace in ROS's form: "/robot1", or "/" for none.
+def absolute(namespace: str, what: str = "namespace") -> str:
+    """Return a namespace in ROS's form: "/robot1", or "/" for none; or another absolute name, which the message calls ``what``.
 
     Raises:
         ValueError: If ROS would refuse it.
     """
     name = namespace.strip("/")
     if name and not re.fullmatch(r"(?!.*__)[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
-        raise ValueError(f"namespace must be names of letters, digits and _, joined by /, such as robot1, got {namespace!r}.")
+        raise ValueError(f"{what} must be names of letters, digits and _, joined by /, such as robot1, got {namespace!r}.")
     return ROOT + name
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from typing import Any, TypeVar
 from rclpy.node import Node
 
 from turtlebot_gym.validation import did_you_mean
+from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
 from turtlebot_gym_ros.base.session import INTERRUPTED
 
@@ -18,6 +20,15 @@ WAIT = 5.0
 """How long a command waits for the graph by default, s."""
 SETTLED = 1.5
 """Time without anything new after which a command takes the graph as known, s."""
+
+
+def parser_of(name: str, description: str, *, waits_for: str = "") -> argparse.ArgumentParser:
+    """Return the parser of a tool; with ``--wait``, the time for which it waits for something, if that is named."""
+    parser = argparse.ArgumentParser(prog=f"python -m turtlebot_gym_ros {name}", description=description)
+    if waits_for:
+        text = f"how long to wait for {waits_for}, s (default {WAIT:g})"
+        parser.add_argument("--wait", type=float, default=WAIT, help=text)
+    return parser
 
 
 @contextmanager
@@ -63,23 +74,41 @@ def until(found: Callable[[], T | None], seconds: float, missing: Callable[[], s
     return value
 
 
+def pause(seconds: float) -> None:
+    """Wait for a time, s, unless the command is interrupted."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        go_on()
+        time.sleep(0.05)
+
+
+def result_of(future: Any, name: str, seconds: float) -> Any:
+    """Return the result of a future.
+
+    Raises:
+        TimeoutError: If what has the name has not answered by then.
+    """
+    until(lambda: future.done() or None, seconds, lambda: f"{name} has not answered for {seconds:g} s.")
+    return future.result()
+
+
 def type_in(name: str, kinds: Callable[[], list[tuple[str, list[str]]]], what: str, seconds: float) -> tuple[str, str]:
     """Return the absolute name and the type of a topic or service that the graph has.
 
     Raises:
         TimeoutError: If there is none of this name.
     """
-    absolute = f"/{name.lstrip('/')}"
+    full = absolute(name, what)
     seen: dict[str, list[str]] = {}
 
     def found() -> str | None:
         seen.update(kinds())
-        return seen[absolute][0] if seen.get(absolute) else None
+        return seen[full][0] if seen.get(full) else None
 
     def missing() -> str:
         names = sorted(seen)
-        near = did_you_mean(absolute, names)
+        near = did_you_mean(full, names)
         option = " --services" if what == "service" else ""
-        return f"there is no {what} {absolute} after {seconds:g} s; `topics{option}` lists what there is.{near}"
+        return f"there is no {what} {full} after {seconds:g} s; `topics{option}` lists what there is.{near}"
 
-    return absolute, until(found, seconds, missing)
+    return full, until(found, seconds, missing)

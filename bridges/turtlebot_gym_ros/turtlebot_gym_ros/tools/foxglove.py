@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from typing import Any, cast
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from turtlebot_gym_ros.base.names import message_type
-from turtlebot_gym_ros.base.process import go_on
-from turtlebot_gym_ros.tools.asking import answered, asking
+from turtlebot_gym_ros.base.qos import SENSOR
+from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, pause
 
-ANY = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Hears reliable and best-effort publishers."""
 LOOK = 1.0
 """How often new topics are looked for, s."""
 PORT = 8765
@@ -49,21 +45,15 @@ class Relay:
             except (ValueError, KeyError):
                 self.left_out[topic] = kind
                 continue
-            channel = self._make_channel(topic, kind, text)
-            profile = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
-            self._node.create_subscription(
-                found, topic, lambda raw, log=channel.log: log(bytes(cast(Any, raw))), profile, raw=True
-            )
+            log = self._make_channel(topic, kind, text).log
+            self._node.create_subscription(found, topic, lambda raw, log=log: log(bytes(cast(Any, raw))), SENSOR, raw=True)
             self.topics[topic] = kind
 
 
 @answered
 def foxglove(argv: Any = None) -> int:
     """Serve the live graph to Foxglove until Ctrl-C."""
-    parser = argparse.ArgumentParser(
-        prog="python -m turtlebot_gym_ros foxglove",
-        description="Serve the live graph to Foxglove: open connection, Foxglove WebSocket, ws://HOST:PORT.",
-    )
+    parser = parser_of("foxglove", "Serve the live graph to Foxglove: open connection, Foxglove WebSocket, ws://HOST:PORT.")
     parser.add_argument("--port", type=int, default=PORT, help=f"port of the server (default {PORT})")
     parser.add_argument("--host", default="127.0.0.1", help="address; 0.0.0.0 serves the network (default 127.0.0.1)")
     parser.add_argument("--seconds", type=float, default=0.0, help="end after this time, s (default 0: never)")
@@ -95,10 +85,7 @@ def foxglove(argv: Any = None) -> int:
                 for topic in [name for name, kind in relay.left_out.items() if kind]:
                     print(f"left out: {topic}, whose type {relay.left_out[topic]} is unknown here.", file=sys.stderr)
                     relay.left_out[topic] = ""
-                end = time.monotonic() + LOOK
-                while time.monotonic() < end:
-                    go_on()
-                    time.sleep(0.05)
+                pause(LOOK)
     finally:
         server.stop()
     return 0

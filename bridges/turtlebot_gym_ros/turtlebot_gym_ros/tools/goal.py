@@ -2,45 +2,43 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import time
 from typing import Any
 
+from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action.client import ActionClient
 from rclpy.node import Node
 from std_msgs.msg import Header
 
 from turtlebot_gym.values import Pose
+from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.node.geometry import write_pose
 from turtlebot_gym_ros.node.navigate import NAME
-from turtlebot_gym_ros.tools.asking import SETTLED, WAIT, answered, asking, until
-
-SUCCEEDED = 4
-"""``action_msgs/msg/GoalStatus.STATUS_SUCCEEDED``."""
+from turtlebot_gym_ros.tools.asking import SETTLED, answered, asking, parser_of, result_of, until
 
 
 @answered
 def goal(argv: Any = None) -> int:
     """Send a goal by the action ``navigate_to_pose`` and await its outcome; where nobody serves it, on ``/goal_pose``."""
-    parser = argparse.ArgumentParser(
-        prog="python -m turtlebot_gym_ros goal",
-        description="Send the robot to a place, and wait until it is there, if the action navigate_to_pose is served.",
+    parser = parser_of(
+        "goal",
+        "Send the robot to a place, and wait until it is there, if the action navigate_to_pose is served.",
+        waits_for="a listener",
     )
     parser.add_argument("x", type=float, help="m")
     parser.add_argument("y", type=float, help="m")
     parser.add_argument("heading", type=float, nargs="?", default=0.0, help="rad (default 0)")
     parser.add_argument("--frame", default="odom", help="frame of the goal: odom, or map with a localizer (default odom)")
     parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1")
-    parser.add_argument("--wait", type=float, default=WAIT, help=f"how long to wait for a listener, s (default {WAIT:g})")
     options = parser.parse_args(argv)
     if not all(map(math.isfinite, (options.x, options.y, options.heading))):
         raise ValueError(f"a goal must be finite numbers, got {options.x}, {options.y}, {options.heading}.")
-    prefix = f"/{options.namespace.strip('/')}".rstrip("/")
+    prefix = absolute(options.namespace).rstrip("/")
     with asking() as node:
         header = Header(stamp=node.get_clock().now().to_msg(), frame_id=options.frame)
         pose = PoseStamped(header=header)
@@ -84,9 +82,7 @@ def _await(node: Node, client: Any, goal: Any, seconds: float) -> int:
             print(f"{message.feedback.distance_remaining:.2f} m left", flush=True)
 
     client.wait_for_server(timeout_sec=seconds)
-    sent = client.send_goal_async(goal, feedback_callback=show)
-    until(lambda: sent.done() or None, seconds, lambda: f"{NAME} has not answered for {seconds:g} s.")
-    handle = sent.result()
+    handle = result_of(client.send_goal_async(goal, feedback_callback=show), NAME, seconds)
     if not handle.accepted:
         raise ValueError(f"{NAME} refuses the goal.")
     outcome = handle.get_result_async()
@@ -100,7 +96,7 @@ def _await(node: Node, client: Any, goal: Any, seconds: float) -> int:
         raise
     result = outcome.result()
     text = getattr(result.result, "error_msg", "")
-    if result.status == SUCCEEDED:
+    if result.status == GoalStatus.STATUS_SUCCEEDED:
         print("reached")
         return 0
     print(f"not reached: {text or f'status {result.status}'}", file=sys.stderr)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -71,8 +70,7 @@ def _as(kind: str, value: Any, path: str) -> Any:
     if kind in ("double", "float") and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if "/" in kind and isinstance(value, Mapping):
-        package, name = kind.split("/")
-        message = getattr(import_module(f"{package}.msg"), name)()
+        message = message_type(kind.replace("/", "/msg/"))()
         _fill(message, value, path)
         return message
     return value

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import yaml
@@ -14,15 +13,9 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool
 
 from turtlebot_gym.validation import did_you_mean
-from turtlebot_gym_ros.base.names import message_type
-from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, type_in, until
+from turtlebot_gym_ros.base.names import absolute, message_type
+from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, result_of, type_in, until
 from turtlebot_gym_ros.tools.messages import filled, plain_of, text_of
-
-
-def _parser(name: str, description: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=f"python -m turtlebot_gym_ros {name}", description=description)
-    parser.add_argument("--wait", type=float, default=WAIT, help=f"how long to wait for each answer, s (default {WAIT:g})")
-    return parser
 
 
 def _answer(node: Node, kind: Any, name: str, request: Any, seconds: float) -> Any:
@@ -33,19 +26,15 @@ def _answer(node: Node, kind: Any, name: str, request: Any, seconds: float) -> A
         seconds,
         lambda: f"there is no service {name} after {seconds:g} s; `topics --services` lists what there is.",
     )
-    return _result(client.call_async(request), name, seconds)
-
-
-def _result(future: Any, name: str, seconds: float) -> Any:
-    """Return the result of a future."""
-    until(lambda: future.done() or None, seconds, lambda: f"{name} has not answered for {seconds:g} s.")
-    return future.result()
+    return result_of(client.call_async(request), name, seconds)
 
 
 @answered
 def call(argv: Any = None) -> int:
     """Call a service, print its response, and return 1 if its field ``success`` is false."""
-    parser = _parser("call", "Call a service, and print its response; the exit code is 1 if it says success: false.")
+    parser = parser_of(
+        "call", "Call a service, and print its response; the exit code is 1 if it says success: false.", waits_for="each answer"
+    )
     parser.add_argument("service")
     parser.add_argument("type", nargs="?", default="", help="such as std_srvs/srv/SetBool; by default the one of the graph")
     parser.add_argument("values", nargs="?", default="", help="fields of the request in YAML, such as '{data: true}'")
@@ -65,14 +54,16 @@ def call(argv: Any = None) -> int:
 @answered
 def enable(argv: Any = None) -> int:
     """Enable nodes in the given order, or disable them, by their services ``enable``."""
-    parser = _parser("enable", "Enable nodes, one after the other: watch the robot. It may move from then on.")
+    parser = parser_of(
+        "enable", "Enable nodes, one after the other: watch the robot. It may move from then on.", waits_for="each answer"
+    )
     parser.add_argument("node", nargs="+", help="such as cmd_vel_guard velocity_controller")
     parser.add_argument("--off", action="store_true", help="disable instead")
     options = parser.parse_args(argv)
     with asking() as node:
         for name in options.node:
             request = SetBool.Request(data=not options.off)
-            response = _answer(node, SetBool, f"/{name.strip('/')}/enable", request, options.wait)
+            response = _answer(node, SetBool, f"{absolute(name, 'node')}/enable", request, options.wait)
             print(f"{name}: {response.message or ('enabled' if request.data else 'disabled')}")
             if not response.success:
                 return 1
@@ -87,12 +78,12 @@ def _shown(value: ParameterValue) -> str:
 @answered
 def params(argv: Any = None) -> int:
     """List a node's parameters with values and descriptions, or print or set one."""
-    parser = _parser("params", "List a node's parameters, print one, or set one.")
+    parser = parser_of("params", "List a node's parameters, print one, or set one.", waits_for="each answer")
     parser.add_argument("node", help="such as velocity_controller")
     parser.add_argument("name", nargs="?", help="one parameter")
     parser.add_argument("value", nargs="?", help="its new value, as YAML")
     options = parser.parse_args(argv)
-    target = f"/{options.node.strip('/')}"
+    target = absolute(options.node, "node")
     with asking() as node:
         client = AsyncParameterClient(node, target)
         until(
@@ -100,17 +91,17 @@ def params(argv: Any = None) -> int:
             options.wait,
             lambda: f"there is no node {target} with parameters after {options.wait:g} s; `status` lists nodes.",
         )
-        names = sorted(_result(client.list_parameters([], 0), target, options.wait).result.names)
+        names = sorted(result_of(client.list_parameters([], 0), target, options.wait).result.names)
         if options.name is not None and options.name not in names:
             raise ValueError(f"{target} has no parameter {options.name!r}.{did_you_mean(options.name, names)}")
         if options.value is not None:
             new = Parameter(options.name, value=yaml.safe_load(options.value))
-            (result,) = _result(client.set_parameters([new]), target, options.wait).results
+            (result,) = result_of(client.set_parameters([new]), target, options.wait).results
             if not result.successful:
                 raise ValueError(f"{target} refuses {options.name}: {result.reason or 'without a reason'}")
             return 0
         wanted = names if options.name is None else [options.name]
-        values = _result(client.get_parameters(wanted), target, options.wait).values
+        values = result_of(client.get_parameters(wanted), target, options.wait).values
         request = DescribeParameters.Request(names=wanted)
         described = _answer(node, DescribeParameters, f"{target}/describe_parameters", request, options.wait).descriptors
     for name, value, about in zip(wanted, values, described, strict=True):

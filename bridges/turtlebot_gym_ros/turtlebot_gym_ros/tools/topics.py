@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from typing import Any
 
@@ -10,27 +9,20 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from turtlebot_gym_ros.base.names import message_type, node_name
+from turtlebot_gym_ros.base.names import absolute, message_type, node_name
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import STREAM
-from turtlebot_gym_ros.tools.asking import SETTLED, WAIT, answered, asking, type_in
+from turtlebot_gym_ros.tools.asking import SETTLED, answered, asking, parser_of, pause, type_in, until
 from turtlebot_gym_ros.tools.messages import message_of, text_of
-
-
-def _parser(name: str, description: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=f"python -m turtlebot_gym_ros {name}", description=description)
-    parser.add_argument("--wait", type=float, default=WAIT, help=f"how long to wait for the graph, s (default {WAIT:g})")
-    return parser
 
 
 @answered
 def topics(argv: Any = None) -> int:
     """Print the topics, their types, and how many publish and subscribe; with ``--verbose`` who they are."""
-    parser = argparse.ArgumentParser(prog="python -m turtlebot_gym_ros topics", description="List topics, or services.")
+    parser = parser_of("topics", "List topics, or services.", waits_for="a graph that still grows")
     parser.add_argument("topic", nargs="?", help="one topic only")
     parser.add_argument("--services", action="store_true", help="list services instead")
     parser.add_argument("--verbose", action="store_true", help="list the nodes behind each topic with their quality of service")
-    parser.add_argument("--wait", type=float, default=WAIT, help=f"how long to listen at most, s (default {WAIT:g})")
     options = parser.parse_args(argv)
     if options.services and (options.verbose or options.topic):
         raise ValueError("--services lists all services, without --verbose and without a topic.")
@@ -43,7 +35,7 @@ def topics(argv: Any = None) -> int:
             print("\n".join(f"{name}  [{types}]" for name, types in rows if not name.startswith(own)))
             return 0
         if options.topic:
-            wanted = f"/{options.topic.lstrip('/')}"
+            wanted = absolute(options.topic, "topic")
             rows = [row for row in rows if row[0] == wanted]
             if not rows:
                 raise ValueError(f"there is no topic {wanted} after {options.wait:g} s.")
@@ -86,7 +78,7 @@ def _quality(node: Node, topic: str) -> QoSProfile:
 @answered
 def echo(argv: Any = None) -> int:
     """Print the messages of a topic as YAML."""
-    parser = _parser("echo", "Print the messages of a topic as YAML, until Ctrl-C.")
+    parser = parser_of("echo", "Print the messages of a topic as YAML, until Ctrl-C.", waits_for="the graph")
     parser.add_argument("topic")
     parser.add_argument("--field", default="", help="one field of each message, such as pose.pose.position")
     parser.add_argument("--count", type=int, default=0, help="end after so many messages (default 0: never)")
@@ -124,7 +116,9 @@ def echo(argv: Any = None) -> int:
 @answered
 def hz(argv: Any = None) -> int:
     """Print the rate at which the messages of a topic arrive."""
-    parser = _parser("hz", "Print the rate at which the messages of a topic arrive, and their intervals.")
+    parser = parser_of(
+        "hz", "Print the rate at which the messages of a topic arrive, and their intervals.", waits_for="the graph"
+    )
     parser.add_argument("topic")
     parser.add_argument("--seconds", type=float, default=5.0, help="how long to listen, s (default 5)")
     options = parser.parse_args(argv)
@@ -133,10 +127,7 @@ def hz(argv: Any = None) -> int:
         topic, kind = type_in(options.topic, node.get_topic_names_and_types, "topic", options.wait)
         quality = _quality(node, topic)
         node.create_subscription(message_type(kind), topic, lambda raw: times.append(time.monotonic()), quality, raw=True)
-        end = time.monotonic() + options.seconds
-        while time.monotonic() < end:
-            go_on()
-            time.sleep(0.05)
+        pause(options.seconds)
     if len(times) < 2:
         raise TimeoutError(f"{topic} has sent {len(times)} messages in {options.seconds:g} s: no rate.")
     intervals = np.diff(times)
@@ -150,7 +141,9 @@ def hz(argv: Any = None) -> int:
 @answered
 def pub(argv: Any = None) -> int:
     """Publish a message again and again."""
-    parser = _parser("pub", "Publish a message, until Ctrl-C; the emergency stop of the deploy page, for example.")
+    parser = parser_of(
+        "pub", "Publish a message, until Ctrl-C; the emergency stop of the deploy page, for example.", waits_for="the graph"
+    )
     parser.add_argument("topic")
     parser.add_argument("type", help="such as std_msgs/msg/Bool")
     parser.add_argument("values", nargs="?", default="", help="fields in YAML, such as '{data: false}'; defaults elsewhere")
@@ -162,14 +155,11 @@ def pub(argv: Any = None) -> int:
         raise ValueError(f"--rate must be a positive number in Hz, got {options.rate!r}.")
     message, wanted = message_of(options.type, options.values), 1 if options.once else options.count
     with asking() as node:
-        publisher = node.create_publisher(type(message), f"/{options.topic.lstrip('/')}", STREAM)
-        began, sent = time.monotonic(), 0
-        while options.once and not publisher.get_subscription_count():
-            go_on()
-            if time.monotonic() > began + options.wait:
-                raise TimeoutError(f"nobody has listened to {publisher.topic_name} for {options.wait:g} s.")
-            time.sleep(0.02)
-        due = time.monotonic()
+        publisher = node.create_publisher(type(message), absolute(options.topic, "topic"), STREAM)
+        if options.once:
+            missing = f"nobody has listened to {publisher.topic_name} for {options.wait:g} s."
+            until(lambda: publisher.get_subscription_count() or None, options.wait, lambda: missing)
+        sent, due = 0, time.monotonic()
         while not (wanted and sent >= wanted):
             go_on()
             publisher.publish(message)
