@@ -14,7 +14,7 @@ import numpy as np
 
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym_lab.calibration.blocks import FEWEST, LONG, MOST, covariance_of
-from turtlebot_gym_lab.calibration.windows import Array, Path, driven, rest, windows_of
+from turtlebot_gym_lab.calibration.windows import TOO_SHORT, Array, Path, driven, rest, windows_of
 
 SPREAD = np.array([2.5, 2.5, 2.5, 2.5, 1.5, 1.5])
 """Standard deviations of the prior of the logarithms of alphas and of the truth's standard deviations: factors of 12 and 4."""
@@ -38,7 +38,7 @@ class Pieces(NamedTuple):
 
     def covariance(self, variances: Array) -> Array:
         """Return the covariances for four alphas and two variances of the truth, shape (n, 3, 3)."""
-        return np.tensordot(self.parts, variances, axes=(1, 0)) + EXACT * np.eye(3)
+        return _covariance(self.parts, variances)
 
     def nees(self, variances: Array) -> Array:
         """Return the normalized squared errors, shape (n,): 3 in the mean for the right variances."""
@@ -102,6 +102,10 @@ def _rotated(parts: Array, heading: Array) -> Array:
     return np.einsum("nij,nkjl,nml->nkim", R, parts, R)
 
 
+def _covariance(parts: Array, variances: Array) -> Array:
+    return np.tensordot(parts, variances, axes=(1, 0)) + EXACT * np.eye(3)
+
+
 class AlphaFit(NamedTuple):
     """Alphas and the standard deviations of the truth that were fitted to pieces."""
 
@@ -137,7 +141,7 @@ def fit_alphas(sets: Sequence[Pieces], usual: Sequence[float]) -> AlphaFit:
     """
     sets = [each for each in sets if len(each.off)]
     if not sets:
-        raise ValueError("the truth shows too little motion to fit to: drive 10 m or more, and record the truth of it.")
+        raise ValueError(TOO_SHORT)
     off, parts = np.concatenate([each.off for each in sets]), np.concatenate([each.parts for each in sets])
     number = len(sets[-1].off)
     weights = np.concatenate([np.full(len(each.off), number / (len(sets) * len(each.off))) for each in sets])
@@ -148,7 +152,7 @@ def fit_alphas(sets: Sequence[Pieces], usual: Sequence[float]) -> AlphaFit:
 
     def terms(u: Array) -> tuple[float, Array, Array]:
         variances = np.exp(u * _POWERS)
-        C = np.tensordot(parts, variances, axes=(1, 0)) + EXACT * np.eye(3)
+        C = _covariance(parts, variances)
         inverse = np.linalg.inv(C)
         white = np.einsum("nij,nj->ni", inverse, off)
         scaled = np.einsum("nij,nkjl->nkil", inverse, parts) * (variances * _POWERS)[None, :, None, None]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from turtlebot_gym_lab.calibration.blocks import FEWEST, LONG, MOST, correlation, covariance_of
-from turtlebot_gym_lab.calibration.windows import USUAL, Array, Path, Windows, rest
+from turtlebot_gym_lab.calibration.windows import TOO_SHORT, USUAL, Array, Path, Windows, rest
 
 TYPICAL = np.array([0.1, 0.3, 0.04, 0.007, 0.02, 0.02, 0.3, 0.3])
 """Standard deviations of parameters that a drive does not determine, in the order of `PARAMETERS`."""
@@ -85,7 +85,7 @@ def fit_wheels(
     """
     blocks = min(int(_independent(windows)) // LONG, MOST)
     if blocks < FEWEST:
-        raise ValueError("the truth shows too little motion to fit to: drive 10 m or more, and record the truth of it.")
+        raise ValueError(TOO_SHORT)
     whiten = None if covariance is None else np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
     unknown = np.ones(len(USUAL), np.bool_) if given is None else np.isnan(given)
     wheels = _begun(path, windows) if start is None else start.copy()

@@ -33,6 +33,9 @@ LENGTHS, MANY = (0.1, 0.5), 40
 OVERLAP = 8
 """Windows that begin in the length of one."""
 
+TOO_SHORT = "the truth shows too little motion to fit to: drive 10 m or more, and record the truth of it."
+"""Refusal of a drive that has too few windows or pieces."""
+
 
 class Path(NamedTuple):
     """What the recorded twists of T rows add up to."""

@@ -10,6 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from turtlebot_gym_agents.commands.console import print_tables, progress, save_figure
+from turtlebot_gym_lab.commands.calibration_report import interval_text, tables_beside
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from turtlebot_gym_lab.scans.judging import HeldOut
 
 CAPS = {"alpha1": 0.1, "alpha2": 0.025, "alpha3": 2.5, "alpha4": 0.1}
-"""Largest alphas in a file, see `calibration.calibrate.CAPS`."""
+"""Largest alphas in a file: the upper end of an interval may be anything."""
 SAME = (0.01, 0.01, 0.02)
 """Difference of two mounts that is none, m, m, rad."""
 STEPS = 4
@@ -130,31 +131,19 @@ def tables_of(
     """Return tables of estimates, of what the log does not determine, and of remarks."""
     table = Table("", "value", "95 % interval", "unit", title=f"{title}: wheels and mount, scan against scan")
     for name, estimate in estimates.items():
-        if estimate.is_determined:
-            table.add_row(name, f"{estimate.value:.4g}", f"{estimate.low:.4g} to {estimate.high:.4g}", estimate.unit)
-        else:
-            table.add_row(name, f"{estimate.value:.4g}", "not determined", estimate.unit)
+        interval = interval_text(estimate) if estimate.is_determined else "not determined"
+        table.add_row(name, f"{estimate.value:.4g}", interval, estimate.unit)
     if gyro is not None:
         for name, (value, low, high), unit in (("gyro_scale", gyro.scale, ""), ("gyro_bias", gyro.bias, "rad/s")):
             table.add_row(name, f"{value:.4g}", f"{low:.4g} to {high:.4g}", unit)
-    tables = [table]
-    if any(not estimate.is_determined for estimate in estimates.values()):
-        unknown = Table("not determined by this log", "what would determine it")
-        for name, estimate in estimates.items():
-            if not estimate.is_determined:
-                unknown.add_row(name, estimate.remedy)
-        tables.append(unknown)
-    said = Table("found in the log")
-    for remark in remarks:
-        said.add_row(remark)
-    return [*tables, said]
+    return [table, *tables_beside(estimates, remarks)]
 
 
 def comment(estimates: dict[str, CalibrationEstimate], judged: HeldOut, remarks: list[str], name: str, version: str) -> str:
     """Return the comment above the numbers in a noise file."""
     lines = [f"Calibrated from {name} by turtlebot-gym {version}: scan against scan."]
     for key, estimate in estimates.items():
-        ends = f"95 % interval {estimate.low:.4g} to {estimate.high:.4g} {estimate.unit}".rstrip()
+        ends = f"95 % interval {interval_text(estimate)} {estimate.unit}".rstrip()
         said = ends if estimate.is_determined else f"not determined: {estimate.remedy}"
         lines.append(f"{key}: {estimate.value:.4g}, {said}")
     return "\n".join([*lines, *(f"Found: {remark}" for remark in remarks), judged.text])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,20 +45,29 @@ def calibration_tables(fitted: Calibration, *, title: str) -> list[Table]:
     for name, estimate in fitted.estimates.items():
         value = f"{estimate.value:.4g}" if estimate.is_determined else "not determined"
         table.add_row(name, value, interval_text(estimate), estimate.unit, _in_file(fitted, name))
-    tables = [table]
-    open_ = {
-        name: estimate.remedy for name, estimate in fitted.estimates.items() if not estimate.is_determined
-    } | fitted.unknown
+    return [table, *tables_beside(fitted.estimates, fitted.remarks, fitted.unknown)]
+
+
+def tables_beside(
+    estimates: Mapping[str, CalibrationEstimate], remarks: Sequence[str], unknown: Mapping[str, str] | None = None
+) -> list[Table]:
+    """Return tables of what a log does not determine, with the motion that would, and of remarks; none that is empty.
+
+    Args:
+        estimates: The estimates by name.
+        remarks: Remarks on the log.
+        unknown: Remedies for numbers of which there is no estimate, by name.
+    """
+    open_ = {name: estimate.remedy for name, estimate in estimates.items() if not estimate.is_determined} | dict(unknown or {})
+    tables = []
     if open_:
-        unknown = Table("not determined by this log", "what would determine it")
+        tables.append(Table("not determined by this log", "what would determine it"))
         for name, remedy in open_.items():
-            unknown.add_row(name, remedy)
-        tables.append(unknown)
-    if fitted.remarks:
-        remarks = Table("found in the log")
-        for remark in fitted.remarks:
-            remarks.add_row(remark)
-        tables.append(remarks)
+            tables[-1].add_row(name, remedy)
+    if remarks:
+        tables.append(Table("found in the log"))
+        for remark in remarks:
+            tables[-1].add_row(remark)
     return tables
 
 

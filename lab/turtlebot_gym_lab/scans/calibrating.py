@@ -21,7 +21,7 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.calibration.estimates import MOTIONS, CalibrationEstimate
 from turtlebot_gym_lab.calibration.fit import Z
 from turtlebot_gym_lab.evaluation.localize import RecordedScans, clocked, recorded_of
-from turtlebot_gym_lab.scans.fit import NAMES, Array, Motions, ScanFit, begin, driven, fit, relative
+from turtlebot_gym_lab.scans.fit import NAMES, Array, Motions, ScanFit, begin, compose, driven, fit, relative
 from turtlebot_gym_lab.scans.pairs import Pairs, paired
 
 FINE = np.array([0.02, 0.03, 0.02, 0.015, 0.015, 0.03, 0.03])
@@ -168,17 +168,12 @@ def with_truth(drive: Drive, found: ByScans) -> Drive:
         if pose is None:
             pose = path[a]
         elif found.pairs.first[k] != last:
-            pose = _moved(pose, relative(path[int(rows[last])][None], path[a][None])[0])
+            pose = compose(pose, relative(path[int(rows[last])][None], path[a][None])[0])
         poses[a] = pose
-        pose = _moved(pose, found.pairs.motion[k])
+        pose = compose(pose, found.pairs.motion[k])
         poses[b], last = pose, found.pairs.second[k]
     poses[:, 2] = wrap_all(poses[:, 2])
     return replace(drive, true_state=poses[found.where])
-
-
-def _moved(pose: Array, by: Array) -> Array:
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-    return np.array([pose[0] + cosine * by[0] - sine * by[1], pose[1] + sine * by[0] + cosine * by[1], pose[2] + by[2]])
 
 
 def estimates_of(found: ByScans) -> dict[str, CalibrationEstimate]:

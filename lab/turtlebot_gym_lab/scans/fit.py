@@ -23,6 +23,7 @@ from scipy import optimize, stats
 
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.values import Pose
+from turtlebot_gym_lab.calibration.blocks import deviations_of
 
 Array = NDArray[np.floating[Any]]
 
@@ -274,5 +275,4 @@ def _jackknife(A: Array, J: Array, white: Array, weights: Array, blocks: int) ->
         a = np.einsum("n,nki,nkj->ij", weights[part], J[part], J[part])
         g = np.einsum("n,nki,nk->i", weights[part], J[part], white[part])
         moves.append(np.linalg.solve(A - a, g))
-    moves = np.array(moves)
-    return np.sqrt((blocks - 1.0) / blocks * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0))
+    return deviations_of(np.array(moves))

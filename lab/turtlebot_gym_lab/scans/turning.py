@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from turtlebot_gym.drive import Drive
+from turtlebot_gym_lab.calibration.blocks import deviations_of
 from turtlebot_gym_lab.scans.calibrating import ByScans
 from turtlebot_gym_lab.scans.fit import Array
 
@@ -48,8 +49,7 @@ def gyro_by_scans(drive: Drive, found: ByScans) -> GyroByScans | None:
     number, blocks = np.arange(len(A)), found.fit.blocks
     left = [np.setdiff1d(number, part) for part in np.array_split(number, blocks)]
     moves = np.array([_solved(A[rest], turns[rest], weights[rest]) for rest in left])
-    deviation = np.sqrt((blocks - 1.0) / blocks * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0))
-    half = found.fit.reach * deviation / np.array([1.0, abs(scale)])
+    half = found.fit.reach * deviations_of(moves) / np.array([1.0, abs(scale)])
     bias = -drift / scale
     a, b = (tuple(float(value + side * off) for side in (0, -1, 1)) for value, off in ((scale, half[0]), (bias, half[1])))
     return GyroByScans((a[0], a[1], a[2]), (b[0], b[1], b[2]))
