@@ -279,6 +279,7 @@ def test_of_several_pose_sensors_one_must_be_named(tmp_path, capsys):
     ("options", "said"),
     [
         (("--seeds", "3"), "seeds are of generated poses, and the poses are recorded"),
+        (("--rate", "0"), "rate must be a positive number"),
         (("--noise", "wheel"), "noise must be that of measured poses, got 'wheel'"),
         (("--measured", "generated", "--topics.fix", "/amcl_pose"), "leave one of them out"),
         (("--measured", "laser"), "measured must be one of 'auto', 'recorded', 'generated', got 'laser'"),

@@ -162,7 +162,7 @@ class Replay(ReportingOptions, RecordingOptions):
                     progress=lambda: advance_to(next(count)),
                     noise=self.noise,
                     filter=self.filter,
-                    rate=self.rate or (math.inf if recorded else 10.0),
+                    rate=self.rate if self.rate is not None else math.inf if recorded else 10.0,
                     integrator=self.integrator,
                     recorded=recorded,
                 )
