@@ -269,8 +269,9 @@ def test_package_depends_on_the_ros_packages_that_it_imports():
         name.split(".")[0]
         for path in SOURCES.rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text()))
-        for name in ([node.module] if isinstance(node, ast.ImportFrom) else [a.name for a in getattr(node, "names", [])])
-        if isinstance(node, (ast.Import, ast.ImportFrom)) and name
+        if isinstance(node, (ast.Import, ast.ImportFrom))
+        for name in ([node.module] if isinstance(node, ast.ImportFrom) else [alias.name for alias in node.names])
+        if name
     }
     ros = {name for name in imported if name.startswith(("rcl", "ament_")) or name.endswith(("_msgs", "_srvs", "_interfaces"))}
     root = ElementTree.parse(PACKAGE / "package.xml").getroot()
