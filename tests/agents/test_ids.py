@@ -2,6 +2,7 @@
 
 import gymnasium as gym
 import pytest
+
 import turtlebot_gym  # noqa: F401
 from turtlebot_gym_agents.ids import SHORT, environment_id
 
