@@ -11,6 +11,7 @@ from unittest.mock import patch
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
 
+import gymnasium as gym
 import pytest
 from pages import ROOT, blocks_of, parsed
 
@@ -19,6 +20,7 @@ import turtlebot_gym
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+from turtlebot_gym_agents.ids import SHORT
 from turtlebot_gym_lab.field.program import parser as field_test_parser
 from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.graph.bringup import parser as bringup_parser
@@ -205,6 +207,22 @@ def test_the_reference_is_complete(site, ros):
     modules = {module.name for package in API for module in walk_packages(import_module(package).__path__, f"{package}.")}
     undescribed = {name for name in modules if not any(name in ids for ids in html.values())}
     assert all(name.endswith("__main__") for name in undescribed), undescribed
+
+
+SECTIONS = "Description Action-Space Observation-Space Rewards Starting-State Episode-End Arguments Version-History".lower()
+
+
+@pytest.mark.parametrize("name", SHORT.values())
+def test_each_environment_has_a_page_in_gymnasiums_form(name, site):
+    env, spec = gym.make(name).unwrapped, gym.spec(name)
+    path = site / "reference" / f"{spec.name}.html"
+    html, text = Html(path), path.read_text(encoding="utf-8")
+    assert {*SECTIONS.split()} <= html.ids
+    assert re.search(rf"{spec.name}\.(png|gif)", " ".join(html.loads))
+    assert f"Box(({env.observation_space.shape[0]},), float32)" in text
+    assert all(f"<code>{term}</code>" in text for term in (*env.reward_terms, *(term.name for term in env.observation_terms)))
+    assert f"after {spec.max_episode_steps} steps" in text
+    env.close()
 
 
 def test_the_release_notes_are_the_changelog(site):
