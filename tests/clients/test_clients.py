@@ -1,4 +1,4 @@
-"""Other people's libraries, run for real: each script of docs/howto/libraries.md, in an environment of its own.
+"""Other people's libraries, run for real: each script of docs/howto/libraries, in an environment of its own.
 
 `make test-clients` makes the environments and runs the tests that are marked ``clients``; the others are quick.
 """
@@ -36,10 +36,11 @@ EPISODES, SEED = 1000, 3_000_000
 
 
 def scripts():
-    """Return the page's scripts by the name of their file."""
+    """Return the scripts by the name of their file: those of the folder, and those on the page."""
     fences = [token for token in MarkdownIt("commonmark").parse(PAGE.read_text(encoding="utf-8")) if token.type == "fence"]
     titled = [(re.search(r'title="(.*)"', token.info), token.content) for token in fences]
-    return {title[1]: content for title, content in titled if title}
+    files = {path.name: path.read_text(encoding="utf-8") for path in PAGE.with_suffix("").iterdir() if path.is_file()}
+    return files | {title[1]: content for title, content in titled if title}
 
 
 def progress(output):
@@ -128,6 +129,8 @@ def test_a_library_trains_and_its_policy_drives(name, results, tmp_path):
 
 def test_each_script_of_the_page_is_run_and_each_client_has_one():
     assert {Path(title).stem for title in scripts()} == set(CLIENTS)
+    page = PAGE.read_text(encoding="utf-8")
+    assert all(f"]({path.parent.name}/{path.name})" in page for path in PAGE.with_suffix("").iterdir() if path.is_file())
     required = {file.stem for file in (HERE / "requirements").glob("*.txt")}
     assert {client["environment"] for client in CLIENTS.values()} == required
 
