@@ -11,7 +11,7 @@ from typing import Any
 
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-PICTURE = re.compile(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n*")
+PICTURE = re.compile(r"!\[[^\]]*\]\((?!https?:)[^)]*\)\n*|<picture>.*?</picture>\n*", re.DOTALL)
 LINK = re.compile(r"\[([^\]]+)\]\((?!https?:)([^)#]*)[^)]*\)")
 COMMENT = re.compile(r"<!--.*?-->\n*", re.DOTALL)
 

@@ -5,11 +5,17 @@ import sys
 from urllib.parse import urlsplit
 
 import pytest
+import tomllib
 from markdown_it import MarkdownIt
-from pages import ROOT, measured
+from pages import ROOT, blocks_of, measured, rows_after
 
 OFFICE = "office", "ppo-rooms"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+FIRST = README.partition("\n## Details\n")[0]
+"""What a visitor reads before the details."""
+PROSE = " ".join(re.sub(r"```.*?```|\]\([^)]*\)|<[^>]*>", " ", FIRST, flags=re.DOTALL).split())
 
 
 def row_of(phrase):
@@ -17,7 +23,50 @@ def row_of(phrase):
     return row
 
 
-def test_it_is_short_and_says_what_was_measured():
+def test_the_first_screen_is_short():
+    """Words as `wc -w` counts them; names of systems and versions are no figures."""
+    assert len(FIRST.split()) <= 250
+    assert len(README.split()) <= 900
+    figures = re.findall(r"\d[\d.]*", re.sub(r"ROS 2|x86-64|Python 3\.11", "", PROSE))
+    assert 3 <= len(figures) <= 8, figures
+    code, command = (block for block in blocks_of(ROOT / "README.md")[:2])
+    assert (code.kind, command.kind) == ("python", "console")
+    assert len([line for line in code.text.splitlines() if line]) <= 5
+    assert len(command.text.splitlines()) == 1
+
+
+def test_the_first_command_clones_the_address_that_the_package_names():
+    """Where pyproject.toml names none, the address is that of the page that one reads."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    address = project.get("urls", {}).get("Repository", "ADDRESS")
+    assert f"git clone {address} turtlebot_gym" in FIRST
+    assert ("address of this page" in PROSE) == (address == "ADDRESS")
+
+
+def test_the_figures_of_the_first_screen_are_what_was_measured():
+    speed = measured("speed")["environments"]["vector of 4096, TurtleBotNav-v0, one thread"]
+    buildings = [rows["5 cm"] for rows in measured("buildings")["buildings"].values()]
+    verdicts = [row["verdict"] for row in measured("robustness")["comparisons"]]
+    equality = measured("lockstep")["parts"]["equality"]
+    amcl, page = rows_after("docs/results.md", "AMCL and Beluga on the same recordings")[0], measured("rooms_planner")["rows"]
+    assert not any(row["lost"] for row in buildings)
+    assert "PPO faster" not in verdicts
+    for claim in (
+        f"One core makes {speed['steps_per_second'] / 1e6:.1f} million steps/s",
+        f"In {len(equality['of'])} live drives their largest difference is {equality['largest']}.",
+        f"follows two recorded buildings to {100 * max(row['median'] for row in buildings):.0f} cm (median) and is never lost",
+        f"with its defaults it reaches {amcl[1].partition(' / ')[0]} cm",
+        f"slower than a tuned baseline in {verdicts.count('PPO slower')} of {len(verdicts)} scenarios, and faster in none",
+    ):
+        assert claim in PROSE
+    assert amcl[0] == "nav2_amcl, defaults"
+    assert {cell.partition(" / ")[0] for cell in amcl[1:]} == {"12"}
+    by_policy = {row["policy"]: row["success"] for row in page if row["setting"] == "dense"}
+    planner, learned = by_policy["planner+safety"], by_policy["ppo-rooms+safety"]
+    assert learned["value"] <= planner["high"], "In rooms a planner reaches as many goals."
+
+
+def test_the_table_says_what_was_measured():
     """In the row of the table that holds a phrase."""
     lockstep, rooms, faults, calibration = map(measured, ("lockstep", "rooms_study", "faults", "calibration_intervals"))
     by_policy = {row["policy"]: row for row in rooms["rows"] if row["setting"] == "dense"}
@@ -32,11 +81,10 @@ def test_it_is_short_and_says_what_was_measured():
     share = 100 * sum(row["coverage"] * row["drives"] for row in truth) / sum(row["drives"] for row in truth)
     missions = {row["belief"]: row for row in measured("missions")["missions"] if (row["world"], row["policy"]) == OFFICE}
     reached = tuple(f"{100 * missions[belief]['goals']['value']:.0f} %" for belief in ("wheels", "localizer", "truth"))
-    verdicts = [row["verdict"] for row in measured("robustness")["comparisons"]]
     equality, drives = lockstep["parts"]["equality"], sum(setting["drives"] for setting in settings)
     for phrase, claim in (
         (
-            "lock-step",
+            "Lock-step",
             f"{len(equality['of'])} drives of {lockstep['config']['steps']} steps in the live graph: {equality['largest']}",
         ),
         ("VFH+", f"reaches {100 * learned['success']['value']:.1f} % of the goals, VFH+ {100 * vfh['success']['value']:.1f} %"),
@@ -47,13 +95,10 @@ def test_it_is_short_and_says_what_was_measured():
         ("A localizer", "{} reached on the wheels alone, {} localized, {} on the true pose".format(*reached)),
         ("A guard", f"{total['injected']} injected faults of {len(faults['faults'])} kinds: {total['unsafe']} unsafe motion"),
         ("Your robot", f"the truth in {share:.1f} % of cases, {drives} drives"),
-        ("Honest", f"slower in {verdicts.count('PPO slower')} of {len(verdicts)} scenarios, faster in none"),
     ):
         assert claim in row_of(phrase)
     assert rooms["config"]["episodes"] == 1000
     assert not any(row["collision"]["value"] for row in (vfh, *in_layer))
-    assert "PPO faster" not in verdicts
-    assert len(README.splitlines()) <= 120
 
 
 def test_a_package_index_gets_no_link_into_the_repository():
@@ -68,5 +113,7 @@ def test_a_package_index_gets_no_link_into_the_repository():
     assert all(urlsplit(target).scheme == "https" for target in targets)
     assert "<!--" not in description
     assert "Start here (`docs/start.md`)" in description
+    assert "<picture" not in description
     assert re.findall(r"^#+ .*", description, re.MULTILINE) == re.findall(r"^#+ .*", README, re.MULTILINE)
+    assert long_description('<picture>\n  <img src="b.gif" alt="a">\n</picture>\n\nText') == "Text"
     assert long_description("![a](b.png)\n\n[c](d.md#e) [f](https://g)") == "c (`d.md`) [f](https://g)"

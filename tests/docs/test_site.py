@@ -88,6 +88,8 @@ def check(line, ros):
             assert f"{parameter.partition(':=')[0]}: " in text
         case ["ros2", "bag", "record", *topics]:
             known(*(topic for topic in topics if topic not in ("/tf", "/tf_static")))
+        case ["git", "clone", _, folder, "&&", "cd", again, "&&", *then] if folder == again:
+            check(shlex.join(then), ros)
         case ["make", target]:
             assert re.search(rf"^{target}:.*##", (ROOT / "Makefile").read_text(), re.MULTILINE)
         case ["turtlebot-gym", command, *given]:
