@@ -58,11 +58,9 @@ def follow(headings, folder, *, plain):
 def test_each_extension_has_a_recipe():
     assert {*HEADINGS.values()} == {
         "A sensor",
-        "A term of the observation",
         "A filter",
-        "A reward",
-        "A robot",
         "A plant",
+        "A robot",
         "A node",
     }
     for heading in HEADINGS.values():
@@ -72,17 +70,8 @@ def test_each_extension_has_a_recipe():
 @pytest.mark.parametrize(
     ("headings", "plain"),
     [
-        *(
-            (headings, True)
-            for headings in (
-                ["A sensor", "A term of the observation", "A filter"],
-                ["A reward"],
-                ["A robot"],
-                ["A plant"],
-                ["A node"],
-            )
-        ),
-        pytest.param(["A sensor", "A term of the observation", "A filter"], False, marks=pytest.mark.nightly),
+        *((headings, True) for headings in (["A sensor", "A filter"], ["A plant"], ["A robot"], ["A node"])),
+        pytest.param(["A sensor", "A filter"], False, marks=pytest.mark.nightly),
     ],
     ids=str,
 )
