@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 import pytest
 import tomllib
 from markdown_it import MarkdownIt
-from pages import ROOT, blocks_of, measured, rows_after
+from pages import PAGES, ROOT, blocks_of, measured, rows_after
 
 OFFICE = "office", "ppo-rooms"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -99,6 +99,16 @@ def test_the_table_says_what_was_measured():
         assert claim in row_of(phrase)
     assert rooms["config"]["episodes"] == 1000
     assert not any(row["collision"]["value"] for row in (vfh, *in_layer))
+
+
+MOST_WORDS = 30_000
+"""Words of all pages that are written by hand, as `wc -w` counts them."""
+
+
+def test_all_pages_together_can_be_read():
+    pages = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "notebooks" / "README.md"]
+    words = {path.name: len(path.read_text(encoding="utf-8").split()) for path in pages}
+    assert sum(words.values()) <= MOST_WORDS, sorted(words.items(), key=lambda item: -item[1])[:10]
 
 
 def test_a_package_index_gets_no_link_into_the_repository():
