@@ -41,10 +41,10 @@ def evaluation_tables(evaluations: Mapping[str, Evaluation], *, title: str, deta
         "success, %",
         "to goal, s",
         "time*, s",
-        "minus first, s",
+        "difference, s",
         *columns,
         title=title,
-        caption="with 95 % intervals; * failures count as the time limit; minus first: of that time, in pairs",
+        caption="95 % intervals. * A failed episode counts as the time limit; difference: paired, from the first row",
     )
     estimate = Table("", *ERRORS, title="errors of the estimate, mean over episodes")
     odometry = Table("", *ERRORS, title="errors of raw odometry, mean over episodes")

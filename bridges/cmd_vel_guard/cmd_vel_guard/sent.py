@@ -14,7 +14,7 @@ which it was sent; and its arrival here. Every node of the chain and the guard j
 * *Arrival* always counts. A message with no other time is *undated*: its time in transit is unknown. For a process that was
   suspended, its backlog has just arrived, so after a gap undated messages prove nothing.
 
-Stamps of another epoch, such as simulated time, are no times. What this cannot see: a delay that never falls below the lead of
+Stamps of another epoch, such as simulated time, are ignored. What this cannot see: a delay that never falls below the lead of
 a clock that is ahead. On the robot, stamps are by its own clock and have no lead.
 
 **The system clock may be set while it runs.** For 10 s its times are then read with both its old and its new offset from the
