@@ -84,6 +84,7 @@ def write_drive(path):
 def test_code_blocks_work(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.syspath_prepend(path.with_suffix(""))  # files that the page links to
     write_drive(tmp_path / "drive.csv")
     names = {"__name__": "page"}
     with patch.dict(turtlebot_gym.NOISES), patch.dict(gym.registry):  # pages may add to them
