@@ -25,7 +25,7 @@ from turtlebot_gym.systems.rooms import WithTerms, find_system
 from turtlebot_gym.systems.sensors import looking, sensing
 from turtlebot_gym.systems.system import System, course_after
 from turtlebot_gym.systems.world import Outcome, Snapshot, outcome_of
-from turtlebot_gym.tasks import distance_to
+from turtlebot_gym.tasks import StartAndGoal, distance_to, draw_goal
 from turtlebot_gym.values import Command, Pose
 
 
@@ -40,6 +40,15 @@ def begin(system: System, start: Pose, key: int, waypoints: Any, p: Parameters, 
         room = system.surroundings.first_look(world, key, p, scene)
         world = world._replace(room=room, senses=looking(system.sensors)(senses, room, p))
     return world
+
+
+def begin_at(system: System, poses: StartAndGoal, key: int, p: Parameters) -> tuple[Snapshot, Pose]:
+    """Return the world at the start of an episode on open ground from given poses, and the goal; what is not given is drawn."""
+    start, goal = system.lay_out(key, p, ())
+    if poses.start is not None:
+        start, goal = poses.start, draw_goal(key, poses.start, p.task)
+    goal = goal if poses.goal is None else poses.goal
+    return begin(system, start, key, (goal,), p, ()), goal
 
 
 def start_outcome(system: System, world: Snapshot) -> Outcome:

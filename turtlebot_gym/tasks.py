@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 from turtlebot_gym.kernel import algebra, kernel, sqrt
 from turtlebot_gym.models.angles import PI, wrap
 from turtlebot_gym.models.random import GOAL, START, uniforms
-from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, POSITIVE_OR_INFINITE, check_fields
+from turtlebot_gym.validation import (
+    FINITE,
+    NON_NEGATIVE,
+    ONE_OR_MORE,
+    POSITIVE,
+    POSITIVE_OR_INFINITE,
+    Numbers,
+    check_fields,
+    short_repr,
+)
 from turtlebot_gym.values import Pose, State
 
 
@@ -75,6 +84,28 @@ SQUARE_PERIOD = 15.0
 
 TASKS: dict[str, Task] = {"nav": NAV, "pose": POSE, "square": SQUARE, "room": ROOM, "mission": MISSION}
 """Tasks by name."""
+
+
+class StartAndGoal(NamedTuple):
+    """Start and goal of an episode, in place of those that a task draws; None for a drawn one."""
+
+    start: Pose | None = None
+    goal: Pose | None = None
+
+
+def given_pose(name: str, value: Any) -> Pose:
+    """Return a start or a goal that is given as x and y, m, and perhaps a heading, rad, which is otherwise 0.
+
+    Raises:
+        ValueError: If it is something else.
+    """
+    for size in (2, 3):
+        try:
+            x, y, *theta = Numbers(FINITE, size).check(name, value)
+        except ValueError:
+            continue
+        return Pose(x, y, wrap(theta[0]) if theta else 0.0)
+    raise ValueError(f"{name} must hold x, y and perhaps a heading, finite numbers, got {short_repr(value)}.")
 
 
 @kernel

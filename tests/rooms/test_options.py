@@ -76,14 +76,14 @@ def test_a_picture_shows_the_world_that_was_given():
     np.testing.assert_array_equal(env.render(), before)
 
 
-GOAL_RULE = "goal must hold x, y and heading, finite numbers, got "
+GOAL_RULE = "goal must hold x, y and perhaps a heading, finite numbers, got "
 
 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'world', 'start', 'goal', got 'starts'"),
-        ({"start": (0.0, 0.0)}, r"start must hold x, y and heading, finite numbers, got \(0.0, 0.0\)"),
+        ({"start": (0.0,)}, r"start must hold x, y and perhaps a heading, finite numbers, got \(0.0,\)"),
         *(({"goal": goal}, GOAL_RULE) for goal in ((0.0, 0.0, math.nan), "door", np.zeros((3, 3)), {0, 1, 2}, [1j, 0, 0])),
         *(({"start": start}, "start must be in the room, got Pose") for start in ((9.0, 0.0, 0.0), (0.0, 2.6, 0.0))),
         ({"world": "corridor", "goal": (3.0, 1.5, 0.0)}, "goal must be in the room, got Pose"),
@@ -183,11 +183,11 @@ def test_parameters_that_are_set_take_the_place_of_options():
     ("options", "message"),
     [
         ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'reset_mask', 'start', 'goal', got 'starts'"),
-        ({"start": [[0.0], [0.0, 1.0]]}, "start must be x, y and heading, or those of each of 3, got "),
-        ({"start": np.zeros((2, 3))}, "start must be x, y and heading, or those of each of 3, got "),
-        ({"start": (0.0, np.nan, 0.0)}, "start must hold x, y and heading, finite numbers"),
-        ({"start": np.full((3, 3), 0.1j)}, "start must hold x, y and heading, finite numbers"),
-        ({"goal": "door"}, "goal must be x, y and heading, or those of each of 3, got 'door'"),
+        ({"start": [[0.0], [0.0, 1.0]]}, "start must be x, y and perhaps a heading, or those of each of 3, got "),
+        ({"start": np.zeros((2, 3))}, "start must be x, y and perhaps a heading, or those of each of 3, got "),
+        ({"start": (0.0, np.nan, 0.0)}, "start must hold x, y and perhaps a heading, finite numbers"),
+        ({"start": np.full((3, 3), 0.1j)}, "start must hold x, y and perhaps a heading, finite numbers"),
+        ({"goal": "door"}, "goal must be x, y and perhaps a heading, or those of each of 3, got 'door'"),
         ({"goal": (9.0, 0.0, 0.0)}, "FloorPlan.goal must be in the room"),
         ({"start": [*[(-2.0, 0.0, 0.0)] * 2, (0.0, 0.0, 0.0)]}, "FloorPlan.start must be in the room and in no obstacle"),
         ({"goal": [(2.0, 0.0, 0.0), (0.0, 0.31, 0.0), (2.0, 0.0, 0.0)]}, "^Environment 1: No way leads from start to goal"),

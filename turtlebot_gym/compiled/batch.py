@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, layout_of
 from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop, sizes_of
+from turtlebot_gym.heart import begin_at
 from turtlebot_gym.kernel import HAS_NUMBA
 from turtlebot_gym.observations import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.systems import Parameters, RoomParts, Snapshot, System, WithTerms, find_system
 from turtlebot_gym.systems.special import GENERAL, Special, special_of
+from turtlebot_gym.tasks import StartAndGoal
 from turtlebot_gym.values import Pose
 
 PARALLEL_FROM = 64 * TILE
@@ -177,21 +180,47 @@ class Batch:
                 for index in range(self.num_envs):
                     self._plan.put(around.at(scenes, index))
 
-    def reset(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
+    def reset(
+        self,
+        mask: NDArray[np.bool_],
+        observations: NDArray[np.float32],
+        outcomes: NDArray[np.float64],
+        *,
+        given: Mapping[int, StartAndGoal] = MappingProxyType({}),
+    ) -> None:
         """Start the episodes of ``seeds`` and ``episodes`` where the mask is true, and write their first observations.
 
         Args:
             mask: Shape (N,).
             observations: Shape (N, K); rows outside the mask are left as they are.
             outcomes: Shape (m, N), see `step`; columns outside the mask are left as they are.
+            given: On open ground, start and goal of these rows of the mask, in place of those that their task draws.
         """
         self._begun = True
         self._visit(mask, True, observations, outcomes)
+        if given:
+            for row, poses in given.items():
+                self._begin_at(row, poses)
+            at = np.zeros(self.num_envs, np.bool_)
+            at[list(given)] = True
+            self._visit(at, False, observations, outcomes)
+        if self._history is not None:
+            self._history.begin(observations, mask)
+
+    def _begin_at(self, row: int, poses: StartAndGoal) -> None:
+        """Begin the episode of a row anew, from given poses: in plain Python, which has the bits of the compiled loops."""
+        at, lane = divmod(row, TILE)
+        world, goal = begin_at(self.system, poses, int(self._keys[at, lane]), self.parameters_of(row))
+        self.waypoints[row, 0] = goal
+        tile = self._tiles[at].reshape(-1, TILE)
+        tile[list(self._loops.layout.world.places), lane] = [*flatten(world)]
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return observations of the current state, and outcomes as after a reset, in the shapes of `step`."""
         observations, outcomes = self.empty()
         self._visit(np.ones(self.num_envs, np.bool_), False, observations, outcomes)
+        if self._history is not None:
+            self._history.show(observations)
         return observations, outcomes
 
     def _visit(
@@ -201,7 +230,7 @@ class Batch:
         observations: NDArray[np.float32],
         outcomes: NDArray[np.float64],
     ) -> None:
-        """Write some observations, and begin the episodes first if asked."""
+        """Write some observations without the past of a history, and begin the episodes first if asked."""
         parallel = self._around is not None and self._parallel and Threads.acquire()
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         try:
@@ -209,11 +238,6 @@ class Batch:
         finally:
             if parallel:
                 Threads.release()
-        if self._history is not None:
-            if begins:
-                self._history.begin(observations, mask)
-            else:
-                self._history.show(observations)
 
     def _run(self, name: str, parts: int, *arguments: Any) -> None:
         """Run a loop over all tiles in some parts, each on a thread."""

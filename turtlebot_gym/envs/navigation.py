@@ -26,6 +26,7 @@ from turtlebot_gym.envs.common import (
     with_limit,
 )
 from turtlebot_gym.envs.pictures import Pictures
+from turtlebot_gym.envs.poses import POSES, on_open_ground
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
@@ -171,14 +172,17 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
         Args:
             seed: Seed of the episodes; None begins the next episode of the seed in use.
-            options: In rooms, for this episode only: ``world``, as the environment takes it; ``start`` and ``goal``, poses
-                (x, y, theta). On open ground there are none.
+            options: For this episode only: ``start`` and ``goal``, each x and y, m, and perhaps a heading, rad, which is
+                otherwise 0, where the task draws them; in missions the first goal. In rooms also ``world``, as the environment
+                takes it.
 
         Raises:
-            ValueError: If the seed or an option is invalid, or no path leads from start to goal.
+            ValueError: If the seed or an option is invalid, the task's waypoints are given, or no path leads from start to
+                goal.
         """
-        for_episode = read_options(options, ("world", "start", "goal") if self._own else ())
+        for_episode = read_options(options, ("world", *POSES) if self._own else POSES)
         seed = None if seed is None else as_int("seed", seed)
+        given = {0: on_open_ground(for_episode, self.parameters.task)} if for_episode and not self._own else {}
         if self._own:
             self._enter(with_options(self._own, for_episode))
         super().reset(seed=seed)
@@ -192,7 +196,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             batch.episodes[0] = 0
             self._seeded = True
         observations, outcomes = batch.empty()
-        batch.reset(self._everything, observations, outcomes)
+        batch.reset(self._everything, observations, outcomes, given=given)
         info = self._info(float(outcomes[1, 0]), False, outcomes[FIRST_SHARE:, 0].copy())
         self._started = info.get("way_left") != UNKNOWN
         if not self._started:

@@ -32,12 +32,13 @@ from turtlebot_gym.envs.common import (
     with_limit,
 )
 from turtlebot_gym.envs.pictures import Pictures
-from turtlebot_gym.envs.poses import GivenPoses
+from turtlebot_gym.envs.poses import POSES, RoomPoses, by_row, on_open_ground
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Options, Outcome, Parameters, Snapshot
+from turtlebot_gym.tasks import StartAndGoal
 from turtlebot_gym.validation import as_int, choose
 
 MOST = 2**24
@@ -101,7 +102,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._tells_shares = shares
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
-        self._poses = GivenPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
+        self._poses = RoomPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
         self._told = InfoReader(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
         self.num_envs = num_envs
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
@@ -153,8 +154,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             seed: An int gives environment *i* the seed ``seed + i``; a list has one seed for each; None, also in the
                 list, begins the next episode of the seed in use.
             options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state and have no infos.
-                In rooms also ``start`` and ``goal``, for the episodes that begin now only: a pose (x, y, theta) for all
-                environments, or one for each, shape (N, 3).
+                Where the task draws them, ``start`` and ``goal``, for the episodes that begin now only: a pose as in
+                `NavigationEnv.reset` for all environments, or one for each, shape (N, 2) or (N, 3).
 
         Returns:
             Observations of all environments, and infos.
@@ -164,7 +165,13 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             ResetNeeded: If the mask leaves out an environment that was never reset and so has no observation.
         """
         mask, batch, seeds = self._reset_mask(options), self._batch, read_seeds(seed, self.num_envs)
-        at_poses = self._poses.read(options or {}, mask) if self._poses else {}
+        in_room: dict[int, Parameters] = {}
+        on_ground: dict[int, StartAndGoal] = {}
+        if self._poses:
+            in_room = self._poses.read(options or {}, mask)
+        else:
+            for row, own in by_row(options or {}, mask).items():
+                on_ground[row] = on_open_ground(own, batch.parameters_of(row).task)
         super().reset(seed=next((row_seed for row_seed in seeds if row_seed is not None), None))
         if not self._begun:
             seeds = [self._entropy() + i if row_seed is None else row_seed for i, row_seed in enumerate(seeds)]
@@ -175,7 +182,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         batch.episodes[mask] += 1
         batch.episodes[seeded] = 0
         observations, outcomes = batch.last()
-        self._begin(mask, observations, outcomes, at_poses)
+        self._begin(mask, observations, outcomes, in_room, on_ground)
         self._begun = True
         self._done[mask] = False
         self._is_any_over = np.count_nonzero(self._done) > 0
@@ -187,7 +194,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
         if self._poses and isinstance(options, Mapping) and "world" in options:
             raise ValueError("world must be the same in all episodes of a vector environment: make another one with world=...")
-        mask = reset_mask(options, self.num_envs, others=("start", "goal") if self._poses else ())
+        mask = reset_mask(options, self.num_envs, others=POSES)
         if not self._begun and not mask.all():
             raise ResetNeeded(f"Environment {np.argmin(mask)}: call reset() for all before a reset_mask leaves it out.")
         return mask
@@ -250,12 +257,13 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         mask: NDArray[np.bool_],
         observations: NDArray[np.float32],
         outcomes: NDArray[np.float64],
-        asked: Mapping[int, Parameters] = MappingProxyType({}),
+        in_room: Mapping[int, Parameters] = MappingProxyType({}),
+        on_ground: Mapping[int, StartAndGoal] = MappingProxyType({}),
     ) -> None:
-        """Begin the episodes of some environments, whose numbers are already set."""
+        """Begin the episodes of some environments, whose numbers are already set; those of some rows at given poses."""
         if self._poses:
-            self._poses.begin(mask, asked)
-        self._batch.reset(mask, observations, outcomes)
+            self._poses.begin(mask, in_room)
+        self._batch.reset(mask, observations, outcomes, given=on_ground)
         if self._poses and (lost := mask & (self._batch.numbers(ROOM_PARTS["way_left"]) == UNKNOWN)).any():
             # No step may follow an episode that did not begin.
             self._begun, row = False, int(np.argmax(lost))

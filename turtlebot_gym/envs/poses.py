@@ -1,4 +1,4 @@
-"""Starts and goals that a reset of a vector environment of rooms has been given."""
+"""Starts and goals that a reset has been given."""
 
 from __future__ import annotations
 
@@ -12,13 +12,46 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Parameters, make_room
+from turtlebot_gym.tasks import StartAndGoal, Task, given_pose
 from turtlebot_gym.validation import short_repr
 
-_POSES = ("start", "goal")
+POSES = ("start", "goal")
+"""Options of a reset that are poses."""
 
 
-class GivenPoses:
-    """Exchanges the parameters of rows for one episode each, and restores them when the row's next episode begins.
+def on_open_ground(options: Mapping[str, Any], task: Task) -> StartAndGoal:
+    """Return start and goal that are given to an episode on open ground.
+
+    Raises:
+        ValueError: If a pose is malformed, or the task does not draw start and goal.
+    """
+    given = {name: options[name] for name in POSES if name in options}
+    if given and not task.random:
+        raise ValueError(
+            f"{' and '.join(given)} cannot be given at a reset: this task starts at the origin and drives through given "
+            "waypoints; make the environment with waypoints=[(x, y, heading), ...]."
+        )
+    return StartAndGoal(**{name: given_pose(name, value) for name, value in given.items()})
+
+
+def by_row(options: Mapping[str, Any], mask: NDArray[np.bool_]) -> dict[int, dict[str, Any]]:
+    """Return the poses that the options of a vector environment's reset give to each row in a mask; nothing without any.
+
+    Raises:
+        ValueError: If they are neither one pose for all rows nor one for each.
+    """
+    size, poses = len(mask), {name: options[name] for name in POSES if name in options}
+    for name, value in poses.items():
+        if _shape(value) not in ((2,), (3,), (size, 2), (size, 3)):
+            raise ValueError(f"{name} must be x, y and perhaps a heading, or those of each of {size}, got {short_repr(value)}.")
+    return {
+        row: {name: value[row] if np.ndim(value) == 2 else value for name, value in poses.items()}
+        for row in (np.flatnonzero(mask).tolist() if poses else ())
+    }
+
+
+class RoomPoses:
+    """Exchanges the parameters of rows in rooms for one episode each, and restores them when the row's next episode begins.
 
     Args:
         batch: The environments.
@@ -39,16 +72,10 @@ class GivenPoses:
         Raises:
             ValueError: If a pose is malformed, outside of the room or inside a given obstacle.
         """
-        poses = {name: options[name] for name in _POSES if name in options}
-        size = self._batch.num_envs
-        for name, value in poses.items():
-            if _shape(value) not in ((3,), (size, 3)):
-                raise ValueError(f"{name} must be x, y and heading, or those of each of {size}, got {short_repr(value)}.")
         parameters: dict[int, Parameters] = {}
-        for row in np.flatnonzero(mask).tolist() if poses else ():
+        for row, own in by_row(options, mask).items():
             usual = self._usual.get(row, self._batch.parameters_of(row))
             rules, lidar = usual.room
-            own = {name: value[row] if np.ndim(value) == 2 else value for name, value in poses.items()}
             parameters[row] = usual._replace(room=make_room(with_options(self._plan or rules, own), lidar, usual.dt))
         return parameters
 

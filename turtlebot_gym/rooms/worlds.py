@@ -13,8 +13,8 @@ from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
-from turtlebot_gym.validation import FINITE, Numbers, build, choose, did_you_mean, refusal, short_repr
-from turtlebot_gym.values import Pose
+from turtlebot_gym.tasks import given_pose
+from turtlebot_gym.validation import build, choose, did_you_mean, refusal
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
 """Types that specify a world."""
@@ -53,7 +53,7 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
 
     Args:
         world: World to use if the options name none.
-        options: ``world``, as `find_world` takes it; ``start`` and ``goal``, poses: x, y and heading, m, rad.
+        options: ``world``, as `find_world` takes it; ``start`` and ``goal``, see `turtlebot_gym.tasks.given_pose`.
 
     Raises:
         ValueError: If an option is unknown, or a pose is malformed, outside of the room or inside a given obstacle.
@@ -62,7 +62,7 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
     if unknown:
         raise ValueError(f"options must be among 'world', 'start' and 'goal', got {', '.join(map(repr, unknown))}.")
     world = find_world(options["world"]) if "world" in options else world
-    poses = {name: _pose(name, options[name]) for name in ("start", "goal") if name in options}
+    poses = {name: given_pose(name, options[name]) for name in ("start", "goal") if name in options}
     if not poses:
         return world
     if isinstance(world, FloorPlan):
@@ -72,13 +72,6 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
             raise ValueError(f"{name} must be in the room, got {pose!r}.")
     near = 0.0 if len(poses) == 2 else world.min_distance
     return replace(world, min_distance=near, **{name: tuple(pose) for name, pose in poses.items()})
-
-
-def _pose(name: str, value: Any) -> Pose:
-    try:
-        return Pose(*Numbers(FINITE, 3).check(name, value))
-    except ValueError:
-        raise ValueError(f"{name} must hold x, y and heading, finite numbers, got {short_repr(value)}.") from None
 
 
 def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:
