@@ -33,6 +33,20 @@ def load_object(name: str) -> Any:
         raise ValueError(f"module {module!r}{where} has no attribute {attribute!r}.") from None
 
 
+def source_of(value: Any, *modules: str) -> str:
+    """Return "module:name", by which `load_object` finds an object; empty if it is at the top level of none of some modules.
+
+    Args:
+        value: The object; one that equals it will do.
+        *modules: Names of imported modules to search, in order; ``__main__`` is a notebook's or a script's.
+    """
+    for module in modules:
+        for name, other in [*vars(sys.modules[module]).items()] if module in sys.modules else ():
+            if type(other) is type(value) and other == value:
+                return f"{module}:{name}"
+    return ""
+
+
 def _import(name: str, module: str) -> ModuleType:
     """Import a module of a user's own."""
     here = os.getcwd()

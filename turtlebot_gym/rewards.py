@@ -12,6 +12,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.plugins import source_of
 from turtlebot_gym.tasks import arrived, by_time, distance_to, remaining
 
 NEAR = 0.15
@@ -28,6 +29,11 @@ class RewardTerm(NamedTuple):
     `systems.Judgement` and `systems.Parameters`. A waypoint that is reached is still the one to reach in ``after``."""
     weight: float
     """Its weight if the option ``reward`` states no other."""
+
+    @property
+    def spelled(self) -> str:
+        """How the option ``reward`` names a term of one's own: MODULE:NAME, or its name if none of its module is this term."""
+        return source_of(self, self.of.__module__, "__main__") or self.name
 
 
 @kernel

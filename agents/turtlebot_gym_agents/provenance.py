@@ -7,7 +7,7 @@ import math
 import platform
 import subprocess
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ import numpy as np
 
 import turtlebot_gym
 from turtlebot_gym.files import write_text
+from turtlebot_gym.observations import ObservationTerm
+from turtlebot_gym.rewards import RewardTerm
 
 LIBRARIES = ("numpy", "scipy", "gymnasium", "numba", "stable-baselines3", "torch", "onnxruntime")
 """Libraries whose versions are recorded if they are installed."""
@@ -66,9 +68,14 @@ def settings_of(config: Any) -> dict[str, Any]:
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON types; named tuples become objects, and numbers of arrays keep 7 digits."""
+    """Return a value as JSON types.
+
+    Named tuples become objects, numbers of arrays keep 7 digits, and terms and filters of one's own are named.
+    """
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {key.spelled if isinstance(key, RewardTerm) else str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, ObservationTerm):
+        return value.sourced().spelled
     if hasattr(value, "_asdict"):  # a named tuple
         return plain(value._asdict())
     if isinstance(value, np.ndarray):
@@ -82,7 +89,10 @@ def plain(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, (str, int)):
         return value
-    return str(value)  # paths, and presets given as objects
+    if isinstance(value, Path) or is_dataclass(value):
+        return str(value)  # a preset that is given as an object says all its numbers
+    kind = value if hasattr(value, "__qualname__") else type(value)  # a filter of one's own: its text may hold an address
+    return f"{kind.__module__}:{kind.__qualname__}"
 
 
 def _installed(name: str) -> tuple[str, str | None]:

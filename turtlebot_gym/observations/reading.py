@@ -21,12 +21,15 @@ def read_items(observation: Any) -> tuple[str, tuple[str, ...]]:
     """Return the pose that a policy observes, a name in `OBSERVED`, and the names of terms beside it.
 
     Args:
-        observation: The option: names with commas, or several names.
+        observation: The option: names with commas, or several names; a term of one's own may stand for its name.
 
     Raises:
         ValueError: If it is something else, or names several poses.
     """
     given = observation.split(",") if isinstance(observation, str) else observation
+    given = (given,) if isinstance(given, ObservationTerm) else given
+    if isinstance(given, (list, tuple)):
+        given = [_spelled(item) for item in given]
     if not isinstance(given, (list, tuple)) or not given or not all(isinstance(item, str) for item in given):
         raise refusal("observation", "names of terms with commas, such as 'ekf,scan*2,MODULE:NAME'", observation)
     items = tuple(item.strip() for item in given)
@@ -34,6 +37,14 @@ def read_items(observation: Any) -> tuple[str, tuple[str, ...]]:
     if len(poses) > 1:
         raise ValueError(f"observation must name one pose, got {' and '.join(map(repr, poses))}.")
     return (poses or ["ekf"])[0], items
+
+
+def _spelled(item: Any) -> Any:
+    """Return the name of a term that is given as such; another value as it is."""
+    if not isinstance(item, ObservationTerm):
+        return item
+    known = TERMS.get(item.name)
+    return (item if known is not None and known == item.over(1) else item.sourced()).spelled
 
 
 def read_terms(items: Sequence[str], own: Sequence[ObservationTerm]) -> tuple[ObservationTerm, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.plugins import failure
+from turtlebot_gym.plugins import failure, source_of
 from turtlebot_gym.validation import POSITIVE, as_int, refusal, short_repr
 
 MOST = 100
@@ -145,3 +145,17 @@ class ObservationTerm:
         """How the option ``observation`` names the term."""
         history = "" if self.length == 1 else f"*{self.length}" + (f"@{self.every}" if self.every > 1 else "")
         return (self.source or self.name) + history
+
+    def sourced(self) -> ObservationTerm:
+        """Return the term with its source, so that a bundle can name it.
+
+        Raises:
+            ValueError: If it stands under no name at the top level of its module.
+        """
+        source = self.source or source_of(self.over(1), self.of.__module__, "__main__")
+        if not source:
+            raise ValueError(
+                f"the term {self.name!r} must have a name at the top level of its module, or of a notebook, so that a bundle "
+                f"can name it: assign it there, such as {self.name.upper()} = ObservationTerm({self.name!r}, ...)."
+            )
+        return replace(self, source=source)

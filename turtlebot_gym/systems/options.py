@@ -12,7 +12,7 @@ from turtlebot_gym.estimation.fixes import depth_of
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.observations import OBSERVED, read_items
+from turtlebot_gym.observations import OBSERVED, ObservationTerm, read_items
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
 from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.plugins import load_object
@@ -67,10 +67,11 @@ class Options:
     """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, with an `imu` gyro, a file with Q and R (FILE.yaml),
     or one of your own (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, a class, see
     `turtlebot_gym.estimation.plain`, or an object of filterpy, see `turtlebot_gym.estimation.objects`."""
-    observation: str | Sequence[str] = "ekf"
+    observation: str | ObservationTerm | Sequence[str | ObservationTerm] = "ekf"
     """What the policy observes. The task's terms, from the robot's pose: ekf (the estimated one), odometry or truth; or
     located, a localizer's, and with it how uncertain it is ahead and aside, and whether its last scan fits. After it, with
-    commas, or alone, terms by name, or of your own (MODULE:NAME), see `turtlebot_gym.observations`: "ekf,scan*2"."""
+    commas, or alone, terms by name, or of your own (MODULE:NAME), see `turtlebot_gym.observations`: "ekf,scan*2"; in Python
+    also a sequence of names and of `turtlebot_gym.ObservationTerm`."""
     fix: str | Path | Mapping[str, Any] | FixNoise | None = None
     """External pose sensor that corrects the filter now and then: beacons, late, localization, markers, motion-capture, or a
     file of your own (FILE.yaml); in Python also a `turtlebot_gym.FixNoise` or a mapping of its fields. None for none."""
@@ -103,9 +104,9 @@ class Options:
     """Square only: number of rounds through the waypoints."""
     waypoints: Sequence[Sequence[float]] | None = None
     """Square only: poses to visit instead of the square: x, y and heading; m, rad."""
-    reward: Mapping[str, float] | None = None
+    reward: Mapping[str | RewardTerm, float] | None = None
     """Weights of the reward's terms by name; other terms keep theirs. A term of your own is MODULE:NAME of a
-    `turtlebot_gym.rewards.RewardTerm`. None for the task's own weights."""
+    `turtlebot_gym.RewardTerm`, or in Python the term itself. None for the task's own weights."""
     delay: int = 0
     """Delay of commands in steps, 0 to 3."""
     dt: float = REFERENCE_PERIOD
@@ -239,15 +240,18 @@ class Options:
         if not isinstance(given, Mapping):
             raise refusal("reward", "weights by name, such as {'effort': 0.2}", given)
         own, weights = list[RewardTerm](), dict[str, float]()
-        for name, weight in given.items():
+        for key, weight in given.items():
+            name, term = (key.name, key) if isinstance(key, RewardTerm) else (key, None)
             if not isinstance(name, str):
                 raise refusal("reward", "weights by name, such as {'effort': 0.2}", given)
             checked = FINITE.check(f"reward[{name!r}]", weight)
-            if ":" in name:
-                own.append(term := load_object(name))
+            if term is None and ":" in name:
+                term = load_object(name)
                 if not isinstance(term, RewardTerm):
                     raise refusal(f"reward[{name!r}]", "a RewardTerm", term)
                 name = term.name
+            if term is not None:
+                own.append(term)
             weights[name] = checked
         return tuple(own), weights
 

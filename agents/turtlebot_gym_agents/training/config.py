@@ -129,7 +129,8 @@ class TrainingConfig(Options):
     def settings(self) -> dict[str, Any]:
         """Return the fields as JSON types, without the hyper-parameters."""
         settings = {name: value for name, value in asdict(self).items() if name != "hyper"}
-        return plain(settings | ({"config": None} if isinstance(self.config, Mapping) else {}))
+        as_given = {name: getattr(self, name) for name in ("filter", "observation", "reward")}  # by name, not by their fields
+        return plain(settings | as_given | ({"config": None} if isinstance(self.config, Mapping) else {}))
 
     def record(self) -> dict[str, Any]:
         """Return the content of a run's config.json: settings, hyper-parameters and provenance."""
