@@ -128,7 +128,7 @@ def draw_room(axes: Axes, room: Obstacles) -> Axes:
     return axes
 
 
-def _draw_map(axes: Axes, grid: GridMap) -> Axes:
+def draw_map(axes: Axes, grid: GridMap) -> Axes:
     """Draw a map's cells, seen from above, behind everything else: occupied cells dark, unknown cells light."""
     from matplotlib.colors import ListedColormap  # heavy, and not needed on a robot
 
@@ -217,7 +217,7 @@ def tutorial_figure(
     if room:
         draw_room(panels["trajectory"], room)
     if grid is not None:
-        _draw_map(panels["trajectory"], grid)
+        draw_map(panels["trajectory"], grid)
     if scan:
         draw_scan(panels["trajectory"], *scan)
     for component in ("x", "y", "theta"):

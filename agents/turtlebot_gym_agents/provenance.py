@@ -16,8 +16,6 @@ import numpy as np
 
 import turtlebot_gym
 from turtlebot_gym.files import write_text
-from turtlebot_gym.observations import ObservationTerm
-from turtlebot_gym.rewards import RewardTerm
 
 LIBRARIES = ("numpy", "scipy", "gymnasium", "numba", "stable-baselines3", "torch", "onnxruntime")
 """Libraries whose versions are recorded if they are installed."""
@@ -73,8 +71,8 @@ def plain(value: Any) -> Any:
     Named tuples become objects, numbers of arrays keep 7 digits, and terms and filters of one's own are named.
     """
     if isinstance(value, Mapping):
-        return {key.spelled if isinstance(key, RewardTerm) else str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, ObservationTerm):
+        return {getattr(key, "spelled", None) or str(key): plain(item) for key, item in value.items()}
+    if hasattr(value, "sourced"):  # a term of an observation, whose module is slow to import
         return value.sourced().spelled
     if hasattr(value, "_asdict"):  # a named tuple
         return plain(value._asdict())

@@ -86,7 +86,7 @@ REFUSED = [
     (["evaluate", "--policy", "gap+safety", "--allow-mismatch"], f"choose --env {ROOMS}."),
     (["evaluate", "--policy", "ppo-nav", "--robot", "waffle"], "max_wheel 0.2097 there, 0.26 here). --allow-mismatch ("),
     (["evaluate", "--policy", "clever"], "FILE.onnx, FILE.yaml, FILE.json or 'module:callable', got 'clever'"),
-    (["evaluate", "--policy"], "policy, noise and observation must name at least one each"),
+    (["evaluate", "--policy"], "policy must name at least one value, got none"),
     (["evaluate", "--env", "CartPole-v1"], "env must be one of "),
     (["evaluate", "--episodes", "0"], "episodes must be a whole number of at least 1, got 0"),
     (["evaluate", "--laps", "2"], "draws its goal"),

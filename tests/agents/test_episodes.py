@@ -41,7 +41,7 @@ def test_an_evaluation_records_its_configuration_and_closes_its_environments(mon
         "max_episode_steps": 2,
     }
     assert result.episodes.seed.tolist() == list(range(1000))
-    assert repr(result) == "Evaluation(limit=0.2)"  # in a notebook, not pages of arrays
+    assert "proportional reaches the goal in" in repr(result)  # in a notebook, not pages of arrays
     limits = [evaluate("proportional", episodes=1, **options).limit for options in ({}, {"env": SQUARE, "dt": 0.05})]
     assert limits == [30.0, 30.0]  # 300 steps of 0.1 s, 600 of 0.05 s
     assert BATCH == 1024

@@ -10,7 +10,8 @@ import tyro
 
 from turtlebot_gym.files import write_text
 from turtlebot_gym.validation import POSITIVE
-from turtlebot_gym_agents.commands.console import WritingOptions, needs
+from turtlebot_gym_agents.commands.console import WritingOptions
+from turtlebot_gym_agents.front.defaults import BUNDLE
 from turtlebot_gym_agents.outputs import OutputFile
 
 
@@ -26,7 +27,7 @@ class Export(WritingOptions):
     model: tyro.conf.Positional[Path]
     """A model of Stable-Baselines3 or sb3-contrib (.zip), a torch module or TorchScript (.pt), an ONNX model, or the folder of
     a training by rl-baselines3-zoo or by this package."""
-    out: Annotated[Path, OutputFile((".onnx",))] = Path("policy.onnx")
+    out: Annotated[Path, OutputFile((".onnx",))] = Path(BUNDLE)
     """The bundle."""
     allow_pickle: bool = False
     """Confirm that you trust the files: loading a .zip, .pt or .pkl can run any code in it."""
@@ -47,32 +48,16 @@ class Export(WritingOptions):
     """Commands per second; by default 10 unless config.json says otherwise."""
 
     def run(self) -> None:
-        with needs("agents"):
-            from turtlebot_gym_agents.policies.bundle import BundlePolicy
-            from turtlebot_gym_agents.training.export import export
-            from turtlebot_gym_agents.training.network import ROWS, STEPS
         from rich.console import Console
+
+        from turtlebot_gym_agents.front.exporting import export
 
         names = ("robot", "noise", "filter", "observation")
         options = {name: value for name in names if (value := getattr(self, name)) is not None}
         if self.rate is not None:
             options["dt"] = 1.0 / POSITIVE.check("rate", self.rate)
         given = {"env": self.env, "vec_normalize": self.vec_normalize, "allow_pickle": self.allow_pickle}
-        difference = export(self.model, self.out, **given, **options)
-        card = BundlePolicy(self.out).card
-        parts = "".join(f", with {name}" for name, there in _PARTS.items() if card.training.get(there))
-        Console().print(
-            f"{self.out}: {self.out.stat().st_size:,} bytes, for {card.env}{parts}; its actions differ from the library's by "
-            f"at most {difference:.1g} over {STEPS:,} steps of {ROWS} environments."
-        )
-
-
-_PARTS = {
-    "normalization": "normalized",
-    "a stack of observations": "frame_stack",
-    "the state of a recurrent network": "state",
-}
-"""Parts of a bundle as its maker is told of them, and their entries on the card."""
+        Console().print(str(export(self.model, self.out, **given, **options)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,10 +7,10 @@ standard error. Heavy modules are imported in ``run``.
 
 from __future__ import annotations
 
-import itertools
+import math
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -36,6 +36,7 @@ from turtlebot_gym_agents.commands.console import (
 from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.commands.learning import Train, Tune
 from turtlebot_gym_agents.commands.study import Study
+from turtlebot_gym_agents.front.defaults import EPISODES, POLICIES
 from turtlebot_gym_agents.outputs import inputs_of, outputs_of, require_outputs
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
     Evaluates every combination of policy, noise and observation.
     """
 
-    policy: tuple[str, ...] = ("proportional", "bearing")
+    policy: tuple[str, ...] = POLICIES
     """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), ones with
     other gains (FILE.yaml, FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles
     (FILE.onnx), or module:callable for one of your own. In rooms also oracle, which knows the map, NAME+safety, within a
@@ -64,7 +65,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
     """Noises: clean, tutorial, documented, wheel, rough, or files of your own (FILE.yaml)."""
     observation: tuple[str, ...] = ("ekf",)  # pyright: ignore[reportIncompatibleVariableOverride]
     """What the policy observes: ekf, odometry, truth or located, with terms after it, see train --help."""
-    episodes: int = 1000
+    episodes: int = EPISODES
     """Episodes of each combination; episode i has the seed SEED + i."""
     details: bool = False
     """Print all tables: also efficiency, effort, false arrivals and the errors of estimate and odometry."""
@@ -74,52 +75,33 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
     """Draw the first episode here; for several combinations, their paths."""
 
     def run(self) -> None:
-        from turtlebot_gym_agents.commands import report
-        from turtlebot_gym_agents.commands.verdict import verdicts
+        from turtlebot_gym_agents.front.comparing import compare
 
-        combinations = list(itertools.product(self.policy, self.noise, self.observation))
-        if not combinations:
-            raise ValueError("policy, noise and observation must name at least one each.")
-        names, common = ("policy", "noise", "observation"), {"env": self.env, "episodes": self.episodes, "seed": self.seed}
-        requests = [common | self.options() | dict(zip(names, values, strict=True)) for values in combinations]
-        with progress(self.episodes * len(combinations)) as advance_to:
-            results = (self._spread if self.spread else self._here)(requests, advance_to)
-        evaluations = dict(zip(itertools.starmap(self._label, combinations), results, strict=True))
+        axes = {name: list(getattr(self, name)) for name in ("noise", "observation")}
+        if not self.policy:
+            raise ValueError("policy must name at least one value, got none.")
+        run = self._spread if self.spread else None
+        self.runner()  # refuses workers without a cluster
+        with progress(self.episodes * len(self.policy) * math.prod(map(len, axes.values()))) as advance_to:
+            common = {"env": self.env, "episodes": self.episodes, "seed": self.seed, "progress": advance_to, "run": run}
+            compared = compare(*self.policy, **common | self.options() | axes)
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
         shared += self.described(*(("observation",) if len(self.observation) > 1 else ()))
         title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
-        print_tables(*report.evaluation_tables(evaluations, title=title, details=self.details))
-        print("\n".join(verdicts(evaluations, size=len(combinations) // len(self.policy))))
-        runs = [
-            {"label": label, "config": evaluation.config, "summary": evaluation.summary(), "episodes": evaluation.episodes}
-            for label, evaluation in evaluations.items()
-        ]
-        self.report({"runs": runs})
+        print_tables(*compared.tables(title=title, details=self.details))
+        print(compared.verdict())
+        self.report(compared.content()[0])
         if self.plot is not None:
-            save_figure(report.evaluation_figure(evaluations, title=f"{self.env}, seed {self.seed}"), self.plot)
+            save_figure(compared.paths(), self.plot)
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
         return "Nothing was kept; a study keeps what is finished: turtlebot-gym study FILE.yaml."
 
-    def _here(self, requests: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
-        from turtlebot_gym_agents.evaluation.evaluate import evaluate
-
-        self.runner()  # refuses workers without a cluster
-        return [
-            evaluate(**request, progress=lambda ended, done=at * self.episodes: advance_to(done + ended))
-            for at, request in enumerate(requests)
-        ]
-
-    def _spread(self, requests: list[dict[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
+    def _spread(self, requests: Sequence[Mapping[str, Any]], advance_to: Callable[[int], None]) -> list[Evaluation]:
         from turtlebot_gym_agents.cluster.drives import evaluate_all
 
         return evaluate_all(requests, run=self.runner(), progress=advance_to)
-
-    def _label(self, *names: str) -> str:
-        choices = (self.policy, self.noise, self.observation)
-        varied = [name for name, values in zip(names, choices, strict=True) if len(values) > 1]
-        return ", ".join(varied or names[:1])
 
 
 COMMANDS: dict[str, type[_CommandLine]] = {

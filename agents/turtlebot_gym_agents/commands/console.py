@@ -16,6 +16,7 @@ import tyro
 from turtlebot_gym.extras import installing
 from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.commands.flags import Environment, OfDrive
+from turtlebot_gym_agents.front.defaults import NAV, SEED
 from turtlebot_gym_agents.outputs import FIGURE, JSON
 from turtlebot_gym_agents.provenance import write_json
 
@@ -62,10 +63,10 @@ class ReportingOptions(WritingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class _EpisodeOptions:
-    env: str = "turtlebot_gym/TurtleBotNav-v0"
+    env: str = NAV
     """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0,
     .../TurtleBotRooms-v0 or .../TurtleBotMissions-v0."""
-    seed: int = 0
+    seed: int = SEED
     """The first seed."""
 
 

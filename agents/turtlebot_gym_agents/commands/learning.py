@@ -6,16 +6,16 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from turtlebot_gym.entry_points import load_entry_point
-from turtlebot_gym.validation import as_int
 from turtlebot_gym_agents.commands.console import EnvironmentOptions, Placement, ReportingOptions, needs, print_tables, progress
 from turtlebot_gym_agents.commands.flags import Learning
+from turtlebot_gym_agents.front.defaults import RUN, SEEDS
 from turtlebot_gym_agents.outputs import FOLDER
 
 if TYPE_CHECKING:
@@ -46,11 +46,11 @@ class _LearningOptions(Learning, ReportingOptions, EnvironmentOptions):
 class Train(Placement, _LearningOptions):
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
-    out: Annotated[Path, FOLDER] = Path("runs/nav")
+    out: Annotated[Path, FOLDER] = Path(RUN)
     """Folder of the run; each of several seeds has a folder seed-N in it."""
     evaluations: int = 8
     """Number of evaluations during training."""
-    seeds: int = 1
+    seeds: int = SEEDS
     """Number of seeds to train."""
     resume: bool = False
     """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
@@ -60,39 +60,29 @@ class Train(Placement, _LearningOptions):
     """Send configuration and TensorBoard's curves to this project of Weights & Biases; needs the extra [wandb]."""
 
     def run(self) -> None:
+        from turtlebot_gym_agents.front.learning import Training, folders_of, train, trainer
         from turtlebot_gym_agents.training.config import require_no_run
 
-        as_int("seeds", self.seeds, 1)
-        runner = self.runner()
+        folders, runner = folders_of(self.out, self.seed, self.seeds), self.runner()
         if self.wandb is not None and self.spread:
             raise ValueError("wandb follows trainings in this process: leave out --cluster.")
-        seeds = range(self.seed, self.seed + self.seeds)
-        folders = [self.out / f"seed-{seed}" if self.seeds > 1 else self.out for seed in seeds]
-        for folder in folders if not (self.resume or self.spread) else ():
+        for folder in folders.values() if not (self.resume or self.spread) else ():
             require_no_run(folder)
-        for folder in folders if self.resume else ():
+        for folder in folders.values() if self.resume else ():
             if (folder / "checkpoint.zip").exists() and not (folder / "policy.onnx").exists():
                 remark = "continues in new episodes: its policy will not be that of an uninterrupted training"
                 print(f"turtlebot-gym: {folder} {remark}.", file=sys.stderr)
-        configs = [self.training(seed=seed) for seed in seeds]
-        with _loading(configs[0]), needs("agents"):
-            from turtlebot_gym_agents.training.train import train
+        config = self.training()
+        with _loading(config):
+            trainer()
         if self.spread:
-            results = self._spread(configs[0], dict(zip(seeds, folders, strict=True)), runner)
+            results = self._spread(config, folders, runner)
+            trained = Training(config=config, folders=folders, results=dict(zip(folders, results, strict=True)))
         else:
-            results = []
-            for config, folder in zip(configs, folders, strict=True):
-                with self._tracked(config, folder):
-                    results.append(train(config, folder, resume=self.resume, callbacks=self._callbacks(config)))
-        trained = list(zip(seeds, folders, results, strict=True))
-        runs, times = [], []
-        for seed, folder, result in trained:
-            facts = asdict(result)
-            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second")}})
-            runs.append({"seed": seed, "folder": folder, **facts})
-        title = f"{self.env}, {self.algo}, the best model on the evaluation's seeds"
-        print_tables(_training_table(trained, title=title))
-        self.report({"runs": runs, "times": times})
+            more = {"resume": self.resume, "callbacks": self._callbacks, "within": self._tracked}
+            trained = train(config, self.out, seeds=self.seeds, **more)
+        print_tables(*trained.tables())
+        self.report(trained.content()[0])
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
@@ -196,26 +186,6 @@ def _loading(config: TrainingConfig) -> Iterator[None]:
         yield
     finally:
         beside.join()
-
-
-def _training_table(trainings: Sequence[tuple[int, Path, TrainingResult]], *, title: str) -> Table:
-    """Return a table of trainings, given as seed, folder and result, with the figures of their best models."""
-    from rich.table import Table
-
-    table = Table("seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy", title=title)
-    for seed, folder, result in trainings:
-        best = result.best
-        table.add_row(
-            str(seed),
-            f"{result.steps:,}",
-            f"{result.seconds:.1f}",
-            f"{result.steps_per_second:,.0f}",
-            f"{100.0 * best['success']:.1f}",
-            f"{best['return']:.2f}",
-            f"{best['steps_to_end']:.1f}",
-            str(folder / "policy.onnx"),
-        )
-    return table
 
 
 def _search_table(trials: Sequence[FrozenTrial], *, title: str) -> Table:

@@ -7,7 +7,7 @@ for all policies, and differences between policies are paired.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -24,86 +24,17 @@ from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
+from turtlebot_gym_agents.evaluation.result import Evaluation
+from turtlebot_gym_agents.front.defaults import EPISODES, NAV, SEED
+from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
 from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_task, require_terms
 from turtlebot_gym_agents.policies.policy import ShrinkingPolicy, shown
 
-NAV = "turtlebot_gym/TurtleBotNav-v0"
 ORACLE = "oracle"
 """The name that stands for `oracle.Oracle`."""
 BATCH = 1024
 """Number of episodes driven and held in memory at once."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluation:
-    """A policy's episodes in one setting."""
-
-    config: dict[str, Any] = field(repr=False)
-    """Configuration of the evaluation, including the first seed."""
-    limit: float
-    """Longest time of an episode, s."""
-    max_linear: float = field(repr=False)
-    """The robot's highest speed, m/s."""
-    episodes: Episodes = field(repr=False)
-    trajectory: Drive = field(repr=False)
-    """The first episode."""
-
-    def times(self) -> NDArray[np.float64]:
-        """Return the time of each episode, shape (n,), s; a failure counts as the limit."""
-        return np.where(self.episodes.success, self.episodes.time, self.limit)
-
-    def spl(self) -> NDArray[np.float64]:
-        """Return each episode's SPL, success times shortest over driven length, shape (n,)."""
-        e = self.episodes
-        return e.success * e.shortest / np.maximum(e.path, e.shortest)
-
-    def summary(self) -> dict[str, Interval]:
-        """Return the episodes in numbers: means and shares, with 95 % intervals."""
-        e = self.episodes
-        return {
-            "success": metrics.share(e.success),
-            "time_to_goal": metrics.mean(e.time[e.success]),
-            "time": metrics.mean(self.times()),
-            "efficiency": metrics.mean((e.ideal / e.time)[e.success]),
-            "reached": metrics.mean(e.reached),
-            "miss": metrics.mean(e.miss),
-            "path": metrics.mean(e.path),
-            "effort": metrics.mean(e.effort),
-            "false_arrival": metrics.share(e.false_arrival),
-            "arrival_distance": metrics.mean(e.arrival_distance),
-            **(self._on_missions() if e.given.max() > 1 and np.isfinite(e.clearance).all() else {}),
-            **(self._in_rooms() if np.isfinite(e.clearance).all() else {}),
-            **{f"estimate_{name}": metrics.mean(values) for name, values in e.estimate._asdict().items()},
-            **{f"odometry_{name}": metrics.mean(values) for name, values in e.odometry._asdict().items()},
-        }
-
-    def _on_missions(self) -> dict[str, Interval]:
-        """Return the summary of missions: shares of the goals given, and of the time."""
-        e = self.episodes
-        return {
-            "goals": metrics.ratio(e.arrivals, e.given, 1.0),
-            "false_goals": metrics.ratio(e.false_arrivals, e.given, 1.0),
-            "goals_an_hour": metrics.ratio(e.arrivals, e.time / 3600.0),
-            "lost": metrics.ratio(e.astray * e.time, e.time, 1.0),
-        }
-
-    def _in_rooms(self) -> dict[str, Interval]:
-        """Return the summary of episodes in rooms.
-
-        References:
-            "barn": the score of the BARN challenge, at most 0.5; Xiao et al., "Autonomous Ground Navigation in Highly
-            Constrained Spaces", *IEEE Robotics & Automation Magazine* 29 (2022).
-        """
-        e, fastest = self.episodes, self.episodes.shortest / self.max_linear
-        return {
-            "collision": metrics.share(e.collision),
-            "timeout": metrics.share(~e.success & ~e.collision),
-            "spl": metrics.mean(self.spl()),
-            "clearance": metrics.mean(e.clearance),
-            "clearance_5th": metrics.quantile(e.clearance, 0.05),
-            "barn": metrics.mean(e.success * fastest / np.clip(e.time, 2.0 * fastest, 8.0 * fastest)),
-        }
 
 
 def paired(first: Evaluation, second: Evaluation) -> Interval:
@@ -118,11 +49,11 @@ def paired(first: Evaluation, second: Evaluation) -> Interval:
 
 
 def evaluate(
-    policy: str | Policy,
+    policy: str | Path | Policy,
     *,
     env: str = NAV,
-    episodes: int = 1000,
-    seed: int = 0,
+    episodes: int = EPISODES,
+    seed: int = SEED,
     progress: Callable[[int], None] = lambda ended: None,
     allow_mismatch: bool = False,
     **options: Any,
@@ -130,8 +61,9 @@ def evaluate(
     """Drive and measure one episode per seed.
 
     Args:
-        policy: A name for `turtlebot_gym_agents.make_policy`, a policy, or "oracle", which in rooms knows map and true pose.
-        env: The id of an environment of this package.
+        policy: A name or a bundle for `turtlebot_gym_agents.make_policy`, a policy, what `train` or `export` returned, or
+            "oracle", which in rooms knows map and true pose.
+        env: The id of an environment of this package, or its short name, such as "nav".
         episodes: Number of episodes; episode i has the seed ``seed + i``.
         seed: The first seed.
         progress: Called with the number of episodes that have ended so far.
@@ -142,6 +74,7 @@ def evaluate(
         ValueError: If an argument is unknown or out of its range.
     """
     as_int("episodes", episodes, 1)
+    env, policy = environment_id(env), policy_of(policy)
     require_known(env, seed)
     runs = []
     # In batches, which bound the memory of the record.
@@ -159,6 +92,12 @@ def evaluate(
         episodes=concatenate(parts),
         trajectory=trajectories[0],
     )
+
+
+def policy_of(policy: Any) -> str | Policy:
+    """Return a policy that is given as such or by name; for a path, or the result of a training or an export, the bundle."""
+    bundle = policy if isinstance(policy, Path) else getattr(policy, "policy", None)
+    return str(bundle) if isinstance(bundle, Path) else policy
 
 
 def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:

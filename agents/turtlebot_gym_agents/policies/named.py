@@ -51,7 +51,7 @@ def bundle_of(name: str) -> Path | None:
 
 
 def make_policy(
-    name: str,
+    name: str | Path,
     *,
     robot: str | Robot = "burger",
     dt: float = REFERENCE_PERIOD,
@@ -76,6 +76,7 @@ def make_policy(
         ValueError: If the name is unknown, or a file was made for another robot or rate.
         ImportError: If the policy is a bundle and onnxruntime is missing.
     """
+    name = str(name)
     if name.endswith(SAFETY):
         driver = make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt, noise=noise, allow_mismatch=allow_mismatch)
         return SafetyLayer(driver, robot, dt, noise=noise)

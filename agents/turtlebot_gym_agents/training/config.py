@@ -14,6 +14,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from turtlebot_gym import Options, Parameters
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
+from turtlebot_gym_agents.front.defaults import NAV
+from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
@@ -39,8 +41,8 @@ class TrainingConfig(Options):
     the evaluation. `commands.flags` has the flags of commands.
     """
 
-    env: str = "turtlebot_gym/TurtleBotNav-v0"
-    """Environment id."""
+    env: str = NAV
+    """Environment id, or its short name."""
     algo: str = "ppo"
     """Algorithm: ppo, sac or td3; others of Stable-Baselines3, in lower case, with a FILE of hyper-parameters."""
     seed: Annotated[int, Range(0, 2**20 - 1, whole=True)] = 0
@@ -79,7 +81,7 @@ class TrainingConfig(Options):
     def __post_init__(self) -> None:
         check_fields(self, "")
         choose("device", self.device, dict.fromkeys(("cpu", "cuda", "auto")))
-        require_env(self.env)
+        object.__setattr__(self, "env", require_env(self.env))
         choose("algo", self.algo, dict.fromkeys(NAMES))
         hyper = hyperparameters.load(self.algo, self.env, self.config)
         if self.config is None and self.steps is not None:
@@ -171,11 +173,12 @@ class TrainingConfig(Options):
 
 
 def require_env(env: str) -> str:
-    """Return the id of an environment.
+    """Return the id of an environment that is given by it or by its short name.
 
     Raises:
         ValueError: If none is registered under it.
     """
+    env = environment_id(env)
     if not isinstance(env, str) or env not in registry:
         ids = [spec.id for spec in registry.values() if spec.namespace == "turtlebot_gym"]
         error = refusal("env", f"one of {', '.join(map(repr, ids))}, or another id with their arguments", env)
@@ -186,7 +189,7 @@ def require_env(env: str) -> str:
 def require_no_run(folder: Path) -> None:
     """Raise ValueError if a folder holds a run, which only resuming may change."""
     if (folder / "checkpoint.zip").exists():
-        raise ValueError(f"{folder} holds a run already: resume it with --resume, or choose another folder.")
+        raise ValueError(f"{folder} holds a run already: resume it with --resume (resume=True), or choose another folder.")
 
 
 def read_record(path: Path) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from torch import nn
 
 from turtlebot_gym import Options
 from turtlebot_gym.validation import as_int, refusal
+from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.policies import PolicyWithMemory
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.policies.fit import parameters_of
@@ -32,7 +33,6 @@ from turtlebot_gym_agents.training.network import ROWS, STEPS, program_of, write
 from turtlebot_gym_agents.training.stages import Staged, normalization_of, other_size
 from turtlebot_gym_agents.training.torch_policy import Called, TorchPolicy
 
-NAV = "turtlebot_gym/TurtleBotNav-v0"
 NONE = "none"
 """Instead of statistics: observations were not normalized."""
 

@@ -53,7 +53,7 @@ class TrainingResult:
 
 def train(
     config: TrainingConfig,
-    folder: Path,
+    folder: str | Path,
     *,
     resume: bool = False,
     progress: bool = True,
@@ -75,7 +75,7 @@ def train(
         ValueError: If the device is missing, or the folder holds a run and ``resume`` is not set, or a run of another
             configuration.
     """
-    start = time.perf_counter()
+    start, folder = time.perf_counter(), Path(folder)
     checkpoint = folder / "checkpoint.zip"
     begun = checkpoint if checkpoint.exists() else None
     if not resume:

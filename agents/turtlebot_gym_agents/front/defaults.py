@@ -1,0 +1,18 @@
+"""Defaults that commands and Python functions share; importing this module needs only Python."""
+
+NAV = "turtlebot_gym/TurtleBotNav-v0"
+"""Environment."""
+POLICIES = ("proportional", "bearing")
+"""Policies of a comparison."""
+DRIVER = "bearing"
+"""Policy of a drive."""
+EPISODES = 1000
+"""Episodes of an evaluation."""
+SEED = 0
+"""First seed."""
+SEEDS = 1
+"""Trainings."""
+RUN = "runs/nav"
+"""Folder of a training."""
+BUNDLE = "policy.onnx"
+"""File of an exported policy."""

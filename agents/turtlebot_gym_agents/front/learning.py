@@ -1,0 +1,212 @@
+"""Policies trained with Stable-Baselines3: ``train``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.validation import as_int, choose
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.front.defaults import NAV, RUN, SEEDS
+from turtlebot_gym_agents.front.results import Result, axes_or_new
+from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from rich.table import Table
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    from turtlebot_gym_agents.training.train import TrainingResult
+
+FIGURES = {
+    "success": "success, share of the episodes",
+    "return": "mean return of an episode",
+    "steps_to_end": "mean length of an episode (steps)",
+}
+"""Figures of each evaluation during training, with what they are."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Training(Result):
+    """Trainings of one configuration, with a seed each.
+
+    It prints as a table and a verdict. ``training["success"]`` is an array (seeds, evaluations), and ``training["steps"]`` the
+    environment steps of the evaluations. `evaluate` and `compare` take it for the policy of its best seed.
+    """
+
+    config: TrainingConfig
+    """Configuration of the first seed."""
+    folders: Mapping[int, Path]
+    """Folder of each seed's run."""
+    results: Mapping[int, TrainingResult]
+    """What each seed reached."""
+
+    @property
+    def name(self) -> str:
+        """Folder of the runs, which names the policy in comparisons."""
+        first = next(iter(self.folders.values()))
+        return str(first.parent if len(self.folders) > 1 else first)
+
+    @property
+    def policies(self) -> tuple[Path, ...]:
+        """Bundle of each seed."""
+        return tuple(folder / "policy.onnx" for folder in self.folders.values())
+
+    @property
+    def policy(self) -> Path:
+        """Bundle of the seed with the highest return."""
+        best = max(self.results, key=lambda seed: self.results[seed].best["return"])
+        return self.folders[best] / "policy.onnx"
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Figures of the evaluations, shape (seeds, evaluations), NaN where a resumed training has none; and their steps."""
+        steps = sorted({figures["steps"] for result in self.results.values() for figures in result.history})
+        at = {step: column for column, step in enumerate(steps)}
+        arrays: dict[str, NDArray[Any]] = {"steps": np.array(steps)}
+        for name in FIGURES:
+            arrays[name] = np.full((len(self.results), len(steps)), np.nan)
+            for row, result in enumerate(self.results.values()):
+                for figures in result.history:
+                    arrays[name][row, at[figures["steps"]]] = figures[name]
+        return arrays
+
+    def rows(self) -> dict[str, Sequence[Any] | NDArray[Any]]:
+        """Return a row per seed and evaluation."""
+        rows = [{"seed": seed, **figures} for seed, result in self.results.items() for figures in result.history]
+        return {name: [row[name] for row in rows] for name in ("seed", "steps", *FIGURES)}
+
+    def interval(self, name: str = "success") -> list[Interval]:
+        """Return the mean of a figure over the seeds at each evaluation, with its 95 % interval; NaN with one seed."""
+        return [metrics.mean(column) for column in self[name].T]
+
+    def tables(self) -> tuple[Table, ...]:
+        """Return the table of `turtlebot-gym train`."""
+        from rich.table import Table
+
+        title = f"{self.config.env}, {self.config.algo}, the best model on the evaluation's seeds"
+        table = Table("seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy", title=title)
+        for (seed, result), policy in zip(self.results.items(), self.policies, strict=True):
+            best = result.best
+            table.add_row(
+                str(seed),
+                f"{result.steps:,}",
+                f"{result.seconds:.1f}",
+                f"{result.steps_per_second:,.0f}",
+                f"{100.0 * best['success']:.1f}",
+                f"{best['return']:.2f}",
+                f"{best['steps_to_end']:.1f}",
+                str(policy),
+            )
+        return (table,)
+
+    def verdict(self) -> str:
+        """Return how many of the goals the best models reach."""
+        shares = [100.0 * result.best["success"] for result in self.results.values()]
+        episodes = f"{self.config.episodes} episodes"
+        if min(shares) == max(shares):
+            whose = f"The best models of all {len(shares)} seeds reach" if len(shares) > 1 else "The best model reaches"
+            return f"{whose} the goal in {shares[0]:.1f} % of {episodes}: {self.policy}."
+        value, low, high = metrics.mean(shares)
+        interval = f"95 % interval over the seeds {max(low, 0.0):.1f} to {min(high, 100.0):.1f}"
+        return (
+            f"The best models of {len(shares)} seeds reach the goal in {min(shares):.1f} to {max(shares):.1f} % of {episodes}, "
+            f"{value:.1f} % on average ({interval}); the best: {self.policy}."
+        )
+
+    def content(self) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+        """Return what each seed reached, apart from that how long it took, and the configuration."""
+        runs, times = [], []
+        for (seed, result), folder in zip(self.results.items(), self.folders.values(), strict=True):
+            facts = asdict(result)
+            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second")}})
+            runs.append({"seed": seed, "folder": folder, **facts})
+        return {"runs": runs, "times": times}, self.config.settings()
+
+    def plot(self, axes: Axes | None = None, name: str = "success") -> Axes:
+        """Draw the learning curves, and with several seeds their mean with its 95 % interval.
+
+        Args:
+            axes: Axes to draw into; None for new ones of pyplot's.
+            name: Figure to draw, one of `FIGURES`.
+        """
+        from turtlebot_gym_agents.front.figures import draw_learning_curves
+
+        label, arrays, mean = choose("name", name, FIGURES), self.arrays, self.interval(name)
+        curves = {f"seed {seed}": values for seed, values in zip(self.results, arrays[name], strict=True)}
+        if name == "success":  # a share
+            mean = [Interval(value, max(low, 0.0), min(high, 1.0)) for value, low, high in mean]
+        return draw_learning_curves(axes_or_new(axes), arrays["steps"], curves, mean, label=label)
+
+
+def train(
+    env: str | TrainingConfig = NAV,
+    folder: str | Path = RUN,
+    *,
+    seeds: int = SEEDS,
+    resume: bool = False,
+    progress: bool = True,
+    callbacks: Sequence[BaseCallback] | Callable[[TrainingConfig], Sequence[BaseCallback]] = (),
+    within: Callable[[TrainingConfig, Path], AbstractContextManager[Any]] = lambda config, folder: nullcontext(),
+    **options: Any,
+) -> Training:
+    """Train a policy, and write it as a bundle, ``folder/policy.onnx``.
+
+    For example ``train("nav", "runs/a", steps=200_000, seeds=3)``.
+
+    Args:
+        env: The environment's id or short name, or a configuration, whose fields ``options`` then change.
+        folder: Folder of the run; each of several seeds has a folder seed-N in it.
+        seeds: Number of seeds to train, from ``seed`` on.
+        resume: Resume from the checkpoints in the folder, in new episodes.
+        progress: Whether to show a bar.
+        callbacks: Additional callbacks of Stable-Baselines3, or a function that returns those of a seed's configuration.
+        within: Returns a context for each run, of its configuration and folder, such as that of an experiment tracker.
+        **options: Fields of `TrainingConfig`: ``steps``, ``algo``, ``config`` (hyper-parameters), the environment's, and so on.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range, or the folder holds a run and ``resume`` is not set.
+        ImportError: If Stable-Baselines3 is missing.
+    """
+    first = replace(env, **options) if isinstance(env, TrainingConfig) else TrainingConfig(env=env, **options)
+    folders = folders_of(folder, first.seed, seeds)
+    for run in () if resume else folders.values():
+        require_no_run(run)
+    train_one = trainer()
+    results = {}
+    for seed, run in folders.items():
+        config = replace(first, seed=seed)
+        with within(config, run):
+            own = callbacks(config) if callable(callbacks) else callbacks
+            results[seed] = train_one(config, run, resume=resume, progress=progress, callbacks=own)
+    return Training(config=first, folders=folders, results=results)
+
+
+def folders_of(folder: str | Path, seed: int, seeds: int) -> dict[int, Path]:
+    """Return the folder of each seed's run.
+
+    Raises:
+        ValueError: If there is no seed.
+    """
+    numbers = range(seed, seed + as_int("seeds", seeds, 1))
+    return {number: Path(folder) / f"seed-{number}" if seeds > 1 else Path(folder) for number in numbers}
+
+
+def trainer() -> Callable[..., TrainingResult]:
+    """Return the function that trains one seed.
+
+    Raises:
+        ImportError: If a library is missing; the message names the extra that brings it.
+    """
+    from turtlebot_gym_agents.commands.console import needs
+
+    with needs("agents"):
+        from turtlebot_gym_agents.training.train import train as train_one
+    return train_one

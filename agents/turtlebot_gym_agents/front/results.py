@@ -1,0 +1,159 @@
+"""Results as objects: they print as tables and a verdict, show in a notebook with a figure, and can be written to files."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import html
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.files import write_text
+from turtlebot_gym.validation import did_you_mean
+from turtlebot_gym_agents.provenance import write_json
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from rich.table import Table
+
+WIDTH = 100
+"""Width of printed tables, characters."""
+DPI = 80
+"""Resolution of the figure in a notebook, pixels per inch."""
+_CELL = "text-align:left;padding:0.1em 0.8em"
+
+
+class Result:
+    """A result; subclasses say what its tables, its verdict, its numbers and its plot are."""
+
+    __slots__ = ()
+
+    def tables(self) -> tuple[Table, ...]:
+        """Return what it prints as."""
+        raise NotImplementedError
+
+    def verdict(self) -> str:
+        """Return it in words; empty for none."""
+        return ""
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Its numbers, by name."""
+        raise NotImplementedError
+
+    def rows(self) -> dict[str, Sequence[Any] | NDArray[Any]]:
+        """Return the columns of its CSV file, by name: of one length each."""
+        return dict(self.arrays)
+
+    def content(self) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+        """Return what its JSON file holds, and the configuration that it depends on."""
+        raise NotImplementedError
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw it, and return the axes.
+
+        Args:
+            axes: Axes to draw into; None for new ones of pyplot's.
+        """
+        raise NotImplementedError
+
+    def to_csv(self, path: str | Path) -> None:
+        """Write its numbers as a table with a header; an existing file is replaced."""
+        columns, text = self.rows(), io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*map(_cells, columns.values()), strict=True))
+        write_text(Path(path), text.getvalue())
+
+    def to_json(self, path: str | Path) -> None:
+        """Write it with its configuration, and the versions of the libraries; an existing file is replaced."""
+        result, config = self.content()
+        write_json(Path(path), result, config=config)
+
+    def __getitem__(self, name: str) -> Any:
+        """Return an array by its name.
+
+        Raises:
+            KeyError: If there is none; the message names those that there are.
+        """
+        arrays = self.arrays
+        if name not in arrays:
+            raise KeyError(f"there is no {name!r}: there are {', '.join(arrays)}.{did_you_mean(name, arrays)}")
+        return arrays[name]
+
+    def __str__(self) -> str:
+        return "\n".join(part for part in (text_of(self.tables()), self.verdict()) if part)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the tables, the verdict and the figure."""
+        from matplotlib.figure import Figure
+
+        figure, picture = Figure(figsize=(7.0, 4.2), layout="constrained"), io.BytesIO()
+        self.plot(figure.subplots())
+        figure.savefig(picture, format="png", dpi=DPI)
+        encoded = base64.b64encode(picture.getvalue()).decode()
+        shown = [*map(html_of, self.tables()), f"<p>{html.escape(self.verdict())}</p>"]
+        return "".join((*shown, f'<img alt="the figure of plot()" src="data:image/png;base64,{encoded}">'))
+
+
+def axes_or_new(axes: Axes | None) -> Axes:
+    """Return axes, new ones of pyplot's if there are none: a notebook shows these."""
+    if axes is not None:
+        return axes
+    from matplotlib import pyplot as plt  # slow to import
+
+    return plt.subplots(layout="constrained")[1]
+
+
+def text_of(tables: Sequence[Table]) -> str:
+    """Return tables as text, in parts where one is too wide."""
+    from rich.console import Console
+
+    from turtlebot_gym_agents.commands.tables import fitted
+
+    console = Console(file=io.StringIO(), width=WIDTH, color_system=None, force_terminal=False, force_jupyter=False)
+    console.print(*(part for table in tables for part in fitted(table, WIDTH)))
+    return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())  # type: ignore[attr-defined]
+
+
+def html_of(table: Table) -> str:
+    """Return a table in HTML."""
+    from rich.text import Text
+
+    def row(kind: str, cells: Sequence[Any]) -> str:
+        texts = (html.escape(Text.from_markup(str(cell)).plain) for cell in cells)
+        return "<tr>" + "".join(f'<{kind} style="{_CELL}">{text}</{kind}>' for text in texts) + "</tr>"
+
+    columns = [list(column.cells) for column in table.columns]
+    lines = [
+        row("th", [column.header for column in table.columns]),
+        *(row("td", cells) for cells in zip(*columns, strict=True)),
+    ]
+    below = f"<p><small>{html.escape(str(table.caption))}</small></p>" if table.caption else ""
+    return f"<table><caption>{html.escape(str(table.title or ''))}</caption>{''.join(lines)}</table>{below}"
+
+
+def _cells(column: Sequence[Any] | NDArray[Any]) -> list[Any]:
+    values = np.asarray(column)
+    return (values.astype(int) if values.dtype == np.bool_ else values).tolist()
+
+
+def name_of(value: Any) -> str:
+    """Return a short name of a policy, a filter or another option, for labels and titles."""
+    if isinstance(value, (str, int, float)):
+        return str(value)
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Mapping):
+        return " ".join(f"{name_of(key)} {name_of(item)}" for key, item in value.items())
+    if isinstance(value, (list, tuple)) and not hasattr(value, "_fields"):
+        return ",".join(map(name_of, value))
+    named = getattr(value, "name", None) or getattr(value, "__name__", None)
+    return named if isinstance(named, str) else type(value).__name__

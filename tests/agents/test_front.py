@@ -1,0 +1,289 @@
+"""What a person imports: the commands as functions with the same defaults; results print, show, plot and can be written."""
+
+import csv
+import inspect
+import json
+import re
+from dataclasses import MISSING, fields
+from importlib.metadata import EntryPoint
+from unittest.mock import patch
+
+import gymnasium as gym
+import matplotlib
+import numpy as np
+import own_parts
+import pytest
+from matplotlib.figure import Figure
+
+pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
+
+import turtlebot_gym_agents as front
+from turtlebot_gym import entry_points
+from turtlebot_gym.drive import position_error
+from turtlebot_gym.estimation.consistency import nees
+from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
+from turtlebot_gym_agents.commands.cli import COMMANDS
+from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.front.results import name_of
+from turtlebot_gym_agents.training.config import TrainingConfig
+
+SMALL = {"n_envs": 16, "n_timesteps": 1024, "policy": "MlpPolicy", "n_steps": 16, "batch_size": 128, "n_epochs": 1}
+QUICK = {"config": SMALL, "evaluations": 2, "episodes": 4, "checkpoint_seconds": 1e9, "progress": False}
+
+
+@pytest.fixture(scope="module")
+def compared():
+    return compare("proportional", "bearing", episodes=12, noise=["tutorial", "clean"])
+
+
+@pytest.fixture(scope="module")
+def in_a_room():
+    return drive("vfh", env="rooms", world="office", lidar="ideal", seed=3)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Two seeds in a folder that is given as text, as everybody gives it."""
+    return train("nav", str(tmp_path_factory.mktemp("trained") / "run"), seeds=2, **QUICK)
+
+
+@pytest.fixture(params=["evaluation", "compared", "in_a_room", "trained"])
+def result(request, compared):
+    return compared["bearing, clean"] if request.param == "evaluation" else request.getfixturevalue(request.param)
+
+
+@pytest.mark.parametrize(
+    ("function", "command", "names"),
+    [
+        (evaluate, "evaluate", {"env": "env", "episodes": "episodes", "seed": "seed"}),
+        (compare, "evaluate", {"env": "env", "episodes": "episodes", "seed": "seed"}),
+        (train, "train", {"env": "env", "folder": "out", "seeds": "seeds", "resume": "resume"}),
+        (export, "export", {"path": "out", "env": "env"}),
+    ],
+)
+def test_a_function_has_the_defaults_of_its_command(function, command, names):
+    given = inspect.signature(function).parameters
+    defaults = {item.name: item.default for item in fields(COMMANDS[command]) if item.default is not MISSING}
+    for name, field in names.items():
+        assert str(given[name].default) == str(defaults[field])
+
+
+def test_options_of_trainings_and_environments_have_the_defaults_of_the_commands():
+    flags = {item.name: item.default for item in fields(COMMANDS["train"])}
+    for item in fields(TrainingConfig):
+        if item.name in flags:
+            assert item.default == flags[item.name], item.name
+
+
+def test_a_comparison_without_policies_has_those_of_the_command():
+    assert [*compare(episodes=1).evaluations] == list(COMMANDS["evaluate"]().policy)
+
+
+def test_it_prints_as_a_table_and_a_verdict(result):
+    text = str(result)
+    assert repr(result) == text
+    assert text.endswith(result.verdict())
+    assert result.verdict()
+    assert "━" in text
+    assert max(map(len, text.removesuffix(result.verdict()).splitlines())) <= 100
+    assert not re.search(r"\w+\(\w+=|array\(", text)  # no dataclass, no array
+
+
+def test_a_notebook_shows_a_table_and_a_figure(result):
+    html = result._repr_html_()
+    assert html.count("<table>") == len(result.tables())
+    assert '<img alt="the figure of plot()" src="data:image/png;base64,iVBOR' in html
+    assert len(html) < 150_000
+
+
+def test_its_arrays_are_those_of_its_csv(result, tmp_path):
+    result.to_csv(tmp_path / "result.csv")
+    with (tmp_path / "result.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    columns = result.rows()
+    assert list(rows[0]) == list(columns)
+    for name, column in columns.items():
+        written = [row[name] for row in rows]
+        if np.asarray(column).dtype.kind in "US":
+            assert written == list(column)
+        else:
+            np.testing.assert_array_equal(np.array(written, float), np.asarray(column, float))
+
+
+def test_its_json_holds_the_configuration_and_where_it_comes_from(result, tmp_path):
+    result.to_json(str(tmp_path / "result.json"))
+    content = json.loads((tmp_path / "result.json").read_text())
+    assert content["config"]["env"].startswith("turtlebot_gym/TurtleBot")
+    assert {"version", "commit", "libraries"} <= set(content)
+
+
+def test_a_name_that_it_does_not_have_is_refused_with_those_that_it_has(result):
+    name = next(iter(result.arrays))
+    assert result[name] is not None
+    with pytest.raises(KeyError, match=f"there is no 'sucess': there are .*{name}"):
+        result["sucess"]
+
+
+def test_it_draws_into_the_given_axes_and_says_units(result):
+    figure = Figure()
+    axes = figure.subplots()
+    assert result.plot(axes) is axes
+    assert axes.has_data()
+    assert re.search(r"\((s|m)\)|steps", axes.get_xlabel())
+
+
+def test_without_axes_it_makes_new_ones(compared):
+    from matplotlib import pyplot as plt
+
+    with matplotlib.rc_context({"backend": "Agg"}):
+        axes = compared.plot()
+        assert axes.figure.number in plt.get_fignums()
+        plt.close(axes.figure)
+
+
+def test_a_comparison_is_of_each_policy_in_each_setting(compared):
+    assert [*compared.evaluations] == ["proportional, tutorial", "proportional, clean", "bearing, tutorial", "bearing, clean"]
+    alone = evaluate("bearing", env="Nav", episodes=12, noise="clean")
+    np.testing.assert_array_equal(compared["bearing, clean"]["time"], alone["time"])
+    np.testing.assert_array_equal(compared["success"][3], alone["success"])
+    assert "bearing, clean is" in compared.verdict() or "bearing, clean reaches" in compared.verdict()
+
+
+def test_options_are_named_in_the_title():
+    title = str(compare("bearing", episodes=2, filter=own_parts.Extended, reward={own_parts.SPIN: 2.0}, noise="clean"))
+    assert "2 episodes from seed 0, filter Extended, reward spin 2.0, noise clean" in " ".join(title.split())
+
+
+def test_objects_of_ones_own_have_a_label_each():
+    def stand(observations):
+        return np.zeros((*observations.shape[:-1], 2), np.float32)
+
+    labels = [*compare(stand, lambda observations: stand(observations), episodes=1).evaluations]
+    assert labels == ["stand", "<lambda>"]
+    labels = [*compare("bearing", filter=["matched", own_parts.Extended, own_parts.Extended], episodes=1).evaluations]
+    assert labels == ["matched", "Extended", "Extended (2)"]
+    with pytest.raises(ValueError, match="noise must name at least one value"):
+        compare("bearing", noise=[])
+
+
+def test_a_drive_is_the_first_episode_of_an_evaluation(in_a_room):
+    trajectory = evaluate("vfh", env="rooms", world="office", lidar="ideal", seed=3, episodes=1).trajectory
+    for name in ("true_state", "odometry", "estimate", "covariance", "reference", "command"):
+        np.testing.assert_array_equal(in_a_room[name], getattr(trajectory, name))
+    expected = nees(trajectory.estimate, trajectory.true_state, trajectory.covariance, components=3)
+    np.testing.assert_array_equal(in_a_room["nees"], expected)
+    assert f"{position_error(trajectory.estimate, trajectory.true_state).mean():.3f}" in str(in_a_room)
+
+
+def test_a_drive_in_a_room_has_its_walls_in_arrays_and_in_its_plot(in_a_room, tmp_path):
+    in_a_room.to_npz(tmp_path / "drive.npz")
+    with np.load(tmp_path / "drive.npz") as file:
+        assert {*file} == {*in_a_room.arrays}
+        x, y, length, width = file["walls"]
+        boxes = len(file["boxes"])
+    axes = in_a_room.plot(Figure().subplots())
+    limits = [*axes.get_xlim(), *axes.get_ylim()]
+    assert limits[0] <= x - length < x + length <= limits[1]
+    assert limits[2] <= y - width < y + width <= limits[3]
+    assert len(axes.patches) >= 1 + boxes
+    without = drive("bearing", noise="clean").plot(Figure().subplots())
+    assert not without.patches
+
+
+def test_trainings_have_their_learning_curves_and_an_interval(trained):
+    assert trained["success"].shape == (2, 2)
+    assert trained["steps"].tolist() == [512.0, 1024.0]
+    value, low, high = trained.interval("return")[-1]
+    assert (value, low, high) == metrics.mean(trained["return"][:, -1])
+    axes = trained.plot(Figure().subplots(), name="return")
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
+        *("seed 0", "seed 1", "mean of 2 seeds", "95 % interval of the mean"),
+    ]
+    with pytest.raises(ValueError, match="name must be one of 'success', 'return', 'steps_to_end'"):
+        trained.plot(name="reward")
+
+
+def test_a_training_drives_in_a_comparison_and_by_its_file(trained):
+    assert trained.policy in trained.policies
+    assert trained.policies[0].parent.name == "seed-0"
+    (label, first), _ = compare(trained, "bearing", episodes=3).evaluations.items()
+    assert label == str(trained.policies[0].parents[1])
+    np.testing.assert_array_equal(first["time"], evaluate(trained.policy, episodes=3)["time"])
+    assert make_policy(trained.policy)(np.zeros(13, np.float32)).shape == (2,)
+
+
+def test_a_training_goes_into_a_folder_once(trained, tmp_path):
+    with pytest.raises(ValueError, match=r"holds a run already: resume it with --resume \(resume=True\)"):
+        train("nav", trained.policies[0].parent, **QUICK)
+    config = TrainingConfig(env="nav", config=SMALL, evaluations=1, episodes=4)
+    assert config.env == "turtlebot_gym/TurtleBotNav-v0"
+    with pytest.raises(ValueError, match="seeds must be a whole number"):
+        train(config, tmp_path / "run", seeds=0)
+
+
+@pytest.mark.nightly
+def test_a_model_of_another_library_becomes_a_bundle(tmp_path):
+    import torch
+
+    model = torch.nn.Sequential(torch.nn.Linear(13, 2), torch.nn.Tanh())
+    exported = export(model, str(tmp_path / "own.onnx"), env="pose", noise="clean", steps=20)
+    assert exported.card.env == "turtlebot_gym/TurtleBotPose-v0"
+    assert re.fullmatch(rf"{re.escape(str(exported.policy))}: .* bytes, for .*Pose-v0; its actions differ .*", str(exported))
+    assert evaluate(exported, env="pose", noise="clean", episodes=2).label == str(exported.policy)
+
+
+@pytest.mark.parametrize(("function", "extra"), [(watch, "view"), (replay, "lab")])
+def test_a_satellite_that_is_missing_is_named_with_its_extra(function, extra):
+    with (
+        patch.object(entry_points, "_installed", lambda group: entry_points.EntryPoints()),
+        pytest.raises(ImportError, match=rf"^{function.__name__} needs the extra \[{extra}\]: pip install [^\n]*$"),
+    ):
+        function("bearing")
+
+
+class Shown:
+    """A viewer's command, as an entry point brings one."""
+
+    def __init__(self, **options):
+        self.options = options
+        self.shown = None
+        Shown.last = self
+
+    def run(self):
+        self.shown = self.options["policy"]
+
+    def show(self, drives, *, title):
+        self.shown = list(drives), title
+
+
+def test_watch_hands_policies_or_drives_to_the_viewer(in_a_room, monkeypatch):
+    points = entry_points.EntryPoints([EntryPoint("watch", "test_front:Shown", "turtlebot_gym.commands")])
+    monkeypatch.setattr(entry_points, "_installed", lambda group: points)
+    monkeypatch.setattr(EntryPoint, "load", lambda self: Shown)
+    watch("bearing", "ppo-nav", seed=3)
+    assert Shown.last.shown == ("bearing", "ppo-nav")
+    assert Shown.last.options["seed"] == 3
+    watch()
+    assert Shown.last.shown == ("bearing",)
+    watch(in_a_room, html="view.html")
+    assert Shown.last.shown == ([in_a_room.record], "vfh")
+    with pytest.raises(ValueError, match="watch shows policies or drives, got both"):
+        watch("bearing", in_a_room)
+
+
+def test_names_of_environments_are_short_in_any_case():
+    for name in ("Nav", "turtlebot_gym/TurtleBotNav-v0"):
+        assert drive("bearing", env=name, noise="clean").config["env"] == "turtlebot_gym/TurtleBotNav-v0"
+    with pytest.raises(ValueError, match="env must be one of"):
+        drive("bearing", env="navy")
+
+
+def test_names_of_values():
+    assert name_of({"effort": 0.2, own_parts.SPIN: 1}) == "effort 0.2 spin 1"
+    assert name_of(("ekf", own_parts.SPIN)) == "ekf,spin"
+    assert name_of(gym.make("turtlebot_gym/TurtleBotNav-v0").unwrapped) == "NavigationEnv"
+
+
+def test_every_public_name_is_documented():
+    for name in front.__all__:
+        assert getattr(front, name).__doc__, name
