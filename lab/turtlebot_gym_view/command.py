@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from turtlebot_gym_agents.commands.console import DriveOptions, WritingOptions, needs
+from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.outputs import OutputFile
 from turtlebot_gym_lab.commands.recorded import MountOption
+
+if TYPE_CHECKING:
+    from turtlebot_gym.drive import Drive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +42,7 @@ class Watch(WritingOptions, MountOption, DriveOptions):
         from turtlebot_gym_view import read_recorded, record_episode
 
         with needs("view"):
-            from turtlebot_gym_view.html import write_html
-            from turtlebot_gym_view.server import serve
+            from turtlebot_gym_view import server  # noqa: F401  # what it lacks is said before the drives are driven
         if self.mount is not None and not self.drive:
             raise ValueError("--mount says where the LiDAR of a recorded drive is: add --drive, or leave it out.")
         if self.drive:
@@ -47,7 +51,14 @@ class Watch(WritingOptions, MountOption, DriveOptions):
         else:
             drives = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
             around = [name for name in (self.world, self.lidar, self.fix) if name]
-            title = ", ".join([self.env.partition("/")[2], *around, f"seed {self.seed}", f"noise {self.noise}"])
+            title = ", ".join([environment_id(self.env).partition("/")[2], *around, f"seed {self.seed}", f"noise {self.noise}"])
+        self.show(drives, title=title)
+
+    def show(self, drives: Sequence[Drive], *, title: str) -> None:
+        """Show drives: in a file, or served until the process is interrupted."""
+        with needs("view"):
+            from turtlebot_gym_view.html import write_html
+            from turtlebot_gym_view.server import serve
         if self.html is not None:
             print(f"{self.html}: {write_html(drives, self.html, title=title):,} bytes; open it in a browser.")
             return

@@ -17,6 +17,7 @@ from turtlebot_gym_lab.commands.recorded import RecordingOptions
 
 if TYPE_CHECKING:
     from turtlebot_gym.drive import Drive
+    from turtlebot_gym_lab.commands.replayed import ReplayResult
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,10 +65,6 @@ class Estimate(ReportingOptions):
             save_figure(report.estimation_figure(result), self.plot)
 
 
-GENERATED = "generated"
-"""Where measured poses come from if they are not recorded."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Replay(ReportingOptions, RecordingOptions):
     """Run the filter over recorded drives with known truth.
@@ -101,6 +98,7 @@ class Replay(ReportingOptions, RecordingOptions):
         """Return a drive to be replayed, and where its measured poses come from: a topic, "recorded" or "generated"."""
         from turtlebot_gym_lab.calibration.calibrate import detect_kind
         from turtlebot_gym_lab.calibration.estimates import POSE
+        from turtlebot_gym_lab.commands.replayed import GENERATED
         from turtlebot_gym_lab.drives import read
         from turtlebot_gym_lab.drives.reading import pose_sensors
         from turtlebot_gym_lab.evaluation.replay import replayable
@@ -131,8 +129,22 @@ class Replay(ReportingOptions, RecordingOptions):
         return tuple(path.with_stem(f"{path.stem}-{stem}{at}") for stem, at in zip(stems, numbers, strict=True))
 
     def run(self) -> None:
-        from turtlebot_gym_lab.commands import report
-        from turtlebot_gym_lab.evaluation.replay import dead_reckoning, replay_figure, replay_seeds
+        from turtlebot_gym_lab.evaluation.replay import dead_reckoning, replay_figure
+
+        result = self.result()
+        print_tables(*result.tables())
+        print(result.verdict())
+        self.report(result.content()[0])
+        if self.plot is not None:
+            for (path, drive), picture in zip(result.drives.items(), self.paths("plot"), strict=True):
+                title = f"{path.name}, noise {self.noise}, seed {self.seed}"
+                save_figure(replay_figure(result.results[path].trajectory, dead_reckoning(drive), title=title), picture)
+
+    def result(self) -> ReplayResult:
+        """Return the result; what was wrong in the recordings is told on standard error."""
+        from turtlebot_gym_agents.front.results import name_of
+        from turtlebot_gym_lab.commands.replayed import GENERATED, ReplayResult
+        from turtlebot_gym_lab.evaluation.replay import replay_seeds
 
         if not self.files:
             raise ValueError("At least one FILE must be given.")
@@ -166,20 +178,7 @@ class Replay(ReportingOptions, RecordingOptions):
                     integrator=self.integrator,
                     recorded=recorded,
                 )
-        names = [path.name for path in results]
-        labels = {path: path.name if names.count(path.name) == 1 else str(path) for path in results}
-        title = f"noise {self.noise}, filter {self.filter}"
+        title = f"noise {name_of(self.noise)}, filter {name_of(self.filter)}"
         title += f", mean of {number} seeds" if GENERATED in sensors.values() else ""
-        tables = {labels[path]: result for path, result in results.items()}
-        print_tables(report.replay_table(tables, title=title))
-        for path, sensor in sensors.items():
-            how = f"generated from the truth, noise {self.noise}" if sensor == GENERATED else "recorded"
-            print(f"{labels[path]}: measured poses {how}{f' on {sensor}' if sensor.startswith('/') else ''}.")
-        runs = [{"file": path, "measured": sensors[path], **result.summary()} for path, result in results.items()]
-        self.report({"runs": runs})
-        if self.plot is not None:
-            for (path, drive), picture in zip(drives.items(), self.paths("plot"), strict=True):
-                figure = replay_figure(
-                    results[path].trajectory, dead_reckoning(drive), title=f"{path.name}, noise {self.noise}, seed {self.seed}"
-                )
-                save_figure(figure, picture)
+        about = {"noise": name_of(self.noise), "config": self.settings()}
+        return ReplayResult(results=results, drives=drives, sensors=sensors, title=title, **about)
