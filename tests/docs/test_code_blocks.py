@@ -2,8 +2,10 @@
 
 import re
 import subprocess
+import sys
 import warnings
 from pathlib import Path
+from types import ModuleType
 from unittest.mock import patch
 
 import gymnasium as gym
@@ -33,6 +35,7 @@ LONG = (
     "fix",
     "libraries",
     "policy",
+    "python",
     "robot",
     "train",
     "watch",
@@ -51,6 +54,8 @@ QUICK = {
     "bringup": {"duration": "3"},
 }
 """Options that make the commands of the pages short; all others are left as they stand."""
+SHORT = {r"steps=[\d_]+": "steps=1024, evaluations=1", r"learn\([\d_]+\)": "learn(256)", r"episodes=\d+": "episodes=5"}
+"""What makes the Python blocks of the page on Python short."""
 CLIENTS = tomllib.loads((ROOT / "tests" / "clients" / "clients.toml").read_text(encoding="utf-8"))
 """Scripts that `make test-clients` runs, in environments that have their libraries."""
 
@@ -62,6 +67,13 @@ def shortened(line):
     for name, value in QUICK.get(command[1] if command else "", {}).items():
         code = re.sub(rf" --{name} \S+", "", code) + f" --{name} {value}"
     return code
+
+
+def shortened_code(text):
+    """Return Python code with the numbers of `SHORT`."""
+    for pattern, short in SHORT.items():
+        text = re.sub(pattern, short, text)
+    return text
 
 
 def run(text):
@@ -86,7 +98,8 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.syspath_prepend(path.with_suffix(""))  # files that the page links to
     write_drive(tmp_path / "drive.csv")
-    names = {"__name__": "page"}
+    page = ModuleType("page")
+    monkeypatch.setitem(sys.modules, "page", page)  # in which a term of an observation has a name
     with patch.dict(turtlebot_gym.NOISES), patch.dict(gym.registry):  # pages may add to them
         for block in blocks_of(path):
             if not CLIENTS.get(Path(block.title).stem, {}).get("in_make_test", True):
@@ -94,7 +107,8 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
             if block.title:
                 Path(block.title).write_text(block.text)
             if block.kind == "python":
-                exec(compile("\n" * block.line + block.text, path, "exec"), names)
+                text = shortened_code(block.text) if path.stem == "python" else block.text
+                exec(compile("\n" * block.line + text, path, "exec"), vars(page))
             elif block.kind == "bash":
                 run(block.text)
             elif block.kind == "yaml":

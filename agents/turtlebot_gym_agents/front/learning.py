@@ -85,7 +85,10 @@ class Training(Result):
 
     def interval(self, name: str = "success") -> list[Interval]:
         """Return the mean of a figure over the seeds at each evaluation, with its 95 % interval; NaN with one seed."""
-        return [metrics.mean(column) for column in self[name].T]
+        means = [metrics.mean(column) for column in self[choose("name", name, {figure: figure for figure in FIGURES})].T]
+        if name != "success":
+            return means
+        return [Interval(value, *np.clip([low, high], 0.0, 1.0).tolist()) for value, low, high in means]  # a share
 
     def tables(self) -> tuple[Table, ...]:
         """Return the table of `turtlebot-gym train`."""
@@ -141,8 +144,6 @@ class Training(Result):
 
         label, arrays, mean = choose("name", name, FIGURES), self.arrays, self.interval(name)
         curves = {f"seed {seed}": values for seed, values in zip(self.results, arrays[name], strict=True)}
-        if name == "success":  # a share
-            mean = [Interval(value, max(low, 0.0), min(high, 1.0)) for value, low, high in mean]
         return draw_learning_curves(axes_or_new(axes), arrays["steps"], curves, mean, label=label)
 
 
