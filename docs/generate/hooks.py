@@ -1,15 +1,13 @@
 """What MkDocs calls while it builds the site.
 
-Formulas become MathML, which browsers draw without a script; a link to a section of a notebook that is a paragraph by itself
-becomes that section's equations, so that each equation stands in one place; links to ``reference/PACKAGE.md#NAME`` find the
-page that describes the name; links to notebooks find their pages; the API's pages enter the navigation; and each picture gets
-its size, a link to itself and a box as wide as the page at most.
+Formulas become MathML, which browsers draw without a script; links to ``reference/PACKAGE.md#NAME`` find the page that
+describes the name; links to notebooks find their pages; the API's pages enter the navigation; and each picture gets its size, a
+link to itself and a box as wide as the page at most.
 """
 
 from __future__ import annotations
 
 import html
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,6 @@ from xml.etree import ElementTree
 
 from layout import Page, pages
 from math_core import LatexToMathML
-from mkdocs.exceptions import PluginError
 from PIL import Image
 
 CONVERTER = LatexToMathML()
@@ -26,9 +23,6 @@ DISPLAY = re.compile(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', re.DO
 """What `pymdownx.arithmatex` leaves of a formula."""
 API = re.compile(r"\]\((?:[\w./-]*/)?turtlebot_gym\w*\.md#(turtlebot_gym[\w.]*)\)")
 NOTEBOOK = re.compile(r"\]\(((?:\.\./)*(?:notebooks/)?\d\d_\w+)\.ipynb\)")
-SECTION = re.compile(r'^(\[[^\]]+\]\((?:\.\./)*notebooks/(\d\d_\w+)\.ipynb) "([^"]+)"\)$', re.MULTILINE)
-"""A link to a notebook whose title names a section, alone in its line."""
-EQUATION = re.compile(r"\$\$.*?\$\$", re.DOTALL)
 PICTURE = re.compile(r"<p>((?:\s*<img [^>]*>)+)\s*</p>")
 CELL = re.compile(
     r"<td([^>]*)>(\s*[+<~\u2212-]?\d[\d.,\s()%+\u00b1\u00d7\u2212-]*(?:e[+-]?\d+)?(?: ?[a-zA-Z/\u00b2%]{1,6})?\s*)</td>"
@@ -68,20 +62,8 @@ def _entry(page: Page) -> dict[str, Any]:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Fetch equations from notebooks, and send links to the API and to notebooks to the pages that there are."""
-    markdown = SECTION.sub(lambda found: f"{equations(found[2], found[3])}\n\n{found[1]})", markdown)
+    """Send links to the API and to notebooks to the pages that there are."""
     return NOTEBOOK.sub(r"](\1.md)", API.sub(r"][\1]", markdown))
-
-
-def equations(notebook: str, section: str) -> str:
-    """Return the equations of a notebook's section, as they stand there."""
-    cells = json.loads(Path("notebooks", f"{notebook}.ipynb").read_text(encoding="utf-8"))["cells"]
-    text = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
-    parts = dict(part.split("\n", 1) for part in re.split(r"^#+ ", text, flags=re.MULTILINE)[1:] if "\n" in part)
-    equations = EQUATION.findall(parts.get(section, ""))
-    if not equations:
-        raise PluginError(f"notebooks/{notebook}.ipynb has no section {section!r} with equations.")
-    return "\n\n".join(equations)
 
 
 def on_page_content(content: str, *, page: Any, config: Any, files: Any) -> str:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import mkdocs_gen_files
 
+PICTURES = ("image/png", "image/gif")
+"""Kinds of pictures that notebooks hold."""
 FENCE = "`" * 6
 """Longer than any fence in a notebook."""
 
@@ -24,11 +26,12 @@ def fenced(kind, text):
 def shown(output, stem, number):
     """Return an output in Markdown; a picture is written beside the page."""
     data = output.get("data", {})
-    if "image/png" in data:
-        name = f"{stem}_{number}.png"
-        with mkdocs_gen_files.open(f"notebooks/{name}", "wb") as file:
-            file.write(base64.b64decode(joined(data["image/png"])))
-        return f"![Drawn by the code above]({name})"
+    for kind in PICTURES:
+        if kind in data:
+            name = f"{stem}_{number}.{kind.removeprefix('image/')}"
+            with mkdocs_gen_files.open(f"notebooks/{name}", "wb") as file:
+                file.write(base64.b64decode(joined(data[kind])))
+            return f"![Drawn by the code above]({name})"
     return fenced(" { .text .output }", joined(output["text"] if output["output_type"] == "stream" else data["text/plain"]))
 
 
@@ -44,7 +47,7 @@ def page_of(path):
             continue
         parts.append(fenced("python", source))
         for output in cell["outputs"]:
-            pictures += "image/png" in output.get("data", {})
+            pictures += any(kind in output.get("data", {}) for kind in PICTURES)
             parts.append(shown(output, path.stem, pictures))
     download = f'This page is a notebook: <a href="{path.name}" download>{path.name}</a>.'
     title, _, rest = "\n\n".join(parts).partition("\n")

@@ -79,6 +79,7 @@ ALLOWED = {
     "turtlebot_gym_lab/commands/data.py": "replaced as a whole",
     "turtlebot_gym_lab/scans/map_files.py": "replaced as a whole",
     "turtlebot_gym_agents/front/driving.py": "replaced as a whole",
+    "turtlebot_gym_agents/front/film.py": "replaced as a whole",
     "turtlebot_gym_agents/front/results.py": "into memory",
     "turtlebot_gym_agents/outputs.py": "whether an output can be written",
     "turtlebot_gym_agents/policies/bundle.py": "replaced as a whole",

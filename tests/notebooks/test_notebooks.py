@@ -55,7 +55,9 @@ def code_cells(notebook):
 def texts(output):
     """Return the texts of an output."""
     shown = output.get("data", {})
-    return [output.get("text", ""), *(text for kind, text in shown.items() if not kind.startswith("image/"))]
+    as_text = "text/plain" in shown  # HTML says the same, and holds pictures
+    kinds = [kind for kind in shown if not kind.startswith("image/") and not (as_text and kind == "text/html")]
+    return [output.get("text", ""), *(shown[kind] for kind in kinds)]
 
 
 def printed(cell):
@@ -167,6 +169,23 @@ def test_it_has_no_absolute_paths_and_no_dead_links(name):
     sources = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
     assert not [link for source in sources for link in LINK.findall(source) if not (FOLDER / link).exists()]
     assert (FOLDER / name).stat().st_size < MAX_BYTES
+
+
+def test_the_first_is_short_moves_and_asks():
+    """Ten cells, at most three imports, a moving picture, a question, and an answer that is hidden until it is asked for."""
+    path = FOLDER / "01_closed_loop.ipynb"
+    notebook = read(path.name)
+    assert len(notebook.cells) == 10
+    code = [cell for cell in code_cells(notebook) if "colab" not in cell.metadata.get("tags", ())]
+    assert sum(len(re.findall(r"^\s*(?:import|from) ", cell.source, re.MULTILINE)) for cell in code) <= 3
+    assert all(len(cell.source.splitlines()) <= 8 for cell in code)
+    kinds = {kind for cell in code for output in cell.outputs for kind in output.get("data", {})}
+    assert {"image/png", "image/gif", "text/html"} <= kinds
+    prose = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
+    assert any("?**" in text for text in prose)
+    assert sum("<details>" in text for text in prose) == 1
+    assert "ros" not in " ".join(cell.source for cell in code).lower()
+    assert path.stat().st_size < 500_000
 
 
 def colab_cell(name):
