@@ -7,7 +7,6 @@ begin another drive.
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import time
@@ -31,6 +30,7 @@ from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym_lab.drives.alignment import LEAP
 from turtlebot_gym_lab.drives.messages import GUARD, TYPES, DriveListener
 from turtlebot_gym_ros.base.names import absolute, message_type
+from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
 from turtlebot_gym_ros.base.qos import LATCHED, STREAM
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
@@ -182,11 +182,11 @@ class View:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Listen, serve the view until the process is interrupted, and return the exit code."""
-    parser = argparse.ArgumentParser(prog="watch", description="Show the running graph in a browser.")
+    parser = parser_of("watch", "Show the running graph in a browser.")
     parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1")
-    parser.add_argument("--lidar", choices=list(LIDARS), default="lds01", help="LiDAR, for its mounting (default lds01)")
-    parser.add_argument("--host", default="localhost", help="where to listen (default localhost: this machine only)")
-    parser.add_argument("--port", type=int, default=5006, help="port to listen on (default 5006); 0 for any free one")
+    parser.add_argument("--lidar", choices=list(LIDARS), default="lds01", help="LiDAR, for its mounting (default: lds01)")
+    parser.add_argument("--host", default="localhost", help="where to listen (default: localhost, this machine only)")
+    parser.add_argument("--port", type=int, default=5006, help="port to listen on (default: 5006); 0 for any free one")
     options = parser.parse_args(argv)
     be_interruptible()
     try:

@@ -82,7 +82,7 @@ def check(line, ros):
         case ["ros2", "run", "topic_tools", "delay", topic, _, _]:
             known(f"/{topic}")
         case ["ros2", "param", "set", node, name, _]:
-            assert name.startswith(load(node.lstrip("/")).live_names)
+            assert name.startswith(tuple(load(node.lstrip("/")).live_names))
         case ["python", example, "--ros-args", "-p", parameter, *_]:
             text = (ROOT / "bridges/turtlebot_gym_ros/examples" / example).read_text()
             assert f"{parameter.partition(':=')[0]}: " in text

@@ -13,7 +13,8 @@ from rclpy.parameter import Parameter
 from cmd_vel_guard import parameters
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.checks import Range, rules
-from cmd_vel_guard.declare import declare, descriptions
+from cmd_vel_guard.declare import declare
+from cmd_vel_guard.explain import descriptions
 from cmd_vel_guard.standby import CmdVelStandby
 
 KIND = parameters.Parameters

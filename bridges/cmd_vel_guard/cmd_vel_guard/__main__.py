@@ -26,11 +26,10 @@ def main() -> int:
 
 def _run(name: str, rest: list[str]) -> int:
     signal.signal(signal.SIGINT, lambda *_: os._exit(128 + signal.SIGINT))  # imports take seconds
-    module = import_module(f"cmd_vel_guard.{NODES[name]}")
     if "-h" in rest or "--help" in rest:
-        print(module.__doc__)
+        print(import_module("cmd_vel_guard.help").help_of(name, "python -m cmd_vel_guard"))
         return 0
-    return module.main(rest)
+    return import_module(f"cmd_vel_guard.{NODES[name]}").main(rest)
 
 
 def run_as_program() -> int:

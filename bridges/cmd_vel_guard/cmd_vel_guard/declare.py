@@ -5,13 +5,9 @@ rclpy ignores a misspelled parameter and refuses ``rate:=100`` for a double; thi
 
 from __future__ import annotations
 
-import ast
-import inspect
 from collections.abc import Sequence
 from dataclasses import fields
 from difflib import get_close_matches
-from itertools import pairwise
-from textwrap import dedent
 from typing import Any, TypeVar, get_type_hints
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -19,6 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from cmd_vel_guard.checks import Range, rules
+from cmd_vel_guard.explain import descriptions
 
 T = TypeVar("T")
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -74,18 +71,3 @@ def _converted(name: str, value: Any, kind: type) -> Any:
     if type(value) is not kind:
         raise ValueError(f"{name} must be of type {kind.__name__}, got {value!r} ({type(value).__name__}).")
     return value
-
-
-def descriptions(kind: type) -> dict[str, str]:
-    """Return the docstring under each field of a class, on one line; empty if the source is not available."""
-    try:
-        (made,) = ast.parse(dedent(inspect.getsource(kind))).body
-    except (OSError, TypeError, SyntaxError):  # TypeError: of a module without a file
-        return {}
-    assert isinstance(made, ast.ClassDef)
-    return {
-        item.target.id: " ".join(text.value.value.split())
-        for item, text in pairwise(made.body)
-        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)
-        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
-    }

@@ -25,8 +25,8 @@ class Parameters:
     """Parameters of ``cmd_vel_guard``; none changes while it runs."""
 
     robot: str = ""
-    """A robot that an installed package knows, see `robots`: its numbers hold where a parameter below is 0. If empty, the
-    parameters must state all numbers."""
+    """Robot that an installed package knows, whose numbers hold where a parameter is 0. See `robots`; if empty, the parameters
+    must state all numbers."""
     max_linear: Annotated[float, SPEED] = 0.0
     """Highest speed, m/s; 0 for that of ``robot``."""
     max_angular: Annotated[float, SPEED] = 0.0
@@ -38,61 +38,64 @@ class Parameters:
     reverse: bool = True
     """Whether the robot may drive backwards, if ``robot`` may."""
     enable_stamped_cmd_vel: bool = True
-    """Whether velocities are TwistStamped, in and out, as on a Jazzy robot; Twist if false."""
+    """Whether velocities, in and out, are TwistStamped, as on a Jazzy robot; Twist if false."""
     body_frame: str = "base_footprint"
     """The robot's frame in the commands."""
     frame_prefix: str = ""
-    """Prefix of the robot's and the scans' frame, such as "robot1/" for robot1/base_scan; other scans are then refused."""
+    """Prefix of the robot's and the scans' frame; scans of other frames are then refused. Such as "robot1/" for
+    robot1/base_scan."""
     start_enabled: bool = True
     """Whether commands pass from the start; if not, ``~/enable`` is needed after every (re)start."""
     require_emergency_stop: bool = False
-    """Whether a live button is needed to enable; commands then never pass from the start, even if ``start_enabled`` is true."""
+    """Whether enabling needs a live button; then ``start_enabled`` does not count."""
     require_standby: bool = False
-    """Whether the robot stands unless ``cmd_vel_standby`` is alive, which stops it if the guard dies."""
+    """Whether the robot stands unless cmd_vel_standby is alive. That one stops it if the guard dies."""
     max_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
-    """Age from which a command no longer counts, s; at most 0.5. It counts from when the command was sent."""
+    """Age since it was sent from which a command no longer counts, s; at most 0.5."""
     measured_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.5
-    """Age from which a command no longer counts, s, since the measurement on which it rests: its header's stamp."""
+    """Age of its measurement from which a command no longer counts, s: by the header's stamp.
+    """
     rate: Annotated[float, Range(50.0, 200.0, unit="Hz")] = 50.0
     """Rate at which ages are checked, and highest rate of commands, Hz; 50 to 200."""
     max_acceleration: Annotated[float, Range(0.0, 1000.0, open_low=True, unit="m/s^2")] = 2.5
-    """Limit of each wheel's acceleration at the rim, m/s^2. It never delays a stop."""
+    """Limit of each wheel's acceleration at the rim, m/s^2; it never delays a stop."""
     speed_scale: Annotated[float, Range(0.0, 1.0, open_low=True)] = 1.0
     """Factor on every command, at most 1."""
     geofence: Annotated[float, Range(0.0, 1e6, unit="m")] = 0.0
-    """Radius around the origin of the pose's frame beyond which only a person may drive, m; 0 for no fence."""
+    """Radius around the origin beyond which only a person may drive, m; 0 for no fence. The origin is that of the pose's frame.
+    """
     geofence_topic: Annotated[str, Names(("odom", "estimate"))] = "odom"
     """Topic of the pose for the geofence: ``odom`` or ``estimate``."""
     geofence_frame: str = "odom"
-    """Frame of the pose for the geofence, without a prefix; a pose in another one does not count."""
+    """Frame of that pose, without a prefix; a pose in another one does not count."""
     motion_check: bool = True
-    """Whether the robot stands when it does not move as commanded by ``odom``, or has lost it; see `moved`."""
+    """Whether the robot stands when it does not move as commanded by odom, or has lost it. See `moved`."""
     heed_disagreement: bool = False
-    """Whether a cause on ``disagreement``, published by the filter, stops the robot until it is enabled."""
+    """Whether a cause on the filter's ``disagreement`` stops the robot until it is enabled."""
     collision_monitor: bool = False
-    """Whether obstacles on ``scan`` limit every command, including a person's; without a fresh scan the robot then stands."""
+    """Whether obstacles on ``scan`` limit commands, a person's too; without a scan it stands."""
     collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05
     """Width of the stop zone around the footprint, m."""
     collision_time: Annotated[float, Range(0.5, 10.0, unit="s")] = 1.0
     """Time to collision below which a command is slowed down, s."""
     escape_speed: Annotated[float, Range(0.0, 0.1, unit="m/s")] = 0.05
-    """Speed at which a robot may creep away from obstacles in its stop zone, m/s; with 0 it stands."""
+    """Speed at which it may creep out of its stop zone, m/s; with 0 it stands."""
     scan_age: Annotated[float, Range(0.0, 0.5, open_low=True, unit="s")] = 0.4
-    """Age from which a scan no longer counts, s. It counts from when the scan was sent."""
+    """Age since it was sent from which a scan no longer counts, s."""
     scan_period: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Time of one revolution of the LiDAR, s."""
     scan_error: Annotated[float, Range(0.0, 0.5)] = 0.085
-    """Relative error of a range, by which the stop zone grows; for an LDS-01, 5 % plus twice 1.75 %."""
+    """Relative error of a range, by which the stop zone grows. For an LDS-01, 5 % plus twice 1.75 %."""
     scan_returns: Annotated[float, Range(0.0, 1.0)] = 0.02
-    """Least share of a scan's beams that return something; with less for 0.5 s the robot stands: a covered LiDAR looks like
-    one in a hall larger than its range. With 0 the robot drives in such halls, and a cover is not noticed."""
+    """Least share of a scan's beams that return something, or the robot stands; 0 for any. Less must last for 0.5 s: a covered
+    LiDAR looks like one in a hall larger than its range. With 0 the robot drives in such halls, and a cover is not noticed."""
     reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Longest delay of wheels and LiDAR driver, s."""
     radius: Annotated[float, Range(0.0, 10.0, unit="m")] = 0.0
     """Radius of the footprint, m; 0 for that of ``robot``."""
     scan_mount: Annotated[str, Names(("robot", "given"))] = "robot"
-    """Whether to use the footprint's centre of ``robot``, and the mount of ``/tf_static`` or else of ``robot``, or the five
-    parameters below, which ``/tf_static`` must not contradict. Without a ``robot`` they count unless ``/tf_static`` differs."""
+    """Mount and footprint: ``robot``, those of ``/tf_static`` or ``robot``, or ``given``, the five below. The five must not
+    contradict ``/tf_static``. Without a ``robot`` they count unless ``/tf_static`` differs."""
     footprint_x: Annotated[float, PLACE] = 0.0
     """Centre of the footprint ahead of the axle, m."""
     scan_x: Annotated[float, PLACE] = 0.0

@@ -11,7 +11,7 @@ from typing import Any
 
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.session import INTERRUPTED
-from turtlebot_gym_ros.nodes import NODES, TOOLS, Entry, entry_of, load, programs
+from turtlebot_gym_ros.nodes import EXPLAINED, NODES, TOOLS, Entry, entry_of, load, programs
 
 HELP = """usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
@@ -57,6 +57,11 @@ def _run(argv: Sequence[str] | None) -> int:
         return 2
     prepare(local=not guards)  # what runs on the robot serves the network
     try:
+        if asks_for_help([name, *rest]):
+            from turtlebot_gym_ros.node.explained import explain_node
+
+            print(explain_node(name))
+            return 0
         entry = load(name)
         if not hasattr(entry, "Params"):
             return entry(rest)
@@ -71,15 +76,23 @@ def _run(argv: Sequence[str] | None) -> int:
         sourced = "source a ROS 2 installation, or " if extra == "ros" else ""
         print(f"error: {missing} is missing: {sourced}{installing(extra)}.", file=sys.stderr)
         return 2
-    if "-h" in rest or "--help" in rest:
-        print(entry.__doc__)
-        return 0
     return run(entry, entry.Params, rest)
+
+
+def asks_for_help(argv: Sequence[str]) -> bool:
+    """Return whether a command line asks for the help of a node that parses no options of its own."""
+    return bool({"-h", "--help"} & {*argv[1:]}) and argv[0] in EXPLAINED
 
 
 def _listed(entries: Mapping[str, Entry]) -> str:
     """Return a line for each entry."""
     return "\n".join(f"  {name:<20} {entry.summary}" for name, entry in entries.items())
+
+
+def load_quickly() -> None:
+    """Leave numba out where this program only prints a node's help: its import takes longer than all others."""
+    if asks_for_help(sys.argv[1:]):
+        sys.modules["numba"] = None  # type: ignore[assignment]
 
 
 def end_quietly() -> None:
@@ -96,11 +109,14 @@ def end_quietly() -> None:
 def run_as_program() -> int:
     """Run the node with the name of this program: the entry point of ``ros2 run turtlebot_gym_ros NODE``."""
     end_quietly()
-    return main([Path(sys.argv[0]).name, *sys.argv[1:]])
+    sys.argv = ["turtlebot_gym_ros", Path(sys.argv[0]).name, *sys.argv[1:]]
+    load_quickly()
+    return main()
 
 
 if __name__ == "__main__":
     end_quietly()
+    load_quickly()
     code = main()
     sys.stdout.flush()
     sys.stderr.flush()

@@ -87,6 +87,8 @@ MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.mode
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
 BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
 """The nodes that are blocks."""
+EXPLAINED = (*BLOCKS, "data_logger", *(name for name, entry in NODES.items() if entry.guards))
+"""The nodes that take ROS arguments; all others, and the tools, parse options of their own."""
 SATELLITES = {"field_test": "lab", "watch": "view"}
 """Programs of satellites, and the extra that brings each; the group ``turtlebot_gym.programs`` of entry points has them."""
 GROUP = "turtlebot_gym.programs"

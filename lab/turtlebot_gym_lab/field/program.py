@@ -24,7 +24,8 @@ from turtlebot_gym_lab.field.report import MARKS, page, shown
 from turtlebot_gym_lab.field.session import TopicListener
 from turtlebot_gym_lab.field.shared import QUIET, Field, Person
 from turtlebot_gym_lab.field.steps import walk
-from turtlebot_gym_ros.base.parameters import descriptions
+from turtlebot_gym_ros.base.explain import descriptions
+from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, processes, refuse
 from turtlebot_gym_ros.blocks.simulator import SPEECHES
 
@@ -69,11 +70,9 @@ class Console:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    options = argparse.ArgumentParser(
-        prog="field_test", description=f"Guide you through the first afternoon with a robot, and write a report. {WORDS}"
-    )
-    options.add_argument("--robot", default="burger", help=f"{', '.join(ROBOTS)} (default burger), or FILE.yaml")
-    options.add_argument("--out", type=Path, help="new folder of report, bag and noise file (default field-test-TIME)")
+    options = parser_of("field_test", f"Guide you through the first afternoon with a robot, and write a report. {WORDS}")
+    options.add_argument("--robot", default="burger", help=f"{', '.join(ROBOTS)} (default: burger), or FILE.yaml")
+    options.add_argument("--out", type=Path, help="new folder of report, bag and noise file (default: field-test-TIME)")
     options.add_argument("--with-guard", action="store_true", help="start guard and standby here: run this on the robot then")
     options.add_argument("--twist", action="store_true", help="with --with-guard: the robot hears Twist, not TwistStamped")
     options.add_argument("--simulate", choices=list(SPEECHES), help="rehearse with a simulated robot that speaks like this one")
@@ -83,7 +82,7 @@ def parser() -> argparse.ArgumentParser:
     texts = descriptions(Field)
     for name, default in NUMBERS.items():
         text = texts.get(name, "").replace("%", "%%")
-        options.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default {default:g})")
+        options.add_argument(f"--{name}", type=float, default=default, help=f"{text} (default: {default:g})")
     return options
 
 

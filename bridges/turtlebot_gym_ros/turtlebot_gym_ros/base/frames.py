@@ -23,19 +23,18 @@ class Common:
     """Parameters of every node; a block's parameters may override their defaults."""
 
     frame: str = "odom"
-    """World frame. Poses in other frames are refused."""
+    """World frame; poses in other frames are refused."""
     body_frame: str = "base_footprint"
     """The robot's frame in estimates and commands."""
     frame_prefix: str = ""
-    """Prefix of both frames, such as "robot1/" for robot1/odom, like that of robot_state_publisher, so that robots share one
-    tree."""
+    """Prefix of both frames, such as "robot1/" for robot1/odom, so that robots share one tree. It is like that of
+    robot_state_publisher."""
     enable_stamped_cmd_vel: bool = True
     """Whether velocities are TwistStamped, as on a Jazzy robot, or Twist, as on a Humble one."""
     start_enabled: bool = False
     """Whether a node that moves a robot starts enabled, without a call of ``~/enable``."""
     lock_step: bool = False
-    """Whether time is simulated and waits for each step's answer, see `lockstep`; must be the same in all nodes. Never on a
-    robot."""
+    """Whether simulated time waits for each node's answer, in all alike; never on a robot. See `lockstep`."""
 
     def __post_init__(self) -> None:
         if self.lock_step and not self.enable_stamped_cmd_vel:

@@ -6,13 +6,10 @@ rclpy ignores a misspelled parameter and refuses ``rate:=10`` for a double; this
 
 from __future__ import annotations
 
-import ast
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from difflib import get_close_matches
-from itertools import pairwise
-from textwrap import dedent
 from typing import Any, get_type_hints
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -21,12 +18,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from turtlebot_gym.validation import Range, Rule, rules
+from turtlebot_gym_ros.base.explain import descriptions
 from turtlebot_gym_ros.base.live import Live
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
-def declare(node: Node, *params: type, live: tuple[str, ...] = ()) -> tuple[Any, ...]:
+def declare(node: Node, *params: type, live: Collection[str] = ()) -> tuple[Any, ...]:
     """Declare the fields of parameter classes as read-only parameters of a node, and return the filled classes.
 
     From then on ``use_sim_time`` is read-only, too: what uses the clock was made for it.
@@ -75,7 +73,7 @@ def declare(node: Node, *params: type, live: tuple[str, ...] = ()) -> tuple[Any,
 
 
 def declare_live(
-    node: Node, live: Mapping[str, Live], left: tuple[str, ...], tune: Callable[[Mapping[str, Any]], None]
+    node: Node, live: Mapping[str, Live], left: Collection[str], tune: Callable[[Mapping[str, Any]], None]
 ) -> None:
     """Declare numbers that can be set while the node runs, and set those that were given at its start.
 
@@ -115,7 +113,7 @@ def declare_live(
     node.add_on_set_parameters_callback(change)
 
 
-def _is_live(name: str, live: tuple[str, ...]) -> bool:
+def _is_live(name: str, live: Collection[str]) -> bool:
     return any(name.startswith(one) if one.endswith(".") else name == one for one in live)
 
 
@@ -136,21 +134,6 @@ def _converted(name: str, value: Any, kind: type) -> Any:
     if type(value) is not kind:
         raise ValueError(f"{name} must be of type {kind.__name__}, got {value!r} ({type(value).__name__}).")
     return value
-
-
-def descriptions(params: type) -> dict[str, str]:
-    """Return the docstring under each field of a class, on one line; empty if the source is not available."""
-    try:
-        (made,) = ast.parse(dedent(inspect.getsource(params))).body
-    except (OSError, TypeError, SyntaxError):  # TypeError: of a module without a file
-        return {}
-    assert isinstance(made, ast.ClassDef)
-    return {
-        item.target.id: " ".join(text.value.value.split())
-        for item, text in pairwise(made.body)
-        if isinstance(item, ast.AnnAssign) and isinstance(item.target, ast.Name)
-        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
-    }
 
 
 def _descriptor(rule: Rule | None, description: str, *, read_only: bool = True) -> ParameterDescriptor:

@@ -69,11 +69,11 @@ def _script(robot: Robot, *, speed: float, turning: float, reach: float) -> Iter
 
 
 class CalibrationDrive:
-    """Drive a script with all the motion that a calibration needs, within a circle around the start.
+    """Drive a script with all the motion that a calibration needs, within a circle around the start. It does NOT SEE OBSTACLES.
 
     It repeats straights, turns on the spot, circles and stops, at four speeds and in both directions, for a given time, and
     then releases the robot. The circle is judged by the odometry: before its edge the robot turns back to the centre and
-    continues from there. It does NOT SEE OBSTACLES. It starts disabled, and should publish to the guard, on ``cmd_vel_in``.
+    continues from there. It starts disabled, and should publish to the guard, on ``cmd_vel_in``.
 
     A reset restarts the script. The centre stays, unless the robot was carried out of the circle, so a gap in the odometry does
     not move the circle.

@@ -38,6 +38,8 @@ OWN = "own_"
 """Beginning of the name of an input that brings a term of a policy's own."""
 VARIANCE_FLOOR = 1e-6
 """Replacement for a stated variance of exactly zero, (1 mm)^2 or (1 mrad)^2, since no pose is known exactly."""
+SCAN = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
+"""The further input of a policy that sees."""
 
 
 def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> Input:
@@ -101,33 +103,34 @@ class VelocityController:
     set while it runs: ``gains.kv`` and ``gains.komega`` of "proportional", ``gains.gain`` of "bearing", and so on.
     """
 
-    live_names = (GAINS,)
+    live_names = {GAINS: 'The numbers of a baseline, such as gains.gain of "bearing"; can be set while the node runs'}
 
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Params:
         """Parameters of the controller."""
 
         policy: str = "bearing"
-        """A baseline such as "bearing", "ppo-nav", "ppo-square", a bundle's file, a baseline's with gains (FILE.yaml), or
-        "module:callable"."""
+        """A baseline such as "bearing", a bundle (FILE.onnx), gains (FILE.yaml), or "module:callable". A file of gains is a
+        baseline's; bundles that come with the package are "ppo-nav" and "ppo-square"."""
         terms: str = ""
         """Terms of your own that a bundle reads, MODULE:NAME with commas: topics bring them."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         noise: str = "tutorial"
-        """Noise of the motion, for which the safety layer allows: a name in `turtlebot_gym.presets.NOISES`, or FILE.yaml."""
+        """Noise of the motion, for the safety layer: one of `turtlebot_gym.presets.NOISES`, or FILE.yaml."""
         period: Annotated[float, Range(0.001, 10.0, unit="s")] = 0.1
-        """Period for which the policy was made, s. Slower estimates are an error."""
+        """Period for which the policy was made, s; slower estimates are an error."""
         goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
-        """Distance to a last waypoint within which the robot is done, m; the belief must be inside by 0.05 m, or a third of it.
-        With 0 it is never done."""
+        """Distance to a last waypoint within which the robot is done, m; with 0 it never is. The belief must be inside by 0.05
+        m, or a third of it."""
         lidar_yaw: Annotated[float, FINITE.of("rad")] = 0.0
-        """Direction of the LiDAR's frame in the robot's frame, rad: pi/2 on a TurtleBot 4. With 0 that of ``/tf_static``, if it
-        states one; with another direction than that one the robot stands."""
+        """Direction of the LiDAR in the robot's frame, rad: pi/2 on a TurtleBot 4; 0: by /tf_static. With another direction
+        than ``/tf_static`` states the robot stands."""
         lidar_beams: Annotated[int, Range(0, 2**31, whole=True)] = 0
         """Number of beams that a scan must have; 0 for any."""
         lidar_returns: Annotated[float, Range(0.0, 1.0)] = 0.0
-        """Least share of a scan's beams that return something. With less for 0.5 s the robot stands: it may be covered."""
+        """Least share of a scan's beams that return something, or the robot stands; 0 for any. Less must last for 0.5 s: the
+        LiDAR may be covered."""
 
         safety_margin: Annotated[float, NON_NEGATIVE.of("m")] = 0.0
         """Clearance that a policy that sees keeps, within its safety layer, m; 0 for no layer. On a robot it is 0.08 m: then
@@ -147,9 +150,11 @@ class VelocityController:
         "disagreement": HALT,
     }
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
+    conditional = {"for a policy that sees": {"scan": SCAN}}
+    trigger = On("estimate", period=0.1)
 
     def __init__(self, params: Params) -> None:
-        self.trigger = On("estimate", period=params.period)
+        self.trigger = replace(self.trigger, period=params.period)
         self.driver = BeliefDriver(
             params.policy,
             robot=params.robot,
@@ -164,8 +169,7 @@ class VelocityController:
         self._goal = replace(NAV, radius=params.goal_tolerance) if params.goal_tolerance > 0.0 else None
         self._warned = False
         if self.driver.sees:
-            scan = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
-            self.inputs = {**self.inputs, "scan": scan}
+            self.inputs = {**self.inputs, "scan": SCAN}
         named = {term.name: term for term in map(own_term, filter(None, params.terms.split(",")))}
         unread = sorted(named.keys() - {term.name for term in self.driver.own_terms})
         if unread:

@@ -31,6 +31,8 @@ STANDS = Command(0.01, 0.05)
 UNSEEN = 0.15
 """Standard deviation that is added to what the filter knew of position and heading when a person lets it go on, m and rad: the
 robot took that way to stand."""
+FIX = Input(topic="pose_fix", type=Fix, required=False, max_age=1.0, lock_step="newest", aged=True, reliable=False)
+"""The further input of a filter that takes fixes."""
 _SENSES = senses_of(("odometry", "fix"))
 
 
@@ -60,7 +62,10 @@ class KalmanFilter:
     those of the filter. Where the filter does not read one, there is no such parameter.
     """
 
-    live_names = ("q", "r")
+    live_names = {
+        "q": "Variances of the motion, as FilterTuning.Q, by default those of filter; can be set while the node runs",
+        "r": "Variances of the measured pose, as FilterTuning.R, by default those of filter; can be set while the node runs",
+    }
 
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Params:
@@ -69,31 +74,31 @@ class KalmanFilter:
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`."""
         noise: str = "tutorial"
-        """Noise to which the filter is matched: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
+        """Noise to which it is matched: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         filter: str = "matched"
-        """A name in `turtlebot_gym.presets.FILTERS`: matched, calibrated, tutorial, gated, mixture, slip or scale; a FILE.yaml
-        with Q and R; or MODULE:NAME of a filter of your own, or of an object of filterpy."""
+        """A name in `turtlebot_gym.presets.FILTERS`, a FILE.yaml with Q and R, or your MODULE:NAME. The names are matched,
+        calibrated, tutorial, gated, mixture, slip and scale; NAME is a filter of your own, or an object of filterpy."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         twist: str = "executed"
-        """Twist of the prediction: "executed", that in ``/odom``, or "commanded", the last ``/cmd_vel``, for odometry without a
-        twist; not in lock-step. Commands are not tied to steps: on a busy machine the filter used another one than the robot in
-        109 of 402 steps, and its error rose from 0.038 m to as much as 0.113 m. Then odometry that stands still
+        """Twist of the prediction: "executed", in ``/odom``, or "commanded", the last ``/cmd_vel``. The second is for odometry
+        without a twist; not in lock-step. Commands are not tied to steps: on a busy machine the filter used another one than
+        the robot in 109 of 402 steps, and its error rose from 0.038 m to as much as 0.113 m. Then odometry that stands still
         0.5 s after a command to move is refused, but a jump is not noticed."""
         takes_fixes: bool = False
-        """Whether to use external pose measurements on ``pose_fix`` too, such as localization in a map or motion capture: in
-        the filter's frame, with their covariance; a heading with a negative variance is ignored."""
+        """Whether to use external pose measurements on ``pose_fix`` too, with their variances. They are in the filter's frame,
+        such as localization in a map or motion capture; a heading with a negative variance is ignored."""
         period: Annotated[float, Range(0.0, 60.0, open_low=True, unit="s")] = 0.1
         """Longest interval predicted in one step, s."""
         max_gap: Annotated[float, Range(0.0, 60.0, open_low=True, open_high=True, unit="s")] = 1.0
         """Gap in the odometry after which the filter restarts, s."""
 
         doubts: Annotated[str, Names(("report", "stop"))] = "report"
-        """What follows where ten seconds of odometry do not fit the filter's model (`estimation.doubt`): "report", a warning in
-        the diagnostics; or "stop", as for a contradiction."""
+        """If 10 s of odometry do not fit the model: "report", or "stop" until a person enables. See `estimation.doubt`; the
+        report is a warning in the diagnostics."""
         publish_tf: bool = False
-        """Whether to publish the estimate on ``/tf`` too, from the world frame to the robot's. That transform must have one
-        owner: set it only if the robot's bring-up does not publish it. Needs a ROS installation."""
+        """Whether to publish the estimate on ``/tf`` too, if the robot's bring-up does not. The transform from the world frame
+        to the robot's must have one owner. Needs a ROS installation."""
 
         def __post_init__(self) -> None:
             check_fields(self, "")
@@ -111,9 +116,11 @@ class KalmanFilter:
         "estimate": Output(topic="estimate", type=Estimate),
         "disagreement": DISAGREEMENT,
     }
+    conditional = {"with takes_fixes": {"fix": FIX}}
+    trigger = On("odometry")
 
     def __init__(self, params: Params) -> None:
-        self.trigger = On("odometry", max_gap=params.max_gap)
+        self.trigger = replace(self.trigger, max_gap=params.max_gap)
         if params.publish_tf:
             self.outputs = {**self.outputs, "estimate": replace(self.outputs["estimate"], transform=True)}
         self._period = params.period
@@ -134,8 +141,7 @@ class KalmanFilter:
             )
         if params.takes_fixes:
             self._filter = with_fixes(self._filter, REMEMBERED)
-            fix = Input(topic="pose_fix", type=Fix, required=False, max_age=1.0, lock_step="newest", aged=True, reliable=False)
-            self.inputs = {**self.inputs, "fix": fix}
+            self.inputs = {**self.inputs, "fix": FIX}
         self.notice: str | None = None
         """Why the last message was refused, until the next one of its kind is accepted."""
         self._verdict = Credibility()

@@ -56,6 +56,9 @@ LEAPS, LEAP_TIME = 3, 10.0
 """Number of times in so many seconds that odometry may begin elsewhere: the scans say where the robot is."""
 STATES = {TRACKING: "tracking", UNSURE: "unsure", LOST: "lost"}
 """States of the localizer in the diagnostics."""
+MAP_INPUT = Input(topic="map", type=GridMap, max_age=None, latched=True)
+MAP_OUTPUT = Output(topic="map", type=GridMap, latched=True)
+TIED = Output(topic="/tf", type=Correction)
 
 
 class Localizer:
@@ -95,21 +98,22 @@ class Localizer:
         map: str = ""
         """Map, as map_server takes it (FILE.yaml); if empty, that on the topic ``map``."""
         hits: bool = True
-        """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
+        """Whether occupied cells are where a LiDAR's hits fell, as by SLAM, or what is solid."""
         localizer: str = "robot"
         """Assumptions: a name in `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file of them."""
         lidar: str = "lds01"
-        """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`: its timing, and its mount if ``/tf_static`` states none."""
+        """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`. It says its timing, and its mount if ``/tf_static`` states
+        none."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`, or a file: its limits are those of its odometry."""
         noise: str = "wheel"
         """Noise of the wheels: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         start: Annotated[str, Names(("unknown", "odometry"))] = "unknown"
-        """Where the robot starts: "unknown", somewhere in the map; or "odometry", where its odometry says, for a robot that is
-        switched on at the map's origin."""
+        """"unknown", somewhere in the map, or "odometry", where the odometry says. The latter is for a robot that is switched
+        on at the map's origin."""
         when_lost: Annotated[str, Names(("stop", "drive"))] = "stop"
-        """What happens while the robot is lost: "stop", no estimate is published; or "drive", it goes on by its belief. In
-        lock-step "drive", since each step needs an answer."""
+        """While the robot is lost: "stop", without an estimate, or "drive", by its belief. In lock-step "drive", since each
+        step needs an answer."""
         max_gap: Annotated[float, Range(0.0, 3600.0, open_low=True, unit="s")] = 10.0
         """Gap in the odometry after which it starts anew, s."""
         publish_tf: bool = False
@@ -132,23 +136,26 @@ class Localizer:
         "places": Output(topic="hypotheses", type=PoseCandidates),
         "disagreement": DISAGREEMENT,
     }
+    conditional = {"without map": {"map": MAP_INPUT}, "with map": {"map": MAP_OUTPUT}, "with publish_tf": {"tied": TIED}}
+    trigger = On("odometry")
+    service_names = ("reinitialize_global_localization",)
 
     nav2_name = "amcl"
     """Name of the node of Nav2 for which it stands."""
 
     def __init__(self, params: Params) -> None:
         self._params, self._lidar = params, find_lidar(params.lidar)
-        self.trigger = On("odometry", max_gap=params.max_gap)
+        self.trigger = replace(self.trigger, max_gap=params.max_gap)
         self.inputs = {**self.inputs, "odometry": replace(self.inputs["odometry"], frame=params.odom_frame)}
         self._grid: GridMap | None = None
         self._unsaid: GridMap | None = None
         if params.map:
             self._take_map(read_map(params.map).map)
-            self._unsaid, self.outputs = self._grid, {**self.outputs, "map": Output(topic="map", type=GridMap, latched=True)}
+            self._unsaid, self.outputs = self._grid, {**self.outputs, "map": MAP_OUTPUT}
         else:
-            self.inputs = {**self.inputs, "map": Input(topic="map", type=GridMap, max_age=None, latched=True)}
+            self.inputs = {**self.inputs, "map": MAP_INPUT}
         if params.publish_tf:
-            self.outputs = {**self.outputs, "tied": Output(topic="/tf", type=Correction)}
+            self.outputs = {**self.outputs, "tied": TIED}
         self._q: Any = make_localizer(params.localizer, self._lidar)
         noise = make_noise(params.noise)
         self._tuning = make_filter("matched", noise)
@@ -156,7 +163,7 @@ class Localizer:
         self._beams = np.zeros((3, self._lidar.beams))
         aim(self._beams, self._lidar)
         self._points = np.empty((5, self._q.beams))
-        self.services = {"reinitialize_global_localization": self.seek}
+        self.services = dict(zip(self.service_names, (self.seek,), strict=True))
         """Functions that the node offers as services without arguments, by name."""
         self.notice: str | None = None
         """Why the localizer is not sure, if so."""

@@ -101,49 +101,48 @@ class TurtlebotSimulator:
         noise: str = "tutorial"
         """A name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         fix: str = "none"
-        """External pose sensor, on ``pose_fix``: "none", a name in `turtlebot_gym.presets.FIXES`, or a FILE.yaml."""
+        """External pose sensor: none, a name in `turtlebot_gym.presets.FIXES`, or a FILE.yaml."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         period: Annotated[float, PERIOD] = 0.1
         """Period of the odometry and of the simulation, s."""
         speed: Annotated[float, Range(0.0, 1000.0, open_high=True)] = 1.0
-        """Speed as a multiple of real time; at any but 1 the simulator publishes ``clock``. In lock-step this is the upper
-        limit, and 0 means as fast as the nodes answer."""
+        """Multiple of real time; but for 1 it publishes ``/clock``. In lock-step it is the upper limit, and 0 means as fast as
+        the nodes answer."""
         seed: Annotated[int, Range(0, MAX_SEED, whole=True)] = 0
         """Seed of the noise."""
         witness: bool = False
-        """Whether in lock-step time also waits for the recorder of a `Graph`, which reports its progress on ``recorded``."""
+        """Whether time in lock-step waits also for the recorder, which reports on ``recorded``. The recorder is that of a
+        `Graph`."""
         publish_tf: bool = False
-        """Whether to publish the odometry's pose on ``/tf`` too, and the LiDAR's mount on ``/tf_static``, as a robot's bring-up
-        does; needs ``tf2_msgs``."""
+        """Whether to publish odometry on ``/tf`` and the LiDAR on ``/tf_static``; needs ``tf2_msgs``. A robot's bring-up does.
+        """
         random_start: bool = False
-        """Whether an episode starts at a pose drawn by the navigation task instead of at the origin."""
+        """Whether an episode starts at a random pose instead of at the origin. The navigation task draws it."""
         world: str = "open"
-        """The room around the robot: "open" for none, a name in `turtlebot_gym.rooms.rules.ROOMS`, or the path of a Gazebo
-        world or of a map's YAML file."""
+        """Room: "open" for none, one of `turtlebot_gym.rooms.rules.ROOMS`, a Gazebo world, or a map. A map is its YAML file."""
         lidar: str = "lds01"
         """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
         goals: Annotated[int, Range(0, 2**31, whole=True)] = 0
-        """Number of goals that a world gives in turn, each when the one before is reached by belief or given up after a minute;
-        0 for a single one."""
+        """Number of goals that a world gives in turn; 0 for a single one. Each follows when the one before is reached by belief
+        or given up after a minute."""
         localizer: str = ""
-        """Localizer by whose belief goals in turn are reached, as in the environment, and for which the map of a drawn room is
-        published: a name in `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file. Empty for the filter's belief."""
+        """Localizer by whose belief goals in turn are reached; empty for the filter. It is a name in
+        `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file; for it the map of a drawn room is published."""
         emulate_driver: Annotated[str, Names(("none", *SPEECHES))] = "none"
-        """Recorded robot whose messages it imitates, "turtlebot3" or "turtlebot4", with its LiDAR and rate of odometry whatever
-        ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead, and odometry that is
-        late and has covariances of 0, and its LiDAR's mount on ``/tf_static`` if tf2_msgs is installed. "none" for perfect
-        messages."""
+        """Robot whose messages it imitates: turtlebot3 or turtlebot4; none for perfect messages. They have its LiDAR and rate
+        of odometry whatever ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead,
+        and odometry that is late and has covariances of 0, and its LiDAR's mount on ``/tf_static`` if tf2_msgs is installed."""
         odom_frame: str = ""
         """Frame of the odometry, if it is not the world's: the map's then, with a localizer."""
         own_clock: bool = True
-        """Whether its clock is ahead and its odometry late, which lock-step does not allow."""
+        """Whether the imitated robot's clock is ahead and its odometry late. Lock-step does not allow that."""
         plant: str = "unicycle"
-        """Model that moves the robot: "unicycle", or "mujoco", a Burger with wheels that creep and slip, which needs MuJoCo."""
+        """Model of the motion: "unicycle", or "mujoco", whose wheels creep and slip; needs MuJoCo. It is a Burger."""
         friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.friction
-        """With the plant "mujoco", coefficient of friction between wheels and floor; 0.5 is slippery."""
+        """With the plant "mujoco", friction between wheels and floor, 1; 0.5 is slippery."""
         caster_friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.caster_friction
-        """With the plant "mujoco", coefficient of friction between caster and floor; 0.3 is a clogged caster."""
+        """With the plant "mujoco", friction between caster and floor, 1; 0.3 is a clogged caster."""
 
         def __post_init__(self) -> None:
             check_fields(self, "")
@@ -180,6 +179,8 @@ class TurtlebotSimulator:
         "truth": Output(topic="true_state", type=State),
         "odometry": Output(topic="odom", type=Odometry),
     }
+    conditional = {"with fix": FIX_OUTPUTS, "in a world": ROOM_OUTPUTS, "for a map, or with localizer": MAP_OUTPUTS}
+    trigger = Every(0.1, 1.0, through=THROUGH)
 
     def __init__(self, params: Params) -> None:
         speech, driver = params.speech, DRIVERS[params.speech.lidar] if params.speech else None
@@ -201,7 +202,8 @@ class TurtlebotSimulator:
         self._sees_fixes = bool(p.fix)
         if self._sees_fixes:
             self.outputs = {**self.outputs, **FIX_OUTPUTS}
-        self.trigger = Every(period, params.speed, through=THROUGH, witness="recorded" if params.witness else None)
+        witness = "recorded" if params.witness else None
+        self.trigger = replace(self.trigger, period=period, speed=params.speed, witness=witness)
         self._lidar: Lidar | None = p.room.lidar if p.room else None
         if self._lidar:
             mount = Mount(SCAN_FRAMES.get(lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from turtlebot_gym.validation import check_fields
@@ -43,9 +43,10 @@ class SimulatedTeleop:
 
     inputs = {}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
+    trigger = Every(0.1)
 
     def __init__(self, params: Params) -> None:
-        self.trigger = Every(params.period)
+        self.trigger = replace(self.trigger, period=params.period)
         self.reset()
 
     def reset(self) -> None:

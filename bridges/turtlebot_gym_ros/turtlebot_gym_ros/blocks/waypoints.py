@@ -26,6 +26,8 @@ from turtlebot_gym_ros.node.places import FARTHEST, place
 
 MAP_FRAME = "map"
 """Frame in which a map says where there is a way."""
+ROOM_GOAL = Input(topic="room_goal", type=Pose, required=False, lock_step="same")
+MAP = Input(topic="map", type=GridMap, required=False, max_age=None, latched=True)
 
 
 class WaypointGenerator:
@@ -52,16 +54,16 @@ class WaypointGenerator:
         """Parameters of the waypoints."""
 
         frame: str = "odom"
-        """World frame. Poses in other frames are refused."""
+        """World frame; poses in other frames are refused."""
         waypoints: str = "square"
-        """"square", the tutorial's; "room", the goal of the simulator's room; or the path of a YAML or CSV file with x, y (m)
-        and theta (rad)."""
+        """"square", "room", the goal of the simulator's room, or a .yaml or .csv file of x, y, theta. The square is the
+        tutorial's; m and rad."""
         switch: str = "arrival"
-        """When to switch to the next waypoint: on "arrival" by the estimate, or after a "time", reached or not."""
+        """When to switch to the next waypoint: on "arrival" by the estimate, or after a "time"."""
         switch_period: Annotated[float, POSITIVE.of("s")] = SQUARE_PERIOD
         """Time after which the next waypoint becomes current, s, with the switch by "time"."""
         radius: Annotated[float, POSITIVE.of("m")] = 0.3
-        """Distance within which a waypoint counts as reached, m; the belief must be inside by 0.05 m, or a third of it."""
+        """Distance within which a waypoint counts as reached, m. The belief must be inside by 0.05 m, or a third of it."""
         laps: Annotated[int, Range(1, 2**31, whole=True)] = 1
         """Number of rounds through the waypoints."""
         relative: bool = False
@@ -69,9 +71,9 @@ class WaypointGenerator:
         robot: str = "burger"
         """The robot that needs room on its way to a goal: a name in `turtlebot_gym.robots.ROBOTS`."""
         goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
-        """Distance to an action's goal within which it is reached, m, as in velocity_controller; with 0 it is ``radius``."""
+        """Distance within which an action's goal is reached, m; with 0 it is ``radius``. As in velocity_controller."""
         patience: Annotated[float, POSITIVE.of("s")] = 30.0
-        """Time without coming nearer after which an action's goal is given up, s; without an estimate that takes 2.5 s."""
+        """Time without coming nearer after which an action's goal is given up, s. Without an estimate that takes 2.5 s."""
         time_limit: Annotated[float, NON_NEGATIVE.of("s")] = 600.0
         """Time after which an action's goal is given up, s; 0 for no limit."""
         period: Annotated[float, PERIOD] = 0.1
@@ -88,15 +90,15 @@ class WaypointGenerator:
         "following": Output(topic="next_reference", type=Pose),
         "reference": Output(topic="reference", type=Pose),
     }
+    conditional = {"for waypoints room": {"room_goal": ROOM_GOAL}, "in the frame map": {"map": MAP}}
+    trigger = Every(0.1, answers="estimate")
 
     def __init__(self, params: Params) -> None:
         in_room = params.waypoints == "room"
         if in_room:
-            room_goal = Input(topic="room_goal", type=Pose, required=False, lock_step="same")
-            self.inputs = {**self.inputs, "room_goal": room_goal}
+            self.inputs = {**self.inputs, "room_goal": ROOM_GOAL}
         if params.frame == MAP_FRAME:
-            grid = Input(topic="map", type=GridMap, required=False, max_age=None, latched=True)
-            self.inputs = {**self.inputs, "map": grid}
+            self.inputs = {**self.inputs, "map": MAP}
         course = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else _load_waypoints(params.waypoints)
         task, self._waypoints = Options(task="square", waypoints=course, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
@@ -108,7 +110,7 @@ class WaypointGenerator:
         self._errand: Errand | None = None
         self.notice: str | None = None
         """Why the last goal was refused or given up, if so."""
-        self.trigger = Every(params.period, answers="estimate")
+        self.trigger = replace(self.trigger, period=params.period)
         self.reset()
 
     def reset(self) -> None:

@@ -26,6 +26,7 @@ from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
+from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import be_interruptible, go_on, refuse
 from turtlebot_gym_ros.base.session import INTERRUPTED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
@@ -93,48 +94,48 @@ def room_metrics(trajectory: Drive) -> dict[str, float]:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's options."""
-    parser = argparse.ArgumentParser(
-        prog="bringup",
-        description="Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
+    parser = parser_of(
+        "bringup",
+        "Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
         "no obstacles to avoid; a real one has, and only a policy that reads scans, such as vfh, sees them.",
     )
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
     parser.add_argument("--processes", action="store_true", help="run each node in its own process")
-    parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default 60)")
+    parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default: 60)")
     parser.add_argument("--speed", type=float, help="1 is real time; by default as fast as the nodes answer, in lock-step")
     parser.add_argument(
         "--policy", help="bearing (default), vfh or another baseline, ppo-square, FILE.onnx, or module:callable"
     )
     parser.add_argument("--allow-mismatch", action="store_true", help="also drive a policy made for another task")
-    parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml or .urdf (default burger)")
-    parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default tutorial)")
+    parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml or .urdf (default: burger)")
+    parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default: tutorial)")
     parser.add_argument(
         "--filter", help="matched (default), calibrated, tutorial, gated, mixture, slip, scale, FILE.yaml, or MODULE:NAME"
     )
-    parser.add_argument("--fix", help=f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default none)")
+    parser.add_argument("--fix", help=f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default: none)")
     parser.add_argument("--localizer", help="with a world, localize by scans instead: match, robot, or FILE.yaml")
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
     parser.add_argument(
         "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
     )
-    parser.add_argument("--goals", type=int, help="with a world, number of goals in turn, as in missions (default one)")
-    parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default lds01)")
+    parser.add_argument("--goals", type=int, help="with a world, number of goals in turn, as in missions (default: one)")
+    parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default: lds01)")
     parser.add_argument(
         "--as",
         dest="emulate_driver",
         choices=list(SPEECHES),
         help="send what this recorded robot sends: gaps, its clock, its rates",
     )
-    parser.add_argument("--plant", choices=list(PLANTS), help="model of the motion (default unicycle); mujoco needs MuJoCo")
-    parser.add_argument("--friction", type=float, help="with --plant mujoco, friction of wheels on the floor (default 1)")
-    parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, friction of the caster (default 0.05)")
-    parser.add_argument("--switch", choices=["arrival", "time"], help="when to switch to the next waypoint (default arrival)")
+    parser.add_argument("--plant", choices=list(PLANTS), help="model of the motion (default: unicycle); mujoco needs MuJoCo")
+    parser.add_argument("--friction", type=float, help="with --plant mujoco, friction of wheels on the floor (default: 1)")
+    parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, friction of the caster (default: 0.05)")
+    parser.add_argument("--switch", choices=["arrival", "time"], help="when to switch to the next waypoint (default: arrival)")
     parser.add_argument("--seed", type=int, help="seed of the noise and of the room")
     parser.add_argument("--namespace", help="namespace of all nodes and topics, such as robot1; by default none")
     parser.add_argument("--frame-prefix", help='prefix of all frames; by default that of the namespace, "robot1/"')
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
     parser.add_argument("--watch", action="store_true", help="show the drive in a browser, until Ctrl-C")
-    parser.add_argument("--port", type=int, default=5006, help="with --watch, port on localhost (default 5006); 0 for any")
+    parser.add_argument("--port", type=int, default=5006, help="with --watch, port on localhost (default: 5006); 0 for any")
     parser.add_argument("--json", type=Path, help="write the metrics to this file (.json)")
     parser.add_argument("--force", action="store_true", help="overwrite files that exist")
     return parser

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, NamedTuple
 
@@ -82,9 +82,10 @@ class Visualization:
         "truth": Input(topic="true_state", type=State, required=False, reliable=False),
     }
     outputs = {"scene": Output(topic="markers", type=MarkerScene)}
+    trigger = On("estimate", period=0.2)
 
     def __init__(self, params: Params) -> None:
-        self.trigger = On("estimate", period=params.period)
+        self.trigger = replace(self.trigger, period=params.period)
         self._radius = params.radius
         self._points = round(params.trail / params.period)
         self.reset()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import sys
@@ -11,6 +10,7 @@ import time
 from collections.abc import Mapping, Sequence
 
 from turtlebot_gym_ros.base.names import absolute, remapping
+from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import Runner, refuse
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.nodes import MODES
@@ -45,9 +45,9 @@ def _expected(mode: str, reports: Mapping[str, object]) -> tuple[str, ...]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Listen, print the table, and return 0 if all nodes of the loop are running without errors, else 1."""
-    parser = argparse.ArgumentParser(prog="status", description="Print what each node of the graph reports and waits for.")
+    parser = parser_of("status", "Print what each node of the graph reports and waits for.")
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="which nodes are expected")
-    parser.add_argument("--seconds", type=float, default=3.0, help="longest time to listen, s (default 3)")
+    parser.add_argument("--seconds", type=float, default=3.0, help="longest time to listen, s (default: 3)")
     parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1; by default all nodes")
     options = parser.parse_args(argv)
     try:

@@ -209,8 +209,9 @@ class Block(Protocol):
     arguments by name, which the node offers as ``std_srvs/Empty``; ``nav2_name``, the node of Nav2 for which it stands, so that
     clients find that one active; ``pause``, called instead of ``reset`` after a gap in the messages on which it runs; and
     parameters that are set while it runs: ``live``, a mapping of names to `base.live.Live`, ``live_names``, a class attribute
-    with the beginnings of their names, and ``tune``, which sets some of them by name, or raises ``ValueError`` and changes
-    nothing.
+    with the beginnings of their names and what they mean, and ``tune``, which sets some of them by name, or raises
+    ``ValueError`` and changes nothing. For its ``--help``, inputs, outputs and trigger are class attributes, too;
+    ``conditional`` has inputs and outputs that it has only sometimes, by when; and ``service_names`` names its ``services``.
     """
 
     @property

@@ -35,6 +35,7 @@ from rosbags.interfaces import Connection
 from turtlebot_gym.validation import Names, Range, check_fields
 from turtlebot_gym.values import Command, Pose, State
 from turtlebot_gym_ros.base.executor import PolledGroup, waiting
+from turtlebot_gym_ros.base.explain import Topic
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
@@ -61,7 +62,7 @@ class Parameters:
     """Parameters of ``data_logger``."""
 
     output: str = ""
-    """New folder for the bag and ``snapshots.csv``; by default named ``bags/``, the namespace and the time."""
+    """New folder for the bag and ``snapshots.csv``; by default ``bags/`` and the time. The namespace stands before the time."""
     storage: Annotated[str, Names(("sqlite3", "mcap"))] = "sqlite3"
     """Format of the bag at the end: ``sqlite3`` or ``mcap``."""
     snapshot_period: Annotated[float, Range(0.0, 3600.0, unit="s")] = 0.1
@@ -71,6 +72,13 @@ class Parameters:
 
     def __post_init__(self) -> None:
         check_fields(self, "")
+
+
+TOPICS = (
+    Topic("subscribes", "*", "every type that is installed", "as published", "in a namespace, those below it and of the root"),
+    Topic("publishes", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "reliable", "at 1 Hz"),
+)
+"""Its topics, for its help."""
 
 
 class _LoggedTopic(NamedTuple):

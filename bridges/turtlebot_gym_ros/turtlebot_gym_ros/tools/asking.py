@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from rclpy.node import Node
 
 from turtlebot_gym.validation import did_you_mean
+from turtlebot_gym_ros.base import options
 from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
 from turtlebot_gym_ros.base.session import INTERRUPTED
@@ -24,9 +25,9 @@ SETTLED = 1.5
 
 def parser_of(name: str, description: str, *, waits_for: str = "") -> argparse.ArgumentParser:
     """Return the parser of a tool; with ``--wait``, the time for which it waits for something, if that is named."""
-    parser = argparse.ArgumentParser(prog=f"python -m turtlebot_gym_ros {name}", description=description)
+    parser = options.parser_of(name, description)
     if waits_for:
-        text = f"how long to wait for {waits_for}, s (default {WAIT:g})"
+        text = f"how long to wait for {waits_for}, s (default: {WAIT:g})"
         parser.add_argument("--wait", type=float, default=WAIT, help=text)
     return parser
 

@@ -54,9 +54,9 @@ class Relay:
 def foxglove(argv: Any = None) -> int:
     """Serve the live graph to Foxglove until Ctrl-C."""
     parser = parser_of("foxglove", "Serve the live graph to Foxglove: open connection, Foxglove WebSocket, ws://HOST:PORT.")
-    parser.add_argument("--port", type=int, default=PORT, help=f"port of the server (default {PORT})")
-    parser.add_argument("--host", default="127.0.0.1", help="address; 0.0.0.0 serves the network (default 127.0.0.1)")
-    parser.add_argument("--seconds", type=float, default=0.0, help="end after this time, s (default 0: never)")
+    parser.add_argument("--port", type=int, default=PORT, help=f"port of the server (default: {PORT})")
+    parser.add_argument("--host", default="127.0.0.1", help="address; 0.0.0.0 serves the network (default: 127.0.0.1)")
+    parser.add_argument("--seconds", type=float, default=0.0, help="end after this time, s (default: never)")
     options = parser.parse_args(argv)
     try:
         import foxglove as sdk

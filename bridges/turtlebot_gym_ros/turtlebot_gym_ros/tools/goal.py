@@ -32,8 +32,8 @@ def goal(argv: Any = None) -> int:
     )
     parser.add_argument("x", type=float, help="m")
     parser.add_argument("y", type=float, help="m")
-    parser.add_argument("heading", type=float, nargs="?", default=0.0, help="rad (default 0)")
-    parser.add_argument("--frame", default="odom", help="frame of the goal: odom, or map with a localizer (default odom)")
+    parser.add_argument("heading", type=float, nargs="?", default=0.0, help="rad (default: 0)")
+    parser.add_argument("--frame", default="odom", help="frame of the goal: odom, or map with a localizer (default: odom)")
     parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1")
     options = parser.parse_args(argv)
     if not all(map(math.isfinite, (options.x, options.y, options.heading))):

@@ -81,7 +81,7 @@ def echo(argv: Any = None) -> int:
     parser = parser_of("echo", "Print the messages of a topic as YAML, until Ctrl-C.", waits_for="the graph")
     parser.add_argument("topic")
     parser.add_argument("--field", default="", help="one field of each message, such as pose.pose.position")
-    parser.add_argument("--count", type=int, default=0, help="end after so many messages (default 0: never)")
+    parser.add_argument("--count", type=int, default=0, help="end after so many messages (default: never)")
     parser.add_argument("--once", action="store_true", help="end after one message")
     options = parser.parse_args(argv)
     wanted, heard = 1 if options.once else options.count, [0]
@@ -120,7 +120,7 @@ def hz(argv: Any = None) -> int:
         "hz", "Print the rate at which the messages of a topic arrive, and their intervals.", waits_for="the graph"
     )
     parser.add_argument("topic")
-    parser.add_argument("--seconds", type=float, default=5.0, help="how long to listen, s (default 5)")
+    parser.add_argument("--seconds", type=float, default=5.0, help="how long to listen, s (default: 5)")
     options = parser.parse_args(argv)
     times: list[float] = []
     with asking() as node:
@@ -147,8 +147,8 @@ def pub(argv: Any = None) -> int:
     parser.add_argument("topic")
     parser.add_argument("type", help="such as std_msgs/msg/Bool")
     parser.add_argument("values", nargs="?", default="", help="fields in YAML, such as '{data: false}'; defaults elsewhere")
-    parser.add_argument("--rate", type=float, default=1.0, help="how often, Hz (default 1)")
-    parser.add_argument("--count", type=int, default=0, help="end after so many messages (default 0: never)")
+    parser.add_argument("--rate", type=float, default=1.0, help="how often, Hz (default: 1)")
+    parser.add_argument("--count", type=int, default=0, help="end after so many messages (default: never)")
     parser.add_argument("--once", action="store_true", help="end after one message, as soon as anybody listens")
     options = parser.parse_args(argv)
     if not options.rate > 0.0:
