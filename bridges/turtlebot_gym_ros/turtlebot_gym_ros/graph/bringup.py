@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -38,11 +39,25 @@ REACHED = 0.3
 """Distance within which a waypoint counts as reached, m."""
 LOOKS = int(PATIENCE / 0.01)
 """Number of looks at a graph whose time stands still after which its drive cannot go on; a suspended process takes none."""
+UNITS = {
+    "duration": "s",
+    "odometry position error": "m",
+    "estimate position error": "m",
+    "odometry heading error": "rad",
+    "estimate heading error": "rad",
+    "path length": "m",
+    "mean closest distance": "m",
+    "worst closest distance": "m",
+    "end of the episode": "s",
+    "least clearance": "m",
+}
+"""Units of the metrics; the others are counts, or say whether something happened."""
+EVENTS = ("collision", "goal reached")
 NOTHING = "nothing was driven: no true state came with odometry and an estimate. Do other nodes run in this ROS_DOMAIN_ID?"
 
 
 def metrics(trajectory: Drive) -> dict[str, float]:
-    """Return the tutorial's metrics of a drive: mean errors in m and rad, and the distances to waypoints."""
+    """Return the tutorial's metrics of a drive, in the units of `UNITS`: mean errors, and the distances to waypoints."""
     truth, odometry, estimate, reference = (
         trajectory.true_state,
         trajectory.odometry,
@@ -64,6 +79,7 @@ def metrics(trajectory: Drive) -> dict[str, float]:
         "odometry heading error": float(heading_error(odometry[known], truth[known]).mean()),
         "estimate heading error": float(heading_error(estimate[known], truth[known]).mean()),
         "path length": float(np.hypot(*np.diff(truth[np.isfinite(truth).all(1), :2], axis=0).T).sum()),
+        "waypoints": float(len(pieces)),
         "waypoints reached": float(sum(distance <= REACHED for distance in closest)),
         "waypoints believed reached": float(sum(distance <= REACHED for distance in believed)),
         "mean closest distance": float(np.mean(closest)) if closest else float("nan"),
@@ -90,6 +106,33 @@ def room_metrics(trajectory: Drive) -> dict[str, float]:
         "end of the episode": float(trajectory.time[end]),
         "least clearance": float(np.nanmin(trajectory.clearance[: end + 1])),
     }
+
+
+def lines_of(figures: Mapping[str, float]) -> list[str]:
+    """Return a line for each metric, with its unit; counts are of the waypoints."""
+    lines = []
+    for name, value in figures.items():
+        if name == "waypoints":
+            continue
+        if name in UNITS:
+            text = f"{value:.3f} {UNITS[name]}" if math.isfinite(value) else "unknown"
+        elif name in EVENTS:
+            text = "yes" if value else "no"
+        else:
+            text = f"{value:.0f} of {figures['waypoints']:.0f}"
+        lines.append(f"{name:<28}{text}")
+    return lines
+
+
+def to_json(figures: Mapping[str, float]) -> dict[str, Any]:
+    """Return metrics by name and unit; None for what is unknown."""
+    written: dict[str, Any] = {}
+    for name, value in figures.items():
+        if name in UNITS:
+            written[f"{name}, {UNITS[name]}"] = value if math.isfinite(value) else None
+        else:
+            written[name] = bool(value) if name in EVENTS else int(value)
+    return written
 
 
 def parser() -> argparse.ArgumentParser:
@@ -228,10 +271,9 @@ def _tell(
     figures = metrics(trajectory)
     if np.isfinite(trajectory.clearance).any():
         figures |= room_metrics(trajectory)
-    for name, value in figures.items():
-        print(f"{name:<26}{value:10.3f}")
+    print("\n".join(lines_of(figures)))
     if report:
-        write_text(report, json.dumps({"options": chosen, "metrics": figures}, indent=2) + "\n")
+        write_text(report, json.dumps({"options": chosen, "metrics": to_json(figures)}, indent=2) + "\n")
     if figure:
         lidar = LIDARS[chosen.get("lidar", TurtlebotSimulator.Params().lidar)]
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
