@@ -2,6 +2,7 @@
 
 import base64
 import os
+import re
 import socket
 import time
 from threading import Event
@@ -17,9 +18,12 @@ from std_msgs.msg import Bool
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.blocks import VelocityController, WaypointGenerator
+from turtlebot_gym_ros.node.switch import BLIND
 from turtlebot_gym_ros.nodes import TOOLS, load
+from turtlebot_gym_ros.tools import asking
 from turtlebot_gym_ros.tools.foxglove import Relay
-from turtlebot_gym_ros.tools.messages import message_of, text_of
+from turtlebot_gym_ros.tools.messages import field_of, message_of, text_of
+from turtlebot_gym_ros.tools.services import switches
 
 TYPES = (
     *(Bool, DiagnosticArray, Imu, LaserScan, OccupancyGrid, Odometry, ParameterDescriptor, ParameterEvent, Path),
@@ -60,6 +64,80 @@ def test_what_does_not_fit_is_refused_in_one_line(kind, text, said):
         message_of(kind, text)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_message_is_shown_in_lines_with_its_lists_on_one():
+    message = Odometry()
+    message.pose.pose.position.x = 1.5
+    text = text_of(message)
+    assert "\npose:\n  pose:\n    position:\n      x: 1.5\n" in text
+    assert "more" not in text  # a covariance is shown whole
+    assert text_of(LaserScan(ranges=[1.0] * 200)).count("1.0") == 128
+    assert "... 72 more" in text_of(LaserScan(ranges=[1.0] * 200))
+    assert text_of(field_of(message, "pose.pose.position.x")) == "1.5"
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("pose.posse", "no field 'posse' of 'pose.posse'; there are pose, covariance. Did you mean 'pose'?"),
+        ("child_frame_id.name", "no field 'name' of 'child_frame_id.name'; what stands there has none."),
+    ],
+)
+def test_a_field_that_is_not_there_is_refused(path, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        field_of(Odometry(), path)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["hz", "odom", "--seconds", "0"], "--seconds must be a positive number"),
+        (["echo", "odom", "--count", "-1"], "--count must be a whole number"),
+        (["pub", "odom", "std_msgs/msg/Bool", "--rate", "0"], "--rate must be a positive number"),
+    ],
+)
+def test_a_number_that_means_nothing_is_refused(words, said, capsys):
+    assert load(words[0])(words[1:]) == 2
+    assert said in capsys.readouterr().err
+
+
+class Heard:
+    """A node that hears services and nodes."""
+
+    def __init__(self, *names):
+        self.names = names
+
+    def get_service_names_and_types(self):
+        return [(f"{name}/enable", ["std_srvs/srv/SetBool"]) for name in self.names] + [("/x/enable", ["std_srvs/srv/Empty"])]
+
+    def get_topic_names_and_types(self):
+        return []
+
+    def get_node_names(self):
+        return ["turtlebot_gym_tool", *self.names]
+
+    def get_name(self):
+        return "turtlebot_gym_tool"
+
+
+@pytest.mark.parametrize(
+    ("names", "order"),
+    [
+        (["/a_driver", "/cmd_vel_guard"], ["/cmd_vel_guard", "/a_driver"]),
+        (["/r1/velocity_controller"], ["/r1/velocity_controller"]),
+        (["/r1/cmd_vel_guard", "/r2/cmd_vel_guard"], None),
+        (["/calibration_drive", "/cmd_vel_guard", "/velocity_controller"], None),
+    ],
+)
+def test_the_switches_of_one_robot_are_found_and_the_guard_is_first(monkeypatch, names, order):
+    monkeypatch.setattr(asking, "SETTLED", 0.1)
+    node = Heard(*names)
+    if order:
+        assert switches(node, 1.0) == order
+    else:
+        with pytest.raises(ValueError, match=", ".join(names)):
+            switches(node, 1.0)
 
 
 @pytest.mark.parametrize("name", TOOLS)
@@ -115,14 +193,14 @@ def test_topics_parameters_and_services_of_a_live_graph(ask, graph):
     assert code == 2
     assert "Did you mean" in error
     assert not controller.switch.safety.enabled
-    assert ask("enable", "velocity_controller")[0] == 0
+    assert ask("enable") == (0, f"/velocity_controller: enabled. {BLIND}\n", "")
     assert controller.switch.safety.enabled
     code, _, error = ask("call", "velocity_controller/enable", "{data: maybe}")
     assert code == 2
     assert controller.switch.safety.enabled, error
     assert ask("call", "/velocity_controller/enable", "std_srvs/srv/SetBool", "{data: false}")[0] == 0
     assert not controller.switch.safety.enabled
-    assert ask("enable", "velocity_controller", "--off")[0] == 0
+    assert ask("enable", "--off")[0] == 0
     code, _, error = ask("call", "velocity_controller/enabel", "--wait", "3")
     assert code == 2
     assert "Did you mean '/velocity_controller/enable'?" in error
@@ -151,6 +229,12 @@ def test_messages_are_heard_and_told(ask, graph, peer):
     assert (goals[-1].pose.position.x, goals[-1].pose.position.y) == (1.0, 2.0)
     code, _, error = ask("echo", "nothing", "--once", "--wait", "1")
     assert (code, error.count("\n")) == (2, 1)
+
+
+def test_a_tool_that_hears_no_node_says_where_it_listened(ask, runner):
+    code, _, error = ask("topics", "--wait", "1")
+    assert (code, error.count("\n")) == (2, 1)
+    assert f"No node is heard at all (ROS_DOMAIN_ID {runner.context.get_domain_id()}, " in error
 
 
 def peer_heard(found, seconds=10.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -83,6 +84,28 @@ def pause(seconds: float) -> None:
         time.sleep(0.05)
 
 
+def remark_if_alone(node: Node) -> str:
+    """Return a sentence that says where other nodes were looked for, if a tool's node hears none; else an empty text."""
+    if any(name != node.get_name() for name in node.get_node_names()):
+        return ""
+    domain, reach = node.context.get_domain_id(), os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    where = f"ROS_DOMAIN_ID {domain}, ROS_AUTOMATIC_DISCOVERY_RANGE {reach}"
+    return f" No node is heard at all ({where}): does the graph run, with the same values?"
+
+
+def settle(node: Node, seconds: float) -> None:
+    """Wait until a node has discovered others, and does not discover more, at most some seconds."""
+    end, known, since = time.monotonic() + seconds, 0, time.monotonic()
+    while time.monotonic() < (end if remark_if_alone(node) else min(end, since + SETTLED)):
+        go_on()
+        names = [name for name, _ in node.get_topic_names_and_types()]
+        size = sum(node.count_publishers(name) + node.count_subscribers(name) for name in names)
+        size += len(node.get_service_names_and_types())
+        if size != known:
+            known, since = size, time.monotonic()
+        time.sleep(0.05)
+
+
 def result_of(future: Any, name: str, seconds: float) -> Any:
     """Return the result of a future.
 
@@ -93,12 +116,19 @@ def result_of(future: Any, name: str, seconds: float) -> Any:
     return future.result()
 
 
-def type_in(name: str, kinds: Callable[[], list[tuple[str, list[str]]]], what: str, seconds: float) -> tuple[str, str]:
+def type_in(node: Node, name: str, what: str, seconds: float) -> tuple[str, str]:
     """Return the absolute name and the type of a topic or service that the graph has.
+
+    Args:
+        node: A tool's node.
+        name: The name, with or without its slash.
+        what: "topic" or "service".
+        seconds: How long to wait for it, s.
 
     Raises:
         TimeoutError: If there is none of this name.
     """
+    kinds = node.get_service_names_and_types if what == "service" else node.get_topic_names_and_types
     full = absolute(name, what)
     seen: dict[str, list[str]] = {}
 
@@ -107,8 +137,7 @@ def type_in(name: str, kinds: Callable[[], list[tuple[str, list[str]]]], what: s
         return seen[full][0] if seen.get(full) else None
 
     def missing() -> str:
-        names = sorted(seen)
-        near = did_you_mean(full, names)
+        near = remark_if_alone(node) or did_you_mean(full, sorted(seen))
         option = " --services" if what == "service" else ""
         return f"there is no {what} {full} after {seconds:g} s; `topics{option}` lists what there is.{near}"
 

@@ -19,7 +19,7 @@ from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.node.geometry import write_pose
 from turtlebot_gym_ros.node.navigate import NAME
-from turtlebot_gym_ros.tools.asking import SETTLED, answered, asking, parser_of, result_of, until
+from turtlebot_gym_ros.tools.asking import SETTLED, answered, asking, parser_of, remark_if_alone, result_of, until
 
 
 @answered
@@ -57,7 +57,11 @@ def goal(argv: Any = None) -> int:
                 matched = number, now
             return "topic" if number and now > matched[1] + SETTLED else None
 
-        door = until(there, options.wait, lambda: f"nobody takes goals after {options.wait:g} s: is waypoint_generator there?")
+        def nobody() -> str:
+            there = remark_if_alone(node) or " Is waypoint_generator there?"
+            return f"nobody takes goals on {topic} after {options.wait:g} s.{there}"
+
+        door = until(there, options.wait, nobody)
         if door == "action":
             try:
                 from nav2_msgs.action import NavigateToPose  # type: ignore[import-not-found]
@@ -67,7 +71,7 @@ def goal(argv: Any = None) -> int:
                 return _await(node, ActionClient(node, NavigateToPose, action), NavigateToPose.Goal(pose=pose), options.wait)
         publisher.publish(pose)
         publisher.wait_for_all_acked()
-    print(f"the goal was sent on {topic}, which has no answer: watch the robot.")
+    print(f"the goal was sent on {topic}, which has no answer: watch the robot; `status` says if the goal is refused.")
     return 0
 
 

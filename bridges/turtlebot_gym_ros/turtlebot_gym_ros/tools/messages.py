@@ -12,8 +12,8 @@ import yaml
 from turtlebot_gym.validation import did_you_mean, short_repr
 from turtlebot_gym_ros.base.names import message_type
 
-LONGEST = 32
-"""Elements of an array that `text_of` shows."""
+LONGEST = 128
+"""Elements of an array that `text_of` shows, as in ros2cli."""
 
 
 def message_of(type_name: str, text: str) -> Any:
@@ -88,6 +88,40 @@ def plain_of(value: Any, longest: int = LONGEST) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
+class _Dumper(yaml.SafeDumper):
+    """Writes mappings in lines, and lists of numbers on one."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write each value where it stands."""
+        return True
+
+
+_Dumper.add_representer(
+    list,
+    lambda dumper, values: dumper.represent_sequence(
+        "tag:yaml.org,2002:seq", values, flow_style=not any(isinstance(value, (dict, list)) for value in values)
+    ),
+)
+
+
 def text_of(message: Any, longest: int = LONGEST) -> str:
     """Return a message as YAML, with at most ``longest`` elements of each array."""
-    return yaml.safe_dump(plain_of(message, longest), sort_keys=False, default_flow_style=None, allow_unicode=True).rstrip()
+    text = yaml.dump(
+        plain_of(message, longest), Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=120
+    )
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
+def field_of(message: Any, path: str) -> Any:
+    """Return a field of a message, such as "pose.pose.position"; the message itself for an empty path.
+
+    Raises:
+        ValueError: If there is no such field.
+    """
+    for name in filter(None, path.split(".")):
+        names = message.get_fields_and_field_types() if hasattr(message, "get_fields_and_field_types") else {}
+        if name not in names:
+            there = f"there are {', '.join(names)}" if names else "what stands there has none"
+            raise ValueError(f"no field {name!r} of {path!r}; {there}.{did_you_mean(name, names)}")
+        message = getattr(message, name)
+    return message

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from typing import Any
 
@@ -9,11 +10,15 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from turtlebot_gym.validation import POSITIVE, Range
 from turtlebot_gym_ros.base.names import absolute, message_type, node_name
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import STREAM
-from turtlebot_gym_ros.tools.asking import SETTLED, answered, asking, parser_of, pause, type_in, until
-from turtlebot_gym_ros.tools.messages import message_of, text_of
+from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, pause, remark_if_alone, settle, type_in, until
+from turtlebot_gym_ros.tools.messages import field_of, message_of, text_of
+
+COUNT = Range(0, 2**31, whole=True)
+"""A number of messages; 0 for no end."""
 
 
 @answered
@@ -27,7 +32,11 @@ def topics(argv: Any = None) -> int:
     if options.services and (options.verbose or options.topic):
         raise ValueError("--services lists all services, without --verbose and without a topic.")
     with asking() as node:
-        _settle(node, options.wait)
+        if options.topic:
+            type_in(node, options.topic, "topic", options.wait)
+        settle(node, options.wait)
+        if remark := remark_if_alone(node):
+            raise TimeoutError(f"there are no topics.{remark}")
         kinds = node.get_service_names_and_types() if options.services else node.get_topic_names_and_types()
         rows = [(name, ", ".join(types)) for name, types in sorted(kinds)]
         if options.services:
@@ -35,10 +44,7 @@ def topics(argv: Any = None) -> int:
             print("\n".join(f"{name}  [{types}]" for name, types in rows if not name.startswith(own)))
             return 0
         if options.topic:
-            wanted = absolute(options.topic, "topic")
-            rows = [row for row in rows if row[0] == wanted]
-            if not rows:
-                raise ValueError(f"there is no topic {wanted} after {options.wait:g} s.")
+            rows = [row for row in rows if row[0] == absolute(options.topic, "topic")]
         for name, types in rows:
             ends = node.get_publishers_info_by_topic(name), node.get_subscriptions_info_by_topic(name)
             print(f"{name}  [{types}]  {len(ends[0])} publish, {len(ends[1])} subscribe")
@@ -48,19 +54,6 @@ def topics(argv: Any = None) -> int:
                     manner = f"{quality.reliability.name.lower()}, {quality.durability.name.lower()}"
                     print(f"    {role}: {node_name(info)}  [{info.topic_type}]  {manner}")
     return 0
-
-
-def _settle(node: Node, seconds: float) -> None:
-    """Wait until the graph that a node has discovered does not grow any more, at most some seconds."""
-    end, known, since = time.monotonic() + seconds, 0, time.monotonic()
-    while time.monotonic() < min(end, since + SETTLED):
-        go_on()
-        names = [name for name, _ in node.get_topic_names_and_types()]
-        size = sum(node.count_publishers(name) + node.count_subscribers(name) for name in names)
-        size += len(node.get_service_names_and_types())
-        if size != known:
-            known, since = size, time.monotonic()
-        time.sleep(0.05)
 
 
 def _quality(node: Node, topic: str) -> QoSProfile:
@@ -84,21 +77,21 @@ def echo(argv: Any = None) -> int:
     parser.add_argument("--count", type=int, default=0, help="end after so many messages (default: never)")
     parser.add_argument("--once", action="store_true", help="end after one message")
     options = parser.parse_args(argv)
+    COUNT.check("--count", options.count)
     wanted, heard = 1 if options.once else options.count, [0]
     with asking() as node:
-        topic, kind = type_in(options.topic, node.get_topic_names_and_types, "topic", options.wait)
+        topic, kind = type_in(node, options.topic, "topic", options.wait)
         errors: list[str] = []
 
         def show(message: Any) -> None:
             if errors or (wanted and heard[0] >= wanted):
                 return
             try:
-                for name in filter(None, options.field.split(".")):
-                    message = getattr(message, name)
-            except AttributeError:
-                errors.append(f"{kind} has no field {options.field!r}.")
+                part = field_of(message, options.field)
+            except ValueError as error:
+                errors.append(f"{kind}: {error}")
                 return
-            print(f"{text_of(message)}\n---", flush=True)
+            print(f"{text_of(part)}\n---", flush=True)
             heard[0] += 1
 
         node.create_subscription(message_type(kind), topic, show, _quality(node, topic))
@@ -106,7 +99,9 @@ def echo(argv: Any = None) -> int:
         while not errors and not (wanted and heard[0] >= wanted):
             go_on()
             if wanted and not heard[0] and time.monotonic() > began + options.wait:
-                raise TimeoutError(f"{topic} has said nothing for {options.wait:g} s.")
+                publishers = node.count_publishers(topic)
+                why = f"{publishers} publish it" if publishers else "nobody publishes it"
+                raise TimeoutError(f"{topic} has said nothing for {options.wait:g} s: {why}.")
             time.sleep(0.02)
     if errors:
         raise ValueError(errors[0])
@@ -122,14 +117,16 @@ def hz(argv: Any = None) -> int:
     parser.add_argument("topic")
     parser.add_argument("--seconds", type=float, default=5.0, help="how long to listen, s (default: 5)")
     options = parser.parse_args(argv)
+    POSITIVE.check("--seconds", options.seconds)
     times: list[float] = []
     with asking() as node:
-        topic, kind = type_in(options.topic, node.get_topic_names_and_types, "topic", options.wait)
+        topic, kind = type_in(node, options.topic, "topic", options.wait)
         quality = _quality(node, topic)
         node.create_subscription(message_type(kind), topic, lambda raw: times.append(time.monotonic()), quality, raw=True)
         pause(options.seconds)
+        publishers = node.count_publishers(topic)
     if len(times) < 2:
-        raise TimeoutError(f"{topic} has sent {len(times)} messages in {options.seconds:g} s: no rate.")
+        raise TimeoutError(f"{topic} has sent {len(times)} messages in {options.seconds:g} s; {publishers} publish it.")
     intervals = np.diff(times)
     print(
         f"{topic}: {1.0 / intervals.mean():.2f} Hz; intervals {intervals.min():.3f} to {intervals.max():.3f} s, "
@@ -151,14 +148,16 @@ def pub(argv: Any = None) -> int:
     parser.add_argument("--count", type=int, default=0, help="end after so many messages (default: never)")
     parser.add_argument("--once", action="store_true", help="end after one message, as soon as anybody listens")
     options = parser.parse_args(argv)
-    if not options.rate > 0.0:
-        raise ValueError(f"--rate must be a positive number in Hz, got {options.rate!r}.")
+    POSITIVE.of("Hz").check("--rate", options.rate)
+    COUNT.check("--count", options.count)
     message, wanted = message_of(options.type, options.values), 1 if options.once else options.count
     with asking() as node:
         publisher = node.create_publisher(type(message), absolute(options.topic, "topic"), STREAM)
         if options.once:
             missing = f"nobody has listened to {publisher.topic_name} for {options.wait:g} s."
             until(lambda: publisher.get_subscription_count() or None, options.wait, lambda: missing)
+        else:
+            print(f"publishes on {publisher.topic_name} at {options.rate:g} Hz; Ctrl-C ends it", file=sys.stderr, flush=True)
         sent, due = 0, time.monotonic()
         while not (wanted and sent >= wanted):
             go_on()
