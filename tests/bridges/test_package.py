@@ -327,3 +327,7 @@ def test_the_wheel_holds_the_package(tmp_path):
     held = {name for name in names if name.startswith("turtlebot_gym_ros/")}
     sources = {str(path.relative_to(PACKAGE)) for path in files_of(SOURCES) if path.is_file()}
     assert held == sources
+    share = ".data/data/share/turtlebot_gym_ros/"
+    shared = {name.partition(share)[2] for name in names if share in name}
+    folders = [PACKAGE / folder for folder in ("config", "launch", "layouts", "rviz")]
+    assert shared == {str(path.relative_to(PACKAGE)) for folder in folders for path in folder.iterdir()}
