@@ -1,75 +1,251 @@
-"""What the pages show of benchmarks."""
+"""What the pages show of benchmarks, as figures."""
 
-import io
-import json
+import re
+import sys
 from pathlib import Path
 
 import mkdocs_gen_files
 from matplotlib.figure import Figure
 
-from turtlebot_gym.plotting import BLUE, GREEN, ORANGE, VERMILLION
+sys.path.insert(0, str(Path("docs/generate").resolve()))
+from drawing import BLUE, COLORS, VERMILLION, WIDTH, Panel, Series, dots, pick, series, svg
+from drives import loop, two_filters
+from in_rooms import challenge, lidars, messages, people, policies, sway, worlds
+from rows import named, read
 
 
-def write(path, figure):
-    """Write a figure into the site."""
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="svg", bbox_inches="tight", facecolor="white", metadata={"Date": None})
-    with mkdocs_gen_files.open(path, "wb") as file:
-        file.write(drawn.getvalue())
+def open_ground():
+    """Return how much slower PPO is than tuned and untuned baselines."""
+    rows = read("robustness")["comparisons"]
+    untuned = [row["ppo"]["time"]["value"] - row["baselines"][0]["time_untuned"]["value"] for row in rows]
+    differences = [Series("minus the tuned baseline", [row["ppo"]["difference"] for row in rows])]
+    differences.append(Series("minus the untuned one", untuned))
+    return dots([row["scenario"] for row in rows], Panel("time of PPO (s): right of 0 it is slower", differences, line=0.0))
 
 
-def results(name):
-    """Return the results of a benchmark."""
-    return json.loads(Path("benchmarks", f"{name}.json").read_text(encoding="utf-8"))
+def trained():
+    """Return what training on a belief gains over training on the truth."""
+    rows = [row for row in read("belief")["rows"] if row["policy"] in ("wheels", "localizer", "localizer, evidence")]
+    names = [f"{row['setting']}: {row['policy']}" for row in rows]
+    gains = [
+        Series(f"minus {name}", [row[f"minus_{part}"] for row in rows]) for name, part in (("truth", "truth"), ("vfh", "vfh"))
+    ]
+    return dots(names, Panel("goals an hour, by what the policy was trained on", gains, line=0.0))
+
+
+def missions():
+    """Return the goals that are truly reached, by what the robot believes."""
+    rows = read("missions")["missions"]
+    cases = list(dict.fromkeys((row["world"], row["policy"]) for row in rows))
+    beliefs = [
+        Series(name, [pick(rows, world=world, policy=policy, belief=name).get("goals") for world, policy in cases])
+        for name in ("wheels", "localizer", "truth")
+    ]
+    return dots([", ".join(case) for case in cases], Panel("goals truly reached (%)", beliefs, 100.0))
+
+
+def filters():
+    """Return errors of filters beside the bound, and whether they state them."""
+    settings = read("estimation")["settings"]
+    rows = [
+        (f"{noise.replace(' without its', ', no')}: {name}", row)
+        for noise, setting in settings.items()
+        if noise != "wheel"
+        for name, row in setting["filters"].items()
+    ]
+    errors = [Series(name, [row["ratio"][at] for _, row in rows]) for at, name in enumerate(("x", "y", "heading"))]
+    nees = [Series("", [row["nees"] for _, row in rows])]
+    panels = (
+        Panel("RMSE over the bound", errors, line=1.0, scale="log"),
+        Panel("NEES (3 is right)", nees, line=3.0, scale="log"),
+    )
+    return dots([name for name, _ in rows], *panels)
+
+
+def localizer():
+    """Return the localizer's errors by case, and whether it states them."""
+    found = read("localization")["cases"]
+    names = list(found["dense"])
+    errors = [Series(world, [100.0 * cases[name]["position_rms"] for name in names]) for world, cases in found.items()]
+    nees = [Series(world, [cases[name]["nees"] for name in names]) for world, cases in found.items()]
+    panels = Panel("error of the position (cm)", errors, scale="log"), Panel("NEES (3 is right)", nees, line=3.0, scale="log")
+    return dots(names, *panels)
+
+
+def buildings():
+    """Return the share of key frames at which the pose is lost, in two real buildings."""
+    found = read("buildings")["buildings"]
+    names = list(next(iter(found.values())))
+    lost = [Series(building, [rows[name]["lost"] for name in names]) for building, rows in found.items()]
+    return dots(names, Panel("key frames with the pose lost (%)", lost, 100.0))
+
+
+def carried():
+    """Return the share of robots that are right again within ten metres."""
+    found = read("buildings")["found"]
+    names = list(next(iter(found.values())))
+    right = [Series(building, [rows[name]["right"] for name in names]) for building, rows in found.items()]
+    return dots(names, Panel("drives that are right within 10 m (%)", right, 100.0))
+
+
+def latency():
+    """Return the graph's figures as shares of their limits, but for memory."""
+    parts = read("ros")["parts"].values()
+    rows = [row for part in parts for row in part["figures"] if row["limit"] and row["unit"] in ("s", "ms", "%")]
+    names = [re.sub(r": first zero.*|, slowest.*| at \d+ Hz", "", row["name"]) for row in rows]
+    shares = [row["value"] / row["limit"] for row in rows]
+    return dots(names, Panel("share of its limit", [Series("", shares)], line=1.0))
+
+
+def begun():
+    """Return where trainings end that begin with a policy, and others."""
+    tasks = read("from_policy")["tasks"]
+    first = [next(row["success"] for name, row in rows.items() if name != "none") for rows in tasks.values()]
+    ends = [
+        Series("begins with a known policy", first),
+        Series("begins with nothing", [rows["none"]["success"] for rows in tasks.values()]),
+    ]
+    return dots(list(tasks), Panel("success after 500,000 steps (%)", ends, 100.0))
+
+
+def ratios():
+    """Return the error of the filter over that of the odometry, by noise and policy."""
+    rows = [row for row in read("recorded_policies")["cases"] if row["policy"] in ("bearing", "ppo-nav")]
+    cases = list(dict.fromkeys((row["noise"], row["filter"]) for row in rows))
+    both = [
+        Series(policy, [pick(rows, noise=noise, filter=name, policy=policy).get("ratio") for noise, name in cases])
+        for policy in ("bearing", "ppo-nav")
+    ]
+    return dots([", ".join(case) for case in cases], Panel("error of the filter over that of the odometry", both, line=1.0))
+
+
+def gains():
+    """Return the time to the goal on odometry and on the estimate, by noise."""
+    times = {row["scenario"]: row["baselines"][0]["time"] for row in read("robustness")["comparisons"]}
+    noises = [name.rpartition(", ")[2] for name in times if name.startswith("Nav, raw odometry, ")]
+    both = [Series(words, [times.get(f"Nav, {words}, {noise}") for noise in noises]) for words in ("raw odometry", "estimate")]
+    return dots(noises, Panel("time to the goal of the tuned baseline (s)", both))
+
+
+def creep():
+    """Return the errors of filters on three floors."""
+    found = [row for row in read("transfer")["filters"] if row["noise"] == "tutorial"]
+    names, on = list(dict.fromkeys(row["filter"] for row in found)), ("unicycle", "grip", "slippery")
+    panels = [
+        Panel(label, [series(found, floor, names, "filter", part, floor=floor) for floor in on], factor, line, "log")
+        for label, part, factor, line in (
+            ("error of the position (cm)", "position", 100.0, None),
+            ("NEES (3 is right)", "nees", 1.0, 3.0),
+        )
+    ]
+    return dots(names, *panels)
+
+
+def floors():
+    """Return how many drives on wheel odometry succeed, with grip and without."""
+    rows = [
+        {**row, "share": row["succeeded"] / row["of"]}
+        for row in read("transfer")["policies"]
+        if row["noise"] == "wheel" and "Nav" in row["env"] and row["policy"] != "proportional"
+    ]
+    names = list(dict.fromkeys(row["policy"] for row in rows))
+    on = [series(rows, floor, names, "policy", "share", floor=floor) for floor in ("unicycle", "grip", "slippery")]
+    return dots(names, Panel("goals reached on wheel odometry (%)", on, 100.0))
+
+
+def coverage():
+    """Return how many intervals of calibrations hold the truth, by parameter."""
+    settings = [setting["parameters"] for setting in read("calibration_intervals")["coverage"].values()]
+    truth = {}
+    for name in dict.fromkeys(name for setting in settings for name in setting):
+        rows = [setting[name] for setting in settings if name in setting]
+        truth[name] = sum(row["coverage"] * row["drives"] for row in rows) / sum(row["drives"] for row in rows)
+    scans = {name: row["coverage"] for name, row in read("calibration_by_scans")["coverage"]["parameters"].items()}
+    alone = {
+        name: row["coverage_where_determined"]
+        for name, row in read("calibration")["coverage"]["innovations"].items()
+        if row["determined"]
+    }
+    names = list(dict.fromkeys([*truth, *scans, *alone]))
+    ways = (("with the truth", truth), ("by scans", scans), ("innovations alone", alone))
+    all_of = [Series(words, [found.get(name) for name in names]) for words, found in ways]
+    return dots(names, Panel("intervals that hold the true value (%)", all_of, 100.0, line=95.0))
+
+
+def calibrated():
+    """Return the NEES of filters that were calibrated on one drive and judged on another."""
+    recorded = read("calibration_recorded")["recorded"]
+    rows = [
+        (f"{logs.partition('.')[0]}: {name}", row) for logs, found in recorded.items() for name, row in found["judged"].items()
+    ]
+    return dots(
+        [name for name, _ in rows],
+        Panel("NEES on the other drive (3 is right)", [Series("", [row["nees"] for _, row in rows])], line=3.0),
+    )
+
+
+def pairs():
+    """Return the times of policies that were trained on calibrated files and on the truth."""
+    robots = named(read("calibration_policy")["robots"])
+    names = [f"{robot['name']}, {at + 1}" for robot in robots for at in range(len(robot["times"]["truth"]))]
+    sides = (("trained on the file", "calibrated"), ("on the truth", "truth"))
+    times = [Series(words, [each["time"] for robot in robots for each in robot["times"][side]]) for words, side in sides]
+    return dots(names, Panel("time round the square (s)", times))
+
+
+def speed():
+    """Return steps per second of one thread as multiples of CartPole's."""
+    rows = [row for row in named(read("speed")["environments"]) if "CartPole" not in row["name"] and "65536" not in row["name"]]
+    rows = [row for row in rows if row["name"].startswith("scalar") or row["name"].endswith("one thread")]
+    names = [re.sub(r"vector of |TurtleBot|-v0|, one thread", "", row["name"]) for row in rows]
+    return dots(names, Panel("times CartPole's steps/s", [Series("", [row["ratio"] for row in rows])], line=1.0))
 
 
 def arrival():
     """Return how many arrivals are false and how late the robot is, by rule and noise."""
-    figure = Figure(figsize=(7.0, 3.0), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
     axes = figure.subplots()
-    for (noise, rules), color in zip(results("arrival")["rules"].items(), (BLUE, GREEN, ORANGE, VERMILLION), strict=True):
+    for (noise, rules), color in zip(read("arrival")["rules"].items(), COLORS[:4], strict=True):
         within = [rule for name, rule in rules.items() if name.startswith("within")]
-        axes.plot(
-            [rule["later"]["value"] for rule in within],
-            [100.0 * rule["false"]["value"] for rule in within],
-            "o-",
-            color=color,
-            label=noise,
-        )
+        later, false = ([rule[part]["value"] for rule in within] for part in ("later", "false"))
+        axes.plot(later, [100.0 * share for share in false], "o-", color=color, label=noise)
     axes.set(xlabel="believes later that it has arrived, by a smaller radius (s)", ylabel="false arrivals (%)", ylim=0.0)
     axes.legend(title="noise")
     return figure
 
 
-def floors():
-    """Return how many drives on wheel odometry succeed, with grip and without."""
-    rows = [row for row in results("transfer")["policies"] if row["noise"] == "wheel" and "Nav" in row["env"]]
-    names = list(dict.fromkeys(row["policy"] for row in rows if row["policy"] != "proportional"))
-    figure = Figure(figsize=(7.0, 3.0), layout="constrained")
-    axes = figure.subplots()
-    for at, (floor, color) in enumerate((("unicycle", BLUE), ("grip", GREEN), ("slippery", ORANGE))):
-        shares = {row["policy"]: 100.0 * row["succeeded"] / row["of"] for row in rows if row["floor"] == floor}
-        axes.barh(
-            [k + 0.27 * (at - 1) for k in range(len(names))], [shares[name] for name in names], 0.25, color=color, label=floor
-        )
-    axes.set(xlabel="goals reached on wheel odometry (%)", yticks=range(len(names)), yticklabels=names)
-    axes.invert_yaxis()
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
-
-
 def stops():
     """Return when the last motion came in injected faults, by kind."""
-    kinds = results("faults")["faults"].values()
-    figure = Figure(figsize=(7.0, 2.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
     axes = figure.subplots()
-    axes.hist([kind["longest_lag"] for kind in kinds], bins=[0.02 * k for k in range(32)], color=BLUE)
+    lags = [kind["longest_lag"] for kind in read("faults")["faults"].values()]
+    axes.hist(lags, bins=[0.02 * k for k in range(32)], color=BLUE)
     axes.axvline(0.5, color=VERMILLION, linestyle="--", label="measured_age")
     axes.set(xlabel="last motion after the newest measurement, the longest of each kind (s)", ylabel="kinds of fault")
     axes.legend()
     return figure
 
 
-write("concepts/arrival.svg", arrival())
-write("concepts/floors.svg", floors())
-write("concepts/stops.svg", stops())
+def zeros():
+    """Return the time until the robot is told to stand, by kind of fault."""
+    kinds = {name: kind["longest_stop"] for name, kind in read("faults")["faults"].items() if kind["longest_stop"]}
+    slow = {
+        name: stop for name, stop in sorted(kinds.items(), key=lambda each: -each[1]) if stop > 0.6 and name != "healthy wall"
+    }
+    return dots(list(slow), Panel("zero after the fault, the longest of 11 (s)", [Series("", list(slow.values()))]))
+
+
+IN_ROOMS = (worlds, policies, lidars, sway, challenge, messages, people)
+OF_BELIEF = (two_filters, filters, localizer, missions, ratios)
+FIGURES = {
+    "concepts": (loop, arrival, stops, zeros, creep, floors, *IN_ROOMS, *OF_BELIEF),
+    "howto": (coverage, calibrated, pairs),
+    "results": (open_ground, trained, buildings, carried, latency, begun, gains, speed),
+}
+"""Figures by the folder of the site in which they lie."""
+
+if __name__ in ("__main__", "<run_path>"):
+    for folder, draws in FIGURES.items():
+        for draw in draws:
+            with mkdocs_gen_files.open(f"{folder}/{draw.__name__}.svg", "wb") as file:
+                file.write(svg(draw()))

@@ -36,6 +36,11 @@ def blocks_of(path):
     return blocks
 
 
+def text_of(page):
+    """Return a page in one line, so that a sentence can be found."""
+    return " ".join((ROOT / page).read_text(encoding="utf-8").split())
+
+
 def rows_after(page, words):
     """Return the cells of the first table after some words, without its heading."""
     lines = (ROOT / page).read_text(encoding="utf-8").partition(words)[2].splitlines()

@@ -1,0 +1,53 @@
+"""Figures of drives, which are driven while the site is built."""
+
+import gymnasium as gym
+import numpy as np
+from drawing import WIDTH
+from matplotlib.figure import Figure
+
+from turtlebot_gym.drive import Drive, position_error
+from turtlebot_gym.plotting import SKY_BLUE, VERMILLION, draw_position_error, draw_trajectory
+from turtlebot_gym_agents.policies import BearingPolicy
+
+SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
+DT = 0.1  # s
+
+
+def square(name):
+    """Return a drive around the square with the tutorial's noise and a filter, by bearing."""
+    env, policy = gym.make(SQUARE, robot="tutorial", noise="tutorial", filter=name), BearingPolicy()
+    observation, info = env.reset(seed=0)
+    infos, over = [info], False
+    while not over:
+        observation, _, terminated, truncated, info = env.step(policy(observation))
+        infos.append(info)
+        over = terminated or truncated
+    env.close()
+    return Drive.stack(infos, time=DT * np.arange(len(infos)))
+
+
+def loop():
+    """Return a drive from above, and the errors of odometry and estimate over time."""
+    drive = square("matched")
+    figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
+    above, errors = figure.subplots(1, 2)
+    draw_trajectory(above, drive)
+    draw_position_error(errors, drive)
+    figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
+    return figure
+
+
+def two_filters():
+    """Return the errors of two filters beside that of the odometry over time."""
+    figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, name in zip(panels, ("tutorial", "matched"), strict=True):
+        drive = square(name)
+        axes.plot(
+            drive.time, position_error(drive.odometry, drive.true_state), ".", color=SKY_BLUE, markersize=3, label="odometry"
+        )
+        axes.plot(drive.time, position_error(drive.estimate, drive.true_state), color=VERMILLION, label="estimate")
+        axes.set(xlabel="time (s)", title=f"filter {name}", ylim=0.0)
+    panels[0].set_ylabel("position error (m)")
+    panels[1].legend()
+    return figure

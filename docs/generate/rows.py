@@ -1,0 +1,66 @@
+"""The rows of measured results, from the benchmarks' files."""
+
+import json
+from pathlib import Path
+
+import yaml
+
+from turtlebot_gym.presets import make_robot
+
+HAZARDS = Path("docs/generate/hazards.yaml")
+
+
+def read(name):
+    """Return the results of a benchmark."""
+    return json.loads(Path("benchmarks", f"{name}.json").read_text(encoding="utf-8"))
+
+
+def named(mapping):
+    """Return rows with their names."""
+    return [{"name": name, **row} for name, row in mapping.items()]
+
+
+def rooms():
+    """Return the rows of rooms whose safety layer, if there is one, is today's."""
+    older = [row for row in read("rooms_study")["rows"] if not row["policy"].endswith("+safety")]
+    within = [row for row in read("rooms_planner")["rows"] if row["policy"].endswith("+safety")]
+    return older + within + [row for row in read("rooms_planner_lidars")["rows"] if row["policy"].endswith("+safety")]
+
+
+def barn():
+    """Return the BARN challenge by policy, without the layer of earlier versions."""
+    rows = named(read("barn")["mean"])
+    return [row for row in rows if not row["name"].endswith("+safety") or row["name"] in ("ppo-rooms+safety", "planner+safety")]
+
+
+def as_robot():
+    """Return the drives by perfect messages and by those of a robot, in two worlds."""
+    return [
+        {"name": f"{read(name)['config']['world']}: {arm}", **row}
+        for name in ("as_robot", "as_robot_office")
+        for arm, row in read(name).items()
+        if isinstance(row, dict) and "contacts" in row
+    ]
+
+
+def by_floor(part, key):
+    """Return one row for the three floors of the other physics."""
+    rows = {}
+    for row in read("transfer")[part]:
+        rows.setdefault(tuple(row[name] for name in key), {})[row["floor"]] = row
+    return [{**dict(zip(key, name, strict=True)), **floors} for name, floors in rows.items()]
+
+
+def hazards(part):
+    """Return the hazards of a part, with the times of the injected faults."""
+    faults, speed = read("faults")["faults"], make_robot("burger").max_wheel
+    rows = yaml.safe_load(HAZARDS.read_text(encoding="utf-8"))[part]
+    for row in rows:
+        kinds = [faults[kind] for kind in row.get("faults", ())]
+        unstopped = [kind for kind in kinds if kind["longest_stop"] is None]
+        if unstopped:
+            row["after"], row["way"] = f"{unstopped[0]['unsafe']} of {unstopped[0]['injected']} drove on", "to the wall"
+        elif kinds:
+            longest = max(kind["longest_stop"] for kind in kinds)
+            row["after"], row["way"] = f"{longest:.2f} s", f"{speed * longest:.2f} m"
+    return rows

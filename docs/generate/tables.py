@@ -1,0 +1,311 @@
+"""The tables of measured results, made from the benchmarks' files: a page names them as ``<!-- table: NAME -->``."""
+
+import re
+import sys
+from pathlib import Path
+
+sys.path.insert(0, "benchmarks")
+from rows import as_robot, barn, by_floor, hazards, named, read, rooms
+
+from harness.tables import table
+
+FLOORS = ("unicycle", "grip", "slippery")
+EVENTS = {
+    "dropout_probability": ("a gap begins, per 0.1 s", "gaps"),
+    "gap_end": ("it ends, per 0.1 s", "gap ends"),
+    "leap_probability": ("the pose leaps, per 0.1 s", "leaps"),
+    "reset_probability": ("odometry begins anew, per 0.1 s", "resets"),
+    "slip_start": ("wheels slip, per 0.1 s", "slips"),
+    "reverse_probability": ("reverse counts as forward, per 0.1 s of reverse", "counted forwards"),
+}
+"""Events of the preset `recorded`, and their names in `benchmarks/recorded.json`."""
+SHARES = {"success, %": "{success:.1%}", "collisions, %": "{collision:.1%}"}
+SPEED = {
+    "environment": "{name}",
+    "steps/s": "{steps_per_second:,.0f}",
+    "times CartPole": "{ratio:.2f}",
+    "steps/CPU s": "{steps_per_cpu_second:,.0f}",
+    "times CartPole by CPU s": "{cpu_ratio:.2f}",
+}
+
+
+def driven(part):
+    """Return how many drives succeeded by floor, and the time relative to the unicycle's."""
+    rows = by_floor(part, ("env", "policy", "noise"))
+    for row in rows:
+        row["task"] = row["env"].removeprefix("turtlebot_gym/TurtleBot").removesuffix("-v0")
+        for floor in FLOORS[1:]:
+            both = row[floor]["where_both_succeed"]
+            row[f"time {floor}"] = f"{both['ratio']:.3f}" if both["ratio"] and both["n"] > 4 else ""
+    columns = {"task": "{task}", "policy": "{policy}", "noise": "{noise}"}
+    columns |= {floor: f"{{{floor}[succeeded]}}" for floor in FLOORS}
+    return table(rows, columns | {f"time, {floor}": f"{{time {floor}}}" for floor in FLOORS[1:]})
+
+
+def located():
+    """Return the localizer's errors by case and world."""
+    worlds = read("localization")["cases"]
+    rows = [{"name": name, **{world: cases[name] for world, cases in worlds.items()}} for name in worlds["dense"]]
+    for row in rows:
+        for world in worlds:
+            case = row[world]
+            errors = f"{100.0 * case['position_rms']:.1f} / {1e3 * case['heading_rms']:.0f}"
+            row[world] = f"{errors} / {case['nees']['value']:.1f}"
+    return table(rows, {"case": "{name}", **{world: f"{{{world}}}" for world in worlds}})
+
+
+def recorded():
+    """Return what recordings of real robots' wheels show."""
+    found = read("recorded")
+    rows = [{"name": name, **fits} for name, fits in found["parameters"].items()]
+    rows += [{"name": f"{name}: {words}", "preset": found["events"][event]} for name, (words, event) in EVENTS.items()]
+    robots = {robot: f"{{{robot}.value:.3g}}" for robot in ("wifibot", "aces", "intel")}
+    return table(rows, {"parameter": "{name}", "preset `recorded`": "{preset:.3g}", **robots})
+
+
+def seconds(times):
+    """Return the times of trainings in words."""
+    return ", ".join(f"{training['time']:.2f}" for training in times)
+
+
+def hazards_table(part):
+    """Return the hazards of a part with their tests."""
+    columns = {"cause": "{cause}", "what happens": "{effect}", "who notices": "{by}"}
+    columns |= {"zero after": "{after}", "at full speed": "{way}", "remains": "{remains}", "test": "{test}"}
+    return table([{**row, "test": ", ".join(f"`{test}`" for test in row["tests"])} for row in hazards(part)], columns)
+
+
+TABLES = {
+    "open_ground": lambda: table(
+        read("robustness")["comparisons"],
+        {
+            "scenario": "{scenario}",
+            "PPO, s": "{ppo[time]:.2f}",
+            "baseline": "{baselines[0][policy]}",
+            "tuned, s": "{baselines[0][time]:.2f}",
+            "untuned, s": "{baselines[0][time_untuned].value:.2f}",
+            "PPO minus tuned, s": "{ppo[difference]:+.2f}",
+            "p (Holm)": "{p_holm:.2g}",
+            "PPO succeeds, %": "{ppo[success]:.1%}",
+            "tuned succeeds, %": "{baselines[0][success]:.1%}",
+        },
+    ),
+    "rooms": lambda: table(
+        rooms(),
+        {
+            "setting": "{setting}",
+            "policy": "{policy}",
+            "success, %": "{success:.1%}",
+            "minus `vfh`, points": "{success_difference:+.1%}",
+            "collisions, %": "{collision:.1%}",
+            "time, s": "{time.value:.1f}",
+        },
+    ),
+    "lidars": lambda: table(read("rooms_lidars")["rows"], {"setting": "{setting}", "policy": "{policy}", **SHARES}),
+    "sway": lambda: table(
+        read("rooms_planner_wheel")["rows"],
+        {"setting": "{setting}", "policy": "{policy}", **SHARES, "later within the layer, s": "{later:+.2f}"},
+    ),
+    "as_robot": lambda: table(
+        as_robot(),
+        {
+            "world: messages, guard": "{name}",
+            "drives": "{drives}",
+            "success, %": "{success:.1%}",
+            "contacts": "{contacts}",
+            "least clearance, m": "{least clearance:.3f}",
+        },
+    ),
+    "people": lambda: table(
+        read("people")["rows"],
+        {
+            "LiDAR": "{lidar}",
+            "policy": "{policy}",
+            **SHARES,
+            "minus the rule, points": "{success_minus_rule:+.1%}",
+            "to goal, s": "{time_to_goal.value:.1f}",
+        },
+    ),
+    "barn": lambda: table(
+        barn(),
+        {"policy": "{name}", **SHARES, "time-outs, %": "{timeout:.1%}", "score, at most 0.5": "{barn:.3f}"},
+    ),
+    "belief": lambda: table(
+        read("belief")["rows"],
+        {
+            "setting": "{setting}",
+            "policy, or trained on": "{policy}",
+            "reached an hour": "{an_hour:.0f}",
+            "more than on truth": "{minus_truth:+.0f}",
+            "more than `vfh`": "{minus_vfh:+.0f}",
+            "reached, %": "{goals:.1%}",
+            "falsely, %": "{false_goals:.1%}",
+            "lost, %": "{lost:.1%}",
+            "contacts, %": "{collision:.1%}",
+        },
+    ),
+    "missions": lambda: table(
+        read("missions")["missions"],
+        {
+            "world": "{world}",
+            "policy": "{policy}",
+            "belief": "{belief}",
+            "truly reached, %": "{goals:.0%}",
+            "falsely, %": "{false_goals:.0%}",
+            "reached an hour": "{goals_an_hour:.0f}",
+            "lost, % of the time": "{lost:.0%}",
+        },
+    ),
+    "filters": lambda: table(
+        [
+            {"noise": noise, "name": name, **row}
+            for noise, setting in read("estimation")["settings"].items()
+            for name, row in setting["filters"].items()
+        ],
+        {
+            "noise": "{noise}",
+            "filter": "{name}",
+            "x": "{ratio[0]:.3f}",
+            "y": "{ratio[1]:.3f}",
+            "heading": "{ratio[2]:.3f}",
+            "NEES of the pose": "{nees:.2f}",
+        },
+    ),
+    "localizer": located,
+    "buildings": lambda: table(
+        [{"building": name, **row} for name, rows in read("buildings")["buildings"].items() for row in named(rows)],
+        {
+            "building": "{building}",
+            "condition": "{name}",
+            "median, m": "{median:.3f}",
+            "95 %, m": "{quantile95:.3f}",
+            "worst, m": "{worst:.3f}",
+            "lost": "{lost:.1%}",
+            "says so": "{declared_lost:.1%}",
+            "NEES": "{nees:.1f}",
+            "mean": "{mean_nees:.1f}",
+            "wrong, s": "{wrong:.1f}",
+        },
+    ),
+    "found": lambda: table(
+        [{"building": name, **row} for name, rows in read("buildings")["found"].items() for row in named(rows)],
+        {
+            "building": "{building}",
+            "drives that begin": "{name}",
+            "right after 10 m": "{right:.1%}",
+            "found, median, s": "{found:.1f}",
+            "way, m": "{way:.1f}",
+            "wrong, s": "{wrong:.1f}",
+        },
+    ),
+    "begun": lambda: table(
+        [
+            {"task": task, "from": name, **row}
+            for task, rows in read("from_policy")["tasks"].items()
+            for name, row in rows.items()
+        ],
+        {
+            "task": "{task}",
+            "begins with": "{from}",
+            "trainings": "{trainings}",
+            "reach the target": "{reached}",
+            "target": "{to:.0%}",
+            "seconds until then": "{seconds:.1f}",
+            "success at the end": "{success:.1%}",
+        },
+    ),
+    "arrival": lambda: table(
+        [{"noise": noise, **row} for noise, rules in read("arrival")["rules"].items() for row in named(rules)],
+        {
+            "noise": "{noise}",
+            "rule": "{name}",
+            "false arrivals, %": "{false:.1%}",
+            "later, s": "{later.value:.2f}",
+            "never arrives": "{never:.0%}",
+        },
+    ),
+    "floors": lambda: driven("policies"),
+    "trained": lambda: driven("trained"),
+    "creep": lambda: table(
+        by_floor("filters", ("noise", "filter")),
+        {
+            "noise": "{noise}",
+            "filter": "{filter}",
+            **{f"{floor}, m": f"{{{floor}[position]:.3f}}" for floor in FLOORS},
+            **{f"NEES, {floor}": f"{{{floor}[nees]:.1f}}" for floor in FLOORS},
+            "over `matched`, slippery": "{slippery[over_matched]:.2f}",
+        },
+    ),
+    "drift": lambda: table(
+        read("transfer")["drift"], {"floor": "{floor}", "m per metre": "{position:.4f}", "rad per metre": "{heading:.4f}"}
+    ),
+    "ratios": lambda: table(
+        read("recorded_policies")["cases"],
+        {
+            "policy": "{policy}",
+            "noise": "{noise}",
+            "filter": "{filter}",
+            "reached, %": "{success.value:.0%}",
+            "falsely, %": "{false_arrival.value:.0%}",
+            "error of the filter, m": "{estimate_position_mean.value:.3f}",
+            "of the odometry, m": "{odometry_position_mean.value:.3f}",
+            "ratio": "{ratio:.2f}",
+        },
+    ),
+    "recorded": recorded,
+    "calibrated_filters": lambda: table(
+        [
+            {"logs": logs, "name": name, **row}
+            for logs, found in read("calibration_recorded")["recorded"].items()
+            for name, row in found["judged"].items()
+        ],
+        {
+            "calibrated on -> judged on": "{logs}",
+            "filter": "{name}",
+            "NEES": "{nees:.1f}",
+            "position, m": "{position:.3f}",
+            "heading, rad": "{heading:.3f}",
+        },
+    ),
+    "calibrated_policies": lambda: table(
+        [
+            {**row, "file": seconds(row["times"]["calibrated"]), "true": seconds(row["times"]["truth"])}
+            for row in named(read("calibration_policy")["robots"])
+        ],
+        {
+            "robot": "{name}",
+            "turn scale, true": "{turn_scale:.3f}",
+            "found": "{found:.3f}",
+            "time on the file, s": "{file}",
+            "time on the truth, s": "{true}",
+            "ratio of the means": "{ratio:.3f}",
+        },
+    ),
+    "hazards_guard": lambda: hazards_table("guard"),
+    "hazards_sensors": lambda: hazards_table("sensors"),
+    "graph": lambda: table(
+        [{"part": name, **row} for name, part in read("ros")["parts"].items() for row in part["figures"]],
+        {"part": "{part}", "figure": "{name}", "measured": "{value:.3g} {unit}", "limit": "{limit:g}"},
+    ),
+    "speed": lambda: table(named(read("speed")["environments"]), SPEED),
+    "busy": lambda: table(named(read("speed")["busy"]["environments"]), SPEED),
+}
+
+
+def folded(text):
+    """Return a table in a box that is closed at first."""
+    titles, _, *rows = text.strip().splitlines()
+    summary = "; ".join(filter(None, map(str.strip, titles.replace("`", "").split("|"))))
+    return f'<details markdown="1">\n<summary>{len(rows)} rows: {summary}</summary>\n\n{text}\n</details>'
+
+
+def cards():
+    """Return the cards of the policies that come with the package, as sections of the page."""
+    texts = [path.read_text(encoding="utf-8") for path in sorted(Path("agents/pretrained").glob("ppo-*.md"))]
+    return re.sub(r"(?:^\|.*\n)+", lambda found: folded(found[0]) + "\n", "\n".join(texts).replace("# ", "### "), flags=re.M)
+
+
+def filled(text):
+    """Return a page with its tables and cards."""
+    text = re.sub(r"<!-- table: (\w+) -->", lambda found: folded(TABLES[found[1]]()), text)
+    return text.replace("<!-- cards -->", cards())
