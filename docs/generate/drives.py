@@ -6,7 +6,7 @@ from drawing import WIDTH
 from matplotlib.figure import Figure
 
 from turtlebot_gym.drive import Drive, position_error
-from turtlebot_gym.plotting import SKY_BLUE, VERMILLION, draw_position_error, draw_trajectory
+from turtlebot_gym.plotting import BLUE, SKY_BLUE, VERMILLION, draw_position_error, draw_trajectory
 from turtlebot_gym_agents.policies import BearingPolicy
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
@@ -24,6 +24,30 @@ def square(name):
         over = terminated or truncated
     env.close()
     return Drive.stack(infos, time=DT * np.arange(len(infos)))
+
+
+def blocks():
+    """Return a diagram of the loop."""
+    figure = Figure(figsize=(WIDTH, 1.9), layout="constrained")
+    axes = figure.subplots()
+    places = {"waypoints": (0.0, 1.0), "controller": (1.5, 1.0), "robot": (3.0, 1.0), "filter": (1.5, 0.0)}
+    for name, (x, y) in places.items():
+        axes.text(
+            x, y, name, ha="center", va="center", bbox={"boxstyle": "round,pad=0.5", "facecolor": "0.93", "edgecolor": "0.3"}
+        )
+    arrows = (
+        ((0.45, 1.0), (1.05, 1.0), "waypoint", (0.75, 1.12)),
+        ((1.95, 1.0), (2.65, 1.0), "command", (2.3, 1.12)),
+        ((3.0, 0.75), (1.9, 0.0), "odometry", (2.75, 0.3)),
+        ((1.5, 0.25), (1.5, 0.75), "estimate", (1.8, 0.5)),
+        ((1.1, 0.0), (0.0, 0.75), "estimate", (0.25, 0.3)),
+    )
+    for begin, end, label, at in arrows:
+        axes.annotate("", end, begin, arrowprops={"arrowstyle": "-|>", "color": "0.3", "shrinkA": 0, "shrinkB": 0})
+        axes.text(*at, label, ha="center", va="center", fontsize=9, color=BLUE)
+    axes.set(xlim=(-0.5, 3.4), ylim=(-0.3, 1.3))
+    axes.axis("off")
+    return figure
 
 
 def loop():

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path("docs/generate").resolve()))
 from drawing import BLUE, COLORS, VERMILLION, WIDTH, Panel, Series, dots, pick, series, svg
-from drives import loop, two_filters
+from drives import blocks, loop, two_filters
 from in_rooms import challenge, lidars, messages, people, policies, sway, worlds
 from rows import named, read
 
@@ -238,7 +238,7 @@ def zeros():
 IN_ROOMS = (worlds, policies, lidars, sway, challenge, messages, people)
 OF_BELIEF = (two_filters, filters, localizer, missions, ratios)
 FIGURES = {
-    "concepts": (loop, arrival, stops, zeros, creep, floors, *IN_ROOMS, *OF_BELIEF),
+    "concepts": (blocks, loop, arrival, stops, zeros, creep, floors, *IN_ROOMS, *OF_BELIEF),
     "howto": (coverage, calibrated, pairs),
     "results": (open_ground, trained, buildings, carried, latency, begun, gains, speed),
 }
