@@ -8,6 +8,7 @@ import pytest
 from compiled_rooms import draw_compiled
 
 from turtlebot_gym.compiled.packing import as_tuple
+from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.rooms import drawing
 from turtlebot_gym.rooms.drawing import capacity, draw
@@ -89,7 +90,7 @@ def test_rules_are_parameters(empty_scene):
 
     def drawn(rules):
         scene = empty_scene(replace(rules, circles=(0.0, 60.0), boxes=(0.0, 60.0), half_length=5.0, half_width=5.0))
-        worlds = [draw(scene, rules, 0.105, key) for key in (1, 2, 5)]
+        worlds = [draw(scene, rules, 0.105, key, 0.1) for key in (1, 2, 5)]
         return str(worlds) + str([part.tolist() for part in arrays_of(scene)])
 
     first = drawn(base)
@@ -114,6 +115,29 @@ def test_nobody_walks_where_the_robot_starts_and_all_as_fast_as_the_rules_say(em
         assert clearance(scene, start[0], start[1]) > 0.105
         speeds = np.hypot(*scene.room.circles[: scene.room.counts[0], 3:].T)
         assert ((speeds >= 0.05) & (speeds <= 0.2)).all()
+
+
+@pytest.mark.parametrize("world", ["people", "crowd"])
+def test_a_robot_that_stands_at_its_start_is_left_alone_for_a_second(world):
+    """One drive in twenty among people used to end within that second, before a robot could see them come and stop."""
+    envs = NavigationVectorEnv(1000, task="room", world=world, lidar="ideal", noise="clean", info="full")
+    _, info = envs.reset(seed=0)
+    least = info["clearance"]
+    for _ in range(10):
+        *_, info = envs.step(np.zeros((1000, 2), np.float32))
+        least = np.minimum(least, info["clearance"])
+    assert least.min() > 0.0
+
+
+def test_looking_ahead_leaves_walkers_where_they_were_drawn(empty_scene):
+    rules, same = ROOMS["people"], 0
+    for key in range(40):
+        scenes = [empty_scene(rules) for _ in range(2)]
+        starts = [draw(scene, rules, 0.105, key, dt)[0] for scene, dt in zip(scenes, (0.5, 1.0), strict=True)]
+        same += starts[0] == starts[1]
+        for now, then in zip(*map(arrays_of, scenes), strict=True):
+            assert starts[0] != starts[1] or np.array_equal(now, then)
+    assert same >= 30
 
 
 def test_static_obstacles_are_spread_evenly_over_a_room(empty_scene):

@@ -157,7 +157,7 @@ BLOCKED = 65534
 @pytest.mark.parametrize("key", [3, 4])
 def test_lengths_are_those_of_dijkstra(empty_scene, name, key):
     scene = empty_scene(name)
-    _, goal = draw(scene, ROOMS[name], 0.105, key)
+    _, goal = draw(scene, ROOMS[name], 0.105, key, 0.1)
     free = scene.room.ways != BLOCKED
     rows, columns = free.shape
     number = np.arange(rows * columns).reshape(rows, columns)

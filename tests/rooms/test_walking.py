@@ -117,7 +117,7 @@ def test_people_stay_in_the_room_out_of_boxes_and_below_their_greatest_speed(emp
     rules, apart = ROOMS["people"], []
     for key in range(8):
         scene = empty_scene("people")
-        draw(scene, rules, RADIUS, episode_key(key, 0))
+        draw(scene, rules, RADIUS, episode_key(key, 0), DT)
         n = scene.room.counts[0]
         assert ((scene.room.people[:n, 4] >= 0.5) & (scene.room.people[:n, 4] <= 1.4)).all()
         for _ in range(100):

@@ -13,10 +13,17 @@ from turtlebot_gym.rooms.geodesic import MARGIN, block, cell_of, is_free, spread
 from turtlebot_gym.rooms.rays import distance_to_circle
 from turtlebot_gym.rooms.rules import ANYWHERE, CELLULAR, GIVEN, OFFICE, RoomRules
 from turtlebot_gym.rooms.scene import UNREACHED, Scene
+from turtlebot_gym.rooms.walking import walk
 from turtlebot_gym.values import Pose
 
 ATTEMPTS = 64
 """Rooms tried before an empty one is used, and placements tried in a room before the next one is drawn."""
+HEAD_START = 1.0
+"""Time for which walkers stay away from a robot that stands at a drawn start, s.
+
+A robot needs 0.6 s to see a person come and to stop: two revolutions of a LiDAR of 5 Hz, a control interval of 0.1 s, and 0.1 s
+to brake from 0.22 m/s at 2.5 m/s^2. Within that time a person at 1.4 m/s comes 0.84 m nearer.
+"""
 _NUMBERS = 4096
 """Most draws for a room."""
 # First draw of each part of a room.
@@ -213,17 +220,38 @@ def _is_beside_a_walker(scene: Scene, x: float, y: float, reach: float) -> bool:
 
 
 @kernel
-def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose, Pose]:
+def _is_run_into(scene: Scene, start: Pose, rules: RoomRules, radius: float, dt: float) -> bool:
+    """Return whether a walker comes close to a robot that stands at the start within `HEAD_START`."""
+    walkers = 0
+    for k in range(scene.room.counts[0]):
+        walkers += 1 if scene.room.circles[k, 3] != 0.0 or scene.room.circles[k, 4] != 0.0 else 0
+    if walkers == 0:
+        return False
+    circles, people, near = scene.room.circles.copy(), scene.room.people.copy(), False
+    for _ in range(math.ceil(HEAD_START / dt - 1e-9)):
+        walk(scene, start, start, radius, rules, dt)
+        near = near or _is_beside_a_walker(scene, start.x, start.y, radius + MARGIN)
+    for k in range(scene.room.counts[0]):
+        for column in range(5):
+            scene.room.circles[k, column] = circles[k, column]
+        for column in range(6 if rules.people else 0):
+            scene.room.people[k, column] = people[k, column]
+    return near
+
+
+@kernel
+def draw(scene: Scene, rules: RoomRules, radius: float, key: int, dt: float) -> tuple[Pose, Pose]:
     """Draw a room with a path through it, and return the robot's start and goal.
 
-    Rooms and placements are drawn until the robot fits at start and goal, no walker is close to a drawn start, and a path
-    connects the two. If all attempts fail, the room is emptied.
+    Rooms and placements are drawn until the robot fits at start and goal, no walker is or comes close to a drawn start within
+    `HEAD_START`, and a path connects the two. If all attempts fail, the room is emptied.
 
     Args:
         scene: Scene to which the room is written. The kind "given" keeps its contents.
         rules: Rules by which the room is drawn.
         radius: Radius of the robot, m.
         key: The episode's key.
+        dt: Control interval in which walkers move, s.
     """
     room_key = sub_key(key, ROOM)
     start, goal = Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0)
@@ -243,8 +271,10 @@ def draw(scene: Scene, rules: RoomRules, radius: float, key: int) -> tuple[Pose,
             goal = _goal_near(scene, rules, rules.goal, _END, start, room_key, first + _PLACES + 2 * place + 1)
             dx, dy = goal.x - start.x, goal.y - start.y
             far = dx * dx + dy * dy >= rules.min_distance * rules.min_distance
-            is_taken = math.isnan(rules.start[0]) and _is_beside_a_walker(scene, start.x, start.y, radius + MARGIN)
-            if far and not is_taken and is_free(scene, start.x, start.y) and is_free(scene, goal.x, goal.y):
+            drawn = math.isnan(rules.start[0])
+            is_taken = drawn and _is_beside_a_walker(scene, start.x, start.y, radius + MARGIN)
+            fits = far and not is_taken and is_free(scene, start.x, start.y) and is_free(scene, goal.x, goal.y)
+            if fits and not (drawn and _is_run_into(scene, start, rules, radius, dt)):
                 spread(scene, goal.x, goal.y)
                 to_be_blocked = True
                 row, column = cell_of(scene, start.x, start.y)

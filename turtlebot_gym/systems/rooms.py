@@ -43,7 +43,7 @@ from turtlebot_gym.values import Pose
 
 @kernel
 def _lay_out(key, p, scene):
-    return draw(scene, p.room.rules, p.robot.radius, key)
+    return draw(scene, p.room.rules, p.robot.radius, key, p.dt)
 
 
 @kernel
