@@ -15,6 +15,7 @@ PLAN = FloorPlan(
     goal=Pose(0.0, 0.0, 0.0),
 )
 SOLID, WHITE, BEAM = (0x55, 0x55, 0x55), (255, 255, 255), (0xCC, 0x79, 0xA7)
+HAIR, SHOULDERS = (0x3B, 0x2F, 0x2F), (0x00, 0x72, 0xB2)
 
 
 def picture(steps=0, plan=PLAN):
@@ -40,11 +41,12 @@ def test_obstacles_are_drawn_where_they_stand():
     assert at(drawn, -2.0, 0.55) == SOLID  # the wall
 
 
-def test_walkers_are_drawn_where_they_are_now():
-    assert at(picture(), -1.2, 1.05) == SOLID
-    later = picture(steps=20)  # 0.2 m to the right
-    assert at(later, -1.25, 1.05) == WHITE
-    assert at(later, -0.6, 1.05) == SOLID
+def test_walkers_are_people_with_shoulders_across_their_way_and_an_arrow_along_it():
+    for steps, x in ((0, -1.0), (20, -0.8)):  # 0.02 m a step to the right
+        drawn = picture(steps=steps)
+        assert at(drawn, x, 1.0) == HAIR
+        assert at(drawn, x, 1.25) == at(drawn, x, 0.75) == at(drawn, x + 0.48, 1.0) == SHOULDERS
+        assert at(drawn, x - 0.45, 1.1) == WHITE
 
 
 def test_beams_end_where_they_were_measured():

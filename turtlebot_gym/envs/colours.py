@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.plotting import BLACK, GREEN, VERMILLION
+from turtlebot_gym.plotting import BLACK, BLUE, GREEN, VERMILLION
 
 
 class Colours(NamedTuple):
@@ -21,9 +21,25 @@ class Colours(NamedTuple):
     solid: str = "#555555"
     unknown: str = "#dddddd"
     beam: str = "#f0d9e6"
+    shoulders: str = BLUE
+    head: str = "#e8c39e"
+    hair: str = "#3b2f2f"
 
 
 LIGHT = Colours()
 DARK = Colours(
-    "#15191e", "#2b3138", "#9aa4af", "#f2f2f2", "#59616b", "#f0813a", "#1fbf92", "#155c49", "#8b9098", "#3a3f46", "#3f2c3a"
+    "#15191e",
+    "#2b3138",
+    "#9aa4af",
+    "#f2f2f2",
+    "#59616b",
+    "#f0813a",
+    "#1fbf92",
+    "#155c49",
+    "#8b9098",
+    "#3a3f46",
+    "#3f2c3a",
+    "#4a9fd8",
+    "#e8c39e",
+    "#6b564c",
 )
