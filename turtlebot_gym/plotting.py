@@ -21,7 +21,7 @@ from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
     from turtlebot_gym.rooms.scan import Obstacles, Scan
     from turtlebot_gym.values import Pose
@@ -107,7 +107,7 @@ def draw_trajectory(axes: Axes, trajectory: Drive, *, ellipses: int = 12) -> Axe
     if outlines:
         axes.add_collection(PolyCollection(outlines, **_BAND))  # one entry in a legend, however many ellipses
     _plot(axes, trajectory.odometry[:, 0], trajectory.odometry[:, 1], _ODOMETRY)
-    _draw_places(axes, [trajectory])
+    draw_places(axes, [trajectory])
     return axes
 
 
@@ -209,24 +209,39 @@ def tutorial_figure(
         command: What the legend calls the trajectory's commands.
     """
     figure = _figure(14.0, 7.0, title)
+    axes = draw_panels(figure, trajectory, command=command)
+    draw_trajectory(axes, trajectory)
+    if room:
+        draw_room(axes, room)
+    if grid is not None:
+        draw_map(axes, grid)
+    if scan:
+        draw_scan(axes, *scan)
+    legend_below(figure, columns=8)
+    return figure
+
+
+def draw_panels(figure: FigureBase, trajectory: Drive, *, command: str = "command") -> Axes:
+    """Draw x, y and heading, commands and position error over time into an empty figure or a part of one.
+
+    Args:
+        figure: The figure.
+        trajectory: The drive.
+        command: What the legend calls the trajectory's commands.
+
+    Returns:
+        Empty axes beside them, for the drive seen from above.
+    """
     panels = figure.subplot_mosaic(
         [["trajectory", "x", "v"], ["trajectory", "y", "omega"], ["trajectory", "theta", "error"]],
         width_ratios=[1.75, 1.0, 1.0],
     )
-    draw_trajectory(panels["trajectory"], trajectory)
-    if room:
-        draw_room(panels["trajectory"], room)
-    if grid is not None:
-        draw_map(panels["trajectory"], grid)
-    if scan:
-        draw_scan(panels["trajectory"], *scan)
     for component in ("x", "y", "theta"):
         draw_component(panels[component], trajectory, component)
     for component in ("v", "omega"):
         draw_command(panels[component], trajectory, component, label=command)
     draw_position_error(panels["error"], trajectory)
-    legend_below(figure, columns=8)
-    return figure
+    return panels["trajectory"]
 
 
 def comparison_figure(trajectories: Sequence[tuple[str, Drive]], *, title: str | None = None) -> Figure:
@@ -246,12 +261,12 @@ def comparison_figure(trajectories: Sequence[tuple[str, Drive]], *, title: str |
         axes.plot(path[:, 0], path[:, 1], color=color, linestyle=style, linewidth=1.8, label=label)
         axes.plot(path[-1:, 0], path[-1:, 1], color=color, marker="X", markersize=9.0, markeredgecolor="white", zorder=4.0)
     axes.plot([], [], color=_SOLID, linestyle="", marker="X", markersize=9.0, label="end")
-    _draw_places(axes, [trajectory for _, trajectory in trajectories])
+    draw_places(axes, [trajectory for _, trajectory in trajectories])
     legend_below(figure, columns=3)
     return figure
 
 
-def _draw_places(axes: Axes, trajectories: Sequence[Drive]) -> None:
+def draw_places(axes: Axes, trajectories: Sequence[Drive]) -> None:
     """Draw starts and waypoints with their headings, and give the axes equal scales."""
     waypoints = np.concatenate([trajectory.reference for trajectory in trajectories])
     waypoints = np.unique(waypoints[np.isfinite(waypoints).all(1)], axis=0)

@@ -62,7 +62,7 @@ def test_evaluate_draws_a_single_run(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "4.00" in out  # waypoints reached
     assert "2 episodes from seed 0, robot tutorial, noise tutorial" in out
-    assert path.read_text().count('id="axes_') == 7  # trajectory; x, y, heading; two commands; error
+    assert path.read_text().count('id="axes_') == 9  # trajectory; x, y, heading; two commands; error; NEES, NIS
 
 
 MISSPELT = [

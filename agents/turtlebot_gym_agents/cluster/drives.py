@@ -9,6 +9,7 @@ from typing import Any
 
 from turtlebot_gym.validation import as_int
 from turtlebot_gym_agents.cluster.workers import Run, results
+from turtlebot_gym_agents.evaluation.consistency import joined
 from turtlebot_gym_agents.evaluation.episodes import concatenate
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, batches, evaluate, require_known
 
@@ -48,4 +49,6 @@ def evaluate_all(
 
 def _joined(parts: Sequence[Evaluation]) -> Evaluation:
     config = {**parts[0].config, "episodes": sum(part.config["episodes"] for part in parts)}
-    return replace(parts[0], config=config, episodes=concatenate([part.episodes for part in parts]))
+    judged = [part.consistency for part in parts if part.consistency is not None]
+    episodes = concatenate([part.episodes for part in parts])
+    return replace(parts[0], config=config, episodes=episodes, consistency=joined(judged) if judged else None)

@@ -72,7 +72,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
     json: JsonFile = None
     """Write configuration, results and the numbers of every episode here."""
     plot: FigureFile = None
-    """Draw the first episode here; for several combinations, their paths."""
+    """Draw here the first episode of each combination, and NEES and NIS of all episodes with their bounds."""
 
     def run(self) -> None:
         from turtlebot_gym_agents.front.comparing import compare
@@ -84,6 +84,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
         self.runner()  # refuses workers without a cluster
         with progress(self.episodes * len(self.policy) * math.prod(map(len, axes.values()))) as advance_to:
             common = {"env": self.env, "episodes": self.episodes, "seed": self.seed, "progress": advance_to, "run": run}
+            common["consistency"] = self.plot is not None
             compared = compare(*self.policy, **common | self.options() | axes)
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
         shared += self.described(*(("observation",) if len(self.observation) > 1 else ()))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.table import Table
 
-from turtlebot_gym.plotting import comparison_figure, tutorial_figure
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, paired
 from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
+from turtlebot_gym_agents.figures import drives_figure, legends_below, plot_consistency
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,6 +20,9 @@ ERRORS = (
     *("heading mean, rad", "heading max, rad", "heading final, rad"),
 )
 """Headings of `Errors`, each complete: a narrow terminal shows them in several tables."""
+
+STEERED = {"ekf": "the estimate", "odometry": "raw odometry", "truth": "the true pose", "located": "the localizer's pose"}
+"""What a policy steers by, by the name of the observation."""
 
 MORE = ("efficiency", "reached", "miss", "effort")
 """Numbers of a summary that are details."""
@@ -97,11 +100,25 @@ def _rooms_table(summaries: Mapping[str, Mapping[str, Interval]], *, details: bo
 
 
 def evaluation_figure(evaluations: Mapping[str, Evaluation], *, title: str) -> Figure:
-    """Return a figure of the first episode, or of the paths of several."""
-    if len(evaluations) == 1:
-        ((label, evaluation),) = evaluations.items()
-        return tutorial_figure(evaluation.trajectory, title=f"{title}, {label}")
-    return comparison_figure([(label, evaluation.trajectory) for label, evaluation in evaluations.items()], title=title)
+    """Return a figure of the first episode of each evaluation, and of the filters' consistency where it was computed."""
+    judged = {label: each.consistency for label, each in evaluations.items() if each.consistency is not None}
+    measured = {label: each for label, each in judged.items() if np.nansum(each.nis) > 0.0}  # wheels alone have no innovation
+    below = ["NEES of the pose"] * bool(judged) + ["NIS of measurements"] * bool(measured)
+    steered = [STEERED.get(str(each.config.get("observation", "ekf")), "their observation") for each in evaluations.values()]
+    is_same = len(set(steered)) == 1
+    drives = {
+        label if is_same else f"{label}: steers by {by}": each.trajectory
+        for (label, each), by in zip(evaluations.items(), steered, strict=True)
+    }
+    title = f"{title}; driven by {steered[0]}" if is_same else title
+    figure, panels = drives_figure(drives, title=title, below=below)
+    for at, (label, each) in enumerate(judged.items()):
+        plot_consistency(panels[below[0]], each.time, each.nees, name="NEES", label=label, at=at)
+        if label in measured:
+            plot_consistency(panels[below[1]], each.time, each.nis, name="NIS", label=label, at=at)
+    for name, axes in panels.items():
+        axes.set_title(f"{name} (above the band: too sure)", fontsize=10)
+    return legends_below(figure)
 
 
 def error_cells(errors: Errors) -> list[str]:

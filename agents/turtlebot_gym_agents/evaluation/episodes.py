@@ -99,6 +99,12 @@ def concatenate(parts: Sequence[Episodes]) -> Episodes:
     return Episodes(*joined(parts))
 
 
+def outcome_of(episodes: Episodes, at: int = 0) -> str:
+    """Return how an episode ended, in words."""
+    reached, collided = bool(episodes.success[at]), bool(episodes.collision[at])
+    return f"{'success' if reached else 'collision' if collided else 'time is up'} after {episodes.time[at]:.1f} s"
+
+
 def measure(record: Record, p: Parameters, seed: int) -> Episodes:
     """Return the results of each episode.
 

@@ -7,6 +7,7 @@ for all policies, and differences between policies are paired.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +17,17 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from turtlebot_gym.drive import Drive
+from turtlebot_gym.drive import NOWHERE, Drive
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure
+from turtlebot_gym_agents.evaluation.consistency import Consistent, joined
+from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure, outcome_of
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.evaluation.result import Evaluation
+from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, walkers_of
 from turtlebot_gym_agents.front.defaults import EPISODES, NAV, SEED
 from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
@@ -56,6 +59,7 @@ def evaluate(
     seed: int = SEED,
     progress: Callable[[int], None] = lambda ended: None,
     allow_mismatch: bool = False,
+    consistency: bool = False,
     **options: Any,
 ) -> Evaluation:
     """Drive and measure one episode per seed.
@@ -68,6 +72,7 @@ def evaluate(
         seed: The first seed.
         progress: Called with the number of episodes that have ended so far.
         allow_mismatch: Whether a policy that was made for another task, observation, robot or rate may drive.
+        consistency: Whether to compute the filter's NEES and NIS at each step.
         **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:
@@ -81,9 +86,10 @@ def evaluate(
     for start, size in batches(episodes, BATCH):
         envs = make_envs(env, size, **options)
         so_far = lambda ended, start=start: progress(start + ended)  # noqa: E731
-        runs.append(drive(envs, policy, seed + start, so_far, allow_mismatch=allow_mismatch))
+        judged = Consistent() if consistency else None
+        runs.append((*drive(envs, policy, seed + start, so_far, allow_mismatch=allow_mismatch, judge=judged), judged))
         envs.close()
-    parts, trajectories, parameters = zip(*runs, strict=True)
+    parts, trajectories, parameters, judges = zip(*runs, strict=True)
     p: Parameters = parameters[0]
     return Evaluation(
         config={"env": env, "policy": policy, "episodes": episodes, "seed": seed, **options},
@@ -91,6 +97,7 @@ def evaluate(
         max_linear=p.robot.max_linear,
         episodes=concatenate(parts),
         trajectory=trajectories[0],
+        consistency=joined([judge.result(p.dt) for judge in judges]) if consistency else None,
     )
 
 
@@ -158,6 +165,7 @@ def drive(
     progress: Callable[[int], None] = lambda ended: None,
     *,
     allow_mismatch: bool = False,
+    judge: Callable[[dict[str, Any], NDArray[np.bool_]], None] | None = None,
 ) -> tuple[Episodes, Drive, Parameters]:
     """Drive one episode in each environment.
 
@@ -167,15 +175,26 @@ def drive(
         seed: Seed of the first environment.
         progress: Called with the number of episodes that have ended so far.
         allow_mismatch: See `driver_of`.
+        judge: Called with what `driven` yields.
 
     Returns:
         The episodes, the first one's trajectory, and the environments' parameters.
     """
     p = parameters_of(envs)
     driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
-    rows = [_row(info, running) for info, running in driven(envs, driver, seed, progress)]
+    rows, walkers, around = [], [], NOWHERE
+    for info, running in driven(envs, driver, seed, progress):
+        if not rows:
+            around = room_of(envs, policy if isinstance(policy, str) else type(policy).__name__)
+        if running[0] and around.room:
+            walkers.append(walkers_of(scene_of(envs)))
+        rows.append(_row(info, running))
+        if judge is not None:
+            judge(info, running)
     record = Record(*map(np.array, zip(*rows, strict=True)))
-    return measure(record, p, seed), record.trajectory(dt=p.dt), p
+    episodes = measure(record, p, seed)
+    first = replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome_of(episodes))
+    return episodes, first, p
 
 
 def driven(

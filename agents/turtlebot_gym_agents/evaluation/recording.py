@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,13 +15,14 @@ from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.localization.bank import followed
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.charting import BORDER
-from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap, charted
+from turtlebot_gym.rooms.grid import GridMap, charted
 from turtlebot_gym.rooms.rules import GIVEN
 from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
-from turtlebot_gym.rooms.scene import Scene, scene_at
-from turtlebot_gym.systems import Parameters, Snapshot, system_of
+from turtlebot_gym.rooms.scene import Scene
+from turtlebot_gym.systems import Parameters, Snapshot
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.evaluate import driven, driver_of, make_envs, policy_of, require_known
+from turtlebot_gym_agents.evaluation.surroundings import grid_of, scene_of
 from turtlebot_gym_agents.front.defaults import NAV, SEED
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.ids import environment_id
@@ -68,16 +68,10 @@ def record_episode(
         p = parameters_of(envs)
         driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
         rows = list(_rows(envs, driver, seed, p))
-        grid, chart = _grid_of(_scene_of(envs)), _chart_of(_scene_of(envs), p)
+        grid, chart = grid_of(scene_of(envs)), _chart_of(scene_of(envs), p)
     finally:
         envs.close()
     return _episode(rows, p, label=label or name_of(policy), grid=grid, chart=chart)
-
-
-def _scene_of(envs: VectorEnv) -> Scene | None:
-    """Return the surroundings of the first robot; None on open ground."""
-    env: Any = envs.unwrapped
-    return scene_at(env.truth()[0], 0) if system_of(env.parameters).surroundings else None
 
 
 def _hypotheses_of(world: Snapshot, scene: Scene | None, p: Parameters) -> NDArray[np.float64]:
@@ -91,7 +85,7 @@ def _hypotheses_of(world: Snapshot, scene: Scene | None, p: Parameters) -> NDArr
 def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator[_Row]:
     """Yield the environment's data at the start and after each step of an episode."""
     for info, _ in driven(envs, policy, seed):
-        scene = _scene_of(envs)
+        scene = scene_of(envs)
         room = None if scene is None else obstacles_of(scene)
         world: Snapshot = envs.unwrapped.snapshot(0)  # pyright: ignore[reportAttributeAccessIssue]
         fix = getattr(world.senses, "fix", None)
@@ -140,16 +134,6 @@ def _scans(rows: Sequence[_Row], drive: Drive, p: Parameters) -> tuple[Seen, ...
             place = mounted(State(*drive.true_state[at].tolist()), lidar)
             scans.append(Seen(at, place, scan, mount=Pose(lidar.x, lidar.y, lidar.yaw)))
     return tuple(scans)
-
-
-def _grid_of(scene: Scene | None) -> GridMap | None:
-    """Return the map of a scene without its added border; None if there is none."""
-    if scene is None or scene.room.squares.shape[1] == 0:
-        return None
-    inside = slice(1, -1), slice(1, -1)
-    cells = np.where(scene.room.squares[0] == 0, OCCUPIED, np.where(scene.room.known > 0, FREE, UNKNOWN))[inside]
-    x, y, cosine, sine, resolution = scene.room.frame.tolist()
-    return GridMap(cells=cells.astype(np.int8), resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))
 
 
 def _chart_of(scene: Scene | None, p: Parameters) -> GridMap | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive
 from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.consistency import Consistency
 from turtlebot_gym_agents.evaluation.episodes import Episodes
 from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
 from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of
@@ -35,7 +36,9 @@ class Evaluation(Result):
     """The robot's highest speed, m/s."""
     episodes: Episodes
     trajectory: Drive
-    """The first episode."""
+    """The first episode, with its room and how it ended."""
+    consistency: Consistency | None = None
+    """How consistent the filter was; None if that was not asked for."""
 
     def times(self) -> NDArray[np.float64]:
         """Return the time of each episode, shape (n,), s; a failure counts as the limit."""

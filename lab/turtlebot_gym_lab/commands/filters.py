@@ -48,7 +48,7 @@ class Estimate(ReportingOptions):
     slip: bool = True
     """Whether the wheels slip as in the preset."""
     plot: FigureFile = None
-    """Draw the errors over time and the bound here."""
+    """Draw here the errors, NEES and NIS over time, with their bounds."""
 
     def run(self) -> None:
         from turtlebot_gym_lab.commands import report

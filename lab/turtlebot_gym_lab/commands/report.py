@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.table import Table
 
-from turtlebot_gym.plotting import PATHS, legend_below
 from turtlebot_gym_agents.commands.report import ERRORS, error_cells, interval_cell
+from turtlebot_gym_agents.figures import CURVES, legends_below, plot_consistency
 from turtlebot_gym_lab.evaluation.estimation import Estimation
 from turtlebot_gym_lab.evaluation.replay import Replayed
 
@@ -78,18 +79,28 @@ def estimation_table(result: Estimation) -> Table:
 
 
 def estimation_figure(result: Estimation) -> Figure:
-    """Return a figure of the RMSE of position and heading over time, of all filters and the bound."""
+    """Return a figure of all filters over time: RMSE of position and heading, NEES and NIS, each with its bound."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
-    sides = figure.subplots(1, 2)
-    for axes, columns, label in zip(sides, (slice(0, 2), slice(2, 3)), ("position (m)", "heading (rad)"), strict=True):
-        for (name, errors), (color, style) in zip(result.filters.items(), PATHS, strict=False):
+    figure = Figure(figsize=(10.0, 7.2), layout="constrained")
+    panels = figure.subplots(2, 2)
+    for axes, columns, label in zip(panels[0], (slice(0, 2), slice(2, 3)), ("position (m)", "heading (rad)"), strict=True):
+        for (name, errors), (color, style) in zip(result.filters.items(), cycle(CURVES), strict=False):
             rmse = np.sqrt((errors.rmse[:, columns] ** 2).sum(axis=1))
             axes.plot(result.time, rmse, color=color, linestyle=style, label=name)
-        axes.plot(result.time, np.sqrt((result.bound[:, columns] ** 2).sum(axis=1)), "k:", linewidth=2.5, label="bound")
+        axes.plot(
+            result.time,
+            np.sqrt((result.bound[:, columns] ** 2).sum(axis=1)),
+            "k:",
+            linewidth=2.5,
+            label="least RMSE of any filter",
+        )
         axes.set(xlabel="time (s)", ylabel=f"RMSE of the {label}", ylim=(0.0, None))
         axes.grid(alpha=0.3)
-    legend_below(figure, columns=6)
+    for at, (name, errors) in enumerate(result.filters.items()):
+        for axes, values, kind in zip(panels[1], (errors.nees_by_time, errors.nis_by_time), ("NEES", "NIS"), strict=True):
+            plot_consistency(axes, result.time, values, runs=result.config["runs"], name=kind, label=name, at=at)
+    for axes, name in zip(panels[1], ("NEES of the pose", "NIS of measurements"), strict=True):
+        axes.set_title(f"{name} (above the band: too sure)", fontsize=10)
     figure.suptitle(f"noise {result.config['noise']}, {result.config['runs']} drives")
-    return figure
+    return legends_below(figure)

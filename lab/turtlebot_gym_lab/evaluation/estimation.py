@@ -21,6 +21,7 @@ from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.validation import POSITIVE, as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.consistency import pose_nees
 from turtlebot_gym_agents.evaluation.metrics import Interval
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
@@ -70,6 +71,10 @@ class _FilterResult:
     """Share of the time beyond three standard deviations: 0.8 % for a consistent filter."""
     correlation: tuple[float, float, float]
     """Correlation of successive innovations: 0 for an optimal filter."""
+    nees_by_time: NDArray[np.float64] = field(repr=False)
+    """Mean NEES of the pose, shape (T + 1,); NaN where the filter states that it has none."""
+    nis_by_time: NDArray[np.float64] = field(repr=False)
+    """Mean NIS, shape (T + 1,); NaN at the start, and where nothing was measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,15 +147,19 @@ def estimate(
             error = difference(drives.estimate[..., :3], drives.truth[..., :3])
             deviations = np.sqrt(np.diagonal(drives.covariance, axis1=2, axis2=3)[..., :3])
             outside = (np.abs(error) > 3.0 * deviations).any(axis=2).mean(axis=1)
+            all_nees = pose_nees(drives.estimate, drives.truth, drives.covariance)
             last = nees(drives.estimate[:, -1], drives.truth[:, -1], drives.covariance[:, -1], components=3)
+            all_nis = np.where(drives.measured & (np.arange(steps + 1) > 0), drives.nis, np.nan)
             white = innovations(drives, dt, rule) if first < WHITE else np.zeros((0, steps, 3))
-            measures[name].append((error, last, drives.nis[:, -1], outside, white))
+            measures[name].append((error, last, drives.nis[:, -1], outside, white, all_nees, all_nis))
             done += count
             progress(done // len(tunings))
     bound = np.sqrt(np.sum(bounds, axis=0) / runs)
     results = {}
     for name in tunings:
-        error, last, nis, outside, white = (np.concatenate(parts) for parts in zip(*measures[name], strict=True))
+        error, last, nis, outside, white, all_nees, all_nis = (
+            np.concatenate(parts) for parts in zip(*measures[name], strict=True)
+        )
         squared = error**2
         results[name] = _FilterResult(
             rmse=np.sqrt(squared.mean(axis=0)),
@@ -159,6 +168,8 @@ def estimate(
             nis=metrics.mean(nis),
             outside=float(outside.mean()),
             correlation=tuple(_correlation(white[..., k]) for k in range(3)),  # type: ignore[arg-type]
+            nees_by_time=_mean_of_known(all_nees),
+            nis_by_time=_mean_of_known(all_nis),
         )
     config = {
         "filters": list(tunings),
@@ -221,6 +232,12 @@ def innovations(drives: _Drives, dt: float, rule: float) -> NDArray[np.float64]:
     innovation = difference(drives.odometry[:, 1:], before[..., :3] + moved.reshape(*before.shape[:2], 3))
     innovation[~drives.measured[:, 1:]] = np.nan
     return innovation
+
+
+def _mean_of_known(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean over drives (n, T) of what is known; NaN where nothing is."""
+    count = np.isfinite(values).sum(axis=0)
+    return np.where(count > 0, np.nansum(values, axis=0) / np.maximum(count, 1), np.nan)
 
 
 def _over(squared: Interval, bound: float) -> Interval:

@@ -1,0 +1,58 @@
+"""The surroundings of a vector environment's first robot, as a drive keeps them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
+
+from turtlebot_gym.drive import RoomData
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
+from turtlebot_gym.rooms.scan import obstacles_of
+from turtlebot_gym.rooms.scene import Scene, scene_at
+from turtlebot_gym.systems import system_of
+from turtlebot_gym.values import Pose
+from turtlebot_gym_agents.policies.fit import parameters_of
+
+
+def scene_of(envs: VectorEnv) -> Scene | None:
+    """Return the surroundings of the first robot; None on open ground."""
+    env: Any = envs.unwrapped
+    return scene_at(env.truth()[0], 0) if system_of(env.parameters).surroundings else None
+
+
+def grid_of(scene: Scene | None) -> GridMap | None:
+    """Return the map of a scene without its added border; None if there is none."""
+    if scene is None or scene.room.squares.shape[1] == 0:
+        return None
+    inside = slice(1, -1), slice(1, -1)
+    cells = np.where(scene.room.squares[0] == 0, OCCUPIED, np.where(scene.room.known > 0, FREE, UNKNOWN))[inside]
+    x, y, cosine, sine, resolution = scene.room.frame.tolist()
+    return GridMap(cells=cells.astype(np.int8), resolution=resolution, origin=Pose(x, y, math.atan2(sine, cosine)))
+
+
+def room_of(envs: VectorEnv, label: str) -> RoomData:
+    """Return what stays the same during the first robot's episode; its walkers stand where they are now.
+
+    Args:
+        envs: Vector environment of this package.
+        label: Label of the drive.
+    """
+    p, scene = parameters_of(envs), scene_of(envs)
+    return RoomData(
+        label=label,
+        room=None if scene is None else obstacles_of(scene),
+        grid=grid_of(scene),
+        robot_radius=p.robot.radius,
+        goal_radius=p.task.radius,
+    )
+
+
+def walkers_of(scene: Scene | None) -> NDArray[np.float64]:
+    """Return x, y and radius of all circles if any of them walks, shape (C, 3), m; else none, shape (0, 3)."""
+    if scene is None or not scene.room.circles[: scene.room.counts[0], 3:].any():
+        return np.empty((0, 3))
+    return scene.room.circles[: scene.room.counts[0], :3].copy()

@@ -1,0 +1,291 @@
+"""Figures of drives, filters and trainings.
+
+Every ``plot_`` function draws into the axes that it is given and returns them; the ``_figure`` functions arrange such axes.
+Colours are those of `turtlebot_gym.plotting`; line styles differ, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from turtlebot_gym.drive import Drive
+from turtlebot_gym.plotting import (
+    BLUE,
+    ORANGE,
+    PATHS,
+    PURPLE,
+    draw_map,
+    draw_panels,
+    draw_places,
+    draw_room,
+    draw_trajectory,
+    legend_below,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+CURVES = [(color, style) for color, style in PATHS if color in (BLUE, PURPLE, ORANGE)]
+"""Colours and line styles of policies, filters and trainings; the other colours stand for truth, estimate and odometry."""
+_BAND = "#777777"
+FALSE_ALARM = 0.05
+"""Share of consistent filters whose mean is outside of the bounds at a time."""
+_MARGIN, _MARGIN_IN_ROOM = 0.4, 0.8
+"""Ground around paths that a picture shows, m."""
+_LEAST = 1.5
+"""Least side of that picture, m."""
+_FEW = 0.5
+"""Share of the runs that must still drive for a mean to be drawn: the last ones are no fair sample."""
+_SIDE, _BELOW = 3.8, 3.2
+"""Side of a panel with paths, and height of the panels below, inches."""
+ALL = "true paths of all"
+"""Title of the panel with all paths."""
+LEARNING = {"success": "goals reached (%)", "return": "return", "steps_to_end": "steps to the end"}
+"""Numbers of an evaluation during training, with the labels of their axes."""
+
+
+def plot_drive(axes: Axes, drive: Drive, *, ellipses: int = 12) -> Axes:
+    """Draw a drive from above: walls, obstacles and walkers, true path, estimate, odometry, start, waypoints and end.
+
+    Args:
+        axes: Axes to draw into; the view is that of the paths.
+        drive: The drive.
+        ellipses: Approximate number of the estimate's ellipses.
+    """
+    draw_trajectory(axes, drive, ellipses=ellipses)
+    _plot_ground(axes, drive)
+    path = _path(drive)
+    axes.plot(path[-1:, 0], path[-1:, 1], "X", color="black", markersize=9.0, markeredgecolor="white", zorder=4.1, label="end")
+    return _zoom(axes, [drive])
+
+
+def plot_drives(axes: Axes, drives: Mapping[str, Drive]) -> Axes:
+    """Draw the paths of several drives over each other, with the walls and obstacles of the first one's room.
+
+    Args:
+        axes: Axes to draw into; the view is that of the paths.
+        drives: Label and drive of each.
+    """
+    first = next(iter(drives.values()))
+    for (label, drive), (color, style) in zip(drives.items(), cycle(CURVES), strict=False):
+        path = _path(drive)
+        axes.plot(path[:, 0], path[:, 1], color=color, linestyle=style, linewidth=1.8, label=label)
+        axes.plot(path[-1:, 0], path[-1:, 1], "X", color=color, markersize=9.0, markeredgecolor="white", zorder=4.0)
+    draw_places(axes, list(drives.values()))
+    _plot_ground(axes, first, walkers=False)
+    return _zoom(axes, list(drives.values()))
+
+
+def plot_consistency(
+    axes: Axes,
+    time: ArrayLike,
+    values: ArrayLike,
+    *,
+    runs: int | None = None,
+    name: str = "NEES",
+    degrees: int = 3,
+    label: str = "",
+    at: int = 0,
+) -> Axes:
+    """Draw the mean NEES or NIS of several runs over time, and the chi-square bounds that hold it if the filter is consistent.
+
+    Above the bounds a filter is too sure of itself, below them too careful. The mean is drawn while at least half of the
+    runs drive.
+
+    Args:
+        axes: Axes to draw into.
+        time: Shape (T,), s.
+        values: NEES or NIS of each run, shape (runs, T), or of one, shape (T,); NaN where there is none.
+        runs: Number of runs if ``values`` are already the mean of several.
+        name: "NEES" or "NIS".
+        degrees: Degrees of freedom of a value.
+        label: Name of the filter in the legend.
+        at: Number of the curve, which chooses colour and line style.
+    """
+    from scipy.stats import chi2  # slow to import
+
+    time, rows = np.asarray(time, np.float64), np.atleast_2d(np.asarray(values, np.float64))
+    count = np.isfinite(rows).sum(axis=0)
+    shown = count >= max(1.0, _FEW * len(rows))
+    mean, time = np.nansum(rows[:, shown], axis=0) / count[shown], time[shown]
+    count, total = (count[shown], len(rows)) if runs is None else (np.full(len(time), runs), runs)
+    low, high = (chi2.ppf(share, degrees * count) / count for share in (0.5 * FALSE_ALARM, 1.0 - 0.5 * FALSE_ALARM))
+    color, style = CURVES[at % len(CURVES)]
+    within = f"{100.0 * (1.0 - FALSE_ALARM):g} % of consistent filters"
+    of = f"mean {name} of {total} runs" if total > 1 else name
+    axes.fill_between(time, low, high, facecolor=(_BAND, 0.25), edgecolor=_BAND, linewidth=0.6, label=within)
+    axes.plot(time, mean, color=color, linestyle=style, linewidth=1.5, label=label or of)
+    if len(mean) and mean.max() > 10.0 * degrees:
+        axes.set_yscale("log")
+    axes.axhline(degrees, color=_BAND, linestyle=":", linewidth=1.0, label=f"expected: {degrees}")
+    axes.set(xlabel="time (s)", ylabel=f"{of} (1)")
+    axes.margins(x=0.02)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def plot_learning(
+    axes: Axes, runs: Sequence[Sequence[Mapping[str, float]]], *, measure: str = "success", label: str = "", at: int = 0
+) -> Axes:
+    """Draw a number of the evaluations during training; for several seeds each, their mean and its 95 % interval.
+
+    Args:
+        axes: Axes to draw into.
+        runs: Evaluations of each seed, as in ``history`` of a run's result.json.
+        measure: A name in `LEARNING`.
+        label: Name of the curve in the legend.
+        at: Number of the curve, which chooses colour and line style.
+
+    Raises:
+        ValueError: If a run has no evaluations.
+    """
+    from matplotlib.ticker import EngFormatter  # heavy
+
+    if not runs or not all(runs):
+        raise ValueError("runs must hold the evaluations of at least one run each, got none.")
+    factor = 100.0 if measure == "success" else 1.0
+    curves = [np.array([[row["steps"], factor * row[measure]] for row in run]).T for run in runs]
+    color, style = CURVES[at % len(CURVES)]
+    marker = "o" if len(curves) == 1 else None
+    for steps, values in curves if len(curves) > 1 else ():
+        axes.plot(steps, values, color=color, linewidth=0.8, alpha=0.4)
+    grid, mean, margin = _mean_curve(curves)
+    seeds = f"mean of {len(curves)} seeds" if len(curves) > 1 else "one seed"
+    axes.plot(
+        grid, mean, color=color, linestyle=style, marker=marker, linewidth=1.8, label=f"{label}, {seeds}" if label else seeds
+    )
+    if len(curves) > 1:
+        axes.fill_between(
+            grid, mean - margin, mean + margin, color=color, alpha=0.2, linewidth=0.0, label="95 % interval of the mean"
+        )
+    axes.xaxis.set_major_formatter(EngFormatter())
+    axes.set(xlabel="training steps", ylabel=LEARNING[measure])
+    if measure == "success":
+        axes.set_ylim(-3.0, 103.0)
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def learning_figure(runs: Sequence[Sequence[Mapping[str, float]]], *, title: str) -> Figure:
+    """Return a figure of success and return over the steps of trainings."""
+    figure = new_figure(2.3 * _SIDE, 3.8)
+    figure.suptitle(title)
+    for axes, measure in zip(figure.subplots(1, 2), ("success", "return"), strict=True):
+        plot_learning(axes, runs, measure=measure)
+    return legends_below(figure)
+
+
+def drives_figure(drives: Mapping[str, Drive], *, title: str, below: Sequence[str] = ()) -> tuple[Figure, dict[str, Axes]]:
+    """Return a figure with a panel for each drive and one with all paths; of a single drive also its course in time.
+
+    Args:
+        drives: Label and drive of each.
+        title: Title of the figure.
+        below: Names of further panels, which stay empty.
+
+    Returns:
+        The figure, and its further panels by name.
+    """
+    labels = [*drives, *([ALL] if 1 < len(drives) <= len(CURVES) else [])]
+    columns = min(len(labels), 2 if len(labels) == 4 else 3 if len(labels) <= 6 else 4)
+    rows = math.ceil(len(labels) / columns)
+    height, width = rows * (_SIDE + 0.4) + 1.0, _SIDE * columns
+    if len(drives) == 1:
+        height, width = 7.0, 14.0
+    figure = new_figure(width, height + (_BELOW if below else 0.0))
+    upper, lower = figure.subfigures(2, 1, height_ratios=[height, _BELOW]) if below else (figure, None)
+    upper.suptitle(title)
+    if len(drives) == 1:
+        panels = np.array([draw_panels(upper, next(iter(drives.values())))])
+    else:
+        panels = upper.subplots(rows, columns, squeeze=False).ravel()
+    for axes, label in zip(panels, labels, strict=False):
+        drive = drives.get(label)
+        (plot_drives(axes, drives) if drive is None else plot_drive(axes, drive)).set_title(
+            f"{label}\n{drive.outcome}" if drive and drive.outcome else label, fontsize=10
+        )
+    for axes in panels[len(labels) :]:
+        axes.set_axis_off()
+    further = lower.subplots(1, len(below), squeeze=False).ravel() if lower is not None else ()
+    return figure, dict(zip(below, further, strict=True))
+
+
+def legends_below(figure: Figure) -> Figure:
+    """Put a legend below each part of a figure, in as many columns as fit."""
+    for part in figure.subfigs or [figure]:
+        names = [name for axes in part.axes for name in axes.get_legend_handles_labels()[1]]
+        longest = max(map(len, names), default=0)
+        legend_below(part, columns=max(1, int(figure.get_figwidth() / (0.085 * longest + 0.8))))
+    return figure
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure, which needs no display; inches."""
+    from matplotlib.figure import Figure  # heavy
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _path(drive: Drive) -> NDArray[np.float64]:
+    """Return the true positions, shape (T, 2), m; the estimated ones of a drive whose truth is unknown."""
+    return (drive.true_state if drive.has_truth else drive.estimate)[:, :2]
+
+
+def _plot_ground(axes: Axes, drive: Drive, *, walkers: bool = True) -> None:
+    """Draw what stands around a drive, and unless told otherwise those who walk, with their ways."""
+    from matplotlib.patches import Circle  # heavy
+
+    room, ways = drive.around.room, _ways(drive)
+    if room is not None:
+        standing = tuple(circle for at, circle in enumerate(room.circles) if at not in ways)
+        draw_room(axes, room._replace(circles=standing))
+    if drive.around.grid is not None:
+        draw_map(axes, drive.around.grid)
+    for number, way in enumerate(ways.values() if walkers else ()):
+        x, y, radius = way[-1]
+        axes.plot(way[:, 0], way[:, 1], color=BLUE, linewidth=0.8, alpha=0.5, zorder=1.0)
+        name = "walker, at the end" if number == 0 else None
+        axes.add_patch(Circle((x, y), radius, facecolor=(BLUE, 0.35), edgecolor=BLUE, zorder=1.1, label=name))
+
+
+def _ways(drive: Drive) -> dict[int, NDArray[np.float64]]:
+    """Return x, y and radius of each circle that walks, shape (T, 3), m, by its number."""
+    rows = [row for row in drive.circles if len(row)]
+    if not rows:
+        return {}
+    ways = np.stack(rows, axis=1)
+    return {at: way for at, way in enumerate(ways) if np.ptp(way[:, :2], axis=0).any()}
+
+
+def _zoom(axes: Axes, drives: Sequence[Drive]) -> Axes:
+    """Show the square of ground that paths and waypoints take; a metre is as long in either direction."""
+    tracks: list[Any] = [part[:, :2] for drive in drives for part in (drive.true_state, drive.estimate, drive.reference)]
+    points = np.concatenate(tracks)
+    points = points[np.isfinite(points).all(axis=1)]
+    points = points if len(points) else np.zeros((1, 2))
+    margin = _MARGIN_IN_ROOM if drives[0].around.room is not None else _MARGIN
+    x, y = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    half = max(0.5 * float(np.ptp(points, axis=0).max()) + margin, 0.5 * _LEAST)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+    return axes
+
+
+def _mean_curve(curves: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return steps, mean, and half the width of its 95 % interval, of curves of steps and values, shape (2, n) each."""
+    from scipy.stats import t as student  # slow to import
+
+    first, last = max(curve[0, 0] for curve in curves), min(curve[0, -1] for curve in curves)
+    grid = np.unique(np.concatenate([curve[0] for curve in curves]))
+    grid = grid[(grid >= first) & (grid <= last)] if first <= last else grid
+    values = np.array([np.interp(grid, *curve) for curve in curves])
+    n = len(curves)
+    margin = student.ppf(0.975, n - 1) * values.std(axis=0, ddof=1) / math.sqrt(n) if n > 1 else np.zeros(len(grid))
+    return grid, values.mean(axis=0), margin

@@ -1,0 +1,163 @@
+"""Figures of drives, filters and trainings: they show what is there, with units and bounds."""
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon, Rectangle
+
+from turtlebot_gym.drive import Drive, RoomData
+from turtlebot_gym.estimation.consistency import mean_bounds
+from turtlebot_gym.rooms.scan import Obstacles
+from turtlebot_gym_agents.commands.report import evaluation_figure
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.figures import ALL, CURVES, learning_figure, plot_consistency, plot_drive, plot_drives, plot_learning
+
+ROOM = Obstacles((0.0, 0.0, 10.0, 8.0), ((1.0, 1.0, 0.3), (-1.0, 1.0, 0.25)), ((2.0, 0.0, 0.4, 0.2, 0.3),))
+ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
+
+
+@pytest.fixture
+def axes():
+    return Figure(layout="constrained").subplots()
+
+
+def drive(*, room=ROOM, turn=0.0, walks=False) -> Drive:
+    """Return a drive of 1 m from the origin; the second circle of its room may walk beside it."""
+    along = np.linspace(0.0, 1.0, 30)
+    poses = np.stack([along * math.cos(turn), along * math.sin(turn), np.full(30, turn)], axis=1)
+    odometry = poses + np.random.default_rng(0).normal(0.0, 0.1, poses.shape)
+    circles = tuple(np.array([(1.0, 1.0, 0.3), (-1.0 + 0.05 * at, 1.0, 0.25)]) for at in range(30)) if walks else ()
+    around = RoomData(label="a", room=room)
+    rest = {
+        "reference": np.tile([1.0, 0.1, 0.0], (30, 1)),
+        "circles": circles,
+        "around": around,
+        "outcome": "success after 3 s",
+    }
+    return Drive(time=0.1 * np.arange(30), true_state=poses, estimate=poses + 0.02, odometry=odometry, **rest)
+
+
+def line(axes, label):
+    (found,) = [line for line in axes.lines if line.get_label() == label]
+    return found
+
+
+def test_a_drive_in_a_room_has_walls_obstacles_and_a_view_of_its_path(axes):
+    assert plot_drive(axes, drive()) is axes
+    kinds = [type(patch) for patch in axes.patches]
+    assert (kinds.count(Rectangle), kinds.count(Circle), kinds.count(Polygon)) == (1, 2, 1)
+    labels = axes.get_legend_handles_labels()[1]
+    assert {"truth", "estimate", "odometry", "waypoint", "start", "end"} <= set(labels)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x (m)", "y (m)")
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    assert right - left == pytest.approx(top - bottom)
+    assert right - left < 3.0  # the path, and not the room of 20 m
+    assert left < 0.0 < 1.0 < right
+    assert bottom < 0.0 < 0.1 < top
+
+
+def test_walkers_are_drawn_where_they_end_with_their_way(axes):
+    plot_drive(axes, drive(walks=True))
+    standing, walking = [patch for patch in axes.patches if isinstance(patch, Circle)]
+    assert (standing.center, walking.center) == ((1.0, 1.0), (pytest.approx(0.45), 1.0))
+    assert walking.get_label() == "walker, at the end"
+    (way,) = [line for line in axes.lines if np.allclose(line.get_ydata(), 1.0)]
+    assert way.get_xdata()[0] == -1.0
+
+
+def test_two_drives_over_each_other_do_not_look_alike_nor_like_truth_and_estimate(axes):
+    assert plot_drives(axes, {f"policy {at}": drive(turn=0.1 * at) for at in range(len(CURVES))}) is axes
+    looks = {
+        (path.get_color(), str(path.get_linestyle()), str(path._dash_pattern))
+        for path in (line(axes, f"policy {at}") for at in range(len(CURVES)))
+    }
+    assert len(looks) == len(CURVES)
+    own = Figure().subplots()
+    plot_drive(own, drive())
+    assert not {color for color, *_ in looks} & {line(own, name).get_color() for name in ("truth", "estimate", "odometry")}
+
+
+@pytest.mark.parametrize("runs", [1, 50])
+def test_consistency_is_a_mean_within_the_bounds_of_chi_square(axes, runs):
+    """At 40 independent times a mean is outside in 5 % of them; the chance that it is at 10 or more is below 10^-4."""
+    values = np.random.default_rng(1).chisquare(3, (runs, 40))
+    assert plot_consistency(axes, 0.1 * np.arange(40), values) is axes
+    (band,) = axes.collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    low, high = mean_bounds(3, runs, false_alarm=0.05)
+    assert (heights.min(), heights.max()) == pytest.approx((low, high))
+    mean = line(axes, "NEES" if runs == 1 else f"mean NEES of {runs} runs").get_ydata()
+    assert mean == pytest.approx(values.mean(axis=0))
+    assert np.sum((mean < low) | (mean > high)) < 10
+    assert np.sum(2.0 * mean > high) > 20 or runs == 1  # twice as sure as right is noticed
+    assert axes.get_xlabel() == "time (s)"
+    assert line(axes, "expected: 3").get_ydata()[0] == 3
+
+
+def test_bounds_widen_as_runs_end_and_a_mean_of_few_is_not_drawn(axes):
+    values = np.full((10, 4), 3.0)
+    values[4:, 1:], values[3:, 2] = np.nan, 3.0  # 10, 4, 10 and 4 runs drive
+    plot_consistency(axes, [0.0, 1.0, 2.0, 3.0], values, label="matched")
+    assert line(axes, "matched").get_xdata().tolist() == [0.0, 2.0]
+    other = Figure().subplots()
+    values[4:, 1:] = np.nan
+    values[4, 1:] = 3.0
+    plot_consistency(other, [0.0, 1.0, 2.0, 3.0], values)
+    widths = np.ptp(other.collections[0].get_paths()[0].vertices[:, 1])
+    low, high = mean_bounds(3, 5, false_alarm=0.05)
+    assert widths == pytest.approx(high - low)
+
+
+def test_a_learning_curve_is_the_mean_of_seeds_with_its_interval(axes):
+    shares = [(0.2, 0.6), (0.4, 0.9), (0.6, 0.9)]
+    runs = [[{"steps": 1000.0 * (at + 1), "success": value, "return": value} for at, value in enumerate(run)] for run in shares]
+    assert plot_learning(axes, runs) is axes
+    assert line(axes, "mean of 3 seeds").get_ydata() == pytest.approx([40.0, 80.0])
+    heights = axes.collections[0].get_paths()[0].vertices
+    margin = 4.302653 * 20.0 / math.sqrt(3.0)  # the 97.5 % point of Student's t with 2 degrees of freedom
+    assert np.ptp(heights[heights[:, 0] == 1000.0, 1]) == pytest.approx(2.0 * margin)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("training steps", "goals reached (%)")
+    alone = Figure().subplots()
+    plot_learning(alone, runs[:1], measure="return", label="ppo")
+    assert not alone.collections
+    assert line(alone, "ppo, one seed").get_ydata().tolist() == [0.2, 0.6]
+    with pytest.raises(ValueError, match="at least one run each"):
+        plot_learning(axes, [[], runs[0]])
+    assert len(learning_figure(runs, title="Nav").axes) == 2
+
+
+def test_an_evaluation_in_rooms_shows_walls_in_each_panel_and_how_each_drive_ended():
+    evaluations = {name: evaluate(name, env=ROOMS, world="office", episodes=3, consistency=True) for name in ("vfh", "gap")}
+    figure = evaluation_figure(evaluations, title="rooms")
+    panels = {axes.get_title().partition("\n")[0]: axes for axes in figure.axes}
+    assert {"vfh", "gap", ALL} < set(panels)
+    for name in ("vfh", "gap", ALL):
+        assert sum(isinstance(patch, Rectangle) for patch in panels[name].patches) == 1
+    for name, evaluation in evaluations.items():
+        assert panels[name].get_title().endswith(evaluation.trajectory.outcome)
+        time = evaluation.episodes.time[0]
+        assert evaluation.trajectory.outcome in (f"success after {time:.1f} s", f"collision after {time:.1f} s")
+    assert [title.partition(" (")[0] for title in panels if "band" in title] == ["NEES of the pose", "NIS of measurements"]
+
+
+def test_what_was_not_measured_is_left_out_and_one_drive_is_shown_over_time():
+    evaluations = {"bearing": evaluate("bearing", noise="wheel", episodes=3, consistency=True)}
+    titles = [axes.get_title() for axes in evaluation_figure(evaluations, title="wheels").axes]
+    assert any("NEES" in title for title in titles)
+    assert not any("NIS" in title for title in titles)
+    evaluations = {"bearing": evaluate("bearing", episodes=3)}
+    axes = evaluation_figure(evaluations, title="not asked for").axes
+    assert {"x (m)", "heading (rad)", "speed (m/s)", "position error (m)"} <= {each.get_ylabel() for each in axes}
+    assert not any("NEES" in each.get_title() for each in axes)
+
+
+def test_consistency_of_an_evaluation_does_not_depend_on_batches(monkeypatch):
+    whole = evaluate("bearing", episodes=7, consistency=True).consistency
+    monkeypatch.setattr("turtlebot_gym_agents.evaluation.evaluate.BATCH", 3)
+    parts = evaluate("bearing", episodes=7, consistency=True).consistency
+    for one, other in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert whole.nees.shape == (7, len(whole.time))
+    assert np.isnan(whole.nis[:, 0]).all()
