@@ -76,6 +76,9 @@ def test_a_finished_run_is_resumed_to_the_same(tmp_path):
     more = train(replace(small, steps=4096), tmp_path / "run", resume=True, progress=False)
     assert more.steps == 4096
     assert more.best["return"] >= first.best["return"]
+    assert again.history == first.history
+    assert more.history[:-1] == first.history
+    assert more.history[-1]["steps"] == 4096
 
 
 class Planted:

@@ -22,6 +22,7 @@ from turtlebot_gym_agents.training.callbacks import (
     policy_of,
 )
 from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.history import read_history
 from turtlebot_gym_agents.training.model import _choose_device, make_model
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.train import train
@@ -75,7 +76,7 @@ def test_learns_and_the_best_is_what_its_figures_and_its_log_say(short):
 
 def test_leaves_its_files(short):
     config, result, folder = short
-    names = {"config.json", "checkpoint.zip", "best.zip", "policy.onnx", "result.json", "tensorboard"}
+    names = {"config.json", "checkpoint.zip", "best.zip", "policy.onnx", "evaluations.json", "result.json", "tensorboard"}
     assert {path.name for path in folder.iterdir()} == names
     record = json.loads((folder / "config.json").read_text())
     assert record["config"] == config.settings()
@@ -83,7 +84,7 @@ def test_leaves_its_files(short):
     assert {"version", "commit", "libraries"} <= set(record)
     assert {"python", "numpy", "torch", "stable-baselines3"} <= set(record["libraries"])
     written = json.loads((folder / "result.json").read_text())
-    assert written["history"] == result.history
+    assert written["history"] == result.history == read_history(folder)
     assert written["best"] == max(result.history, key=lambda figures: figures["return"])
     card = BundlePolicy(folder / "policy.onnx", robot="burger", dt=0.1).card
     assert (card.env, card.noise, card.observation) == (config.env, "tutorial", "ekf")

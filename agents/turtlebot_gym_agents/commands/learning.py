@@ -13,7 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.entry_points import load_entry_point
-from turtlebot_gym_agents.commands.console import EnvironmentOptions, Placement, ReportingOptions, needs, print_tables, progress
+from turtlebot_gym_agents.commands.console import (
+    EnvironmentOptions,
+    FigureFile,
+    Placement,
+    ReportingOptions,
+    needs,
+    print_tables,
+    progress,
+    save_figure,
+)
 from turtlebot_gym_agents.commands.flags import Learning
 from turtlebot_gym_agents.front.defaults import RUN, SEEDS
 from turtlebot_gym_agents.outputs import FOLDER
@@ -56,6 +65,8 @@ class Train(Placement, _LearningOptions):
     """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
     watch: bool = False
     """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [view]."""
+    plot: FigureFile = None
+    """Draw here success and return over the steps; for several seeds their mean, with its 95 % interval."""
     wandb: Annotated[str | None, tyro.conf.arg(metavar="PROJECT")] = None
     """Send configuration and TensorBoard's curves to this project of Weights & Biases; needs the extra [wandb]."""
 
@@ -83,6 +94,11 @@ class Train(Placement, _LearningOptions):
             trained = train(config, self.out, seeds=self.seeds, **more)
         print_tables(*trained.tables())
         self.report(trained.content()[0])
+        if self.plot is not None:
+            from turtlebot_gym_agents.figures import learning_figure
+
+            histories = [result.history for result in trained.results.values()]
+            save_figure(learning_figure(histories, title=f"{self.env}, {self.algo}"), self.plot)
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""

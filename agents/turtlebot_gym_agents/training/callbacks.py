@@ -29,6 +29,7 @@ from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
+from turtlebot_gym_agents.training.history import read_history
 from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
@@ -140,6 +141,7 @@ class EvaluationCallback(BaseCallback):
         every: Steps between evaluations.
         path: File of the model with the highest mean return; None to keep none. A resumed training keeps the existing file
             until there is a better model.
+        history: File of all evaluations' figures, which a resumed training continues; None for none.
         seed: First seed of the evaluation.
         go_on: Called with the figures; the training stops if it returns false.
     """
@@ -150,18 +152,19 @@ class EvaluationCallback(BaseCallback):
         *,
         every: int,
         path: Path | None = None,
+        history: Path | None = None,
         seed: int = EVALUATION_SEED,
         go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
     ) -> None:
         super().__init__()
         self._envs, self._every, self._path, self._seed, self._go_on = envs, every, path, seed, go_on
-        self._next = every
+        self._next, self._kept = every, history
         self.stopped = False
         """Whether `go_on` has ended the training."""
         self.best: dict[str, float] = {"return": -np.inf}
         """Figures of the best model, with its number of training steps."""
         self.history: list[dict[str, float]] = []
-        """Figures of all evaluations."""
+        """Figures of all evaluations, with those before an interruption where they are written."""
         self.begun = 0
         """Number of training steps at the beginning, more than 0 for a resumed training."""
 
@@ -171,6 +174,8 @@ class EvaluationCallback(BaseCallback):
             # The same seeds reproduce the figures, so they need no file, which a kill could leave out of step with the model.
             with weights_of(self.model, self._path):
                 self.best = self._evaluate()
+        if self.num_timesteps > 0 and self._kept is not None and self._kept.is_file():
+            self.history = read_history(self._kept.parent, steps=self.num_timesteps)
 
     def _on_step(self) -> bool:
         return not self.stopped
@@ -191,7 +196,9 @@ class EvaluationCallback(BaseCallback):
 
     def run(self) -> dict[str, float]:
         reached = self._evaluate()
-        self.history.append(reached)
+        self.history = [*(row for row in self.history if row["steps"] < reached["steps"]), reached]
+        if self._kept is not None:
+            replace_json(self._kept, self.history)
         for name, value in reached.items():
             self.logger.record(f"eval/{name}", value)
         if reached["return"] > self.best["return"]:

@@ -2,8 +2,8 @@
 
 A run's folder holds ``config.json`` (everything that the run depends on), ``checkpoint.zip`` (the last state, to resume from;
 with ``checkpoint.replay.npz`` if there is a replay buffer), ``best.zip`` (the best model on the evaluation's seeds),
-``policy.onnx`` (its bundle, once the run is done), ``result.json`` and TensorBoard logs. Files are replaced atomically, so a
-killed run leaves them complete.
+``policy.onnx`` (its bundle, once the run is done), ``evaluations.json`` (success and return at each evaluation),
+``result.json`` and TensorBoard logs. Files are replaced atomically, so a killed run leaves them complete.
 
 A resumed run is not the uninterrupted one to the bit: its environments begin new episodes, with new seeds.
 """
@@ -32,6 +32,7 @@ from turtlebot_gym_agents.training.callbacks import (
 )
 from turtlebot_gym_agents.training.cloning import begin_with
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
+from turtlebot_gym_agents.training.history import NAME
 from turtlebot_gym_agents.training.model import make_model
 
 
@@ -48,7 +49,7 @@ class TrainingResult:
     best: Mapping[str, float]
     """Figures of the best model."""
     history: list[dict[str, float]] = field(default_factory=list)
-    """Figures of this call's evaluations."""
+    """Figures of all evaluations of the run, with those before an interruption."""
 
 
 def train(
@@ -84,7 +85,8 @@ def train(
         config = config.continuing(folder)
     bar = ProgressCallback(config.total, label=config.title)
     with closing(config.make_training()) as envs, closing(config.make(config.episodes)) as judges:
-        judge = EvaluationCallback(judges, path=folder / "best.zip", every=config.between_evaluations)
+        best, history = folder / "best.zip", folder / NAME
+        judge = EvaluationCallback(judges, path=best, history=history, every=config.between_evaluations)
         saver = CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds)
         watching = [*([bar] if progress else []), *callbacks]
         try:
