@@ -137,3 +137,16 @@ def test_a_package_index_gets_no_link_into_the_repository():
     assert re.findall(r"^#+ .*", description, re.MULTILINE) == re.findall(r"^#+ .*", README, re.MULTILINE)
     assert long_description('<picture>\n  <img src="b.gif" alt="a">\n</picture>\n\nText') == "Text"
     assert long_description("![a](b.png)\n\n[c](d.md#e) [f](https://g)") == "c (`d.md`) [f](https://g)"
+    assert long_description('<picture>\n<img src="a.gif">\n</picture>\n\nb') == "b"
+    assert "<img" not in description
+
+
+def test_its_film_lasts_15_seconds_and_can_be_read_on_light_and_dark_pages():
+    image = pytest.importorskip("PIL.Image", reason="needs the extra [gym]")
+    for name in ("docs/film.gif", "docs/film-dark.gif"):
+        assert f'"{name}"' in README
+        assert (ROOT / name).stat().st_size <= 2_500_000
+        with image.open(ROOT / name) as film:
+            assert film.width >= 800
+            lengths = [film.info["duration"] for at in range(film.n_frames) if film.seek(at) is None]
+        assert sum(lengths) == 15_000  # ms
