@@ -1,20 +1,22 @@
-"""The environments' pages: what is registered, a picture of each, and the environments' own docstrings."""
+"""The environments' pages: what is registered, a moving picture of each, and the environments' own docstrings."""
 
 import io
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import gymnasium as gym
 import mkdocs_gen_files
-import numpy as np
+from driving import drawn_with, driven, save_gif, spread
 from gymnasium.envs.registration import EnvSpec
-from matplotlib.image import imsave
+from PIL import Image
 
-import turtlebot_gym  # noqa: F401  # registers the ids
-from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
+from turtlebot_gym.envs.colours import LIGHT
+
+PAGES, RATE, WIDTH = 42, 8, 512
+"""Number of pictures, pictures per second, and width of each, pixels."""
 
 
 class Shown(NamedTuple):
-    """What a picture shows."""
+    """What a moving picture shows."""
 
     policy: str
     steps: int
@@ -23,30 +25,21 @@ class Shown(NamedTuple):
 
 
 SHOWN = {
-    "TurtleBotNav": Shown("bearing", 60, 0, "a point: within 0.15 m, whatever the heading"),
-    "TurtleBotPose": Shown("rotate-drive-rotate", 80, 2, "a pose: within 0.15 m and 0.2 rad, the sector, and not spinning"),
-    "TurtleBotSquare": Shown("corner", 250, 0, "the corners of a square in turn, each within 0.3 m"),
-    "TurtleBotRooms": Shown("vfh", 140, 1, "a point in a room, by the beams of a LiDAR"),
-    "TurtleBotMissions": Shown("vfh", 300, 1, "points in a room in turn, for ten minutes"),
+    "TurtleBotNav": Shown("bearing", 300, 0, "a point: within 0.15 m, whatever the heading"),
+    "TurtleBotPose": Shown("rotate-drive-rotate", 300, 2, "a pose: within 0.15 m and 0.2 rad, the sector, and not spinning"),
+    "TurtleBotSquare": Shown("corner", 600, 0, "the corners of a square in turn, each within 0.3 m"),
+    "TurtleBotRooms": Shown("vfh", 600, 1, "a point in a room, by the beams of a LiDAR"),
+    "TurtleBotMissions": Shown("vfh", 400, 1, "points in a room in turn, for ten minutes"),
 }
 
 
 def picture_of(spec: EnvSpec, shown: Shown) -> bytes:
-    """Return a picture of an environment at work, PNG."""
-    env, policy, png = gym.make(spec, render_mode="rgb_array"), make_policy(shown.policy), io.BytesIO()
-    observation, _ = env.reset(seed=shown.seed)
-    if isinstance(policy, PolicyWithMemory):
-        policy.reset(np.ones(1, np.bool_))
-    picture: Any = env.render()
-    for _ in range(shown.steps):
-        (action,) = policy(observation[None])
-        observation, _, terminated, *_ = env.step(action)
-        picture = env.render()  # each one lengthens the trails
-        if terminated:
-            break
-    env.close()
-    imsave(png, picture)
-    return png.getvalue()
+    """Return a moving picture of an environment at work, GIF."""
+    pages = spread(driven(spec.id, shown.policy, shown.seed, steps=shown.steps), PAGES, hold=RATE)
+    smaller = [page.resize((WIDTH, WIDTH * page.height // page.width), Image.Resampling.LANCZOS) for page in pages]
+    gif = io.BytesIO()
+    save_gif(gif, smaller, {LIGHT.paper: drawn_with(LIGHT)}, rate=RATE)
+    return gif.getvalue()
 
 
 specs = [spec for spec in gym.registry.values() if spec.namespace == "turtlebot_gym"]
@@ -57,10 +50,10 @@ with mkdocs_gen_files.open("reference/environments.md", "w") as page:
     print('\n<div class="pictures" markdown>\n', file=page)
     for spec in specs:
         shown = SHOWN[spec.name]
-        with mkdocs_gen_files.open(f"reference/{spec.name}.png", "wb") as file:
+        with mkdocs_gen_files.open(f"reference/{spec.name}.gif", "wb") as file:
             file.write(picture_of(spec, shown))
         words = f"{spec.id} driven by {shown.policy}: robot, estimate, odometry and goal"
-        print(f'![{words}]({spec.name}.png "{spec.name}-v0, policy {shown.policy}, seed {shown.seed}")\n', file=page)
+        print(f'![{words}]({spec.name}.gif "{spec.name}-v0, policy {shown.policy}, seed {shown.seed}")\n', file=page)
     print("</div>\n\nWith `gym.make` each is a scalar environment:\n", file=page)
     print("::: turtlebot_gym.envs.navigation.NavigationEnv\n", file=page)
     print("::: turtlebot_gym.systems.options.Options\n", file=page)
