@@ -37,7 +37,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	else echo "There is no recorded drive in $(DATA): the replay is left out: turtlebot-gym data fetch gets one."; fi
 	$(RUN)turtlebot-gym evaluate --policy proportional bearing ppo-nav --noise tutorial documented \
 		--json $(OUT)/nav.json --plot $(OUT)/nav.png --force
-	$(RUN)turtlebot-gym train --env $(SQUARE) --steps 1500000 --out $(OUT)/square --resume
+	$(RUN)turtlebot-gym train --env $(SQUARE) --steps 1500000 --out $(OUT)/square --resume --plot $(OUT)/learning.png --force
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --policy bearing $(OUT)/square/policy.onnx
 	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --duration 40 --figure $(OUT)/graph.png --force
 	$(RUN)turtlebot-gym watch --env turtlebot_gym/TurtleBotRooms-v0 --world office --policy vfh ppo-rooms --seed 1 \
@@ -47,7 +47,8 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	@echo "  rooms.html           open it in a browser: two policies in a room side by side; play and scrub"
 	@echo "  square_by_time.png   the tutorial's square on raw odometry and on the filter's estimate"
 	@if [ -f $(OUT)/replay.png ]; then echo "  replay.png           the filter on a recorded drive of a real robot"; fi
-	@echo "  nav.png              paths of three policies to the same goal"
+	@echo "  nav.png              drives of three policies to the same goal, and whether the filter is as sure as it may be"
+	@echo "  learning.png         goals reached and return during the training"
 	@echo "  graph.png            the policy that was just trained, in the live ROS graph"
 	@echo "  square/policy.onnx   that policy: $(RUN)turtlebot-gym watch --env $(SQUARE) --policy $(OUT)/square/policy.onnx"
 

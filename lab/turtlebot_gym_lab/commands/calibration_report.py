@@ -10,6 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from turtlebot_gym.plotting import BLUE, ORANGE, VERMILLION
+from turtlebot_gym_agents.figures import legends_below
 from turtlebot_gym_lab.calibration import Calibration, CalibrationEstimate
 from turtlebot_gym_lab.calibration.shown import Drift, Residuals, drift, residuals
 
@@ -122,14 +123,14 @@ def calibration_figure(fitted: Calibration, *, title: str) -> Figure:
     if has_poses:
         shown = residuals(fitted)
         quantity = "measured minus true" if fitted.has_truth else "innovation of"
-        for at, name in enumerate(("x, m", "y, m", "heading, rad")):
+        for at, name in enumerate(("x (m)", "y (m)", "heading (rad)")):
             _draw_histogram(next(panels), fitted, shown, at, f"{quantity} {name}")
     if has_drift:
         drifts = drift(fitted)
-        for at, name in enumerate(("position, m", "heading, rad")):
+        for at, name in enumerate(("position (m)", "heading (rad)")):
             _draw_drift(next(panels), drifts, at, name)
     figure.suptitle(title)
-    return figure
+    return legends_below(figure)
 
 
 def _draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, label: str) -> Axes:
@@ -144,14 +145,12 @@ def _draw_histogram(axes: Axes, fitted: Calibration, shown: Residuals, at: int, 
     density = sum(weight * np.exp(-0.5 * ((x - mean) / s) ** 2) for weight, mean in spikes) / (s * math.sqrt(2.0 * math.pi))
     axes.plot(x, density, color=VERMILLION, label="fitted")
     axes.set(xlabel=label, ylabel="density", yscale="log", ylim=(0.5 / (len(values) * np.ptp(values) / BINS), None))
-    axes.legend()
     return axes
 
 
 def _draw_drift(axes: Axes, drifts: Drift, at: int, label: str) -> Axes:
     axes.plot(drifts.length, drifts.measured[:, at], "o", color=BLUE, label="measured")
     axes.plot(drifts.length, drifts.fitted[:, at], "--", color=ORANGE, label="fitted")
-    axes.set(xlabel="way, m", ylabel=f"RMS drift of the {label}", xlim=(0.0, None), ylim=(0.0, None))
+    axes.set(xlabel="driven distance (m)", ylabel=f"RMS drift of the {label}", xlim=(0.0, None), ylim=(0.0, None))
     axes.grid(alpha=0.3)
-    axes.legend()
     return axes

@@ -277,7 +277,8 @@ def _tell(
     if figure:
         lidar = LIDARS[chosen.get("lidar", TurtlebotSimulator.Params().lidar)]
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
-        drawn = tutorial_figure(trajectory, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan)
+        title = f"policy {chosen.get('policy', 'bearing')} in the ROS graph"
+        drawn = tutorial_figure(trajectory, title=title, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan)
         with replacing(figure) as beside:
-            drawn.savefig(beside)
+            drawn.savefig(beside, dpi=120)
         print(f"figure written to {figure}")
