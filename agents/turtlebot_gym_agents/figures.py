@@ -39,6 +39,8 @@ FALSE_ALARM = 0.05
 """Share of consistent filters whose mean is outside of the bounds at a time."""
 _MARGIN, _MARGIN_IN_ROOM = 0.4, 0.8
 """Ground around paths that a picture shows, m."""
+_WHOLE = 10.0
+"""Longest side of a room that a picture shows as a whole, m."""
 _LEAST = 1.5
 """Least side of that picture, m."""
 _FEW = 0.5
@@ -265,12 +267,16 @@ def _ways(drive: Drive) -> dict[int, NDArray[np.float64]]:
 
 
 def _zoom(axes: Axes, drives: Sequence[Drive]) -> Axes:
-    """Show the square of ground that paths and waypoints take; a metre is as long in either direction."""
+    """Show the square of ground that paths, waypoints and a small room take; a metre is as long in either direction."""
     tracks: list[Any] = [part[:, :2] for drive in drives for part in (drive.true_state, drive.estimate, drive.reference)]
+    room = drives[0].around.room
+    if room is not None and 2.0 * max(room.walls[2:]) <= _WHOLE:
+        x, y, a, b = room.walls
+        tracks.append(np.array([[x - a, y - b], [x + a, y + b]]))
     points = np.concatenate(tracks)
     points = points[np.isfinite(points).all(axis=1)]
     points = points if len(points) else np.zeros((1, 2))
-    margin = _MARGIN_IN_ROOM if drives[0].around.room is not None else _MARGIN
+    margin = _MARGIN_IN_ROOM if room is not None else _MARGIN
     x, y = 0.5 * (points.min(axis=0) + points.max(axis=0))
     half = max(0.5 * float(np.ptp(points, axis=0).max()) + margin, 0.5 * _LEAST)
     axes.set_aspect("equal", adjustable="box")

@@ -217,7 +217,7 @@ def test_trainings_have_their_learning_curves_and_an_interval(trained):
     assert (value, low, high) == metrics.mean(trained["return"][:, -1])
     axes = trained.plot(Figure().subplots(), name="return")
     assert [text.get_text() for text in axes.get_legend().get_texts()] == [
-        *("seed 0", "seed 1", "mean of 2 seeds", "95 % interval of the mean"),
+        *("mean of 2 seeds", "95 % interval of the mean"),
     ]
     with pytest.raises(ValueError, match="name must be one of 'success', 'return', 'steps_to_end'"):
         trained.plot(name="reward")

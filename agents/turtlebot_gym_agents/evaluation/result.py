@@ -14,7 +14,7 @@ from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.consistency import Consistency
 from turtlebot_gym_agents.evaluation.episodes import Episodes
 from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
-from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of
+from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of, with_legend
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -128,9 +128,9 @@ class Evaluation(Result):
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the first episode seen from above."""
-        from turtlebot_gym_agents.front.figures import draw_drive
+        from turtlebot_gym_agents.figures import plot_drive
 
-        return draw_drive(axes_or_new(axes), self.trajectory)
+        return with_legend(plot_drive(axes_or_new(axes), self.trajectory))
 
 
 def title_of(config: Mapping[str, Any], *left_out: str) -> str:

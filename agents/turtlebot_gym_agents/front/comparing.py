@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.plotting import BLUE
 from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.result import title_of
 from turtlebot_gym_agents.front.defaults import EPISODES, NAV, POLICIES, SEED
-from turtlebot_gym_agents.front.figures import draw_intervals
 from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of
 from turtlebot_gym_agents.ids import environment_id
 
@@ -87,7 +87,7 @@ class Comparison(Result):
         elif by_time:
             name, label = "reached", "waypoints reached"
         intervals: dict[str, Interval] = {key: summary[name] for key, summary in summaries.items()}
-        return draw_intervals(axes_or_new(axes), intervals, label=label)
+        return _draw_intervals(axes_or_new(axes), intervals, label=label)
 
     def paths(self) -> Figure:
         """Return a figure of the first episode: one drive at a glance, or the paths of several."""
@@ -157,3 +157,20 @@ def _distinct(labels: Sequence[str]) -> Iterator[str]:
     for at, label in enumerate(labels):
         before = labels[:at].count(label)
         yield f"{label} ({before + 1})" if before else label
+
+
+def _draw_intervals(axes: Axes, intervals: Mapping[str, Interval], *, label: str) -> Axes:
+    """Draw numbers with their 95 % intervals, one under the other.
+
+    Args:
+        axes: Axes to draw into.
+        intervals: Number by name.
+        label: What the number is, with its unit.
+    """
+    values, lows, highs = (np.array(numbers) for numbers in zip(*intervals.values(), strict=True))
+    at = np.arange(len(values))
+    axes.errorbar(values, at, xerr=(values - lows, highs - values), fmt="o", color=BLUE, capsize=3.0)
+    axes.set_yticks(at, list(intervals))
+    axes.set(xlabel=f"{label}, with 95 % intervals", ylim=(len(values) - 0.5, -0.5))
+    axes.grid(axis="x", alpha=0.3)
+    return axes

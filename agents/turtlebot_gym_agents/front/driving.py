@@ -15,9 +15,9 @@ from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.evaluation.recording import record_episode
 from turtlebot_gym_agents.evaluation.result import title_of
+from turtlebot_gym_agents.figures import plot_drive
 from turtlebot_gym_agents.front.defaults import DRIVER, NAV, SEED
-from turtlebot_gym_agents.front.figures import draw_drive
-from turtlebot_gym_agents.front.results import Result, axes_or_new
+from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
 from turtlebot_gym_agents.ids import environment_id
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class DriveResult(Result):
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the drive seen from above, with walls and obstacles."""
-        return draw_drive(axes_or_new(axes), self.record)
+        return with_legend(plot_drive(axes_or_new(axes), self.record))
 
     def film(self, *, seconds: float = 6.0) -> Film:
         """Return a moving picture of the drive, ``seconds`` long, which a notebook shows and ``save`` writes as a GIF."""

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from turtlebot_gym.validation import as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.figures import LEARNING, plot_learning
 from turtlebot_gym_agents.front.defaults import NAV, RUN, SEEDS
-from turtlebot_gym_agents.front.results import Result, axes_or_new
+from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 
 if TYPE_CHECKING:
@@ -24,13 +25,6 @@ if TYPE_CHECKING:
     from stable_baselines3.common.callbacks import BaseCallback
 
     from turtlebot_gym_agents.training.train import TrainingResult
-
-FIGURES = {
-    "success": "success, share of the episodes",
-    "return": "mean return of an episode",
-    "steps_to_end": "mean length of an episode (steps)",
-}
-"""Figures of each evaluation during training, with what they are."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -71,7 +65,7 @@ class Training(Result):
         steps = sorted({figures["steps"] for result in self.results.values() for figures in result.history})
         at = {step: column for column, step in enumerate(steps)}
         arrays: dict[str, NDArray[Any]] = {"steps": np.array(steps)}
-        for name in FIGURES:
+        for name in LEARNING:
             arrays[name] = np.full((len(self.results), len(steps)), np.nan)
             for row, result in enumerate(self.results.values()):
                 for figures in result.history:
@@ -81,11 +75,11 @@ class Training(Result):
     def rows(self) -> dict[str, Sequence[Any] | NDArray[Any]]:
         """Return a row per seed and evaluation."""
         rows = [{"seed": seed, **figures} for seed, result in self.results.items() for figures in result.history]
-        return {name: [row[name] for row in rows] for name in ("seed", "steps", *FIGURES)}
+        return {name: [row[name] for row in rows] for name in ("seed", "steps", *LEARNING)}
 
     def interval(self, name: str = "success") -> list[Interval]:
         """Return the mean of a figure over the seeds at each evaluation, with its 95 % interval; NaN with one seed."""
-        means = [metrics.mean(column) for column in self[choose("name", name, {figure: figure for figure in FIGURES})].T]
+        means = [metrics.mean(column) for column in self[choose("name", name, {figure: figure for figure in LEARNING})].T]
         if name != "success":
             return means
         return [Interval(value, *np.clip([low, high], 0.0, 1.0).tolist()) for value, low, high in means]  # a share
@@ -138,13 +132,11 @@ class Training(Result):
 
         Args:
             axes: Axes to draw into; None for new ones of pyplot's.
-            name: Figure to draw, one of `FIGURES`.
+            name: Figure to draw, one of `LEARNING`.
         """
-        from turtlebot_gym_agents.front.figures import draw_learning_curves
-
-        label, arrays, mean = choose("name", name, FIGURES), self.arrays, self.interval(name)
-        curves = {f"seed {seed}": values for seed, values in zip(self.results, arrays[name], strict=True)}
-        return draw_learning_curves(axes_or_new(axes), arrays["steps"], curves, mean, label=label)
+        choose("name", name, {figure: figure for figure in LEARNING})
+        runs = [result.history for result in self.results.values()]
+        return with_legend(plot_learning(axes_or_new(axes), runs, measure=name))
 
 
 def train(

@@ -112,6 +112,13 @@ def axes_or_new(axes: Axes | None) -> Axes:
     return plt.subplots(layout="constrained")[1]
 
 
+def with_legend(axes: Axes, title: str = "") -> Axes:
+    """Add a legend and a title to axes, and return them."""
+    axes.legend(fontsize="small")
+    axes.set_title(title)
+    return axes
+
+
 def text_of(tables: Sequence[Table]) -> str:
     """Return tables as text, in parts where one is too wide."""
     from rich.console import Console

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive
-from turtlebot_gym_agents.front.figures import draw_drive
-from turtlebot_gym_agents.front.results import Result, axes_or_new
+from turtlebot_gym_agents.figures import plot_drive
+from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
 from turtlebot_gym_lab.commands.report import replay_table
 from turtlebot_gym_lab.evaluation.replay import Replayed
 
@@ -87,4 +87,4 @@ class ReplayResult(Result):
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the first recording with the filter's estimate, seen from above."""
-        return draw_drive(axes_or_new(axes), next(iter(self.results.values())).trajectory)
+        return with_legend(plot_drive(axes_or_new(axes), next(iter(self.results.values())).trajectory))
