@@ -27,6 +27,7 @@ from turtlebot_gym.parameters import (
 from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.robots import ROBOTS, Robot
 from turtlebot_gym.validation import build, choose, refusal
+from turtlebot_gym.variants import split, vary
 
 SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
 """Least standard deviations of the executed twist that the matched filter assumes, m/s and rad/s per step of 0.1 s. A filter
@@ -216,7 +217,11 @@ FILTERS: dict[str, Callable[..., FilterTuning]] = {
 
 
 def resolve(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapping[str, T]) -> T:
-    """Return parameters as they are given, as a mapping of their fields, from a file, or by their name."""
+    """Return parameters as they are given, as a mapping of their fields, from a file, by their name, or as a variant."""
+    base, changes = split(given)
+    if changes:
+        return vary(resolve(kind, base, known), changes, kind_of(kind))
+    given = base
     if isinstance(given, (kind, Mapping)):
         return build(kind, given, kind_of(kind))
     return read_parameters(kind, given) if is_file(given) else choose(kind_of(kind), given, known)
@@ -253,16 +258,23 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     """Return a filter tuning.
 
     Args:
-        tuning: The tuning, a mapping of its fields, or a file of them (see `turtlebot_gym.files`); a name in `FILTERS`, for the
-            noise in use; an object of filterpy (see `estimation.objects`); a filter of one's own as a class with ``predict``
-            and ``update`` (see `estimation.plain`), or a function of the noise that returns a tuning; or "module:name" of any
-            of these.
+        tuning: The tuning, a mapping of its fields or a variant (see `variants`), or a file of them (see
+            `turtlebot_gym.files`); a name in `FILTERS`, for the noise in use; an object of filterpy (see `estimation.objects`);
+            a filter of one's own as a class with ``predict`` and ``update`` (see `estimation.plain`), or a function of the
+            noise that returns a tuning; or "module:name" of any of these.
         noise: The noise in use.
         imu: Noise of the gyro, if there is one.
 
     Raises:
         ValueError: If the name is unknown, there is no such object, or the file does not contain a tuning.
     """
+    base, changes = split(tuning)
+    if changes:
+        varied = vary(make_filter(base, noise, imu=imu), changes, "filter")
+        if "P0" in changes and not varied.from_origin:
+            raise ValueError("filter: P0 is read with from_origin: true only: add that, or leave out P0.")
+        return varied
+    tuning = base
     if is_file(tuning):
         return read_parameters(FilterTuning, tuning)
     loaded: Any = load_object(tuning) if isinstance(tuning, str) and ":" in tuning else tuning

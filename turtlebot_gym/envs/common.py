@@ -17,7 +17,6 @@ from turtlebot_gym.observations import bounds_of
 from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System
-from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int, short_repr
 
 PARTS = {
@@ -138,10 +137,11 @@ def with_limit(options: Options, steps: float | None) -> Setup:
         ValueError: If a task of the caller's own has another limit.
     """
     setup = options.setup()
-    max_steps, task = setup.parameters.task.max_steps, options.task
+    max_steps = setup.parameters.task.max_steps
     if steps is None:
         return setup
-    if isinstance(task, Task) and max_steps < math.inf and POSITIVE_OR_INFINITE.check("max_episode_steps", steps) != max_steps:
+    limited = options.limits_steps and max_steps < math.inf
+    if limited and POSITIVE_OR_INFINITE.check("max_episode_steps", steps) != max_steps:
         raise ValueError(
             f"task ends episodes after {max_steps:g} steps (Task.max_steps), max_episode_steps after {steps:g}: make them "
             "equal, or Task.max_steps infinite."

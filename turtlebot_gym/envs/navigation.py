@@ -34,7 +34,6 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Options, Parameters, Snapshot, make_room
-from turtlebot_gym.tasks import Task
 from turtlebot_gym.validation import as_int, choose
 
 
@@ -133,7 +132,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
         chosen = Options.of(options)
         # A limit of steps is TimeLimit's work alone, but for that of a task of the caller's own.
-        setup = with_limit(chosen, None if isinstance(chosen.task, Task) else math.inf)
+        setup = with_limit(chosen, None if chosen.limits_steps else math.inf)
         self._batch = make_batch(setup, 1, shares=True)
         p = self.parameters
         self._own = self._world = (setup.plan or p.room.rules) if p.room else None

@@ -8,10 +8,12 @@ References:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Annotated
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, Numbers, check_fields, choose
+from turtlebot_gym.variants import split, vary
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,12 +98,15 @@ PLANTS: dict[str, MujocoBurger | tuple[()]] = {"unicycle": (), "mujoco": MujocoB
 
 
 def make_plant(
-    plant: str | MujocoBurger = "unicycle", *, friction: float | None = None, caster_friction: float | None = None
+    plant: str | Mapping[str, Any] | MujocoBurger = "unicycle",
+    *,
+    friction: float | None = None,
+    caster_friction: float | None = None,
 ) -> MujocoBurger | tuple[()]:
     """Return a plant by its name in `PLANTS`, or unchanged.
 
     Args:
-        plant: The name, or a Burger.
+        plant: The name, a Burger, or a variant of one, see `variants`.
         friction: Friction of the wheels, for "mujoco" only; None for the default.
         caster_friction: Friction of the caster, likewise.
 
@@ -110,9 +115,12 @@ def make_plant(
     """
     options = {"friction": friction, "caster_friction": caster_friction}
     frictions = {name: value for name, value in options.items() if value is not None}
-    model = plant if isinstance(plant, MujocoBurger) else choose("plant", plant, PLANTS)
-    if not frictions:
-        return model
-    if not isinstance(model, MujocoBurger):
-        raise ValueError(f"friction and caster_friction are for the plant 'mujoco', not for {plant!r}.")
-    return replace(model, **frictions)
+    base, changes = split(plant)
+    model = base if isinstance(base, MujocoBurger) else choose("plant", base, PLANTS)
+    if frictions and not isinstance(model, MujocoBurger):
+        raise ValueError(f"friction and caster_friction are for the plant 'mujoco', not for {base!r}.")
+    if changes and not isinstance(model, MujocoBurger):
+        raise ValueError(f"{', '.join(f'plant.{name}' for name in changes)} is for the plant 'mujoco', not for {base!r}.")
+    if twice := frictions.keys() & changes.keys():
+        raise ValueError(f"plant.{min(twice)} is given twice: leave it out, or the option for it.")
+    return vary(model, {**changes, **frictions}, "plant")

@@ -15,6 +15,7 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.tasks import given_pose
 from turtlebot_gym.validation import build, choose, did_you_mean, refusal
+from turtlebot_gym.variants import split, vary
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
 """Types that specify a world."""
@@ -28,12 +29,19 @@ def find_world(world: World) -> RoomRules | FloorPlan:
     """Return the rules or the floor plan of a world.
 
     Args:
-        world: A name in `rules.ROOMS`, the path of a Gazebo world or of a map, rules or a mapping of some of their fields, or a
-            floor plan.
+        world: A name in `rules.ROOMS`, the path of a Gazebo world or of a map, rules or a mapping of some of their fields or a
+            variant (see `variants`), or a floor plan.
 
     Raises:
         ValueError: If there is no such world, or its file cannot be read.
     """
+    base, changes = split(world)
+    if changes:
+        rules = find_world(base)
+        if isinstance(rules, FloorPlan):
+            raise ValueError(f"world: {short_repr(base)} is given and has no rules, so {', '.join(changes)} must be left out.")
+        return vary(rules, changes, "world")
+    world = base
     if isinstance(world, (RoomRules, FloorPlan)):
         return world
     if isinstance(world, Mapping):
@@ -75,12 +83,14 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
 
 
 def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:
-    """Return a LiDAR, given as such, as a mapping of some of its fields, or by a name in `lidar.LIDARS`.
+    """Return a LiDAR, given as such, as a mapping of some of its fields, by a name in `lidar.LIDARS`, or as a variant of these.
 
     Raises:
         ValueError: If the name is unknown, or a field is unknown or breaks its rule.
     """
-    return build(Lidar, lidar, "lidar") if isinstance(lidar, (Lidar, Mapping)) else choose("lidar", lidar, LIDARS)
+    base, changes = split(lidar)
+    made = build(Lidar, base, "lidar") if isinstance(base, (Lidar, Mapping)) else choose("lidar", base, LIDARS)
+    return vary(made, changes, "lidar")
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from turtlebot_gym.estimation.fixes import depth_of
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
-from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.observations import OBSERVED, ObservationTerm, read_items
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
@@ -25,9 +23,10 @@ from turtlebot_gym.rooms.worlds import World, find_lidar, find_world
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, Parameters, make_room
 from turtlebot_gym.systems.system import LOCALIZER, System
-from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
-from turtlebot_gym.validation import FINITE, LARGEST, as_int, choose, did_you_mean, refusal, short_repr
+from turtlebot_gym.tasks import Task
+from turtlebot_gym.validation import FINITE, as_int, choose, did_you_mean, refusal, short_repr
 from turtlebot_gym.values import Pose
+from turtlebot_gym.variants import split
 
 MAX_DEPTH = 25
 """Greatest delay of a fix in steps; each step is stored and compiled."""
@@ -50,10 +49,11 @@ class Options:
     """Everything that an environment is made from.
 
     They are the keyword arguments of the environments, of `make_parameters` and of evaluations; trainings and commands are made
-    from them. A value is a name, a file, a mapping of some fields, or the parameters themselves; `setup` checks them all.
+    from them. A value is a name, a file, a mapping of some fields, or the parameters themselves; `setup` checks them all. A
+    mapping with ``base`` changes fields of what that names, ``noise={"base": "rough", "process": {"slip": 0.3}}``.
     """
 
-    task: str | Task | None = None
+    task: str | Mapping[str, Any] | Task | None = None
     """What to reach: nav, pose, square, room or mission; in Python also a `turtlebot_gym.Task`, whose finite ``max_steps``
     truncates too. None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
     robot: str | Path | Mapping[str, Any] | Robot = "burger"
@@ -113,7 +113,7 @@ class Options:
     """Control interval, s."""
     integrator: str = "euler"
     """Integrator of the motion: euler or midpoint."""
-    plant: str | MujocoBurger = "unicycle"
+    plant: str | Mapping[str, Any] | MujocoBurger = "unicycle"
     """Model that moves the robot: unicycle, or on open ground mujoco, a Burger with wheels that creep and slip, which needs the
     extra [mujoco]; in Python also a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo contact physics replaces the noise of
     execution, odometry comes from the angles of the wheels, and a step takes a hundred times as long."""
@@ -143,7 +143,7 @@ class Options:
     @property
     def in_room(self) -> bool:
         """Whether there is a room around the robot."""
-        return self.task in ("room", "mission") or self.world is not None or self.lidar is not None
+        return split(self.task)[0] in ("room", "mission") or self.world is not None or self.lidar is not None
 
     def course(self) -> tuple[Task, tuple[Pose, ...]]:
         """Return the task and its waypoints.
@@ -151,33 +151,15 @@ class Options:
         Raises:
             ValueError: If a name is unknown, or an option does not suit the task.
         """
-        name = ("room" if self.in_room else "nav") if self.task is None else self.task
-        task = name if isinstance(name, Task) else choose("task", name, TASKS)
-        if task.random and (self.waypoints is not None or self.switch == "time" or self.laps not in (None, 1)):
-            raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
-        if self.in_room and (name in ("nav", "pose", "square") or not task.random):
-            raise ValueError(
-                f"world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task {short_repr(name)}."
-            )
-        changes: dict[str, Any] = {}
-        if self.goals is not None:
-            if not (self.in_room and task.laps > 1):
-                raise ValueError(
-                    f"goals are for turtlebot_gym/TurtleBotMissions-v0 and its task 'mission', got {short_repr(name)}."
-                )
-            changes["laps"] = as_int("goals", self.goals, 1)
-        if self.arrival is not None:
-            changes["on_belief"] = choose("arrival", self.arrival, {"truth": False, "belief": True})
-        if self.start is not None:
-            if self.localizer is None:
-                raise ValueError("start is for robots that localize themselves: choose a localizer, such as localizer='match'.")
-            changes["start_known"] = choose("start", self.start, {"known": True, "unknown": False})
-        if self.switch is not None:
-            changes["switch_period"] = choose("switch", self.switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
-        if self.laps is not None:
-            changes["laps"] = as_int("laps", self.laps, 1)
-        poses = _poses(SQUARE_WAYPOINTS if self.waypoints is None else self.waypoints)
-        return replace(task, **changes), poses[:1] if task.random else poses
+        from turtlebot_gym.systems.course import course_of
+
+        return course_of(self)
+
+    @property
+    def limits_steps(self) -> bool:
+        """Whether the task's own limit of steps counts, and not the environment's."""
+        based_on, given = split(self.task)
+        return isinstance(based_on, Task) or "max_steps" in given
 
     def setup(self) -> Setup:
         """Return the checked parameters, the waypoints and the floor plan.
@@ -289,16 +271,6 @@ class Options:
                     f"another one with that track, got {robot.wheel_separation:g} m."
                 )
         return plant
-
-
-def _poses(waypoints: Any) -> tuple[Pose, ...]:
-    try:
-        poses = tuple(Pose(*map(float, waypoint)) for waypoint in waypoints)
-    except (TypeError, ValueError):
-        poses = ()
-    if not poses or not all(abs(number) <= LARGEST for pose in poses for number in pose):
-        raise refusal("waypoints", f"one or more finite poses (x, y, theta), at most {LARGEST:g} m away", waypoints)
-    return tuple(Pose(pose.x, pose.y, wrap(pose.theta)) for pose in poses)
 
 
 def make_parameters(task: str | Task | None = None, **options: Any) -> Parameters:

@@ -46,7 +46,9 @@ def files_in(values: Iterable[object]) -> dict[str, str]:
     """
     hashes: dict[str, str] = {}
     for value in values:
-        if isinstance(value, (list, tuple)):
+        if isinstance(value, Mapping):  # a variant of what its base names
+            hashes |= files_in([value.get("base")])
+        elif isinstance(value, (list, tuple)):
             hashes |= files_in(value)
         elif isinstance(value, (str, Path)):
             hashes |= {str(path): _hash(path) for path in _paths_of(bare(str(value)))}
