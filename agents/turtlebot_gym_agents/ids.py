@@ -1,6 +1,9 @@
-"""Short names of the package's environments, such as ``nav``; importing this module needs only Python."""
+"""Ids of environments by short names, such as ``nav``, and their arguments; importing this module needs only Python."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 SHORT = {name.lower(): f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square", "Rooms", "Missions")}
 """Ids of the package's environments by their short names."""
@@ -12,3 +15,10 @@ def environment_id(name: str) -> str:
     Every other text is returned as it is; whether an environment is registered under that id is not checked here.
     """
     return SHORT.get(name.lower(), name) if isinstance(name, str) else name
+
+
+def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options as keyword arguments of `gymnasium.make_vec`: a task with a limit of steps of its own sets that, too."""
+    task = options.get("task")
+    limited = isinstance(task, Mapping) and "max_steps" in task and "max_episode_steps" not in options
+    return {**options, **({"max_episode_steps": task["max_steps"]} if limited else {})}

@@ -118,6 +118,16 @@ REFUSED = "Stable-Baselines3 refuses the hyper-parameters of ppo, see --config: 
             {"policy_kwargs": {"net_arc": [8]}},
             f"{REFUSED}ActorCriticPolicy.__init__() got an unexpected keyword",
         ),
+        ("ppo", {"n_steps": 3.5}, "n_steps must be a value such as 2048, got 3.5"),
+        ("ppo", {"use_sde": 1}, "use_sde must be a value such as False, got 1"),
+        ("ppo", {"target_kl": "low"}, "target_kl must be of type float, got 'low'"),
+        ("ppo", {"rollout_buffer_class": "Mine"}, "rollout_buffer_class is a class, which data cannot name"),
+        ("ppo", {"policy_kwargs": {"log_std_init": "low"}}, "policy_kwargs.log_std_init must be a value such as 0.0"),
+        (
+            "ppo",
+            {"policy_kwargs": {"optimizer_class": "Best"}},
+            "optimizer_class must be a module of torch.optim",
+        ),
         ("ppo", {"policy": "No"}, f"{REFUSED}Policy No unknown"),
         ("ppo", {"n_steps": 1, "n_envs": 1}, f"{REFUSED}`n_steps * n_envs` must be greater than 1"),
         ("ppo", {"batch_size": 1}, f"{REFUSED}`batch_size` must be greater than 1"),
@@ -145,6 +155,40 @@ def test_every_algorithm_takes_its_settings_and_learns(algo):
     assert model.gamma == 0.5
     model.learn(16)
     assert all(bool(torch.isfinite(weight).all()) for weight in model.policy.parameters())
+
+
+def test_overrides_replace_hyper_parameters_nested_ones_too():
+    shipped = TrainingConfig(env="nav")
+    assert shipped.env == TASKS[0]
+    overrides = {"learning_rate": "3e-4", "policy_kwargs.net_arch": [8], "policy_kwargs.optimizer_kwargs.weight_decay": 0.1}
+    config = TrainingConfig(overrides=overrides)
+    network = {**shipped.hyper["policy_kwargs"], "net_arch": [8], "optimizer_kwargs": {"weight_decay": 0.1}}
+    assert config.hyper == {**shipped.hyper, "learning_rate": 3e-4, "policy_kwargs": network}
+    assert config.record()["config"]["overrides"] == overrides
+    assert config.record()["hyperparameters"] == config.hyper
+    assert shipped.hyper["policy_kwargs"]["net_arch"] == [64, 64]
+
+
+def test_overrides_stay_where_few_steps_change_other_hyper_parameters():
+    few = TrainingConfig(steps=40960)
+    assert TrainingConfig(steps=40960, overrides={"batch_size": 100}).hyper == {**few.hyper, "batch_size": 100}
+    envs = TrainingConfig(steps=40960, overrides={"n_envs": 16})
+    assert envs.hyper == {**TrainingConfig().hyper, "n_envs": 16}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"n_timesteps": 5}, "n_timesteps is the option steps"),
+        ({"n_envs": 0}, "n_envs must be a whole number from 1"),
+        ({"gamma.x": 1}, "gamma.x is no hyper-parameter: gamma holds no others"),
+        ({3: 1}, "overrides must be hyper-parameters by name"),
+        ([1], "overrides must be hyper-parameters by name"),
+    ],
+)
+def test_overrides_of_another_form_are_refused(overrides, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        TrainingConfig(overrides=overrides)
 
 
 def test_few_steps_are_divided_among_fewer_environments_in_smaller_batches():

@@ -14,7 +14,7 @@ from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.tasks import given_pose
-from turtlebot_gym.validation import build, choose, did_you_mean, refusal
+from turtlebot_gym.validation import build, choose, did_you_mean, refusal, short_repr
 from turtlebot_gym.variants import split, vary
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]

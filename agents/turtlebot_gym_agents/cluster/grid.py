@@ -23,6 +23,7 @@ from turtlebot_gym import Options
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import Range, as_int, build, check_fields, choose, short_repr
 from turtlebot_gym_agents.evaluation.evaluate import NAV, require_known
+from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.training.config import TrainingConfig
 
 SETTINGS = ("env", *(item.name for item in fields(Options)))
@@ -64,7 +65,8 @@ class StudyGrid:
     def cells(self) -> list[dict[str, Any]]:
         """Return the combinations of settings."""
         names = {"env": NAV, **self.grid}
-        return [dict(zip(names, values, strict=True)) for values in itertools.product(*map(_listed, names.values()))]
+        cells = [dict(zip(names, values, strict=True)) for values in itertools.product(*map(_listed, names.values()))]
+        return [{**cell, "env": environment_id(cell["env"])} for cell in cells]
 
     def trainings_of(self, name: str, cell: Mapping[str, Any]) -> list[TrainingConfig]:
         """Return the configurations of a training in a cell, one per seed."""

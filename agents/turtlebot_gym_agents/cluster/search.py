@@ -82,7 +82,7 @@ def tune(
     """Search for the hyper-parameters with which the last evaluation's mean return is highest.
 
     All trials have the same seed and budget. The first one has the initial hyper-parameters as far as they are in the search
-    space. All others keep their initial values.
+    space. All others keep their initial values, and so do those that the configuration overrides.
 
     Args:
         config: Configuration of the training; its ``steps`` are those of each trial.
@@ -101,10 +101,12 @@ def tune(
         ValueError: If there is no search space for the algorithm, a number is out of its range, the folder holds a study of
             another configuration or other code, or the storage cannot be used.
     """
-    space = choose("algo", config.algo, SPACES)
+    space = {name: values for name, values in choose("algo", config.algo, SPACES).items() if name not in config.overrides}
+    if not space:
+        raise ValueError("overrides leave nothing to search: leave out one of them.")
     for name, number in (("trials", trials), ("generation", 1 if generation is None else generation)):
         as_int(name, number, 1, 1_000_000)
-    study = _open_study(folder, storage, config, generation)
+    study = _open_study(folder, storage, config, space, generation)
     while (finished := len(study.get_trials(states=_FINISHED))) < trials:
         progress(finished)
         if generation is None:
@@ -172,7 +174,9 @@ def _report(trial: optuna.Trial, history: Sequence[Mapping[str, float]]) -> None
     trial.set_user_attr("history", list(history))
 
 
-def _open_study(folder: Path, storage: str | None, config: TrainingConfig, generation: int | None) -> optuna.Study:
+def _open_study(
+    folder: Path, storage: str | None, config: TrainingConfig, space: Mapping[str, BaseDistribution], generation: int | None
+) -> optuna.Study:
     """Return a study, which begins with the initial hyper-parameters if it is new."""
     about = plain({**settings_of(config), "generation": generation, **origin()})
     folder.mkdir(parents=True, exist_ok=True)
@@ -189,7 +193,7 @@ def _open_study(folder: Path, storage: str | None, config: TrainingConfig, gener
         raise ValueError(f"storage must be a file or the URL of a database, got {storage!r}: {error}") from error
     if "about" not in study.user_attrs:
         study.set_user_attr("about", about)
-        study.enqueue_trial(_starting_point(SPACES[config.algo], config.hyper), skip_if_exists=True)
+        study.enqueue_trial(_starting_point(space, config.hyper), skip_if_exists=True)
     elif other := difference(study.user_attrs["about"], about):
         raise ValueError(f"{storage or folder} holds a study with {other}: choose another folder.")
     return study

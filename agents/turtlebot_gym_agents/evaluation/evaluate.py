@@ -29,7 +29,7 @@ from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, walkers_of
 from turtlebot_gym_agents.front.defaults import EPISODES, NAV, SEED
-from turtlebot_gym_agents.ids import environment_id
+from turtlebot_gym_agents.ids import arguments_of, environment_id
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
 from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_task, require_terms
 from turtlebot_gym_agents.policies.policy import ShrinkingPolicy, shown
@@ -109,7 +109,8 @@ def policy_of(policy: Any) -> str | Policy:
 
 def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:
     """Return environments whose infos hold all that is measured."""
-    return gym.make_vec(env, num_envs=num_envs, vectorization_mode="vector_entry_point", info="full", **options)
+    given = arguments_of(options)
+    return gym.make_vec(env, num_envs=num_envs, vectorization_mode="vector_entry_point", info="full", **given)
 
 
 def batches(episodes: int, size: int) -> list[tuple[int, int]]:

@@ -15,7 +15,7 @@ from turtlebot_gym import Options, Parameters
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
 from turtlebot_gym_agents.front.defaults import NAV
-from turtlebot_gym_agents.ids import environment_id
+from turtlebot_gym_agents.ids import arguments_of, environment_id
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
@@ -65,6 +65,9 @@ class TrainingConfig(Options):
     config: Path | Mapping[str, Any] | None = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package; in Python also a
     mapping."""
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    """Hyper-parameters that replace those of ``config``, by name, with a dot if nested: ``{"learning_rate": 3e-4,
+    "policy_kwargs.net_arch": [32, 32]}``. ``tune`` keeps them."""
     evaluations: Annotated[int, STEPS] = 8
     """Number of evaluations during training."""
     episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500
@@ -83,12 +86,22 @@ class TrainingConfig(Options):
         choose("device", self.device, dict.fromkeys(("cpu", "cuda", "auto")))
         object.__setattr__(self, "env", require_env(self.env))
         choose("algo", self.algo, dict.fromkeys(NAMES))
-        hyper = hyperparameters.load(self.algo, self.env, self.config)
-        if self.config is None and self.steps is not None:
-            hyper = hyperparameters.for_steps(hyper, self.steps)
-        object.__setattr__(self, "hyper", hyper)
+        object.__setattr__(self, "hyper", self._hyperparameters())
         if self.from_policy is not None and self.algo not in ON_POLICY:
             raise ValueError(f"from_policy needs an algorithm among {', '.join(ON_POLICY)}, got {self.algo!r}.")
+
+    def _hyperparameters(self) -> dict[str, Any]:
+        """Return the hyper-parameters that ``config``, ``steps`` and ``overrides`` stand for."""
+        if not isinstance(self.overrides, Mapping):
+            raise refusal("overrides", "hyper-parameters by name, such as {'learning_rate': 3e-4}", self.overrides)
+        if "n_timesteps" in self.overrides:
+            raise ValueError("n_timesteps is the option steps: use that.")
+        hyper = hyperparameters.load(self.algo, self.env, self.config)
+        hyper = hyperparameters.override(hyper, self.overrides)
+        Range(1, 10**12, whole=True).check("n_envs", hyper["n_envs"])
+        if self.config is None and self.steps is not None and "n_envs" not in self.overrides:
+            hyper = hyperparameters.override(hyperparameters.for_steps(hyper, self.steps), self.overrides)
+        return hyper
 
     @property
     def options(self) -> dict[str, Any]:
@@ -114,7 +127,7 @@ class TrainingConfig(Options):
             num_envs=num_envs,
             vectorization_mode="vector_entry_point",
             autoreset_mode=AutoresetMode.SAME_STEP,
-            **self.options,
+            **arguments_of(self.options),
             **more,
         )
 

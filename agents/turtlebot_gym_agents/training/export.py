@@ -22,7 +22,9 @@ from torch import nn
 
 from turtlebot_gym import Options
 from turtlebot_gym.validation import as_int, refusal
+from turtlebot_gym.variants import BASE, split
 from turtlebot_gym_agents.front.defaults import NAV
+from turtlebot_gym_agents.ids import arguments_of
 from turtlebot_gym_agents.policies import PolicyWithMemory
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.policies.fit import parameters_of
@@ -91,7 +93,8 @@ def export(
         model = found.model
     known, own = _environment_of(model)
     env = require_env(env or found.env or known or NAV)
-    options = {**(own if env == known else {}), **(found.options if found.env in (None, env) else {}), **options}
+    trained = {**(own if env == known else {}), **(found.options if found.env in (None, env) else {})}
+    options = {**trained, **{name: _based(value, name, trained) for name, value in options.items()}}
     with closing(_make(env, options)) as envs:
         space: Any = envs.single_observation_space
         if not isinstance(space, spaces.Box) or len(space.shape) != 1:
@@ -110,9 +113,17 @@ def export(
             raise
 
 
+def _based(value: Any, name: str, trained: Mapping[str, Any]) -> Any:
+    """Return an option; a variant that leaves its base open is one of the training's."""
+    if not (isinstance(value, Mapping) and value.get(BASE, "") is None):
+        return value
+    base, changes = split(trained.get(name, getattr(Options(), name)))
+    return {BASE: base, **changes, **{key: part for key, part in value.items() if key != BASE}}
+
+
 def _make(env: str, options: Mapping[str, Any]) -> VectorEnv:
     """Return the environments of the check."""
-    return gym.make_vec(env, num_envs=ROWS, autoreset_mode=AutoresetMode.SAME_STEP, **options)
+    return gym.make_vec(env, num_envs=ROWS, autoreset_mode=AutoresetMode.SAME_STEP, **arguments_of(options))
 
 
 def _is_sb3(model: Any) -> bool:

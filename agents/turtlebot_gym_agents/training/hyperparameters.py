@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 from contextlib import suppress
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ ROLLOUTS = 20
 """Fewest rollouts from which a training with the package's own hyper-parameters learns."""
 FEWEST_ENVS = 8
 """Fewest environments of such a training."""
+_CLASSES = {"activation_fn": "nn", "optimizer_class": "th.optim"}
+"""Arguments of a network that are classes, and the modules in which rl-baselines3-zoo finds them."""
 
 
 def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -60,6 +63,32 @@ def for_steps(hyper: Mapping[str, Any], steps: int) -> dict[str, Any]:
     return {**hyper, "n_envs": fewer, "batch_size": hyper["batch_size"] * fewer // number}
 
 
+def override(hyper: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return hyper-parameters of which some are replaced.
+
+    Args:
+        hyper: Hyper-parameters by `load`.
+        changes: New values by name, with a dot if nested, such as ``{"policy_kwargs.net_arch": [32, 32]}``.
+
+    Raises:
+        ValueError: If a name is not text, or one with a dot begins with something that holds no others.
+    """
+    merged: dict[str, Any] = deepcopy(dict(hyper))
+    for name, value in changes.items():
+        if not isinstance(name, str):
+            raise refusal("overrides", "hyper-parameters by name, such as {'learning_rate': 3e-4}", dict(changes))
+        *path, key = name.split(".")
+        place = merged
+        for part in path:
+            if place.get(part) is None:
+                place[part] = {}
+            place = place[part]
+            if not isinstance(place, dict):
+                raise ValueError(f"{name} is no hyper-parameter: {part} holds no others.")
+        place[key] = _as_numbers(value)
+    return merged | {"policy_kwargs": _network(merged["policy_kwargs"])}
+
+
 def configs_folder() -> Path:
     """Return the folder with the configurations shipped with the package."""
     return shipped_folder("configs")
@@ -68,7 +97,7 @@ def configs_folder() -> Path:
 def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
     """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
     network = hyper["policy_kwargs"].items()
-    words = (f"{key}={f'nn.{value}' if key == 'activation_fn' else repr(value)}" for key, value in network)
+    words = (f"{key}={f'{_CLASSES[key]}.{value}' if key in _CLASSES else repr(value)}" for key, value in network)
     content = {**hyper, "policy_kwargs": f"dict({', '.join(words)})"}
     files.write_text(path, yaml.safe_dump({env: content}, sort_keys=False, width=128))
 
@@ -89,5 +118,5 @@ def _network(given: Any) -> dict[str, Any]:
         if isinstance(given, str):
             keywords = ast.parse(given.strip(), mode="eval").body.keywords  # type: ignore[attr-defined]
             given = {item.arg: getattr(item.value, "attr", None) or ast.literal_eval(item.value) for item in keywords}
-        return {key: value.removeprefix("nn.") if key == "activation_fn" else value for key, value in given.items()}
+        return {key: value.rpartition(".")[2] if key in _CLASSES else value for key, value in given.items()}
     raise refusal("policy_kwargs", "a mapping, or text like 'dict(net_arch=[64, 64], activation_fn=nn.ReLU)'", given)

@@ -8,51 +8,36 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from copy import deepcopy
-from inspect import signature
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
-import stable_baselines3
 import torch
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
-from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
-from stable_baselines3.common.utils import LinearSchedule
 
 from turtlebot_gym.files import SMALL, in_bounds, read_arrays, replacing, require_small
 from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
-from turtlebot_gym.validation import did_you_mean, refusal
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.policies.policy import shown
-from turtlebot_gym_agents.training.config import NAMES, TrainingConfig
+from turtlebot_gym_agents.training.arguments import ALGORITHMS, arguments
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-ALGORITHMS: dict[str, type[BaseAlgorithm]] = {name: getattr(stable_baselines3, name.upper()) for name in NAMES}
-"""The algorithms of Stable-Baselines3 by their names in lower case."""
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this, separate from others."""
-_OURS = ("policy", "env", "seed", "device", "tensorboard_log", "_init_setup_model")
-"""Arguments of the algorithms that are options of a training, or set here."""
-_ELSEWHERE = "leave it out, or train with rl-baselines3-zoo and `turtlebot-gym export` its folder."
-_ZOO = {
-    "normalize": f"observations are normalized within the policy, and rewards are not: {_ELSEWHERE}",
-    "frame_stack": f"the option --observation shows past values, such as 'ekf,scan*2': {_ELSEWHERE}",
-    **dict.fromkeys(("env_wrapper", "vec_env_wrapper", "monitor_kwargs", "callback", "vec_env_class"), _ELSEWHERE),
-}
-"""Settings of rl-baselines3-zoo that are no arguments of an algorithm, and what to do instead."""
 _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
 _COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -129,45 +114,6 @@ def make_model(
     if isinstance(model, OnPolicyAlgorithm):
         adapter.bootstrap_with(model)
     return model
-
-
-def arguments(algo: str, hyper: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of an algorithm: schedules, activations and exploration noise made from their names.
-
-    Args:
-        algo: A name in `ALGORITHMS`.
-        hyper: Hyper-parameters by `hyperparameters.load`.
-
-    Raises:
-        ValueError: If the algorithm has no such argument, or a value is of another kind than the argument's default.
-    """
-    made: dict[str, Any] = {key: _made(value) for key, value in hyper.items() if key not in ("n_envs", "n_timesteps", "policy")}
-    network = dict(hyper["policy_kwargs"])
-    if "activation_fn" in network:
-        if not hasattr(torch.nn, name := str(network["activation_fn"])):
-            raise refusal("policy_kwargs.activation_fn", "a module of torch.nn, such as ReLU", name)
-        network["activation_fn"] = getattr(torch.nn, name)
-    if made.get("noise_type") == "normal":
-        del made["noise_type"]
-        made["action_noise"] = NormalActionNoise(np.zeros(2), np.full(2, made.pop("noise_std", 0.0)))
-    known = {name: item.default for name, item in signature(ALGORITHMS[algo]).parameters.items() if name not in _OURS}
-    for name, value in made.items():
-        if name in ("env", "seed", "device"):
-            raise ValueError(f"{name} is no hyper-parameter: use the option --{name}.")
-        if name in _ZOO:
-            raise ValueError(f"{name} is of rl-baselines3-zoo, and no hyper-parameter of a training here: {_ZOO[name]}")
-        if name not in known:
-            raise ValueError(f"{algo} has no hyper-parameter {name!r}; it has {', '.join(known)}.{did_you_mean(name, known)}")
-        if isinstance(known[name], (int, float)) and not (isinstance(value, (int, float, tuple)) or callable(value)):
-            raise refusal(name, f"a value such as {known[name]!r}", value)
-    return {**made, "policy_kwargs": network}
-
-
-def _made(value: Any) -> Any:
-    if isinstance(value, str) and value.startswith("lin_"):
-        with suppress(ValueError):  # another text stays one, and is refused
-            return LinearSchedule(float(value.removeprefix("lin_")), end=0.0, end_fraction=1.0)
-    return tuple(value) if isinstance(value, list) else value
 
 
 def save_model(model: BaseAlgorithm, path: Path) -> None:

@@ -39,6 +39,17 @@ TINY = {
 config = TrainingConfig(steps=512, evaluations=1, episodes=8, config=TINY)
 
 
+def test_a_hyper_parameter_that_is_given_is_not_searched(tmp_path, monkeypatch):
+    given = replace(config, overrides={"learning_rate": 0.005, "policy_kwargs.net_arch": [8]})
+    study = tune(given, tmp_path / "study", trials=1)
+    assert not {"learning_rate", "policy_kwargs.net_arch"} & set(study.trials[0].params)
+    best = hyperparameters.load("ppo", config.env, tmp_path / "study" / "best.yaml")
+    assert (best["learning_rate"], best["policy_kwargs"]["net_arch"]) == (0.005, [8])
+    monkeypatch.setitem(module.SPACES, "ppo", {"gamma": SPACES["ppo"]["gamma"]})
+    with pytest.raises(ValueError, match="overrides leave nothing to search"):
+        tune(replace(config, overrides={"gamma": 0.9}), tmp_path / "other")
+
+
 def test_a_search_continues_with_a_third_trial(tmp_path):
     falling, counts = replace(config, config=TINY | {"learning_rate": "lin_0.001"}), []
     study = tune(falling, tmp_path / "study", trials=2, progress=counts.append)
