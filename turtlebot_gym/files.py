@@ -271,6 +271,20 @@ def _from_yaml(text: str) -> Any:
     return yaml.load(text, _yaml_loader())
 
 
+def parse_yaml(text: str) -> Any:
+    """Return the value that a text in YAML is, as `load` reads a file.
+
+    Raises:
+        ValueError: If it is something else; the message is one line.
+    """
+    try:
+        return _from_yaml(text)
+    except ImportError:
+        raise
+    except Exception as error:  # PyYAML raises many kinds of errors
+        raise ValueError(f"it is not YAML: {' '.join(str(error).split())}.") from error
+
+
 @cache
 def _yaml_loader() -> Any:
     """Return PyYAML's safe loader with bounds."""

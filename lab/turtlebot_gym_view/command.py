@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
 from turtlebot_gym_agents.commands.console import DriveOptions, WritingOptions, needs
-from turtlebot_gym_agents.ids import environment_id
+from turtlebot_gym_agents.commands.overrides import flattened
 from turtlebot_gym_agents.outputs import OutputFile
-from turtlebot_gym_lab.commands.recorded import MountOption
+from turtlebot_gym_lab.commands.recorded import MountOption, RecordingOptions
 
 if TYPE_CHECKING:
     from turtlebot_gym.drive import Drive
@@ -24,6 +24,9 @@ class Watch(WritingOptions, MountOption, DriveOptions):
 
     The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [view].
     """
+
+    COMMON: ClassVar = ("policy", "env", "seed", "noise", "filter", "robot", "world", "drive", "html")
+    EXAMPLE: ClassVar = "env=rooms world=office noise.odometry.spike=0.1 dt=0.05"
 
     policy: tuple[str, ...] = ("bearing",)
     """Policies as for evaluate; all drive the same episode."""
@@ -39,19 +42,19 @@ class Watch(WritingOptions, MountOption, DriveOptions):
     """Port to listen on; 0 for any that is free."""
 
     def run(self) -> None:
+        self._require_used()
         from turtlebot_gym_view import read_recorded, record_episode
 
         with needs("view"):
             from turtlebot_gym_view import server  # noqa: F401  # what it lacks is said before the drives are driven
-        if self.mount is not None and not self.drive:
-            raise ValueError("--mount says where the LiDAR of a recorded drive is: add --drive, or leave it out.")
         if self.drive:
             drives = [read_recorded(path, lidar=self.lidar or "lds01", **self.reading()) for path in self.drive]
             title = f"Recorded: {', '.join(path.name for path in self.drive)}"
         else:
             drives = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
-            around = [name for name in (self.world, self.lidar, self.fix) if name]
-            title = ", ".join([environment_id(self.env).partition("/")[2], *around, f"seed {self.seed}", f"noise {self.noise}"])
+            robot = [f"robot {self.robot}"] if self.robot != "burger" else []
+            place = [self.env.partition("/")[2], f"seed {self.seed}", *robot, f"noise {self.noise}"]
+            title = ", ".join([*place, *self.described()])
         self.show(drives, title=title)
 
     def show(self, drives: Sequence[Drive], *, title: str) -> None:
@@ -63,3 +66,18 @@ class Watch(WritingOptions, MountOption, DriveOptions):
             print(f"{self.html}: {write_html(drives, self.html, title=title):,} bytes; open it in a browser.")
             return
         serve(drives, title=title, host=self.host, port=self.port)
+
+    def _require_used(self) -> None:
+        """Refuse options that change nothing: those of episodes with recorded drives, and those of the other kind of view."""
+        recorded = [item.name for item in fields(RecordingOptions)] + ["mount"]
+        shared = (*recorded, "drive", "lidar", "html", "host", "port", "force")
+        usual = type(self)()
+        given = [item.name for item in fields(self) if getattr(self, item.name) != getattr(usual, item.name)]
+        for name in given:
+            if self.drive and name not in shared:
+                name = next(flattened(self.changes))[0] if name == "changes" else name
+                raise ValueError(f"{name} is for episodes, and changes nothing in recorded drives: leave out it, or --drive.")
+            if not self.drive and name in recorded:
+                raise ValueError(f"{name} is for recorded drives: add --drive, or leave it out.")
+            if self.html is not None and name in ("host", "port"):
+                raise ValueError(f"{name} is for serving the view: leave out it, or --html.")

@@ -116,7 +116,7 @@ REFUSED = "Stable-Baselines3 refuses the hyper-parameters of ppo, see --config: 
         (
             "ppo",
             {"policy_kwargs": {"net_arc": [8]}},
-            f"{REFUSED}ActorCriticPolicy.__init__() got an unexpected keyword",
+            "policy_kwargs has no 'net_arc'; it has net_arch, activation_fn",
         ),
         ("ppo", {"n_steps": 3.5}, "n_steps must be a value such as 2048, got 3.5"),
         ("ppo", {"use_sde": 1}, "use_sde must be a value such as False, got 1"),

@@ -71,6 +71,14 @@ class Benchmark(WritingOptions):
         Range(0.0, 1.0, open_high=True).check("tolerance", self.tolerance or 0.0)
         if self.check is not None and self.against is not None:
             raise ValueError("check and against exclude each other.")
+        if self.tolerance is not None and self.check is None and self.against is None:
+            raise ValueError("tolerance changes nothing without --check or --against: leave it out.")
+        for name in ("json", "busy"):
+            if getattr(self, name) and (self.check or self.against):
+                raise ValueError(f"{name} changes nothing with --check or --against: leave it out.")
+
+
+_USUAL = ("nav", "kalman", "rooms-kalman")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +89,7 @@ class Compile:
     NUMBA_CACHE_DIR. Without this command each is compiled when it is first used.
     """
 
-    system: tuple[str, ...] = ("nav", "kalman", "rooms-kalman")
+    system: tuple[str, ...] = _USUAL
     """What to compile: nav, the default options on open ground; a filter on open ground (kalman, wheels, gated, mixture, slip,
     scale), for any noise, robot and task, FILTER+fixes with fixes in time, and rooms-FILTER."""
     all: bool = False
@@ -95,6 +103,8 @@ class Compile:
         from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
         from turtlebot_gym.compiled.store import folder
 
+        if self.all and self.system != _USUAL:
+            raise ValueError("system changes nothing with --all, which compiles every system: leave out one of them.")
         names = tuple(SYSTEMS) if self.all else tuple(dict.fromkeys(self.system))
         with progress(len(names)) as advance_to:
             times = fill_all(names, processes=min(self.processes, len(names)), progress=advance_to)

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
 from turtlebot_gym.files import write_text
 from turtlebot_gym.validation import POSITIVE
+from turtlebot_gym.variants import BASE
 from turtlebot_gym_agents.commands.console import WritingOptions
+from turtlebot_gym_agents.commands.overrides import Hidden, Overridable
 from turtlebot_gym_agents.front.defaults import BUNDLE
 from turtlebot_gym_agents.outputs import OutputFile
 
 
 @dataclass(frozen=True, kw_only=True)
-class Export(WritingOptions):
+class Export(WritingOptions, Overridable):
     """Convert a policy of another library into a policy bundle, and check that both return the same actions.
 
     The check drives in the environment of the training, with its normalization and its stack of observations. What lies beside
     the file is found: config.json of this package, args.yml of rl-baselines3-zoo, and vecnormalize.pkl; give the rest as
     options.
     """
+
+    EXAMPLE: ClassVar = "world=office dt=0.05 noise.odometry.spike=0.1"
 
     model: tyro.conf.Positional[Path]
     """A model of Stable-Baselines3 or sb3-contrib (.zip), a torch module or TorchScript (.pt), an ONNX model, or the folder of
@@ -35,7 +40,8 @@ class Export(WritingOptions):
     """Statistics of VecNormalize by which observations were normalized; none if they were not. By default the vecnormalize.pkl
     beside the model, if it was trained so."""
     env: str | None = None
-    """The environment's id; by default the one that the folder names, else turtlebot_gym/TurtleBotNav-v0."""
+    """Environment: nav, pose, square, rooms, missions, or the id of another one; by default the one that the folder names, else
+    nav."""
     robot: str | None = None
     """Robot of the training: a preset, or a file of your own (FILE.yaml)."""
     noise: str | None = None
@@ -43,9 +49,26 @@ class Export(WritingOptions):
     filter: str | None = None
     """Filter of the training: matched, calibrated, tutorial, gated, mixture, slip, scale, gyro, or your own (MODULE:NAME)."""
     observation: str | None = None
-    """What the policy observed: ekf, odometry, truth or located, with terms after it, see train --help."""
+    """What the policy observed: ekf, odometry, truth or located, with terms after it, see train --help-all."""
     rate: float | None = None
     """Commands per second; by default 10 unless config.json says otherwise."""
+    others: Hidden = field(default_factory=dict)
+    """Further options of the environment, by name."""
+
+    def varied(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return options with the changed fields; `training.export.export` takes what is not given from the training."""
+        changed = {name: {BASE: options.get(name), **changes} for name, changes in self.changes.items()}
+        return {**options, **changed}
+
+    def take(self, name: str, unknown: Mapping[str, Any]) -> dict[str, Any]:
+        """Return further options of the environment; see `commands.overrides.Overridable.take`."""
+        from turtlebot_gym import Options
+
+        known = {item.name for item in fields(Options)}
+        others = {key: value for key, value in unknown.items() if key in known}
+        if len(others) < len(unknown):
+            super().take(name, {key: value for key, value in unknown.items() if key not in known})
+        return {"others": others}
 
     def run(self) -> None:
         from rich.console import Console
@@ -53,11 +76,13 @@ class Export(WritingOptions):
         from turtlebot_gym_agents.front.exporting import export
 
         names = ("robot", "noise", "filter", "observation")
-        options = {name: value for name in names if (value := getattr(self, name)) is not None}
+        options = {name: value for name in names if (value := getattr(self, name)) is not None} | self.others
+        if self.rate is not None and "dt" in options:
+            raise ValueError("rate and dt exclude each other: leave out one of them.")
         if self.rate is not None:
             options["dt"] = 1.0 / POSITIVE.check("rate", self.rate)
         given = {"env": self.env, "vec_normalize": self.vec_normalize, "allow_pickle": self.allow_pickle}
-        Console().print(str(export(self.model, self.out, **given, **options)))
+        Console().print(str(export(self.model, self.out, **given, **self.varied(options))))
 
 
 @dataclass(frozen=True, kw_only=True)

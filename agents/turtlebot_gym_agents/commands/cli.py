@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import tyro
 
@@ -35,6 +35,7 @@ from turtlebot_gym_agents.commands.console import (
 )
 from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.commands.learning import Train, Tune
+from turtlebot_gym_agents.commands.overrides import extract, override
 from turtlebot_gym_agents.commands.study import Study
 from turtlebot_gym_agents.front.defaults import EPISODES, POLICIES
 from turtlebot_gym_agents.outputs import inputs_of, outputs_of, require_outputs
@@ -53,18 +54,23 @@ class _CommandLine(Protocol):
 class Evaluate(Placement, ReportingOptions, DriveOptions):
     """Drive policies on the same seeds and compare how well they do.
 
-    Evaluates every combination of policy, noise and observation.
+    Evaluates every combination of policy, noise, filter and observation.
     """
 
+    COMMON: ClassVar = ("policy", "env", "episodes", "noise", "filter", "robot", "world", "json", "plot")
+    EXAMPLE: ClassVar = "env=rooms world=office noise.odometry.spike=0.1 dt=0.05"
+
     policy: tuple[str, ...] = POLICIES
-    """Baselines (proportional, bearing, corner, polar, rotate-drive-rotate; for rooms vfh, gap, dwa, planner), ones with
-    other gains (FILE.yaml, FILE.json), policies shipped with the package (ppo-nav, ppo-pose, ppo-square, ppo-rooms), bundles
-    (FILE.onnx), or module:callable for one of your own. In rooms also oracle, which knows the map, NAME+safety, within a
-    safety layer, and NAME+yield, which stops for people."""
+    """Policies: bearing, proportional, in rooms vfh and planner, ppo-nav, ppo-rooms, FILE.onnx, or MODULE:NAME of your own.
+    Further baselines: corner, polar, rotate-drive-rotate; for rooms gap, dwa; ones with other gains (FILE.yaml, FILE.json).
+    Shipped with the package: ppo-nav, ppo-pose, ppo-square, ppo-rooms. In rooms also oracle, which knows the map, NAME+safety,
+    within a safety layer, and NAME+yield, which stops for people."""
     noise: tuple[str, ...] = ("tutorial",)  # pyright: ignore[reportIncompatibleVariableOverride]
-    """Noises: clean, tutorial, documented, wheel, rough, or files of your own (FILE.yaml)."""
+    """Noises: clean, tutorial, documented, wheel, rough, or FILE.yaml."""
+    filter: tuple[str, ...] = ("matched",)  # pyright: ignore[reportIncompatibleVariableOverride]
+    """Filters: matched, calibrated, tutorial, gated, mixture, slip, scale, FILE.yaml, or MODULE:NAME. With --imu also gyro."""
     observation: tuple[str, ...] = ("ekf",)  # pyright: ignore[reportIncompatibleVariableOverride]
-    """What the policy observes: ekf, odometry, truth or located, with terms after it, see train --help."""
+    """What the policy observes: ekf, odometry, truth or located, with terms after it, see train --help-all."""
     episodes: int = EPISODES
     """Episodes of each combination; episode i has the seed SEED + i."""
     details: bool = False
@@ -77,9 +83,9 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
     def run(self) -> None:
         from turtlebot_gym_agents.front.comparing import compare
 
-        axes = {name: list(getattr(self, name)) for name in ("noise", "observation")}
         if not self.policy:
             raise ValueError("policy must name at least one value, got none.")
+        axes = {name: [self.varied({name: value})[name] for value in getattr(self, name)] for name in _SETTINGS}
         run = self._spread if self.spread else None
         self.runner()  # refuses workers without a cluster
         with progress(self.episodes * len(self.policy) * math.prod(map(len, axes.values()))) as advance_to:
@@ -87,7 +93,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
             common["consistency"] = self.plot is not None
             compared = compare(*self.policy, **common | self.options() | axes)
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
-        shared += self.described(*(("observation",) if len(self.observation) > 1 else ()))
+        shared += self.described(*(name for name in _SETTINGS if len(getattr(self, name)) > 1))
         title = ", ".join([self.env, f"{self.episodes} episodes from seed {self.seed}", f"robot {self.robot}", *shared])
         print_tables(*compared.tables(title=title, details=self.details))
         print(compared.verdict())
@@ -105,6 +111,8 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
         return evaluate_all(requests, run=self.runner(), progress=advance_to)
 
 
+_SETTINGS = ("noise", "filter", "observation")
+"""Options of which evaluate compares several."""
 COMMANDS: dict[str, type[_CommandLine]] = {
     "evaluate": Evaluate,
     "train": Train,
@@ -149,14 +157,12 @@ def _run(words: list[str]) -> int:
             if words[0] not in known and words[0] in names_in(GROUP):
                 load_entry_point(GROUP, words[0])  # raises the reason
             choose("command", words[0], known)
-        command = tyro.extras.subcommand_cli_from_dict(
-            known,
-            prog="turtlebot-gym",
-            description="A TurtleBot that navigates on what a Kalman filter believes. --version prints the version.",
-            args=words,
-            registry=REGISTRY,
-        )
+        kept, pairs = extract(known[words[0]], words) if words and words[0] in known else (words, [])
+        command = tyro.extras.subcommand_cli_from_dict(known, prog="turtlebot-gym", args=kept, registry=REGISTRY)
+        command = override(command, words[0], pairs, kept) if pairs else command
         require_outputs(outputs_of(command), inputs=inputs_of(command), force=getattr(command, "force", False))
+        if remark := getattr(command, "remark", str)():
+            print(f"turtlebot-gym: {remark}", file=sys.stderr)
         command.run()
     except MemoryError:
         print("turtlebot-gym: there is not enough memory for this request.", file=sys.stderr)

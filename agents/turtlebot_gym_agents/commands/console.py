@@ -9,14 +9,17 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
 from turtlebot_gym.extras import installing
 from turtlebot_gym.files import replacing
-from turtlebot_gym_agents.commands.flags import Environment, OfDrive
+from turtlebot_gym.variants import BASE
+from turtlebot_gym_agents.commands.flags import Environment
+from turtlebot_gym_agents.commands.overrides import Overridable
 from turtlebot_gym_agents.front.defaults import NAV, SEED
+from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.outputs import FIGURE, JSON
 from turtlebot_gym_agents.provenance import write_json
 
@@ -32,6 +35,8 @@ JsonFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE.json"), JSON]
 FigureFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE.png"), FIGURE]
 """Options that name a file to write, see `outputs`; a figure may be a .pdf or .svg, too."""
 
+REFERENCE = 0.1
+"""The control interval by default, s."""
 NARROWEST = 20
 """Least width of tables, characters."""
 
@@ -40,6 +45,8 @@ NARROWEST = 20
 class WritingOptions:
     """A command that writes files."""
 
+    GROUP: ClassVar[str] = "output"
+
     force: bool = False
     """Overwrite files that exist."""
 
@@ -47,6 +54,8 @@ class WritingOptions:
 @dataclass(frozen=True, kw_only=True)
 class ReportingOptions(WritingOptions):
     """A command whose results can be written as JSON."""
+
+    GROUP: ClassVar[str] = "output"
 
     json: JsonFile = None
     """Write configuration and results here."""
@@ -63,27 +72,68 @@ class ReportingOptions(WritingOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class _EpisodeOptions:
+    GROUP: ClassVar[str] = "task"
+
     env: str = NAV
-    """The environment's id: turtlebot_gym/TurtleBotNav-v0, .../TurtleBotPose-v0, .../TurtleBotSquare-v0,
-    .../TurtleBotRooms-v0 or .../TurtleBotMissions-v0."""
+    """Environment: nav, pose, square, rooms, missions, or the id of another one. These are short for
+    turtlebot_gym/TurtleBotNav-v0 and so on."""
     seed: int = SEED
     """The first seed."""
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "env", environment_id(self.env))
+
 
 @dataclass(frozen=True, kw_only=True)
-class EnvironmentOptions(Environment, _EpisodeOptions):
+class EnvironmentOptions(Environment, _EpisodeOptions, Overridable):
     """Environment, filter, robot and seeds of a command."""
 
-    def options(self) -> dict[str, Any]:
-        """Return the keyword arguments of the environment."""
+    def options(self, **chosen: Any) -> dict[str, Any]:
+        """Return the keyword arguments of the environment, of which some are chosen here."""
         self.require_read()
-        names = [item.name for part in (Environment, OfDrive) for item in fields(part) if hasattr(self, item.name)]
-        return {name: value for name in names if (value := getattr(self, name)) is not None}
+        self.require_filters()
+        values = {item.name: getattr(self, item.name) for item in fields(Environment)} | chosen
+        return self.varied({name: value for name, value in values.items() if value is not None})
+
+    def require_filters(self) -> None:
+        """Refuse a filter, with a `ValueError`, that is the usual one with every noise that is chosen."""
+        from turtlebot_gym.presets import FILTERS, make_filter, make_noise
+
+        usual, noises = "matched", _listed(self.noise)
+        named = () if "filter" in self.changes else _listed(self.filter)
+        made = [make_noise({BASE: noise, **self.changes.get("noise", {})}) for noise in noises]
+        for name in {*named} & {*FILTERS} - {usual, "gyro"}:
+            if made and all(make_filter(name, noise) == make_filter(usual, noise) for noise in made):
+                why = "with wheel odometry no filter corrects" if made[0].odometry.wheel else "there is nothing else to model"
+                where = f"noise {', '.join(noises)}, where it is {usual!r}"
+                raise ValueError(f"filter {name!r} changes nothing with {where}: {why}.")
+
+    def described(self, *left_out: str) -> list[str]:
+        """Return all that differs from the default, each as a phrase of a table's header, but for some options."""
+        return [*super().described(*left_out), *self.changed()]
+
+    def remark(self) -> str:
+        """Return what another control interval means for the limit of an episode; empty if there is none."""
+        if self.dt == REFERENCE or not self.dt > 0.0 or "max_steps" in self.changes.get("task", ()):
+            return ""
+        from turtlebot_gym_agents.training.config import require_env, steps_of
+
+        steps = steps_of(require_env(self.env))
+        if steps is None:
+            return ""
+        kept = f"task.max_steps={round(steps * REFERENCE / self.dt)} keeps {steps * REFERENCE:g} s"
+        return f"with dt {self.dt:g} s an episode of {steps} steps lasts at most {steps * self.dt:g} s; {kept}."
+
+
+def _listed(value: str | tuple[str, ...]) -> tuple[str, ...]:
+    return (value,) if isinstance(value, str) else tuple(value)
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveOptions(OfDrive, EnvironmentOptions):
+class DriveOptions(EnvironmentOptions):
     """Environment, task and robot of a drive."""
+
+    GROUP: ClassVar[str] = "robot and noise"
 
     friction: float | None = None
     """Plant mujoco only: coefficient of friction between wheels and floor; by default 1, which grips."""
@@ -93,17 +143,30 @@ class DriveOptions(OfDrive, EnvironmentOptions):
     allow_mismatch: bool = False
     """Also drive policies made for another task, observation, robot or rate."""
 
-    def options(self) -> dict[str, Any]:
+    def options(self, **chosen: Any) -> dict[str, Any]:
         """Return the keyword arguments of the environment, and whether a policy for another task may drive."""
         from turtlebot_gym.plants import make_plant
 
-        plant = make_plant(self.plant, friction=self.friction, caster_friction=self.caster_friction)
-        return super().options() | {"plant": plant or self.plant, "allow_mismatch": self.allow_mismatch}
+        if self.reward is not None:
+            raise ValueError("reward changes nothing here, where nothing learns: leave it out.")
+        options = super().options(**chosen)
+        plant = make_plant(options["plant"], friction=self.friction, caster_friction=self.caster_friction)
+        return options | {"plant": plant or self.plant, "allow_mismatch": self.allow_mismatch}
+
+    def described(self, *left_out: str) -> list[str]:
+        """Return all that differs from the default, each as a phrase of a table's header, but for some options."""
+        frictions = {"friction": self.friction, "caster_friction": self.caster_friction}
+        return [
+            *super().described(*left_out),
+            *(f"{name} {value:g}" for name, value in frictions.items() if value is not None),
+        ]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
     """Where the work runs; results do not depend on it."""
+
+    GROUP: ClassVar[str] = "output"
 
     cluster: str | None = None
     """Run the work in several processes: "local" for one per core of this machine; with the extra [cluster], "auto" for the Ray

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
@@ -24,6 +24,7 @@ from turtlebot_gym_agents.commands.console import (
     save_figure,
 )
 from turtlebot_gym_agents.commands.flags import Learning
+from turtlebot_gym_agents.commands.overrides import Hidden, flattened, phrase, unknown_key
 from turtlebot_gym_agents.front.defaults import RUN, SEEDS
 from turtlebot_gym_agents.outputs import FOLDER
 
@@ -42,23 +43,52 @@ SHOWN = 5
 
 @dataclass(frozen=True, kw_only=True)
 class _LearningOptions(Learning, ReportingOptions, EnvironmentOptions):
+    GROUP: ClassVar[str] = "learning"
+
+    overrides: Hidden = field(default_factory=dict)
+    """Hyper-parameters by name, with a dot if nested."""
+
     def training(self, **changes: Any) -> TrainingConfig:
         from turtlebot_gym_agents.training.config import TrainingConfig
 
-        self.require_read()
+        self.require_read(learning=True)
+        self.require_filters()
         names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(self)}
         options = {name: value for name in names if (value := getattr(self, name)) is not None}
-        return TrainingConfig(**options | changes)
+        return TrainingConfig(**self.varied(options) | changes)
+
+    def take(self, name: str, unknown: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the hyper-parameters among the overrides; see `commands.overrides.Overridable.take`."""
+        with needs("agents"):
+            from turtlebot_gym_agents.training.arguments import ELSEWHERE, names_of
+        known = names_of(self.algo)
+        for key in unknown:
+            if key in ELSEWHERE:
+                raise ValueError(f"{key} is {ELSEWHERE[key]}.")
+            if not any(key == one or key.startswith(f"{one}.") for one in known):
+                raise unknown_key(type(self), name, key, known)
+        return {"overrides": {**self.overrides, **unknown}}
+
+    def described(self, *left_out: str) -> list[str]:
+        """Return all that differs from the default, each as a phrase of a table's header, but for some options."""
+        usual = {"robot": "burger", "noise": "tutorial", **{item.name: item.default for item in fields(Learning)}}
+        names = [name for name in usual if getattr(self, name) != usual[name] and name not in ("algo", *left_out)]
+        phrases = [f"{name.removesuffix('_policy')} {phrase(getattr(self, name))}".removesuffix(" True") for name in names]
+        hyper = [f"{key} {phrase(value)}" for key, value in flattened(self.overrides)]
+        return [*phrases, *super().described(*left_out), *hyper]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Train(Placement, _LearningOptions):
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
+    COMMON: ClassVar = ("env", "algo", "steps", "seeds", "out", "robot", "noise", "filter", "world", "randomize")
+    EXAMPLE: ClassVar = "reward.effort=0.2 learning_rate=3e-4 policy_kwargs.net_arch=[32,32] dt=0.05"
+
     out: Annotated[Path, FOLDER] = Path(RUN)
     """Folder of the run; each of several seeds has a folder seed-N in it."""
-    evaluations: int = 8
-    """Number of evaluations during training."""
+    checkpoint_seconds: float = 5.0
+    """Least time between two checkpoints, s."""
     seeds: int = SEEDS
     """Number of seeds to train."""
     resume: bool = False
@@ -75,8 +105,9 @@ class Train(Placement, _LearningOptions):
         from turtlebot_gym_agents.training.config import require_no_run
 
         folders, runner = folders_of(self.out, self.seed, self.seeds), self.runner()
-        if self.wandb is not None and self.spread:
-            raise ValueError("wandb follows trainings in this process: leave out --cluster.")
+        for name in ("wandb", "watch"):
+            if getattr(self, name) and self.spread:
+                raise ValueError(f"{name} follows trainings in this process: leave out --cluster.")
         for folder in folders.values() if not (self.resume or self.spread) else ():
             require_no_run(folder)
         for folder in folders.values() if self.resume else ():
@@ -92,7 +123,8 @@ class Train(Placement, _LearningOptions):
         else:
             more = {"resume": self.resume, "callbacks": self._callbacks, "within": self._tracked}
             trained = train(config, self.out, seeds=self.seeds, **more)
-        print_tables(*trained.tables())
+        title = ", ".join([self.env, self.algo, *self.described(), "the best model on the evaluation's seeds"])
+        print_tables(*trained.tables(title=title))
         self.report(trained.content()[0])
         if self.plot is not None:
             from turtlebot_gym_agents.figures import learning_figure
@@ -139,6 +171,9 @@ class Tune(Placement, _LearningOptions):
     The same command resumes an interrupted search.
     """
 
+    COMMON: ClassVar = ("env", "algo", "config", "steps", "trials", "generation", "out", "noise", "filter")
+    EXAMPLE: ClassVar = "reward.effort=0.2 gamma=0.98, which the search keeps"
+
     out: Annotated[Path, FOLDER] = Path("runs/tune")
     """Study folder; an existing study is resumed."""
     trials: int = 50
@@ -167,7 +202,7 @@ class Tune(Placement, _LearningOptions):
             common = {"storage": self.storage, "run": runner, "progress": show}
             study = tune(config, self.out, trials=self.trials, generation=generation, **common)
         trials = study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
-        title = f"{self.env}, {self.algo}: the best of {len(trials)}"
+        title = f"{', '.join([self.env, self.algo, *self.described()])}: the best of {len(trials)}"
         print_tables(_search_table(trials, title=title))
         rows = [
             {"number": trial.number, "state": trial.state.name, "return": trial.value, "parameters": trial.params}

@@ -1,7 +1,7 @@
 """Defaults that commands and Python functions share; importing this module needs only Python."""
 
-NAV = "turtlebot_gym/TurtleBotNav-v0"
-"""Environment."""
+NAV = "nav"
+"""Environment, see `turtlebot_gym_agents.ids`."""
 POLICIES = ("proportional", "bearing")
 """Policies of a comparison."""
 DRIVER = "bearing"

@@ -84,11 +84,15 @@ class Training(Result):
             return means
         return [Interval(value, *np.clip([low, high], 0.0, 1.0).tolist()) for value, low, high in means]  # a share
 
-    def tables(self) -> tuple[Table, ...]:
-        """Return the table of `turtlebot-gym train`."""
+    def tables(self, *, title: str | None = None) -> tuple[Table, ...]:
+        """Return the table of `turtlebot-gym train`.
+
+        Args:
+            title: Its title; None for one that names environment and algorithm.
+        """
         from rich.table import Table
 
-        title = f"{self.config.env}, {self.config.algo}, the best model on the evaluation's seeds"
+        title = title or f"{self.config.env}, {self.config.algo}, the best model on the evaluation's seeds"
         table = Table("seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy", title=title)
         for (seed, result), policy in zip(self.results.items(), self.policies, strict=True):
             best = result.best

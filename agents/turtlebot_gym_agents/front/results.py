@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.files import write_text
 from turtlebot_gym.validation import did_you_mean
+from turtlebot_gym.variants import BASE
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
@@ -158,6 +159,8 @@ def name_of(value: Any) -> str:
         return str(value)
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, Mapping) and BASE in value:
+        return name_of(value[BASE])
     if isinstance(value, Mapping):
         return " ".join(f"{name_of(key)} {name_of(item)}" for key, item in value.items())
     if isinstance(value, (list, tuple)) and not hasattr(value, "_fields"):

@@ -24,6 +24,12 @@ NETWORK = "policy_kwargs"
 """The argument that holds those of the network."""
 _OURS = ("policy", "env", "seed", "device", "tensorboard_log", "_init_setup_model")
 """Arguments of the algorithms that are options of a training, or set here."""
+ELSEWHERE = {
+    "n_timesteps": "the option steps",
+    "tensorboard_log": "the folder tensorboard in that of the run",
+    "_init_setup_model": "set by the training",
+}
+"""Names that are no hyper-parameters of a training, and what they are instead."""
 _OF_TRAINING = ("n_envs", "n_timesteps", "policy")
 """Hyper-parameters that are no arguments of an algorithm."""
 _NOISE = ("noise_type", "noise_std")
@@ -91,7 +97,7 @@ def _of(owner: type, left_out: tuple[str, ...]) -> dict[str, tuple[Any, Any]]:
 
 
 def _network(algo: str, hyper: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keyword arguments of the network; Stable-Baselines3 refuses unknown ones."""
+    """Return the keyword arguments of the network."""
     network, policy = dict(hyper[NETWORK]), hyper["policy"]
     known = {}
     if isinstance(policy, str) and policy in ALGORITHMS[algo].policy_aliases:
@@ -104,6 +110,8 @@ def _network(algo: str, hyper: Mapping[str, Any]) -> dict[str, Any]:
             network[name] = getattr(home, str(value))
         elif name in known:
             _require_type(f"{NETWORK}.{name}", known[name], value)
+        elif known and isinstance(name, str) and name not in _OF_NETWORK:
+            raise ValueError(f"{NETWORK} has no {name!r}; it has {', '.join(known)}.{did_you_mean(name, known)}")
     return network
 
 

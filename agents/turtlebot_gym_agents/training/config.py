@@ -29,6 +29,8 @@ NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
 """Algorithms of Stable-Baselines3 that train here, in lower case."""
 ON_POLICY = ("ppo", "a2c")
 """Algorithms with a critic of the current policy, which can begin with the network of a known policy."""
+_RANDOMIZED = ("speed_error", "turn_error", "veer")
+"""Fields that ``randomize`` reads."""
 _FREE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
 """Fields that may differ when a run is resumed; the contents of the file ``config`` may not."""
 
@@ -87,6 +89,10 @@ class TrainingConfig(Options):
         object.__setattr__(self, "env", require_env(self.env))
         choose("algo", self.algo, dict.fromkeys(NAMES))
         object.__setattr__(self, "hyper", self._hyperparameters())
+        unread = () if self.randomize else (item for item in fields(TrainingConfig) if item.name in _RANDOMIZED)
+        for item in unread:
+            if getattr(self, item.name) != item.default:
+                raise ValueError(f"{item.name} would change nothing without randomize: add --randomize, or leave it out.")
         if self.from_policy is not None and self.algo not in ON_POLICY:
             raise ValueError(f"from_policy needs an algorithm among {', '.join(ON_POLICY)}, got {self.algo!r}.")
 
@@ -137,7 +143,7 @@ class TrainingConfig(Options):
         envs = self.make(self.hyper["n_envs"], **({"info": "rewards"} if ours else {}))
         if self.randomize:
             bare: Any = envs.unwrapped
-            errors = {name: getattr(self, name) for name in ("speed_error", "turn_error", "veer")}
+            errors = {name: getattr(self, name) for name in _RANDOMIZED}
             bare.set_parameters(randomized(bare.parameters, envs.num_envs, seed=self.seed, **errors))
         return envs
 
@@ -197,6 +203,18 @@ def require_env(env: str) -> str:
         error = refusal("env", f"one of {', '.join(map(repr, ids))}, or another id with their arguments", env)
         raise ValueError(f"{error}{did_you_mean(env, ids)}")
     return env
+
+
+def base_of(env: str, name: str) -> Any:
+    """Return what an option of an environment is where it is not given: what its variants are based on."""
+    if name == "task":
+        return registry[require_env(env)].kwargs.get("task", "nav")
+    return {"world": "dense", "lidar": "lds01"}.get(name, getattr(Options(), name))
+
+
+def steps_of(env: str) -> int | None:
+    """Return the limit of steps of a registered environment's episodes; None for none."""
+    return registry[env].max_episode_steps
 
 
 def require_no_run(folder: Path) -> None:

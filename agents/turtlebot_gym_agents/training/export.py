@@ -29,7 +29,7 @@ from turtlebot_gym_agents.policies import PolicyWithMemory
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.training import files
-from turtlebot_gym_agents.training.config import require_env
+from turtlebot_gym_agents.training.config import base_of, require_env
 from turtlebot_gym_agents.training.foreign_onnx import OnnxPolicy, network_model, script_model
 from turtlebot_gym_agents.training.network import ROWS, STEPS, program_of, write_checked
 from turtlebot_gym_agents.training.stages import Staged, normalization_of, other_size
@@ -94,7 +94,7 @@ def export(
     known, own = _environment_of(model)
     env = require_env(env or found.env or known or NAV)
     trained = {**(own if env == known else {}), **(found.options if found.env in (None, env) else {})}
-    options = {**trained, **{name: _based(value, name, trained) for name, value in options.items()}}
+    options = {**trained, **{name: _based(value, name, env, trained) for name, value in options.items()}}
     with closing(_make(env, options)) as envs:
         space: Any = envs.single_observation_space
         if not isinstance(space, spaces.Box) or len(space.shape) != 1:
@@ -113,11 +113,11 @@ def export(
             raise
 
 
-def _based(value: Any, name: str, trained: Mapping[str, Any]) -> Any:
+def _based(value: Any, name: str, env: str, trained: Mapping[str, Any]) -> Any:
     """Return an option; a variant that leaves its base open is one of the training's."""
     if not (isinstance(value, Mapping) and value.get(BASE, "") is None):
         return value
-    base, changes = split(trained.get(name, getattr(Options(), name)))
+    base, changes = split(trained.get(name, base_of(env, name)))
     return {BASE: base, **changes, **{key: part for key, part in value.items() if key != BASE}}
 
 

@@ -94,6 +94,12 @@ def configs_folder() -> Path:
     return shipped_folder("configs")
 
 
+def shipped_names() -> set[str]:
+    """Return the names of the hyper-parameters in the files that are shipped with the package."""
+    contents = [files.load(path) for path in sorted(configs_folder().glob("*.yaml"))]
+    return {name for content in contents for hyper in content.values() for name in hyper}
+
+
 def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
     """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
     network = hyper["policy_kwargs"].items()

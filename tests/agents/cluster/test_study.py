@@ -69,7 +69,7 @@ def test_the_command_reports_the_evaluations_and_resumes(tmp_path, monkeypatch, 
     (tmp_path / "study.yaml").write_text(
         "episodes: 30\nseed: 9\npolicies: [bearing, proportional]\ngrid: {noise: rough}\n"
         "trainings:\n  tiny: {seeds: 2, steps: 512, evaluations: 1, episodes: 8, config: hyper.yaml}\n"
-        "  single: {steps: 512, evaluations: 1, episodes: 8, config: hyper.yaml, speed_error: 0.1}\n"
+        "  single: {steps: 512, evaluations: 1, episodes: 8, config: hyper.yaml, overrides: {gamma: 0.9}}\n"
     )
     assert main(["study", "study.yaml", "--out", "out", "--json", "one.json"]) == 0
     printed = capsys.readouterr().out
