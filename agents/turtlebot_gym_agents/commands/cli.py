@@ -34,6 +34,7 @@ from turtlebot_gym_agents.commands.console import (
     write_anywhere,
 )
 from turtlebot_gym_agents.commands.flags import REGISTRY
+from turtlebot_gym_agents.commands.help import help_of
 from turtlebot_gym_agents.commands.learning import Train, Tune
 from turtlebot_gym_agents.commands.overrides import extract, override
 from turtlebot_gym_agents.commands.study import Study
@@ -157,6 +158,9 @@ def _run(words: list[str]) -> int:
             if words[0] not in known and words[0] in names_in(GROUP):
                 load_entry_point(GROUP, words[0])  # raises the reason
             choose("command", words[0], known)
+        if (text := help_of(known, words)) is not None:
+            print(text)
+            raise SystemExit(0)
         kept, pairs = extract(known[words[0]], words) if words and words[0] in known else (words, [])
         command = tyro.extras.subcommand_cli_from_dict(known, prog="turtlebot-gym", args=kept, registry=REGISTRY)
         command = override(command, words[0], pairs, kept) if pairs else command
