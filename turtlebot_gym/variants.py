@@ -47,4 +47,5 @@ def vary(value: T, changes: Mapping[str, Any], name: str) -> T:
         part = getattr(value, key)
         inside = is_dataclass(part) and isinstance(change, Mapping) and "name" not in change  # a name chooses another class
         given[key] = vary(part, change, f"{name}.{key}") if inside else change
-    return replace(value, **given)  # pyright: ignore[reportReturnType]
+    made: Any = value
+    return replace(made, **given)

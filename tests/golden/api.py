@@ -3,10 +3,7 @@
 python tests/golden/api.py > tests/golden/api.json
 """
 
-import contextlib
-import io
 import json
-import re
 import sys
 import tempfile
 from typing import Any
@@ -16,7 +13,8 @@ import gymnasium as gym
 import turtlebot_gym
 import turtlebot_gym_agents
 import turtlebot_gym_ros
-from turtlebot_gym_agents.commands.cli import COMMANDS, commands, main
+from turtlebot_gym_agents.commands import fields
+from turtlebot_gym_agents.commands.cli import COMMANDS, commands
 
 ROS_OWN = ("/rosout", "/parameter_events", "/clock")
 
@@ -34,11 +32,10 @@ def ids_of() -> dict[str, list[str]]:
 
 
 def flags_of(command: str) -> list[str]:
-    """Return the flags in the help of a command."""
-    shown = io.StringIO()
-    with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
-        main([command, "--help"])
-    return sorted(set(re.findall(r"(?<![\w-])--[a-z][a-z0-9.-]*", shown.getvalue())))
+    """Return the flags of a command."""
+    flags = {flag.word: flag.kind for flag in fields.flags_of(commands()[command]) if not flag.is_positional}
+    off = {f"--no-{word[2:]}" for word, kind in flags.items() if kind is bool}
+    return sorted({*flags, *off, "--help", "--help-all"})
 
 
 def nodes_of() -> dict[str, dict[str, Any]]:

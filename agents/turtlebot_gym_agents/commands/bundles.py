@@ -76,7 +76,7 @@ class Export(WritingOptions, Overridable):
         from turtlebot_gym_agents.front.exporting import export
 
         names = ("robot", "noise", "filter", "observation")
-        options = {name: value for name in names if (value := getattr(self, name)) is not None} | self.others
+        options = {name: value for name in names if (value := getattr(self, name)) is not None} | dict(self.others)
         if self.rate is not None and "dt" in options:
             raise ValueError("rate and dt exclude each other: leave out one of them.")
         if self.rate is not None:

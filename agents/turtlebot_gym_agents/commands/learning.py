@@ -83,7 +83,7 @@ class Train(Placement, _LearningOptions):
     """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx."""
 
     COMMON: ClassVar = ("env", "algo", "steps", "seeds", "out", "robot", "noise", "filter", "world", "randomize")
-    EXAMPLE: ClassVar = "reward.effort=0.2 learning_rate=3e-4 policy_kwargs.net_arch=[32,32] dt=0.05"
+    EXAMPLE: ClassVar = "reward.effort=0.2 learning_rate=3e-4 'policy_kwargs.net_arch=[32,32]' dt=0.05"
 
     out: Annotated[Path, FOLDER] = Path(RUN)
     """Folder of the run; each of several seeds has a folder seed-N in it."""
