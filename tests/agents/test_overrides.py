@@ -93,8 +93,9 @@ def test_the_keys_are_all_fields_of_the_parameters_of_all_options():
             else:
                 expected.add(f"{prefix}.{item.name}")
 
+    terms = ("observation", "reward")  # they name terms, which are objects
     for name, hint in hints.items():
-        for kind in getattr(hint, "__args__", ()):
+        for kind in getattr(hint, "__args__", ()) if name not in terms else ():
             if isinstance(kind, type) and is_dataclass(kind):
                 walk(kind, name)
     assert set(KEYS) == expected - {"filter.kind"} - {key for key in expected if key.startswith("world.") and key not in KEYS}
@@ -121,8 +122,8 @@ def changed(path, needs):
 
 
 def setup_of(command):
-    request = command.request("bearing", *(getattr(command, name)[0] for name in ("noise", "filter", "observation")))
-    options = {key: value for key, value in request.items() if key not in ("policy", "allow_mismatch")}
+    request = command.options() | {name: values[0] for name, values in command.axes().items()}
+    options = {key: value for key, value in request.items() if key != "allow_mismatch"}
     base = {"task": registered(command.env)} | options
     return Options.of(base).setup().parameters
 
@@ -220,8 +221,8 @@ def made(command):
     if isinstance(command, Train):
         config = command.training()
         return Options.of({"task": registered(config.env), **config.options}).setup()
-    request = command.request("bearing", *(getattr(command, name)[0] for name in ("noise", "filter", "observation")))
-    del request["policy"], request["allow_mismatch"]
+    request = command.options() | {name: values[0] for name, values in command.axes().items()}
+    del request["allow_mismatch"]
     return Options.of({"task": registered(command.env), **request}).setup()
 
 

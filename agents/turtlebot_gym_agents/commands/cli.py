@@ -86,7 +86,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
 
         if not self.policy:
             raise ValueError("policy must name at least one value, got none.")
-        axes = {name: [self.varied({name: value})[name] for value in getattr(self, name)] for name in _SETTINGS}
+        axes = self.axes()
         run = self._spread if self.spread else None
         self.runner()  # refuses workers without a cluster
         with progress(self.episodes * len(self.policy) * math.prod(map(len, axes.values()))) as advance_to:
@@ -101,6 +101,10 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
         self.report(compared.content()[0])
         if self.plot is not None:
             save_figure(compared.paths(), self.plot)
+
+    def axes(self) -> dict[str, list[Any]]:
+        """Return the values of each option of which several are compared, with their changed fields."""
+        return {name: [self.options(**{name: value})[name] for value in getattr(self, name)] for name in _SETTINGS}
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TypeVar, get_origin, get_type_hints
 
 import tyro
 
@@ -217,8 +217,10 @@ def _put(place: dict[str, Any], path: Sequence[str], key: str, value: Any, befor
 
 
 def _parameters_in(hint: Any) -> type | None:
-    """Return the class of parameters among the types of an option."""
+    """Return the class of parameters among the types of an option that may be a mapping of some of its fields."""
     kinds = (hint, *getattr(hint, "__args__", ()))
+    if not any(get_origin(kind) is Mapping for kind in kinds):
+        return None
     return next((kind for kind in kinds if isinstance(kind, type) and is_dataclass(kind)), None)
 
 
