@@ -30,8 +30,9 @@ from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS
 from turtlebot_gym_agents.evaluation import comparison, metrics
-from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import SAFETY
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json

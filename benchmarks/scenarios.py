@@ -19,7 +19,8 @@ from harness.study import each
 from tune_baseline import Try, best_of, tune_baseline
 from turtlebot_gym import ROBOTS, Robot
 from turtlebot_gym.files import replacing
-from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
+from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.policies.named import bare
 from turtlebot_gym_agents.provenance import provenance
 from turtlebot_gym_agents.training.config import TrainingConfig

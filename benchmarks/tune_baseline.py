@@ -22,7 +22,8 @@ from turtlebot_gym.presets import make_robot
 from turtlebot_gym.validation import Range, as_int, choose
 from turtlebot_gym_agents.commands.console import EnvironmentOptions
 from turtlebot_gym_agents.commands.flags import REGISTRY
-from turtlebot_gym_agents.evaluation.evaluate import NAV, evaluate, require_known
+from turtlebot_gym_agents.evaluation.evaluate import evaluate, require_known
+from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.provenance import plain, provenance, replace_json

@@ -12,6 +12,7 @@ import gymnasium as gym
 import matplotlib
 import numpy as np
 import own_parts
+import own_terms
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
@@ -123,8 +124,8 @@ def test_its_json_holds_the_configuration_and_where_it_comes_from(result, tmp_pa
 def test_a_name_that_it_does_not_have_is_refused_with_those_that_it_has(result):
     name = next(iter(result.arrays))
     assert result[name] is not None
-    with pytest.raises(KeyError, match=f"there is no 'sucess': there are .*{name}"):
-        result["sucess"]
+    with pytest.raises(KeyError, match=f"there is no 'no_such': there are .*{name}"):
+        result["no_such"]
 
 
 def test_it_draws_into_the_given_axes_and_says_units(result):
@@ -245,11 +246,13 @@ def test_a_training_goes_into_a_folder_once(trained, tmp_path):
 def test_a_model_of_another_library_becomes_a_bundle(tmp_path):
     import torch
 
-    model = torch.nn.Sequential(torch.nn.Linear(13, 2), torch.nn.Tanh())
-    exported = export(model, str(tmp_path / "own.onnx"), env="pose", noise="clean", steps=20)
+    model = torch.nn.Sequential(torch.nn.Linear(14, 2), torch.nn.Tanh())
+    own = {"observation": ("ekf", own_terms.SPEEDOMETER), "filter": own_parts.Extended, "reward": {own_parts.SPIN: 1.0}}
+    exported = export(model, str(tmp_path / "own.onnx"), env="pose", noise="clean", steps=20, **own)
     assert exported.card.env == "turtlebot_gym/TurtleBotPose-v0"
+    assert exported.card.terms[-1]["source"] == "own_terms:SPEEDOMETER"
     assert re.fullmatch(rf"{re.escape(str(exported.policy))}: .* bytes, for .*Pose-v0; its actions differ .*", str(exported))
-    assert evaluate(exported, env="pose", noise="clean", episodes=2).label == str(exported.policy)
+    assert evaluate(exported, env="pose", noise="clean", episodes=2, **own).label == str(exported.policy)
 
 
 @pytest.mark.parametrize(("function", "extra"), [(watch, "view"), (replay, "lab")])

@@ -11,7 +11,8 @@ from turtlebot_gym.validation import as_int
 from turtlebot_gym_agents.cluster.workers import Run, results
 from turtlebot_gym_agents.evaluation.consistency import joined
 from turtlebot_gym_agents.evaluation.episodes import concatenate
-from turtlebot_gym_agents.evaluation.evaluate import Evaluation, batches, evaluate, require_known
+from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate, require_known
+from turtlebot_gym_agents.evaluation.result import Evaluation
 
 CHUNK = 250
 """Episodes of a job; results do not depend on it."""

@@ -42,7 +42,7 @@ from turtlebot_gym_agents.front.defaults import EPISODES, POLICIES
 from turtlebot_gym_agents.outputs import inputs_of, outputs_of, require_outputs
 
 if TYPE_CHECKING:
-    from turtlebot_gym_agents.evaluation.evaluate import Evaluation
+    from turtlebot_gym_agents.evaluation.result import Evaluation
 
 
 class _CommandLine(Protocol):
@@ -90,8 +90,8 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
         run = self._spread if self.spread else None
         self.runner()  # refuses workers without a cluster
         with progress(self.episodes * len(self.policy) * math.prod(map(len, axes.values()))) as advance_to:
-            common = {"env": self.env, "episodes": self.episodes, "seed": self.seed, "progress": advance_to, "run": run}
-            common["consistency"] = self.plot is not None
+            common: dict[str, Any] = {"env": self.env, "episodes": self.episodes, "seed": self.seed, "run": run}
+            common |= {"progress": advance_to, "consistency": self.plot is not None}
             compared = compare(*self.policy, **common | self.options() | axes)
         shared = [f"noise {self.noise[0]}"] if len(self.noise) == 1 else []
         shared += self.described(*(name for name in _SETTINGS if len(getattr(self, name)) > 1))

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.table import Table
 
-from turtlebot_gym_agents.evaluation.evaluate import Evaluation, paired
+from turtlebot_gym_agents.evaluation.evaluate import paired
 from turtlebot_gym_agents.evaluation.metrics import Errors, Interval
+from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.figures import drives_figure, legends_below, plot_consistency
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.evaluate import Evaluation, paired
+from turtlebot_gym_agents.evaluation.evaluate import paired
 from turtlebot_gym_agents.evaluation.metrics import Interval, side
+from turtlebot_gym_agents.evaluation.result import Evaluation
 
 
 def verdicts(evaluations: Mapping[str, Evaluation], *, size: int = 1) -> list[str]:

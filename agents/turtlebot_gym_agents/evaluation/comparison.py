@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym_agents.evaluation import metrics
-from turtlebot_gym_agents.evaluation.evaluate import Evaluation
 from turtlebot_gym_agents.evaluation.metrics import CONFIDENCE, Interval
+from turtlebot_gym_agents.evaluation.result import Evaluation
 
 _LEAST_P = 1e-12  # smaller p-values are not distinguished
 

@@ -103,7 +103,9 @@ def evaluate(
 
 def policy_of(policy: Any) -> str | Policy:
     """Return a policy that is given as such or by name; for a path, or the result of a training or an export, the bundle."""
-    bundle = policy if isinstance(policy, Path) else getattr(policy, "policy", None)
+    if isinstance(policy, Path):
+        return str(policy)
+    bundle = getattr(policy, "policy", None)
     return str(bundle) if isinstance(bundle, Path) else policy
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.plotting import BLUE
-from turtlebot_gym_agents.evaluation.evaluate import Evaluation, evaluate
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.evaluation.result import title_of
+from turtlebot_gym_agents.evaluation.result import Evaluation, title_of
 from turtlebot_gym_agents.front.defaults import EPISODES, NAV, POLICIES, SEED
 from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of
 from turtlebot_gym_agents.ids import environment_id

@@ -74,7 +74,7 @@ class DriveResult(Result):
     def rows(self) -> dict[str, Sequence[Any] | NDArray[Any]]:
         """Return a row per control interval, with the names that `turtlebot_gym_lab.drives.read` knows."""
         arrays = self.arrays
-        columns = {"time": arrays["time"]}
+        columns: dict[str, Sequence[Any] | NDArray[Any]] = {"time": arrays["time"]}
         for name, (prefix, parts) in _PARTS.items():
             if name in arrays:
                 columns |= {f"{prefix}_{part}": arrays[name][:, at] for at, part in enumerate(parts)}
@@ -82,8 +82,9 @@ class DriveResult(Result):
 
     def to_npz(self, path: str | Path) -> None:
         """Write all arrays as NumPy's file, which ``numpy.load`` reads; an existing file is replaced."""
+        arrays: dict[str, Any] = self.arrays
         with replacing(Path(path)) as beside, beside.open("wb") as file:
-            np.savez_compressed(file, **self.arrays)
+            np.savez_compressed(file, **arrays)
 
     def tables(self) -> tuple[Table, ...]:
         """Return the errors of estimate and odometry."""
