@@ -83,6 +83,13 @@ class Copy(NamedTuple):
         return line
 
 
+FORGET = """
+import os, sys
+sys.path[:] = [path for path in sys.path if not os.path.isdir(os.path.join(path, {package!r}))]
+"""
+"""Run by Python at its start: an editable installation would bring the deleted package back, from the repository itself."""
+
+
 @pytest.fixture(scope="module", params=HERE)
 def copy(request, tmp_path_factory):
     """The repository without a satellite, which the metadata of the installed package still names."""
@@ -101,9 +108,7 @@ def copy(request, tmp_path_factory):
     for group, points in PROJECT["entry-points"].items():
         lines += [f"[{group}]", *(f"{name} = {target}" for name, target in points.items())]
     (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n")
-    # An editable installation would bring the deleted package back, from the repository itself.
-    gone = f'raise ModuleNotFoundError("No module named {request.param!r}", name={request.param!r})\n'
-    (folder / "path" / f"{request.param}.py").write_text(gone)
+    (folder / "path" / "sitecustomize.py").write_text(FORGET.format(package=request.param))
     parts = (".", "agents", "bridges/turtlebot_gym_ros", "bridges/cmd_vel_guard", "lab", "checker")
     paths = [str(folder / "path"), *(str(root / part) for part in parts)]
     return Copy(root, request.param, {**os.environ, "PYTHONPATH": os.pathsep.join(paths)})
