@@ -87,6 +87,12 @@ test-clients: $(READY)  ## train with every RL library, each in an environment o
 test-versions: $(READY)  ## quick tests with the lowest and with the newest versions that pyproject.toml allows (15 minutes, and the installations)
 	$(RUN)python tools/test_versions.py
 
+test-kilted: $(READY)  ## the guard and the live graph on ROS 2 Kilted, in an environment of its own
+	$(RUN)python -m venv .venv-kilted && grep -v '^ros-' constraints.txt > .venv-kilted/constraints.txt
+	.venv-kilted/bin/pip install --constraint .venv-kilted/constraints.txt --editable '.[ros-kilted,deploy,dev]'
+	.venv-kilted/bin/python -m pytest -m "not slow" tests/guard/test_guard.py \
+		tests/bridges/test_lockstep_graph.py tests/bridges/test_namespaces.py tests/bridges/test_convert.py
+
 check: $(READY)  ## style, types, the direction of imports, and spelling
 	$(RUN)ruff check
 	$(RUN)ruff format --check
