@@ -6,7 +6,7 @@ share the tiles. Rare work with branches, such as a new waypoint or a reset, run
 parameters have their own loop, see `systems.special`. Why it is exact: nothing is reordered or contracted
 (`kernel.algebra` says what is left out), so no bit of a result depends on the vector width, the number of threads or the batch.
 
-Parts that a special case does not need are replaced by empty kernels; constant conditions would cost 4 %.
+What a case leaves out is a kernel that does nothing: with constant conditions instead, a step takes 4 % longer.
 """
 
 from __future__ import annotations
