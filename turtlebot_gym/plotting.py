@@ -21,7 +21,7 @@ from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, FigureBase
+    from matplotlib.figure import Figure, FigureBase, SubFigure
 
     from turtlebot_gym.rooms.scan import Obstacles, Scan
     from turtlebot_gym.values import Pose
@@ -322,7 +322,7 @@ def _figure(width: float, height: float, title: str | None) -> Figure:
     return figure
 
 
-def legend_below(figure: Figure, *, columns: int) -> None:
+def legend_below(figure: Figure | SubFigure, *, columns: int) -> None:
     """Put one legend for all panels below them, in place of an earlier one."""
     figure.legends.clear()
     entries = {name: handle for axes in figure.axes for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}

@@ -202,7 +202,8 @@ def drives_figure(drives: Mapping[str, Drive], *, title: str, below: Sequence[st
     if len(drives) == 1:
         height, width = 7.0, 14.0
     figure = new_figure(width, height + (_BELOW if below else 0.0))
-    upper, lower = figure.subfigures(2, 1, height_ratios=[height, _BELOW]) if below else (figure, None)
+    parts: Any = figure.subfigures(2, 1, height_ratios=[height, _BELOW]) if below else (figure, None)
+    upper, lower = parts
     upper.suptitle(title)
     if len(drives) == 1:
         panels = np.array([draw_panels(upper, next(iter(drives.values())))])

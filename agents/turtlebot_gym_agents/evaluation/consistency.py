@@ -50,7 +50,8 @@ class Consistent:
 
     def result(self, dt: float) -> Consistency:
         """Return what was collected in steps of ``dt``, s."""
-        return Consistency(dt * np.arange(len(self._nees)), np.stack(self._nees, axis=1), np.stack(self._nis, axis=1))
+        time = dt * np.arange(len(self._nees), dtype=np.float64)
+        return Consistency(time, np.stack(self._nees, axis=1), np.stack(self._nis, axis=1))
 
 
 def joined(parts: Sequence[Consistency]) -> Consistency:
