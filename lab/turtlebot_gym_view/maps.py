@@ -1,4 +1,4 @@
-"""The map of a run: the room. What moves in it is drawn by `present.js`."""
+"""The map of a room. The drives in it are drawn by `moving`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import GlyphRenderer, LinearColorMapper, Range1d
+from bokeh.models import ColumnDataSource, DataRange1d, GlyphRenderer, LinearColorMapper, PanTool, WheelZoomTool
 from bokeh.plotting import figure as Figure
 from numpy.typing import NDArray
 
@@ -18,67 +18,78 @@ from turtlebot_gym_view.style import Theme, ThemeColour
 
 PAD = 0.3
 """Margin around the visible contents, m."""
-MARGIN = 56
-"""Space to the left of each frame, pixels, so that its size does not depend on the labels of the ticks."""
 PIXELS = 800
 """Longest side of a map's picture."""
 
 
 class Map(NamedTuple):
-    """A map, and what the client needs to draw in it."""
+    """A map of one drive, or of several over each other."""
 
     figure: Figure
     aspect: float
     """Ratio of width to height of the visible area."""
-    still: list[float]
-    """x, y and radius of each static circle in sequence."""
-    sizes: list[float]
-    """Radii of the robot and of a waypoint, m."""
-    seen: list[float]
-    """Visible area: least x and y, greatest x and y, m."""
     chart: list[GlyphRenderer[Any]]
     """The picture of a localizer's own map, if there is one."""
 
-    def models(self) -> dict[str, Any]:
-        """Return the models that the client needs, by name."""
-        return {name: getattr(self, name) for name in ("figure", "still", "sizes", "seen", "chart")}
 
-
-def make_map(drive: Drive, drives: Sequence[Drive], theme: Theme, *, name: str, beside: Figure | None) -> Map:
-    """Return the map of a run.
+def make_map(drives: Sequence[Drive], theme: Theme, *, name: str, beside: Figure | None) -> Map:
+    """Return a map of drives in the same room, without the drives.
 
     Args:
-        drive: The run.
-        drives: All runs; each map covers the area of all of them.
+        drives: The drives.
         theme: Registry of the colours.
         name: Name of the figure.
-        beside: Another run's map, panned and zoomed together with this one.
+        beside: Another map of the same room, panned and zoomed together with this one.
     """
     low, high = _extent(drives)
-    x_range, y_range = (
-        (beside.x_range, beside.y_range) if beside else (Range1d(start=low[0], end=high[0]), Range1d(start=low[1], end=high[1]))
-    )
+    ranges: dict[str, Any] = {
+        name: getattr(beside, name) if beside else DataRange1d(range_padding=0.0) for name in ("x_range", "y_range")
+    }
     figure = Figure(
         name=name,
-        x_range=x_range,
-        y_range=y_range,
+        **ranges,
+        match_aspect=True,
         sizing_mode="stretch_both",
         min_border=4,
-        min_border_left=MARGIN,
-        tools="",
+        tools=[PanTool(), (wheel := WheelZoomTool(zoom_on_axis=False))],
+        active_drag="auto",
         toolbar_location=None,
         x_axis_label="x (m)",
         y_axis_label="y (m)",
     )
+    figure.toolbar.active_scroll = wheel
     theme.dress(figure)
-    _draw_room(figure, drive, theme)
-    chart = [_draw_cells(figure, drive.around.chart, 2, style.CHART, theme)] if drive.around.chart else []
-    figure.scatter([], [])  # Bokeh warns of a figure that has nothing to draw
-    room, around = drive.around.room, drive.around
-    still = [number for circle in (room.circles if room else ()) for number in circle]
+    area = figure.scatter([low[0], high[0]], [low[1], high[1]], alpha=0.0)
+    for axis in ranges.values():
+        axis.renderers = [*(axis.renderers if beside else []), area]
+    chart = drives[0].around.chart
+    charts = [_draw_cells(figure, chart, 2, style.CHART, theme)] if chart else []
+    _draw_room(figure, drives[0], theme)
     width, height = high - low
-    aspect = float(np.clip(width / height, 0.7, 2.0))
-    return Map(figure, aspect, still=still, sizes=[around.robot_radius, around.goal_radius], seen=[*low, *high], chart=chart)
+    return Map(figure, float(np.clip(width / height, 0.7, 2.0)), charts)
+
+
+def widen(figure: Figure, rows: ColumnDataSource) -> None:
+    """Let the visible area of a map grow with the places of a drive: true ones, estimates and goals."""
+    for x, y in (("x", "y"), ("ex", "ey"), ("gx", "gy")):
+        places = figure.scatter(x, y, source=rows, alpha=0.0)
+        ranges: Any = (figure.x_range, figure.y_range)
+        for axis in ranges:
+            axis.renderers, axis.range_padding = [*axis.renderers, places], 0.1
+
+
+def in_same_room(drive: Drive, other: Drive) -> bool:
+    """Return whether two drives have the same walls, boxes and map."""
+    rooms, grids = (drive.around.room, other.around.room), (drive.around.grid, other.around.grid)
+    if (rooms[0] is None) != (rooms[1] is None) or (grids[0] is None) != (grids[1] is None):
+        return False
+    if rooms[0] and rooms[1] and (rooms[0].walls, rooms[0].boxes) != (rooms[1].walls, rooms[1].boxes):
+        return False
+    return not (grids[0] and grids[1]) or (
+        grids[0].cells.shape == grids[1].cells.shape
+        and bool((grids[0].cells == grids[1].cells).all())
+        and grids[0].origin == grids[1].origin
+    )
 
 
 def _extent(drives: Sequence[Drive]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -143,7 +154,7 @@ def _draw_cells(figure: Figure, grid: GridMap, value: int, ink: ThemeColour, the
 
 
 def _draw_room(figure: Figure, drive: Drive, theme: Theme) -> None:
-    """Draw what is static; circles are left to the client, since they may move."""
+    """Draw walls, boxes and cells; circles may move, and belong to the drive."""
     room, grid = drive.around.room, drive.around.grid
     if grid is not None:
         for value, ink in ((1, style.UNKNOWN), (2, style.SOLID)):

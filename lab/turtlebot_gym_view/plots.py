@@ -1,4 +1,7 @@
-"""Plots over time: commands, errors, NIS against its 95 % line, clearance, and the guard's state."""
+"""Plots over time: commands, errors, NIS against its 95 % line, clearance, and the guard's state; and the line of all events.
+
+They share a range of times: a drag in a plot, the wheel or the box on the line of events selects an interval.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,23 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import BasicTicker, ColumnDataSource, DataRange1d, FixedTicker, GlyphRenderer, Range1d, Span
+from bokeh.events import DoubleTap, Tap
+from bokeh.models import (
+    BasicTicker,
+    BoxZoomTool,
+    CDSView,
+    ColumnDataSource,
+    CustomJS,
+    DataRange1d,
+    FixedTicker,
+    GlyphRenderer,
+    GroupFilter,
+    HoverTool,
+    Range1d,
+    RangeTool,
+    Span,
+    WheelZoomTool,
+)
 from bokeh.plotting import figure as Figure
 from scipy.stats import chi2
 
@@ -20,16 +39,31 @@ HEIGHT = 112
 """Height of a plot, pixels."""
 MARGIN = 58
 """Space to the left of each frame, pixels, equal for all, so that times are aligned."""
+LINE, LANE = 26, 12
+"""Height of the line of events without its lanes, and of a lane, pixels."""
+EDGE = 0.01
+"""Share of the whole time that the line of events has beyond either end."""
+SHORTEST = 0.5
+"""Shortest interval that can be selected, s."""
+MARKS = {"arrival": "circle", "contact": "square", "guard": "triangle", "lost": "diamond", "fix": "dash"}
+"""Marker of each kind of event."""
+SEEK = """
+    const gap = Math.abs(cb_obj.origin.x_range.end - cb_obj.origin.x_range.start) / 100
+    window.watch.seek(cb_obj.x, snap ? gap : 0)"""
 CONFIDENCE = 0.95
 """Share of the NIS below its line for a consistent filter."""
 
 
-class _Plots(NamedTuple):
+class Plots(NamedTuple):
+    """The plots, from top to bottom."""
+
     figures: list[Figure]
     curves: list[list[dict[str, Any]]]
-    """Curves of each figure: the renderer, its run and column, and the layer and the label of the column."""
+    """Curves of each figure: the renderer, its run and column, and the layer of the column."""
     range: Range1d
-    """Times, shared by all, s."""
+    """Selected interval of times, shared by all, s."""
+    cursor: Span
+    """The moment that is shown."""
 
     def models(self) -> list[dict[str, Any]]:
         """Return what the client needs of each plot."""
@@ -47,10 +81,13 @@ class _Curve(NamedTuple):
     width: float = 1.4
 
 
-def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> _Plots:
+def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
     """Return the plots; those without any data are left out, unless drives still grow."""
-    end = max(float(drive.time[-1] - drive.time[0]) for drive in drives)
-    plots = _Plots([], [], Range1d(start=0.0, end=max(end, 1.0)))
+    end = _end(drives)
+    times = Range1d(start=0.0, end=end, bounds=None if live else (0.0, end), min_interval=min(SHORTEST, end))
+    cursor = Span(location=0.0, dimension="height", line_width=1.5, level="overlay")
+    theme.paint(cursor, style.TEXT, "line_color")
+    plots = Plots([], [], times, cursor)
     several = len(drives) > 1
 
     def plot(
@@ -60,13 +97,21 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
             return None
         figure = _figure(title, plots, theme, floor)
         for at, source in enumerate(rows[:1] if of_both else rows):
-            ink, dash = style.run_style(at)
+            ink, dash = style.RUNS[at]
             by_run = several and not of_both
-            for curve in curves[-1:] if several else curves:
+            shown = curves[-1:] if several else curves
+            for curve in shown:
                 drawn = _draw(figure, source, curve._replace(ink=ink, dash=dash) if by_run else curve, theme)
-                label = drives[at].around.label if by_run else curve.layer
-                beside = {"layer": "" if several else curve.layer, "label": label, "run": at, "column": curve.column}
-                plots.curves[-1].append({"drawn": drawn, **beside})
+                layer = "" if by_run else curve.layer
+                plots.curves[-1].append({"drawn": drawn, "layer": layer, "run": at, "column": curve.column})
+            values = [(curve.layer, f"@{curve.column}{{0.000}}") for curve in shown]
+            named = (
+                [(drives[at].around.label or "drive", "@time{0.0} s"), *values]
+                if by_run
+                else [("time", "@time{0.0} s"), *values]
+            )
+            mode = "mouse" if by_run else "vline"  # the values of six drives at one time would hide each other
+            figure.add_tools(HoverTool(renderers=[_readable(figure, source, shown, plots)], tooltips=named, mode=mode))
         return figure
 
     command = _Curve("command_v", "command", style.COMMAND, steps=True, width=1.2)
@@ -106,7 +151,57 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     return plots
 
 
-def _figure(title: str, plots: _Plots, theme: Theme, floor: float | None) -> Figure:
+def _end(drives: Sequence[Drive]) -> float:
+    """Return the time at which the last of some drives ends, at least 1 s."""
+    return max(1.0, *(float(drive.time[-1] - drive.time[0]) for drive in drives))
+
+
+def _readable(figure: Figure, source: ColumnDataSource, shown: Sequence[_Curve], plots: Plots) -> GlyphRenderer[Any]:
+    """Return the renderer whose values the pointer reads: a line; beside steps alone, which Bokeh cannot hit, an unseen one."""
+    drawn = [curve["drawn"] for curve in plots.curves[-1][-len(shown) :]]
+    lines = [renderer for renderer, curve in zip(drawn, shown, strict=True) if not curve.steps]
+    return lines[0] if lines else figure.line("time", shown[0].column, source=source, line_alpha=0.0)
+
+
+def make_line(drives: Sequence[Drive], events: Sequence[ColumnDataSource], plots: Plots, theme: Theme) -> Figure:
+    """Return the line of events, which has a lane for each drive, and a box that selects an interval of times."""
+    count, end = len(drives), _end(drives)
+    select = RangeTool(x_range=plots.range, start_gesture="none")
+    theme.paint(select.overlay, style.COMMAND, "fill_color", "line_color")
+    select.overlay.fill_alpha, select.overlay.line_dash = 0.08, []
+    line = Figure(
+        name="line",
+        height=LINE + LANE * count,
+        sizing_mode="stretch_width",
+        x_range=Range1d(start=-EDGE * end, end=(1.0 + EDGE) * end),
+        y_range=Range1d(start=count - 0.5, end=-0.5),
+        tools=[select],
+        toolbar_location=None,
+        min_border=0,
+        min_border_left=8,
+        min_border_right=8,
+        output_backend="canvas",
+    )
+    theme.dress(line)
+    line.yaxis.visible = line.ygrid.visible = line.xgrid.visible = False
+    for lane, source in enumerate(events):
+        for kind, marker in MARKS.items():
+            view = CDSView(filter=GroupFilter(column_name="kind", group=kind))
+            height = {"angle": np.pi / 2} if kind == "fix" else {}
+            drawn = line.scatter("time", lane, source=source, view=view, marker=marker, size=8, line_color=None, **height)
+            theme.paint(drawn.glyph, style.EVENTS[kind], "line_color" if kind == "fix" else "fill_color")
+            label = drives[lane].around.label if count > 1 else ""
+            line.add_tools(HoverTool(renderers=[drawn], tooltips=[(label or "event", "@kind, @time{0.0} s")]))
+    _add_cursor(line, plots, snap=True)
+    return line
+
+
+def _add_cursor(figure: Figure, plots: Plots, *, snap: bool = False) -> None:
+    figure.add_layout(plots.cursor)
+    figure.js_on_event(Tap, CustomJS(args={"snap": snap}, code=SEEK))
+
+
+def _figure(title: str, plots: Plots, theme: Theme, floor: float | None) -> Figure:
     """Return an empty plot."""
     values = DataRange1d(range_padding=0.12, only_visible=True)
     if floor is not None:
@@ -118,7 +213,7 @@ def _figure(title: str, plots: _Plots, theme: Theme, floor: float | None) -> Fig
         sizing_mode="stretch_both",
         x_range=plots.range,
         y_range=values,
-        tools="",
+        tools=[BoxZoomTool(dimensions="width"), (wheel := WheelZoomTool(dimensions="width", zoom_on_axis=False))],
         toolbar_location=None,
         min_border_left=MARGIN,
         min_border_right=8,
@@ -129,19 +224,22 @@ def _figure(title: str, plots: _Plots, theme: Theme, floor: float | None) -> Fig
     theme.dress(figure)
     figure.yaxis.ticker = BasicTicker(desired_num_ticks=3)
     figure.xgrid.visible = False
+    figure.toolbar.active_scroll = wheel
+    _add_cursor(figure, plots)
+    figure.js_on_event(DoubleTap, CustomJS(code="window.watch.whole()"))
     plots.figures.append(figure)
     plots.curves.append([])
     return figure
 
 
 def _draw(figure: Figure, source: ColumnDataSource, curve: _Curve, theme: Theme) -> GlyphRenderer[Any]:
-    options: dict[str, Any] = {"line_width": curve.width, "line_dash": curve.dash, "source": source}
+    options: dict[str, Any] = {"muted_alpha": style.PALE, "line_width": curve.width, "line_dash": curve.dash, "source": source}
     if curve.steps:
         drawn = figure.step("time", curve.column, mode="after", **options)
     else:
         drawn = figure.line("time", curve.column, **options)
-    theme.paint(drawn.glyph, curve.ink, "line_color")
-    drawn.nonselection_glyph = drawn.muted_glyph = None
+    for glyph in (drawn.glyph, drawn.muted_glyph):
+        theme.paint(glyph, curve.ink, "line_color")
     return drawn
 
 

@@ -69,6 +69,7 @@ class Server:
         drives: The drives to show; each has rows.
         title: Title of the page.
         live: Whether the drives grow.
+        side_by_side: Whether each drive has a map of its own.
         host: Name or address to listen on; with any but a loopback address, other machines can see the view.
         port: Port to listen on; 0 for any free port.
 
@@ -78,10 +79,18 @@ class Server:
     """
 
     def __init__(
-        self, drives: Sequence[DriveBuffer], *, title: str, live: bool, host: str = "localhost", port: int = 5006
+        self,
+        drives: Sequence[DriveBuffer],
+        *,
+        title: str,
+        live: bool,
+        side_by_side: bool = False,
+        host: str = "localhost",
+        port: int = 5006,
     ) -> None:
         as_int("port", port, 0, 2**16 - 1)
         self._drives, self._title, self._live, self._host, self._port = drives, title, live, host, port
+        self._side_by_side = side_by_side
         self._ready = Event()
         self._error: BaseException | None = None
         self._loop: Any = None
@@ -127,15 +136,19 @@ class Server:
     def _show(self, document: Document) -> None:
         """Fill a browser's document, and keep it updated."""
         read = [drive.read() for drive in self._drives]
-        view = fill(document, [drive for _, drive, _ in read if drive is not None], title=self._title, live=self._live)
+        drives = [drive for _, drive, _ in read if drive is not None]
+        view = fill(document, drives, title=self._title, live=self._live, side_by_side=self._side_by_side)
         if self._live:
             seen = [(number, pieces) for number, _, pieces in read]
             document.add_periodic_callback(lambda: _follow(self._drives, view, seen), PERIOD_MS)
 
 
-def serve(drives: Sequence[Drive], *, title: str, host: str = "localhost", port: int = 5006) -> None:
+def serve(
+    drives: Sequence[Drive], *, title: str, side_by_side: bool = False, host: str = "localhost", port: int = 5006
+) -> None:
     """Serve complete drives, print the URL, and return when the process is interrupted (Ctrl-C)."""
-    with Server([DriveBuffer(drive) for drive in drives], title=title, live=False, host=host, port=port) as server:
+    buffers = [DriveBuffer(drive) for drive in drives]
+    with Server(buffers, title=title, live=False, side_by_side=side_by_side, host=host, port=port) as server:
         print(f"{server.url}  (Ctrl-C ends)", flush=True)
         with suppress(KeyboardInterrupt):
             Event().wait()

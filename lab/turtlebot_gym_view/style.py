@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from bokeh.plotting import figure as Figure
 
-from turtlebot_gym.plotting import BLACK, BLUE, GREEN, ORANGE, PATHS, PURPLE, SKY_BLUE, VERMILLION
+from turtlebot_gym.plotting import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILLION
 
 
 class ThemeColour(NamedTuple):
@@ -22,8 +22,8 @@ ODOMETRY = ThemeColour(SKY_BLUE, SKY_BLUE)
 COMMAND = ThemeColour(BLUE, "#4aa8e0")
 GOAL = ThemeColour(GREEN, "#1fbf92")
 SCAN = ThemeColour(PURPLE, PURPLE)
-CHART = ThemeColour("#e69f0066", "#e69f0055")
-"""Colour of the map of a localizer, over the room."""
+CHART = ThemeColour("#9cc9f0", "#2f6ea3")
+"""Colour of the map of a localizer, below the room."""
 SOLID = ThemeColour("#777777", "#8b9098")
 UNKNOWN = ThemeColour("#dddddd", "#3a3f46")
 TEXT = ThemeColour("#24292f", "#d7dce2")
@@ -33,30 +33,29 @@ LIMIT = ThemeColour("#57606a", "#9aa4af")
 LEVELS = (ThemeColour(GREEN, "#1fbf92"), ThemeColour(ORANGE, ORANGE), ThemeColour(VERMILLION, "#f0813a"))
 """Colours of the guard's reports: fine, warning, error."""
 
-PRESENT = {
-    "truth": TRUTH,
-    "estimate": ESTIMATE,
-    "odometry": ODOMETRY,
-    "goal": GOAL,
-    "scan": SCAN,
-    "solid": SOLID,
-    "text": TEXT,
-}
-"""What `present.js` draws with."""
+LOST = ThemeColour("#852f74", "#e08fc0")
+EVENTS = {"arrival": GOAL, "contact": ESTIMATE, "guard": LEVELS[1], "lost": LOST, "fix": LIMIT}
+"""Colours of the kinds of events."""
+PERSON = ThemeColour("#8a5a2b", "#d6a15f")
+"""Colour of people who walk."""
 
+PALE = 0.35
+"""Opacity of the other drives while one is looked at."""
 FONT = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
 """System fonts, so that nothing is fetched."""
-_BRIGHTER = {BLUE: "#4aa8e0", VERMILLION: "#f0813a"}
-_DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
-_ORDER = (0, 3, 2, 4, 1)
-"""Order of the runs' colours; those of the estimate and of the odometry come last."""
+RUNS: tuple[tuple[ThemeColour, list[int]], ...] = (
+    (COMMAND, []),
+    (ThemeColour("#c98a00", "#f0c030"), [8, 4]),
+    (LOST, [8, 3, 2, 3]),
+    (TRUTH, [15, 4]),
+    (GOAL, [2, 3]),
+    (ThemeColour("#b84a00", "#f0813a"), [8, 3, 2, 3, 2, 3]),
+)
+"""Colour and dashes of each of several drives; no two share either.
 
-
-def run_style(at: int) -> tuple[ThemeColour, str | list[int]]:
-    """Return colour and dashes of one of several runs."""
-    color, style = PATHS[_ORDER[at % len(_ORDER)]]
-    dashes = _DASHES[style] if isinstance(style, str) else [2 * length for length in style[1]]
-    return ThemeColour(color, _BRIGHTER.get(color, color)), dashes
+References:
+    Okabe, Ito, *Color Universal Design* (2008); some are darkened on light pages.
+"""
 
 
 class Theme:

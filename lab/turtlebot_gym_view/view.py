@@ -1,7 +1,7 @@
-"""The view: a map per run, plots over time for all runs, and variables for the page template. Made with Bokeh.
+"""The view: maps of the drives, plots over time, the line of events, and variables for the page template. Made with Bokeh.
 
-`present.js` and `client.js` draw each moment in the browser, from the columns of `columns`: a file needs no server. A live view
-is the same page, whose columns grow.
+Bokeh zooms, pans, selects intervals and shows values under the pointer. `moment.js` draws a moment in the browser, from
+the tables of `columns`: a file needs no server. A live view is the same page, whose tables grow.
 """
 
 from __future__ import annotations
@@ -13,34 +13,50 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from bokeh.document import Document
+from bokeh.events import DoubleTap
 from bokeh.models import ColumnDataSource, CustomJS
 from jinja2 import Template
 
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_view import style
-from turtlebot_gym_view.columns import apart, rows_of, scans_of
-from turtlebot_gym_view.maps import Map, make_map
-from turtlebot_gym_view.plots import make_plots
+from turtlebot_gym_view.columns import Tables, apart, kept_of
+from turtlebot_gym_view.events import told_outcome
+from turtlebot_gym_view.maps import Map, in_same_room, make_map, widen
+from turtlebot_gym_view.moving import PERSON, Moment, draw_drive, make_moment
+from turtlebot_gym_view.plots import EDGE, Plots, make_line, make_plots
 from turtlebot_gym_view.style import Theme
 
-SCRIPTS = ("client.js", "present.js", "camera.js", "timeline.js", "begin.js")
+SCRIPTS = ("moment.js", "player.js")
 """What runs in the browser, in this order."""
 MOST_RUNS = 6
-"""Most runs side by side."""
+"""Most drives in a view: the number of colours that can be told apart."""
+WORDS = (
+    ("estimate off by", "error", 3, " m"),
+    ("odometry off by", "odometry_error", 3, " m"),
+    ("speed", "command_v", 2, " m/s"),
+    ("turning", "command_omega", 2, " rad/s"),
+    ("NIS", "nis", 1, ""),
+    ("clearance", "clearance", 2, " m"),
+    ("from the other", "apart", 2, " m"),
+)
+"""Numbers below a map: name, column, digits and unit."""
+DETAILS = ("estimate", "odometry", "scan", "hypotheses")
+"""Layers of a drive that are shown only if it is looked at alone."""
 
 
 class _Run(NamedTuple):
-    rows: ColumnDataSource
-    scans: ColumnDataSource
-    start: float
-    """Time that is shown as 0, s."""
+    tables: Tables
+    sources: dict[str, ColumnDataSource]
+    """Tables that the browser has, by name."""
+    moment: Moment
 
     def add(self, piece: Drive) -> None:
+        """Send the next piece; its rows last, since the browser draws when it has them."""
         if len(piece):
-            before = len(self.scans.data["x"])
-            self.scans.stream(scans_of(piece.scans))
-            self.rows.stream(rows_of(piece, scans_before=before, start=self.start))
+            for name, table in self.tables.add(piece).items():
+                if len(next(iter(table.values()))):
+                    self.sources[name].stream(table)
 
 
 class View(NamedTuple):
@@ -55,100 +71,171 @@ class View(NamedTuple):
         self.again.data = {"times": [len(self.again.data["times"]) + 1.0]}
 
 
-def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool = False) -> View:
+def require_number(number: int) -> None:
+    """Refuse a number of drives that one view cannot show.
+
+    Raises:
+        ValueError: If there is none, or there are more than `MOST_RUNS`.
+    """
+    if not 0 < number <= MOST_RUNS:
+        raise ValueError(f"a view shows 1 to {MOST_RUNS} drives, got {number}.")
+
+
+def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool = False, side_by_side: bool = False) -> View:
     """Put the view of some drives into a document.
 
     Args:
         document: An empty document.
-        drives: The drives, of the same world where there are several.
+        drives: The drives; those in the same room are drawn over each other.
         title: Title of the page.
         live: Whether the drives grow: the view then follows their end.
+        side_by_side: Whether each drive has a map of its own.
 
     Raises:
         ValueError: If there is no drive, one is empty, or there are more than `MOST_RUNS`.
     """
-    if not 0 < len(drives) <= MOST_RUNS or not all(map(len, drives)):
-        raise ValueError(f"drives must hold 1 to {MOST_RUNS} drives with rows, got {list(map(len, drives))}.")
+    require_number(len(drives))
+    if not all(map(len, drives)):
+        raise ValueError(f"drives must have rows, got {list(map(len, drives))} rows.")
     theme = Theme()
-    runs = []
-    for drive in drives:
-        start = float(drive.time[0])
-        runs.append(_Run(ColumnDataSource(rows_of(drive, start=start)), ColumnDataSource(scans_of(drive.scans)), start))
+    runs = [_make_run(drive, live=live) for drive in drives]
+    rows = [run.sources["rows"] for run in runs]
     if len(drives) == 2 and not live:
-        for at, run in enumerate(runs):
-            run.rows.data["apart"] = apart(drives[at], drives[1 - at])
-    maps: list[Map] = []
-    for at, drive in enumerate(drives):  # they are panned and zoomed together
-        maps.append(make_map(drive, drives, theme, name=f"map{at}", beside=maps[0].figure if maps else None))
-    plots = make_plots(drives, [run.rows for run in runs], theme, live=live)
-    for root in (*(shown.figure for shown in maps), *plots.figures):
-        document.add_root(root)
+        for at, source in enumerate(rows):
+            source.data["apart"] = apart(drives[at], drives[1 - at])
+            runs[at].moment.now.data["apart"] = np.empty(0, np.float32)
+    groups = [[at] for at in range(len(drives))] if side_by_side else _groups(drives)
+    maps, drawn = _make_maps(drives, runs, groups, theme, live=live)
+    plots = make_plots(drives, rows, theme, live=live)
+    line = make_line(drives, [run.sources["events"] for run in runs], plots, theme)
+    with document.models.freeze():  # else Bokeh walks over all models for each root
+        for root in (*(shown.figure for shown in maps), *plots.figures, line):
+            document.add_root(root)
     client: dict[str, Any] = {
         "runs": [
-            {"rows": run.rows, "scans": run.scans, "label": drive.around.label, "ended": _ended(drive), **shown.models()}
-            for drive, run, shown in zip(drives, runs, maps, strict=True)
+            {
+                **run.sources,
+                "moment": run.moment._asdict(),
+                "still": drive.around.room.circles if drive.around.room else [],
+                "map": next(at for at, group in enumerate(groups) if number in group),
+            }
+            for number, (drive, run) in enumerate(zip(drives, runs, strict=True))
         ],
+        "maps": [
+            {"figure": shown.figure, "runs": group, "chart": shown.chart} for shown, group in zip(maps, groups, strict=True)
+        ],
+        "layers": drawn,
         "plots": plots.models(),
-        "inks": style.PRESENT,
-        "time_range": plots.range,
+        "line": line,
+        "edge": EDGE,
+        "range": plots.range,
+        "cursor": plots.cursor,
         "theme": theme.entries,
+        "words": WORDS,
+        "details": DETAILS,
+        "person": PERSON,
         "live": live,
     }
     again = ColumnDataSource({"times": [0.0]})
     again.js_on_change("data", CustomJS(code="window.location.reload()"))
     for run in runs:
-        run.rows.tags = [run.scans, again]  # no drawn model refers to them, and only referenced models are synchronized
+        # Only referenced models are synchronized, and no drawn model refers to all of them.
+        run.sources["rows"].tags = [*run.sources.values(), again]
+        run.sources["rows"].js_on_change("streaming", CustomJS(code="window.watch?.grow()"))
     document.js_on_event("document_ready", CustomJS(args=client, code="".join(map(_text, SCRIPTS))))
     document.title = title
     document.template = _template()
-    document.template_variables.update(_variables(drives, maps, [str(figure.name) for figure in plots.figures], title, live))
+    document.template_variables.update(_variables(drives, maps, groups, plots, title, live))
     return View(runs, again)
 
 
-def _variables(drives: Sequence[Drive], maps: Sequence[Map], plots: Sequence[str], title: str, live: bool) -> dict[str, Any]:
+def _make_run(drive: Drive, *, live: bool) -> _Run:
+    tables = Tables(float(drive.time[0]))
+    first = tables.add(drive, is_whole=not live)
+    return _Run(tables, {name: ColumnDataSource(table) for name, table in first.items()}, make_moment(first))
+
+
+def _groups(drives: Sequence[Drive]) -> list[list[int]]:
+    """Return the numbers of the drives in each room, in order."""
+    groups: list[list[int]] = []
+    for at, drive in enumerate(drives):
+        for group in groups:
+            if in_same_room(drives[group[0]], drive):
+                group.append(at)
+                break
+        else:
+            groups.append([at])
+    return groups
+
+
+def _make_maps(
+    drives: Sequence[Drive], runs: Sequence[_Run], groups: Sequence[Sequence[int]], theme: Theme, *, live: bool
+) -> tuple[list[Map], list[list[Any]]]:
+    """Return the maps, and run, layer and renderer of all that is drawn of the drives."""
+    maps: list[Map] = []
+    drawn: list[list[Any]] = []
+    for number, group in enumerate(groups):
+        beside = next(
+            (shown for shown, other in zip(maps, groups, strict=False) if in_same_room(drives[other[0]], drives[group[0]])),
+            None,
+        )
+        shown = make_map([drives[at] for at in group], theme, name=f"map{number}", beside=beside.figure if beside else None)
+        for at in group:
+            ink, dash = style.RUNS[at] if len(drives) > 1 else (style.TRUTH, [])
+            run = runs[at]
+            layers = draw_drive(shown.figure, drives[at], run.sources["rows"], run.moment, theme, ink, dash)
+            drawn += [[at, layer, renderer] for renderer, layer in layers]
+            if live:
+                widen(shown.figure, run.sources["rows"])
+        shown.figure.js_on_event(DoubleTap, CustomJS(code="window.watch.reset()"))
+        maps.append(shown)
+    return maps, drawn
+
+
+def _variables(
+    drives: Sequence[Drive], maps: Sequence[Map], groups: Sequence[Sequence[int]], plots: Plots, title: str, live: bool
+) -> dict[str, Any]:
     """Return the variables of the page's template."""
     several = len(drives) > 1
     scans, has_truth = any(drive.scans for drive in drives), any(np.isfinite(drive.true_state).any() for drive in drives)
+    people = any(len(row) for drive in drives for row in drive.circles)
+    kept = max(map(kept_of, drives))
     symbols = [
         ("truth", "truth", style.TRUTH, "line", has_truth),
         ("estimate", ESTIMATE_WITHIN, style.ESTIMATE, "ring", True),
         ("odometry", "odometry", style.ODOMETRY, "dot", True),
         ("waypoint", "waypoint", style.GOAL, "ring", True),
-        ("scan", "scan", style.SCAN, "dots", scans or live),
+        ("scan", f"scan (1 of {kept})" if kept > 1 and not live else "scan", style.SCAN, "dots", scans or live),
+        ("people", "people", style.PERSON, "person", people),
         ("hypotheses", "hypotheses", style.ESTIMATE, "dots", any(len(row) for drive in drives for row in drive.hypotheses)),
         ("map", "localizer's map", style.CHART, "line", any(drive.around.chart for drive in drives)),
-        ("other", "the other robot", style.TEXT, "ring", len(drives) == 2),
         ("command", "command", style.COMMAND, "line", not several),
+    ]
+    runs = [
+        {
+            "at": at,
+            "label": drive.around.label or f"drive {at + 1}",
+            "outcome": told_outcome(drive),
+            "ink": style.RUNS[at][0] if several else None,
+            "dash": " ".join(map(str, style.RUNS[at][1])) or "none",
+        }
+        for at, drive in enumerate(drives)
     ]
     return {
         "style_sheet": _text("page.css"),
         "heading": title,
         "live": live,
         "legend": [symbol[:-1] for symbol in symbols if symbol[-1]],
-        "runs": [
-            {
-                "map": shown.figure.name,
-                "label": drive.around.label,
-                "outcome": drive.outcome,
-                "aspect": shown.aspect,
-                "ink": style.run_style(at)[0] if several else None,
-                "dash": _svg_dash(style.run_style(at)[1]),
-            }
-            for at, (drive, shown) in enumerate(zip(drives, maps, strict=True))
+        "details": DETAILS,
+        "runs": runs,
+        "maps": [
+            {"name": shown.figure.name, "aspect": shown.aspect, "runs": [runs[at] for at in group]}
+            for shown, group in zip(maps, groups, strict=True)
         ],
-        "plots": plots,
-        "several": several,
+        "choice": len(maps) < len(drives),
+        "plots": [str(figure.name) for figure in plots.figures],
+        "several": len(maps) > 1,
     }
-
-
-def _ended(drive: Drive) -> str:
-    """Return the event with which a drive ended; nothing if it simply ended."""
-    return {"success": "arrival", "collision": "contact"}.get(drive.outcome.partition(" ")[0], "")
-
-
-def _svg_dash(dashes: str | list[int]) -> str:
-    named = {"solid": "none", "dashed": "6 4", "dotted": "2 3", "dashdot": "6 3 2 3"}
-    return named[dashes] if isinstance(dashes, str) else " ".join(map(str, dashes))
 
 
 @cache

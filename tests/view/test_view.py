@@ -13,6 +13,7 @@ import numpy as np
 import psutil
 import pytest
 from bokeh.document import Document
+from bokeh.models import HoverTool
 from bokeh.models.glyphs import Image as ImageGlyph
 
 from turtlebot_gym.drive import Drive, DriveBuffer, RoomData, Seen
@@ -21,8 +22,10 @@ from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_view.html import _to_html, write_html
+from turtlebot_gym_view import style
+from turtlebot_gym_view.html import write_html
 from turtlebot_gym_view.maps import _extent, _picture
+from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.server import Server
 from turtlebot_gym_view.view import fill
 
@@ -55,12 +58,13 @@ class Loads(HTMLParser):
 
     def __init__(self, page):
         super().__init__()
-        self.loads, self.styles, self._in_style = [], "", False
+        self.loads, self.frames, self.styles, self._in_style = [], [], "", False
         self.feed(page)
 
     def handle_starttag(self, tag, attrs):
         attributes = dict(attrs)
         self._in_style = tag == "style"
+        self.frames += [attributes["srcdoc"]] if "srcdoc" in attributes else []
         self.loads += [value for name in ("src", "href", "srcset", "data") if tag != "a" and (value := attributes.get(name))]
 
     def handle_data(self, data):
@@ -76,9 +80,86 @@ def test_a_file_of_60_s_is_small_and_loads_nothing(tmp_path):
 
 
 def test_names_are_text():
-    page = _to_html([make_drive(5, label="<script>alert(1)</script>", scans=1)], title="</title><b>")
+    page = Page(drives=[make_drive(5, label="<script>alert(1)</script>", scans=1)], title="</title><b>").html()
     assert "<script>alert(1)" not in page
     assert "</title><b>" not in page
+
+
+def test_names_are_text_under_the_pointer_too():
+    document = Document()
+    fill(document, [make_drive(5, label="<b>@time</b>", scans=1)] * 2, title="")
+    tools = list(document.select({"type": HoverTool}))
+    assert len(tools) > 10
+    assert all(isinstance(tool.tooltips, list) for tool in tools)  # Bokeh takes a text for a template in HTML
+    assert not any("<b>" in value for tool in tools for _, value in tool.tooltips)
+
+
+def test_a_notebook_shows_the_page_in_a_frame_that_loads_nothing():
+    page = Page(drives=[make_drive(5, scans=1)], title='"A" & B')
+    shown = Loads(page._repr_html_())
+    assert shown.loads == []
+    assert shown.frames == [page.html()] or len(shown.frames[0]) == len(page.html())  # but for the numbers of models
+    assert "A&quot; &amp; B" in page._repr_html_()
+
+
+def test_two_hours_of_numbers_are_a_small_file(tmp_path):
+    # Noise of a few millimetres, as a simulation of two hours has; the numbers themselves would be 10 MB.
+    rows = 72_000
+    rng = np.random.default_rng(0)
+    path = np.cumsum(rng.normal(0.0, 0.01, (rows, 5)), axis=0)
+    drive = Drive(
+        time=0.1 * np.arange(rows),
+        true_state=path,
+        odometry=path[:, :3] + rng.normal(0.0, 0.1, (rows, 3)),
+        estimate=path + rng.normal(0.0, 0.02, (rows, 5)),
+        covariance=np.tile(0.01 * np.eye(5), (rows, 1, 1)),
+        reference=np.ones((rows, 3)),
+        command=np.round(rng.uniform(0.0, 0.2, (rows, 2)), 2),
+        nis=rng.chisquare(3, rows),
+        clearance=rng.uniform(size=rows),
+    )
+    assert write_html([drive], tmp_path / "long.html", title="2 h") < 6_000_000
+
+
+def test_six_drives_have_six_colours_and_six_dashes():
+    assert len({tuple(dash) for _, dash in style.RUNS}) == len({ink for ink, _ in style.RUNS}) == 6
+
+
+# Viénot, Brettel, Mollon, "Digital video colourmaps for checking the legibility of displays by dichromats" (1999): linear RGB.
+SIGHT = {
+    "all": np.eye(3),
+    "protanopia": np.array([[0.1124, 0.8876, 0.0], [0.1124, 0.8876, 0.0], [0.004, -0.004, 1.0]]),
+    "deuteranopia": np.array([[0.2928, 0.7072, 0.0], [0.2928, 0.7072, 0.0], [-0.0223, 0.0223, 1.0]]),
+}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("sight", SIGHT)
+def test_the_six_colours_can_be_told_apart(scheme, sight):
+    def lab(colour):
+        srgb = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)]) / 255.0
+        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+        x, y, z = np.cbrt(to_xyz @ np.clip(SIGHT[sight] @ linear, 1e-6, 1.0) / (0.9505, 1.0, 1.089))
+        return np.array([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)])
+
+    colours = [lab(getattr(ink, scheme)) for ink, _ in style.RUNS]
+    apart = [np.linalg.norm(a - b) for at, a in enumerate(colours) for b in colours[:at]]
+    assert min(apart) > 10.0  # 2.3 is just noticeable
+
+
+def test_drives_in_one_room_share_a_map_and_others_do_not():
+    def maps(drives, **options):
+        document = Document()
+        fill(document, drives, title="", **options)
+        return sum(str(root.name).startswith("map") for root in document.roots)
+
+    here, there = (Obstacles((at, 0.0, 5.0, 3.0), (), ()) for at in (0.0, 9.0))
+    drives = [make_drive(3, room=room, scans=1) for room in (here, here, there)]
+    assert maps(drives[:2]) == 1
+    assert maps(drives) == 2
+    assert maps(drives, side_by_side=True) == 3
+    assert maps([drives[0], make_drive(3, scans=1)]) == 2
 
 
 def test_plots_without_data_are_left_out():
@@ -100,7 +181,7 @@ def test_plots_without_data_are_left_out():
 @pytest.mark.parametrize("number", [0, 7])
 def test_a_wrong_number_of_drives_is_refused(number):
     with pytest.raises(ValueError, match="1 to 6 drives"):
-        _to_html([make_drive(3, scans=1)] * number, title="")
+        Page(drives=[make_drive(3, scans=1)] * number).html()
 
 
 def test_the_view_holds_the_room_and_the_paths():
@@ -152,7 +233,7 @@ def test_the_command_writes_a_file(tmp_path, capsys):
 
 
 def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch):
-    for name in [name for name in sys.modules if name.partition(".")[0] == "bokeh" or name.endswith("view.html")]:
+    for name in [name for name in sys.modules if name.startswith(("bokeh", "turtlebot_gym_view."))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["watch", "--html", str(tmp_path / "a.html")]) == 2

@@ -1,0 +1,132 @@
+"""The tables that a browser receives: pieces make the whole, numbers keep their meaning, and they are small."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from drive_samples import random_drive
+
+from turtlebot_gym.drive import Drive, Seen
+from turtlebot_gym.plotting import ellipse
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.values import Pose
+from turtlebot_gym_view import columns
+from turtlebot_gym_view.columns import RESOLUTION, Tables, apart, kept_of, rows_of
+
+
+def joined(pieces):
+    """Return the tables that a browser has when all pieces have come."""
+    tables = Tables(0.0)
+    parts = [tables.add(piece) for piece in pieces]
+    return {
+        name: {column: [value for part in parts for value in part[name][column]] for column in table}
+        for name, table in parts[0].items()
+    }
+
+
+@pytest.mark.parametrize("cuts", [(3,), (1, 2, 7), range(1, 8)])
+def test_tables_of_pieces_are_those_of_the_whole(cuts):
+    drive = random_drive()
+    edges = [0, *cuts, len(drive)]
+    whole, pieces = joined([drive]), joined([drive[a:b] for a, b in pairwise(edges)])
+    for name, table in whole.items():
+        for column, values in table.items():
+            if (name, column) != ("people", "heading"):  # of the first row it is known only with the second
+                np.testing.assert_array_equal(np.array(pieces[name][column]), np.array(values), err_msg=f"{name}.{column}")
+    np.testing.assert_array_equal(pieces["people"]["heading"][2:], whole["people"]["heading"][2:])
+    assert whole["scans"]["row"] == [0, 2, 4, 6]
+    assert whole["scans"]["end"] == [36, 72, 108, 144]
+    assert len(whole["beams"]["range"]) == 144
+    assert whole["places"]["row"] == whole["people"]["row"] == [row for row in range(8) for _ in range(2)]
+
+
+def test_a_drive_without_anything_but_rows_has_empty_tables_of_the_same_columns():
+    bare = joined([Drive(time=0.1 * np.arange(4))])
+    full = joined([random_drive()])
+    for name, table in full.items():
+        assert bare[name].keys() == table.keys()
+        if name != "rows":
+            assert not any(map(len, bare[name].values())), name
+
+
+def test_numbers_are_rounded_to_a_tenth_of_a_millimetre():
+    drive = random_drive()
+    x = rows_of(drive)["x"]
+    np.testing.assert_allclose(x, drive.true_state[:, 0], atol=0.5 * RESOLUTION + 1e-6)
+    np.testing.assert_array_equal(x / RESOLUTION, np.round(x / RESOLUTION))
+    assert x.dtype == np.float32
+    assert RESOLUTION < 2e-4
+
+
+def test_the_ellipse_is_that_of_the_plots():
+    drive = random_drive()
+    table = rows_of(drive)
+    angle = np.linspace(0.0, 2.0 * np.pi, 97)
+    for k in range(len(drive)):
+        outline = ellipse(drive.estimate[k], drive.covariance[k], points=97)
+        a, b, tilt = (float(table[name][k]) for name in ("width", "height", "tilt"))
+        turn = np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
+        drawn = np.stack([a / 2.0 * np.cos(angle), b / 2.0 * np.sin(angle)], axis=1) @ turn + drive.estimate[k, :2]
+        gaps = np.linalg.norm(drawn[:, None] - outline[None], axis=-1).min(axis=1)
+        assert gaps.max() < 0.05 * a
+
+
+def test_an_ellipse_by_hand():
+    covariance = np.zeros((5, 5))
+    covariance[:2, :2] = [[1.0, 0.0], [0.0, 4.0]]  # sigmas of 1 m along x and 2 m along y
+    drive = random_drive(1)
+    table = rows_of(replace(drive, covariance=covariance[None]))
+    assert table["width"][0] == pytest.approx(8.0)
+    assert table["height"][0] == pytest.approx(4.0)
+    assert abs(np.sin(table["tilt"][0])) == pytest.approx(1.0)
+    assert np.isnan(rows_of(replace(drive, covariance=np.full((1, 5, 5), np.nan)))["width"]).all()  # unknown
+
+
+def scanned(rows, beams):
+    scan = Scan(np.full(beams, 1.0, np.float32), 0.0, 0.0175, 0.1, 3.5)
+    return Drive(time=0.1 * np.arange(rows), scans=tuple(Seen(row, Pose(0.0, 0.0, 0.0), scan) for row in range(rows)))
+
+
+def test_ranges_travel_in_millimetres():
+    scan = Scan(np.array([0.1234, np.inf, 3.4996, 70.0], np.float32), 0.25, 1.57, 0.1, 100.0)
+    tables = joined([Drive(time=np.array([0.0]), scans=(Seen(0, Pose(1.0, 2.0, 3.0), scan),))])
+    assert tables["beams"]["range"] == [123, 0, 3500, 0]
+    names = ("x", "y", "theta", "first", "increment")
+    assert [tables["scans"][name][0] for name in names] == [1.0, 2.0, 3.0, 0.25, np.float32(1.57)]
+
+
+def test_a_long_drive_sends_every_nth_scan(monkeypatch):
+    monkeypatch.setattr(columns, "MOST_BEAMS", 100)
+    assert kept_of(scanned(10, 10)) == 1
+    drive = scanned(25, 10)
+    assert kept_of(drive) == 3
+    tables = Tables(0.0).add(drive, is_whole=True)
+    assert tables["scans"]["row"].tolist() == list(range(0, 25, 3))
+    assert len(tables["beams"]["range"]) == 90
+    assert len(Tables(0.0).add(drive)["beams"]["range"]) == 250  # of a drive that grows
+
+
+def test_people_look_where_they_walk_and_pillars_nowhere():
+    walk = np.array([[0.0, 0.0, 0.3], [5.0, 5.0, 0.2]])
+    circles = []
+    for step in ([0.0, 0.0], [0.0, 0.1], [0.0, 0.1], [0.0, 0.0], [-0.1, 0.0]):  # it waits for a moment, and keeps its direction
+        walk = walk.copy()
+        walk[0, :2] += step
+        circles.append(walk)
+    people = joined([Drive(time=0.1 * np.arange(5), circles=tuple(circles))])["people"]
+    up = pytest.approx(0.5 * np.pi, abs=1e-3)
+    assert people["heading"][0::2] == [up, up, up, up, pytest.approx(np.pi, abs=1e-3)]
+    assert np.isnan(people["heading"][1::2]).all()
+    assert people["radius"][:2] == [pytest.approx(0.3, abs=1e-3), pytest.approx(0.2, abs=1e-3)]
+
+
+def test_two_drives_are_apart_as_far_as_their_robots_at_the_same_time():
+    states = np.zeros((5, 5))
+    states[:, 0] = np.arange(5.0)
+    slow = Drive(time=10.0 + np.arange(5.0), true_state=states)
+    fast = Drive(time=0.5 * np.arange(5.0), true_state=np.add(states, [0.0, 3.0, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(apart(slow, fast), [3.0, np.hypot(1.0, 3.0), np.hypot(2.0, 3.0), np.nan, np.nan], rtol=1e-6)
+    np.testing.assert_array_equal(apart(slow, slow), np.zeros(5))
+    unknown = replace(slow, true_state=np.full((5, 5), np.nan), estimate=states)
+    np.testing.assert_allclose(apart(slow, unknown), np.zeros(5))
