@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
@@ -16,11 +16,12 @@ from turtlebot_gym_lab.commands.recorded import MountOption, RecordingOptions
 
 if TYPE_CHECKING:
     from turtlebot_gym.drive import Drive
+    from turtlebot_gym_view.page import Page
 
 
 @dataclass(frozen=True, kw_only=True)
 class Watch(WritingOptions, MountOption, DriveOptions):
-    """Show drives in a browser: an episode of each policy, side by side, or recorded drives. Play, pause, scrub.
+    """Show drives in a browser: an episode of each policy, or recorded drives. Play, select times, compare.
 
     The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [view].
     """
@@ -29,48 +30,63 @@ class Watch(WritingOptions, MountOption, DriveOptions):
     EXAMPLE: ClassVar = "env=rooms world=office noise.odometry.spike=0.1 dt=0.05"
 
     policy: tuple[str, ...] = ("bearing",)
-    """Policies as for evaluate; all drive the same episode."""
+    """Policies as for evaluate, at most six; all drive the same episode."""
     seed: int = 0
     """Seed of the episode."""
     drive: tuple[Path, ...] = ()
     """Recorded drives instead of episodes, as calibrate and replay take them, or snapshots.csv of data_logger."""
     html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), OutputFile((".html", ".htm"))] = None
     """Write the view to this file, which opens without a server or a network, instead of serving it."""
+    side_by_side: bool = False
+    """Give each drive a map of its own; else drives in the same room are drawn over each other."""
     host: str = "localhost"
     """Name or address to listen on; with 0.0.0.0 anyone who can reach this machine sees the view."""
     port: int = 5006
     """Port to listen on; 0 for any that is free."""
 
     def run(self) -> None:
+        page = self.page()
+        if self.html is not None:
+            print(f"{self.html}: {page.save(self.html):,} bytes; open it in a browser.")
+            return
+        page.serve(host=self.host, port=self.port)
+
+    def page(self) -> Page:
+        """Drive the episodes, or read the recordings, and return their page, which a notebook shows.
+
+        Raises:
+            ValueError: If an argument is unknown or out of its range, or a policy cannot drive; nothing is driven then.
+        """
         self._require_used()
         from turtlebot_gym_view import read_recorded, record_episode
 
         with needs("view"):
-            from turtlebot_gym_view import server  # noqa: F401  # what it lacks is said before the drives are driven
+            from turtlebot_gym_view.view import require_number
+        number = len(self.drive or self.policy)
+        require_number(number)
+        if self.side_by_side and number == 1:
+            raise ValueError("--side-by-side needs two drives or more: add a policy or a recording, or leave it out.")
         if self.drive:
             drives = [read_recorded(path, lidar=self.lidar or "lds01", **self.reading()) for path in self.drive]
             title = f"Recorded: {', '.join(path.name for path in self.drive)}"
         else:
+            require_drivers(self.policy, env=self.env, seed=self.seed, **self.options())
             drives = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
             robot = [f"robot {self.robot}"] if self.robot != "burger" else []
             place = [self.env.partition("/")[2], f"seed {self.seed}", *robot, f"noise {self.noise}"]
             title = ", ".join([*place, *self.described()])
-        self.show(drives, title=title)
+        return self.page_of(drives, title=title)
 
-    def show(self, drives: Sequence[Drive], *, title: str) -> None:
-        """Show drives: in a file, or served until the process is interrupted."""
+    def page_of(self, drives: Sequence[Drive], *, title: str) -> Page:
+        """Return the page of drives that others have driven."""
         with needs("view"):
-            from turtlebot_gym_view.html import write_html
-            from turtlebot_gym_view.server import serve
-        if self.html is not None:
-            print(f"{self.html}: {write_html(drives, self.html, title=title):,} bytes; open it in a browser.")
-            return
-        serve(drives, title=title, host=self.host, port=self.port)
+            from turtlebot_gym_view.page import Page
+        return Page(drives=drives, title=title, side_by_side=self.side_by_side)
 
     def _require_used(self) -> None:
         """Refuse options that change nothing: those of episodes with recorded drives, and those of the other kind of view."""
         recorded = [item.name for item in fields(RecordingOptions)] + ["mount"]
-        shared = (*recorded, "drive", "lidar", "html", "host", "port", "force")
+        shared = (*recorded, "drive", "lidar", "side_by_side", "html", "host", "port", "force")
         usual = type(self)()
         given = [item.name for item in fields(self) if getattr(self, item.name) != getattr(usual, item.name)]
         for name in given:
@@ -81,3 +97,22 @@ class Watch(WritingOptions, MountOption, DriveOptions):
                 raise ValueError(f"{name} is for recorded drives: add --drive, or leave it out.")
             if self.html is not None and name in ("host", "port"):
                 raise ValueError(f"{name} is for serving the view: leave out it, or --html.")
+
+
+def require_drivers(policies: Sequence[str], *, env: str, seed: int, allow_mismatch: bool = False, **options: Any) -> None:
+    """Refuse policies of which one cannot drive an environment: each drives a step.
+
+    Raises:
+        ValueError: If an argument is unknown or out of its range, or a policy does not match the environment.
+    """
+    from turtlebot_gym_agents.evaluation.evaluate import driven, driver_of, make_envs, require_known
+
+    require_known(env, seed)
+    envs = make_envs(env, 1, **options)
+    try:
+        for policy in policies if len(policies) > 1 else ():  # the only one is refused as early by its drive
+            steps = driven(envs, driver_of(policy, envs, allow_mismatch=allow_mismatch), seed)
+            next(steps)
+            next(steps)
+    finally:
+        envs.close()

@@ -26,3 +26,28 @@ def test_an_invalid_seed_is_refused_by_name(seed, capsys, tmp_path, monkeypatch)
     assert main(["watch", "--html", "a.html", "--seed", seed]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("turtlebot-gym: seed must be a whole number from 0 to ")
+
+
+@pytest.mark.parametrize(
+    ("options", "cause"),
+    [
+        (["--policy", *["bearing"] * 7], "a view shows 1 to 6 drives, got 7."),
+        (["--policy", "bearing", "vfh"], "vfh: it steers by a LiDAR"),
+        (["--policy", "bearing", "--side-by-side"], "--side-by-side needs two drives or more"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_before_anything_is_driven(options, cause, capsys, tmp_path, monkeypatch):
+    pytest.importorskip("bokeh")
+    monkeypatch.setattr("turtlebot_gym_view.record_episode", lambda *_, **__: pytest.fail("driven"), raising=False)
+    assert main(["watch", *options, "--html", str(tmp_path / "a.html")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"turtlebot-gym: {cause}")
+
+
+def test_the_page_of_policies_is_an_object_for_notebooks():
+    pytest.importorskip("bokeh")
+    from turtlebot_gym_view.command import Watch
+
+    page = Watch(policy=("bearing", "proportional"), seed=3).page()
+    assert [drive.around.label for drive in page.drives] == ["bearing", "proportional"]
+    assert page._repr_html_().startswith("<iframe ")
