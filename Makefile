@@ -44,7 +44,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 		--html $(OUT)/rooms.html
 	@echo
 	@echo "Look at what is in $(OUT)/:"
-	@echo "  rooms.html           open it in a browser: two policies in a room side by side; play and scrub"
+	@echo "  rooms.html           open it in a browser: two policies in a room over each other; play, and select times"
 	@echo "  square_by_time.png   the tutorial's square on raw odometry and on the filter's estimate"
 	@if [ -f $(OUT)/replay.png ]; then echo "  replay.png           the filter on a recorded drive of a real robot"; fi
 	@echo "  nav.png              drives of three policies to the same goal, and whether the filter is as sure as it may be"
