@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import MISSING, fields
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from unittest.mock import patch
 
 import gymnasium as gym
@@ -265,33 +266,40 @@ def test_a_satellite_that_is_missing_is_named_with_its_extra(function, extra):
 
 
 class Shown:
-    """A viewer's command, as an entry point brings one."""
+    """A viewer's command, as an entry point brings one; it is its own page."""
 
     def __init__(self, **options):
         self.options = options
-        self.shown = None
-        Shown.last = self
+        self.shown = self.file = None
 
-    def run(self):
+    def page(self):
         self.shown = self.options["policy"]
+        return self
 
-    def show(self, drives, *, title):
+    def page_of(self, drives, *, title):
         self.shown = list(drives), title
+        return self
+
+    def save(self, path):
+        self.file = path
 
 
 def test_watch_hands_policies_or_drives_to_the_viewer(in_a_room, monkeypatch):
     points = entry_points.EntryPoints([EntryPoint("watch", "test_front:Shown", "turtlebot_gym.commands")])
     monkeypatch.setattr(entry_points, "_installed", lambda group: points)
     monkeypatch.setattr(EntryPoint, "load", lambda self: Shown)
-    watch("bearing", "ppo-nav", seed=3)
-    assert Shown.last.shown == ("bearing", "ppo-nav")
-    assert Shown.last.options["seed"] == 3
-    watch()
-    assert Shown.last.shown == ("bearing",)
-    watch(in_a_room, html="view.html")
-    assert Shown.last.shown == ([in_a_room.record], "vfh")
+    page = watch("bearing", "ppo-nav", seed=3)
+    assert page.shown == ("bearing", "ppo-nav")
+    assert page.options["seed"] == 3
+    assert page.file is None
+    assert watch().shown == ("bearing",)
+    page = watch(in_a_room, html="view.html")
+    assert page.shown == ([in_a_room.record], "vfh")
+    assert page.file == Path("view.html")
     with pytest.raises(ValueError, match="watch shows policies or drives, got both"):
         watch("bearing", in_a_room)
+    with pytest.raises(ValueError, match=r"noise would change nothing in drives that have ended: give it to drive\(\)"):
+        watch(in_a_room, noise="wheel")
 
 
 def test_names_of_environments_are_short_in_any_case():

@@ -7,21 +7,23 @@ from typing import Any
 
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.entry_points import load_entry_point
+from turtlebot_gym_agents.evaluation.evaluate import policy_of
 from turtlebot_gym_agents.front.defaults import DRIVER
 from turtlebot_gym_agents.front.driving import DriveResult
 
 GROUP = "turtlebot_gym.commands"
 
 
-def watch(*what: Any, html: str | Path | None = None, **options: Any) -> None:
-    """Show drives in a browser, as `turtlebot-gym watch`: until it is interrupted, or in a file.
+def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
+    """Return the view of drives, as `turtlebot-gym watch` shows it. Needs the extra [view].
 
-    For example ``watch("bearing", "ppo-nav", html="view.html")``. Needs the extra [view].
+    For example ``watch("bearing", "ppo-nav", html="view.html")``. A notebook shows what is returned; its ``serve()`` shows it in
+    a browser until the process is interrupted, and ``save("view.html")`` writes it to a file.
 
     Args:
         *what: Policies, as for `evaluate`, that all drive the same episode; or drives, which `drive` returned.
-        html: Write the view to this file instead, which opens without a server; an existing file is replaced.
-        **options: The command's: ``env``, ``seed``, ``host``, ``port``, and the environment's.
+        html: Also write the view to this file, which opens without a server; an existing file is replaced.
+        **options: The command's: ``side_by_side``; for policies also ``env``, ``seed`` and the environment's.
 
     Raises:
         ImportError: If the viewer is not installed; the message names the extra.
@@ -31,11 +33,16 @@ def watch(*what: Any, html: str | Path | None = None, **options: Any) -> None:
     drives = [each.record if isinstance(each, DriveResult) else each for each in what if isinstance(each, (Drive, DriveResult))]
     if drives and len(drives) < len(what):
         raise ValueError("watch shows policies or drives, got both: drive the policies, and watch what drive() returns.")
-    file = None if html is None else Path(html)
+    if unread := set(options) - {"side_by_side"} if drives else ():
+        raise ValueError(f"{', '.join(sorted(unread))} would change nothing in drives that have ended: give it to drive().")
     if drives:
-        command(html=file, **options).show(drives, title=", ".join(each.around.label for each in drives))
+        page = command(**options).page_of(drives, title=", ".join(each.around.label for each in drives))
     else:
-        command(policy=what or (DRIVER,), html=file, **options).run()
+        policies = tuple(each if isinstance(each, str) else policy_of(each) for each in what) or (DRIVER,)
+        page = command(policy=policies, **options).page()
+    if html is not None:
+        page.save(Path(html))
+    return page
 
 
 def replay(*files: str | Path, **options: Any) -> Any:
