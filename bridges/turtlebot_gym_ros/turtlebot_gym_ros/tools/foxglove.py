@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.base.qos import SENSOR
-from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, pause
+from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, parser_of, pause, remark_if_alone
 
 LOOK = 1.0
 """How often new topics are looked for, s."""
@@ -76,9 +76,12 @@ def foxglove(argv: Any = None) -> int:
     print(f"ws://{options.host}:{server.port}", flush=True)
     try:
         with asking() as node:
-            relay, began, known = Relay(node, channel), time.monotonic(), 0
+            relay, began, known, told = Relay(node, channel), time.monotonic(), 0, False
             while not (options.seconds and time.monotonic() > began + options.seconds):
                 relay.look()
+                if not told and time.monotonic() > began + WAIT and (remark := remark_if_alone(node)):
+                    told = True
+                    print(remark.strip(), file=sys.stderr, flush=True)
                 if len(relay.topics) != known:
                     known = len(relay.topics)
                     print(f"{known} topics", flush=True)
