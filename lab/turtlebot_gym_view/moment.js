@@ -52,6 +52,15 @@ function people_of({people, still}, k) {
   return {x: circles.x, y: circles.y, heading, pillar, ...Object.fromEntries(sizes)}
 }
 
+// What many rows share is set once, since Bokeh then draws it anew.
+const entries = ({data: {row}}, k) => `${count(row, k - 1)} to ${count(row, k)}`
+function renew(run, name, key, of) {
+  run.keys ??= {}
+  if (run.keys[name] === key) return
+  run.keys[name] = key
+  set(run.moment[name], {data: of()})
+}
+
 function show_run(run) {
   const {rows, moment, places} = run, {data} = rows, k = row_at(data.time, time), first = Math.min(row_at(data.time, from()), k)
   const state = `${k}/${first}/${data.time.length}`
@@ -64,10 +73,10 @@ function show_run(run) {
   const every = Math.ceil((row_at(data.time, until()) - first + 1) / LONGEST), path = cut(rows, Object.keys(moment.trail.data), first, k + 1)
   if (every > 1) for (const name in path) path[name] = thinned(path[name], first, k + 1, every)
   set(moment.trail, {data: path})
-  set(moment.people, {data: people_of(run, k)})
+  renew(run, "people", entries(run.people, k), () => people_of(run, k))
   if (!chosen(runs.indexOf(run))) return
-  set(moment.points, {data: points_of(run, k)})
-  set(moment.places, {data: of_row(places, k)})
+  renew(run, "points", count(run.scans.data.row, k), () => points_of(run, k))
+  renew(run, "places", entries(places, k), () => of_row(places, k))
 }
 
 const many = (number, thing) => `${number} ${thing}${number === 1 ? "" : "s"}`
