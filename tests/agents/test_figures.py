@@ -142,6 +142,11 @@ def test_an_evaluation_in_rooms_shows_walls_in_each_panel_and_how_each_drive_end
     assert [title.partition(" (")[0] for title in panels if "band" in title] == ["NEES of the pose", "NIS of measurements"]
 
 
+def test_the_outcome_counts_the_waypoints_of_a_task_with_several():
+    evaluation = evaluate("bearing", env="turtlebot_gym/TurtleBotSquare-v0", episodes=1)
+    assert evaluation.trajectory.outcome == f"4 of 4 waypoints, success after {evaluation.episodes.time[0]:.1f} s"
+
+
 def test_what_was_not_measured_is_left_out_and_one_drive_is_shown_over_time():
     evaluations = {"bearing": evaluate("bearing", noise="wheel", episodes=3, consistency=True)}
     titles = [axes.get_title() for axes in evaluation_figure(evaluations, title="wheels").axes]

@@ -100,9 +100,10 @@ def concatenate(parts: Sequence[Episodes]) -> Episodes:
 
 
 def outcome_of(episodes: Episodes, at: int = 0) -> str:
-    """Return how an episode ended, in words."""
-    reached, collided = bool(episodes.success[at]), bool(episodes.collision[at])
-    return f"{'success' if reached else 'collision' if collided else 'time is up'} after {episodes.time[at]:.1f} s"
+    """Return how an episode ended, in words; with several waypoints also how many were truly reached."""
+    reached, collided, given = bool(episodes.success[at]), bool(episodes.collision[at]), int(episodes.given[at])
+    waypoints = f"{episodes.arrivals[at]} of {given} waypoints, " if given > 1 else ""
+    return f"{waypoints}{'success' if reached else 'collision' if collided else 'time is up'} after {episodes.time[at]:.1f} s"
 
 
 def measure(record: Record, p: Parameters, seed: int) -> Episodes:
