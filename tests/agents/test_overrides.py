@@ -265,6 +265,7 @@ def made(command):
         ("evaluate noise.odometry.spik=1", "noise.odometry: OdometryNoise has no spik; it has"),
         ("train lerning_rate=1", "Did you mean 'learning_rate'?"),
         ("train policy_kwargs.net_arc=[8]", "Did you mean 'net_arch'?"),
+        ("evaluate noise.base=rough", "evaluate has no 'noise.base'"),
         ("train nosuch.field=1", "train has no 'nosuch.field'"),
         ("evaluate episodes=many", "episodes must be a whole number, got 'many'"),
         ("evaluate dt=fast", "dt must be a number, got 'fast'"),

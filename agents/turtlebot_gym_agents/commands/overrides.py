@@ -119,7 +119,7 @@ def override(command: C, name: str, pairs: Sequence[tuple[str, str]], words: Seq
         elif path and top == "reward" and top in flags:
             weight, before = typed(key, float, text), command.reward or {}  # pyright: ignore[reportAttributeAccessIssue]
             _put(values, (top, *path), key, weight, before.get(path[0], weight))
-        elif path and top in options:
+        elif path and top in options and path[0] != BASE:  # which the option itself names
             for inner, value in _leaves(path, free(key, text)):
                 _put(changes, (top, *inner), key, value, value)
         elif top == "task" and top in options:
