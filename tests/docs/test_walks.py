@@ -19,7 +19,7 @@ pytestmark = [
     pytest.mark.skipif(not (ROOT / ".git").exists(), reason="needs a clone of the repository"),
 ]
 FOLDERS = (".", "agents", "bridges/turtlebot_gym_ros", "bridges/cmd_vel_guard", "lab")
-POLICY, GRAPH, FILTER, EXERCISE = "train ", "bringup --speed 1", "estimate ", "check "
+POLICY, GRAPH, FILTER, EXERCISE = "train ", "bringup --speed 1", "evaluate --filter ", "check "
 """What the first command of each way has in it."""
 TOOL = "python -m turtlebot_gym_ros"
 
