@@ -7,9 +7,8 @@
 Importing this package needs only Python, and its policies need only numpy, so that a robot can run them.
 """
 
-from typing import TYPE_CHECKING
-
-from turtlebot_gym.lazy import lazy_names
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 __all__ = [
     "BearingPolicy",
@@ -40,15 +39,26 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.front.learning import Training, train
     from turtlebot_gym_agents.front.satellites import replay, watch
     from turtlebot_gym_agents.policies import BearingPolicy, Deployment, Policy, ProportionalPolicy, make_policy
-else:  # import names at first use, so that --help does not wait for them
-    _HOMES = {
-        "evaluation.evaluate": ("evaluate",),
-        "evaluation.result": ("Evaluation",),
-        "front.comparing": ("Comparison", "compare"),
-        "front.driving": ("DriveResult", "drive"),
-        "front.exporting": ("ExportedPolicy", "export"),
-        "front.learning": ("Training", "train"),
-        "front.satellites": ("replay", "watch"),
-        "policies": ("BearingPolicy", "Deployment", "Policy", "ProportionalPolicy", "make_policy"),
-    }
-    __getattr__, __dir__ = lazy_names(__name__, _HOMES)
+
+_HOMES = {
+    "evaluation.evaluate": ("evaluate",),
+    "evaluation.result": ("Evaluation",),
+    "front.comparing": ("Comparison", "compare"),
+    "front.driving": ("DriveResult", "drive"),
+    "front.exporting": ("ExportedPolicy", "export"),
+    "front.learning": ("Training", "train"),
+    "front.satellites": ("replay", "watch"),
+    "policies": ("BearingPolicy", "Deployment", "Policy", "ProportionalPolicy", "make_policy"),
+}
+_HOME_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name, imported at first use: --help does not wait for it, and commands first set up their threads."""
+    if name not in _HOME_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

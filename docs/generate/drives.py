@@ -2,8 +2,8 @@
 
 import gymnasium as gym
 import numpy as np
-from drawing import WIDTH
 from matplotlib.figure import Figure
+from panels import WIDTH
 
 from turtlebot_gym.drive import Drive, position_error
 from turtlebot_gym.plotting import BLUE, SKY_BLUE, VERMILLION, draw_position_error, draw_trajectory

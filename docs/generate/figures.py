@@ -8,9 +8,9 @@ import mkdocs_gen_files
 from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path("docs/generate").resolve()))
-from drawing import BLUE, COLORS, VERMILLION, WIDTH, Panel, Series, dots, pick, series, svg
 from drives import blocks, loop, two_filters
 from in_rooms import challenge, lidars, messages, people, policies, sway, worlds
+from panels import BLUE, COLORS, VERMILLION, WIDTH, Panel, Series, dots, pick, series, svg
 from rows import named, read
 
 

@@ -1,6 +1,6 @@
 """Figures of policies in rooms."""
 
-from drawing import Panel, Series, dots, series
+from panels import Panel, Series, dots, series
 from rows import as_robot, barn, read, rooms
 
 WORLDS = ("clutter", "dense", "corridor", "office", "cellular", "crowd", "map")

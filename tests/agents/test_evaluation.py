@@ -14,7 +14,10 @@ from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation import evaluate as evaluation
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
+from turtlebot_gym_agents.ids import SHORT
 from turtlebot_gym_agents.provenance import plain, write_json
+
+NAV = SHORT["nav"]
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 POSE = "turtlebot_gym/TurtleBotPose-v0"
@@ -94,10 +97,10 @@ def by_hand(policy: str, seed: int, *, env: str, **options) -> dict[str, float]:
 @pytest.mark.parametrize(
     ("policy", "options"),
     [
-        ("bearing", {"env": evaluation.NAV}),
-        ("bearing", {"env": evaluation.NAV, "observation": "odometry", "noise": "rough"}),
-        ("bearing", {"env": evaluation.NAV, "arrival": "belief", "robot": "tutorial", "dt": 0.05}),
-        ("proportional", {"env": evaluation.NAV, "noise": "documented", "observation": "truth"}),
+        ("bearing", {"env": NAV}),
+        ("bearing", {"env": NAV, "observation": "odometry", "noise": "rough"}),
+        ("bearing", {"env": NAV, "arrival": "belief", "robot": "tutorial", "dt": 0.05}),
+        ("proportional", {"env": NAV, "noise": "documented", "observation": "truth"}),
         ("bearing", {"env": SQUARE, "laps": 2}),
         ("proportional", {"env": SQUARE, "switch": "time", "robot": "tutorial", "filter": "tutorial"}),
         ("bearing", {"env": ROOMS, "world": "dense", "lidar": "ideal"}),
@@ -120,7 +123,7 @@ def test_an_episode_is_that_of_the_scalar_environment(policy, options):
 
 def test_the_trajectory_is_the_first_episode():
     result = evaluate("bearing", episodes=3, seed=7)
-    world = gym.make(evaluation.NAV)
+    world = gym.make(NAV)
     observation, info = world.reset(seed=7)
     infos, ended, policy = [info], False, make_policy("bearing")
     while not ended:

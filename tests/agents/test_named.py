@@ -120,7 +120,11 @@ def test_what_cannot_be_called_is_no_policy(name, reason):
     ("policy", "options", "message"),
     [
         ("ppo-square", {"env": NAV}, "ppo-square: made for turtlebot_gym/TurtleBotSquare-v0 and observation 'ekf'"),
-        ("ppo-nav", {"env": NAV, "observation": "odometry"}, f"asked for {NAV} and 'odometry'; --allow-mismatch"),
+        (
+            "ppo-nav",
+            {"env": NAV, "observation": "odometry"},
+            "asked for turtlebot_gym/TurtleBotNav-v0 and 'odometry'",
+        ),
         ("ppo-nav", {"env": NAV, "robot": "waffle"}, "made for 10 Hz burger, asked for 10 Hz waffle (max_linear "),
         ("ppo-nav", {"env": NAV, "dt": 0.05}, "made for 10 Hz burger, asked for 20 Hz burger"),
     ],

@@ -73,9 +73,10 @@ class Benchmark(WritingOptions):
             raise ValueError("check and against exclude each other.")
         if self.tolerance is not None and self.check is None and self.against is None:
             raise ValueError("tolerance changes nothing without --check or --against: leave it out.")
-        for name in ("json", "busy"):
-            if getattr(self, name) and (self.check or self.against):
-                raise ValueError(f"{name} changes nothing with --check or --against: leave it out.")
+        if self.json and self.check:
+            raise ValueError("json changes nothing with --check, which writes no results: leave it out.")
+        if self.busy and (self.check or self.against):
+            raise ValueError("busy changes nothing with --check or --against: leave it out.")
 
 
 _USUAL = ("nav", "kalman", "rooms-kalman")

@@ -112,7 +112,7 @@ def policy_of(policy: Any) -> str | Policy:
 def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:
     """Return environments whose infos hold all that is measured."""
     given = arguments_of(options)
-    return gym.make_vec(env, num_envs=num_envs, vectorization_mode="vector_entry_point", info="full", **given)
+    return gym.make_vec(environment_id(env), num_envs=num_envs, vectorization_mode="vector_entry_point", info="full", **given)
 
 
 def batches(episodes: int, size: int) -> list[tuple[int, int]]:
@@ -128,9 +128,9 @@ def batches(episodes: int, size: int) -> list[tuple[int, int]]:
 
 
 def require_known(env: str, seed: int) -> None:
-    """Raise ValueError unless the id is of this package and the seed is valid."""
+    """Raise ValueError unless the id or short name is of this package and the seed is valid."""
     as_int("seed", seed, 0, MAX_SEED)
-    choose("env", env, {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
+    choose("env", environment_id(env), {spec.id: spec for spec in registry.values() if spec.namespace == "turtlebot_gym"})
 
 
 def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch: bool = False) -> Policy:

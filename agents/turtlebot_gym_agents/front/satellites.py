@@ -17,8 +17,8 @@ GROUP = "turtlebot_gym.commands"
 def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
     """Return the view of drives, as `turtlebot-gym watch` shows it. Needs the extra [view].
 
-    For example ``watch("bearing", "ppo-nav", html="view.html")``. A notebook shows what is returned; its ``serve()`` shows it in
-    a browser until the process is interrupted, and ``save("view.html")`` writes it to a file.
+    For example ``watch("bearing", "ppo-nav", html="view.html")``. A notebook shows what is returned; ``serve()`` shows it in
+    a browser until the process is interrupted, and ``save("view.html")`` writes a file.
 
     Args:
         *what: Policies, as for `evaluate`, that all drive the same episode; or drives, which `drive` returned.
