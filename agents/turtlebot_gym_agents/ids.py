@@ -20,5 +20,6 @@ def environment_id(name: str) -> str:
 def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
     """Return options as keyword arguments of `gymnasium.make_vec`: a task with a limit of steps of its own sets that, too."""
     task = options.get("task")
-    limited = isinstance(task, Mapping) and "max_steps" in task and "max_episode_steps" not in options
-    return {**options, **({"max_episode_steps": task["max_steps"]} if limited else {})}
+    if isinstance(task, Mapping) and "max_steps" in task and "max_episode_steps" not in options:
+        return {**options, "max_episode_steps": task["max_steps"]}
+    return dict(options)

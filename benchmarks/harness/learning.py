@@ -49,8 +49,9 @@ def training(
     from stable_baselines3 import PPO
     from stable_baselines3.common.vec_env import DummyVecEnv
 
+    from turtlebot_gym_agents.training.arguments import arguments
     from turtlebot_gym_agents.training.config import TrainingConfig
-    from turtlebot_gym_agents.training.model import arguments, make_model
+    from turtlebot_gym_agents.training.model import make_model
 
     config = TrainingConfig(env=NAV)
     hyper = config.hyper

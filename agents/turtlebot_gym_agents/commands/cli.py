@@ -86,7 +86,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
 
         if not self.policy:
             raise ValueError("policy must name at least one value, got none.")
-        axes = self.axes()
+        axes: dict[str, Any] = self.axes()
         run = self._spread if self.spread else None
         self.runner()  # refuses workers without a cluster
         with progress(self.episodes * len(self.policy) * math.prod(map(len, axes.values()))) as advance_to:
