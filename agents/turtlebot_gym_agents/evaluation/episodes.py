@@ -103,7 +103,12 @@ def outcome_of(episodes: Episodes, at: int = 0) -> str:
     """Return how an episode ended, in words; with several waypoints also how many were truly reached."""
     reached, collided, given = bool(episodes.success[at]), bool(episodes.collision[at]), int(episodes.given[at])
     waypoints = f"{episodes.arrivals[at]} of {given} waypoints, " if given > 1 else ""
-    return f"{waypoints}{'success' if reached else 'collision' if collided else 'time is up'} after {episodes.time[at]:.1f} s"
+    return waypoints + ending_of(reached, collided, episodes.time[at])
+
+
+def ending_of(reached: bool, collided: bool, seconds: float) -> str:
+    """Return how an episode ended after a time, s, in words."""
+    return f"{'success' if reached else 'collision' if collided else 'time is up'} after {seconds:.1f} s"
 
 
 def measure(record: Record, p: Parameters, seed: int) -> Episodes:

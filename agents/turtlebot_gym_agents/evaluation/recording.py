@@ -21,8 +21,9 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Parameters, Snapshot
 from turtlebot_gym.values import Pose, State
+from turtlebot_gym_agents.evaluation.episodes import ending_of
 from turtlebot_gym_agents.evaluation.evaluate import driven, driver_of, make_envs, policy_of, require_known
-from turtlebot_gym_agents.evaluation.surroundings import grid_of, scene_of
+from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of
 from turtlebot_gym_agents.front.defaults import NAV, SEED
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.ids import environment_id
@@ -68,10 +69,10 @@ def record_episode(
         p = parameters_of(envs)
         driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
         rows = list(_rows(envs, driver, seed, p))
-        grid, chart = grid_of(scene_of(envs)), _chart_of(scene_of(envs), p)
+        around = room_of(envs, label or name_of(policy))._replace(chart=_chart_of(scene_of(envs), p))
     finally:
         envs.close()
-    return _episode(rows, p, label=label or name_of(policy), grid=grid, chart=chart)
+    return _episode(rows, p, around)
 
 
 def _hypotheses_of(world: Snapshot, scene: Scene | None, p: Parameters) -> NDArray[np.float64]:
@@ -95,25 +96,18 @@ def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator
         )
 
 
-def _episode(rows: Sequence[_Row], p: Parameters, *, label: str, grid: GridMap | None, chart: GridMap | None) -> Drive:
+def _episode(rows: Sequence[_Row], p: Parameters, around: RoomData) -> Drive:
     infos = [{name: values[0] for name, values in row.info.items()} for row in rows]
     rooms = [row.room for row in rows if row.room]
-    ending = "success" if infos[-1]["is_success"] else "collision" if infos[-1].get("collision", False) else "time is up"
+    last = infos[-1]
     walking = any(room.circles != rooms[0].circles for room in rooms)
     drive = Drive.stack(
         infos,
         time=p.dt * np.arange(len(infos)),
         circles=tuple(np.array(room.circles).reshape(-1, 3) for room in rooms) if walking else (),
         hypotheses=tuple(row.hypotheses for row in rows),
-        around=RoomData(
-            label=label,
-            room=rooms[0] if rooms else None,
-            grid=grid,
-            chart=chart,
-            robot_radius=p.robot.radius,
-            goal_radius=p.task.radius,
-        ),
-        outcome=f"{ending} after {p.dt * (len(infos) - 1):.1f} s",
+        around=around._replace(room=rooms[0] if rooms else None),
+        outcome=ending_of(last["is_success"], last.get("collision", False), p.dt * (len(infos) - 1)),
     )
     return replace(drive, scans=_scans(rows, drive, p))
 
