@@ -27,6 +27,7 @@ from turtlebot_gym.plotting import (
     draw_trajectory,
     legend_below,
 )
+from turtlebot_gym_agents.evaluation import metrics
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -158,15 +159,13 @@ def plot_learning(
     marker = "o" if len(curves) == 1 else None
     for steps, values in curves if len(curves) > 1 else ():
         axes.plot(steps, values, color=color, linewidth=0.8, alpha=0.4)
-    grid, mean, margin = _mean_curve(curves)
+    grid, (mean, low, high) = _mean_curve(curves)
     seeds = f"mean of {len(curves)} seeds" if len(curves) > 1 else "one seed"
     axes.plot(
         grid, mean, color=color, linestyle=style, marker=marker, linewidth=1.8, label=f"{label}, {seeds}" if label else seeds
     )
     if len(curves) > 1:
-        axes.fill_between(
-            grid, mean - margin, mean + margin, color=color, alpha=0.2, linewidth=0.0, label="95 % interval of the mean"
-        )
+        axes.fill_between(grid, low, high, color=color, alpha=0.2, linewidth=0.0, label="95 % interval of the mean")
     axes.xaxis.set_major_formatter(EngFormatter())
     axes.set(xlabel="training steps", ylabel=LEARNING[measure])
     if measure == "success":
@@ -285,14 +284,10 @@ def _zoom(axes: Axes, drives: Sequence[Drive]) -> Axes:
     return axes
 
 
-def _mean_curve(curves: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return steps, mean, and half the width of its 95 % interval, of curves of steps and values, shape (2, n) each."""
-    from scipy.stats import t as student  # slow to import
-
+def _mean_curve(curves: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return steps, shape (k,), and mean and 95 % interval, shape (3, k), of curves of steps and values, shape (2, n) each."""
     first, last = max(curve[0, 0] for curve in curves), min(curve[0, -1] for curve in curves)
     grid = np.unique(np.concatenate([curve[0] for curve in curves]))
     grid = grid[(grid >= first) & (grid <= last)] if first <= last else grid
     values = np.array([np.interp(grid, *curve) for curve in curves])
-    n = len(curves)
-    margin = student.ppf(0.975, n - 1) * values.std(axis=0, ddof=1) / math.sqrt(n) if n > 1 else np.zeros(len(grid))
-    return grid, values.mean(axis=0), margin
+    return grid, np.array([metrics.mean(column) for column in values.T]).T

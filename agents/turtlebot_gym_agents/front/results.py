@@ -113,10 +113,9 @@ def axes_or_new(axes: Axes | None) -> Axes:
     return plt.subplots(layout="constrained")[1]
 
 
-def with_legend(axes: Axes, title: str = "") -> Axes:
-    """Add a legend and a title to axes, and return them."""
+def with_legend(axes: Axes) -> Axes:
+    """Add a legend to axes, and return them."""
     axes.legend(fontsize="small")
-    axes.set_title(title)
     return axes
 
 
