@@ -104,7 +104,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
 
     def axes(self) -> dict[str, list[Any]]:
         """Return the values of each option of which several are compared, with their changed fields."""
-        return {name: [self.options(**{name: value})[name] for value in getattr(self, name)] for name in _SETTINGS}
+        return {name: [self.variant(name, value) for value in getattr(self, name)] for name in _SETTINGS}
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""

@@ -15,7 +15,6 @@ import tyro
 
 from turtlebot_gym.extras import installing
 from turtlebot_gym.files import replacing
-from turtlebot_gym.variants import BASE
 from turtlebot_gym_agents.commands.flags import Environment
 from turtlebot_gym_agents.commands.overrides import Overridable
 from turtlebot_gym_agents.front.defaults import NAV, SEED
@@ -101,7 +100,7 @@ class EnvironmentOptions(Environment, _EpisodeOptions, Overridable):
 
         usual, noises = "matched", _listed(self.noise)
         named = () if "filter" in self.changes else _listed(self.filter)
-        made = [make_noise({BASE: noise, **self.changes.get("noise", {})}) for noise in noises]
+        made = [make_noise(self.variant("noise", noise)) for noise in noises]
         for name in {*named} & {*FILTERS} - {usual, "gyro"}:
             if made and all(make_filter(name, noise) == make_filter(usual, noise) for noise in made):
                 why = "with wheel odometry no filter corrects" if made[0].odometry.wheel else "there is nothing else to model"

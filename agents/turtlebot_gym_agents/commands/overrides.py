@@ -47,8 +47,13 @@ class Overridable:
             if chosen is None and name in _NEEDED:
                 first = next(flattened({name: changes}))[0]
                 raise ValueError(f"{first} changes a {name}, and there is none: add one, such as {name}={_NEEDED[name]}.")
-            result[name] = {BASE: chosen, **changes}
+            result[name] = self.variant(name, chosen)
         return result
+
+    def variant(self, name: str, chosen: Any) -> Any:
+        """Return a value of an option as a variant with the fields that are changed; as it is without any."""
+        changes = self.changes.get(name)
+        return {BASE: chosen, **changes} if changes else chosen
 
     def changed(self) -> list[str]:
         """Return the overrides that no flag stands for, each as a phrase of a table's header."""
