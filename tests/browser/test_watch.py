@@ -19,7 +19,6 @@ from PIL import Image
 
 from turtlebot_gym.drive import Drive, DriveBuffer
 from turtlebot_gym_view import record_episode
-from turtlebot_gym_view.html import write_html
 from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.server import Server
 
@@ -133,7 +132,7 @@ def urls(long_drive, tmp_path_factory):
     """Files of a drive of 60 s, alone and with another one of 60 s, by the number of drives."""
     folder = tmp_path_factory.mktemp("file")
     for number in (1, 2):
-        write_html([long_drive] * number, folder / f"{number}.html", title="TurtleBotRooms-v0, office, seed 9")
+        Page(drives=[long_drive] * number, title="TurtleBotRooms-v0, office, seed 9").save(folder / f"{number}.html")
     return {number: (folder / f"{number}.html").as_uri() for number in (1, 2)}
 
 
@@ -173,7 +172,7 @@ def test_what_is_scrubbed_to_is_drawn_at_once(visit, urls, drives):
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_it_is_drawn_in_any_size_and_light(visit, long_url, pair, tmp_path, results, size, scheme):
-    write_html(pair, tmp_path / "pair.html", title="TurtleBotRooms-v0, seed 1")
+    Page(drives=pair, title="TurtleBotRooms-v0, seed 1").save(tmp_path / "pair.html")
     for name, url, at in (("one", long_url, 31.0), ("two", (tmp_path / "pair.html").as_uri(), 6.0)):
         seen = visit(url, size=size, scheme=scheme)
         seen.seek(at)
@@ -340,7 +339,7 @@ def test_the_robot_stays_in_the_middle_when_it_is_followed(visit, long_url, long
 @pytest.mark.parametrize("runs", [1, 2, 6])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_whole_window_is_used(visit, pair, tmp_path, results, runs, scheme):
-    write_html((pair * 3)[:runs], tmp_path / "drives.html", title="TurtleBotRooms-v0, seed 1")
+    Page(drives=(pair * 3)[:runs], title="TurtleBotRooms-v0, seed 1").save(tmp_path / "drives.html")
     seen = visit((tmp_path / "drives.html").as_uri(), scheme=scheme)
     seen.seek(6.0)
     seen.page.screenshot(path=results / f"window-{runs}-{scheme}.png")
@@ -408,7 +407,7 @@ def test_events_stand_on_the_time_line(visit, tmp_path, long_drive):
         fix=fix,
         outcome="success after 9.9 s",
     )
-    write_html([drive], tmp_path / "events.html", title="Events")
+    Page(drives=[drive], title="Events").save(tmp_path / "events.html")
     seen = visit((tmp_path / "events.html").as_uri())
     events = [(event["kind"], round(event["time"], 1)) for event in seen.events]
     expected = [("arrival", 2.0), ("fix", 3.0), ("contact", 5.0), ("guard", 6.0), ("lost", 7.0), ("arrival", 9.9)]
@@ -485,7 +484,7 @@ def test_goals_are_in_view_and_no_plot_is_empty_while_a_drive_grows(visit, long_
 
 
 def test_drives_are_shown_over_each_other_and_one_of_them_with_the_others_pale(visit, pair, tmp_path, results):
-    write_html(pair, tmp_path / "pair.html", title="Two")
+    Page(drives=pair, title="Two").save(tmp_path / "pair.html")
     seen = visit((tmp_path / "pair.html").as_uri())
     assert seen.page.locator(".map").count() == 1
     seen.seek(6.0)
@@ -521,7 +520,7 @@ LAYER = """([layer, run]) => {
 
 
 def test_each_drive_has_its_score(visit, pair, tmp_path):
-    write_html(pair, tmp_path / "pair.html", title="Two")
+    Page(drives=pair, title="Two").save(tmp_path / "pair.html")
     seen = visit((tmp_path / "pair.html").as_uri())
     seen.seek(6.0)
     for run, drive in enumerate(pair):
@@ -535,7 +534,7 @@ def test_each_drive_has_its_score(visit, pair, tmp_path):
 
 
 def test_drives_stand_side_by_side_on_request(visit, pair, tmp_path, results):
-    write_html(pair, tmp_path / "pair.html", title="Two", side_by_side=True)
+    Page(drives=pair, title="Two", side_by_side=True).save(tmp_path / "pair.html")
     seen = visit((tmp_path / "pair.html").as_uri())
     seen.seek(6.0)
     seen.page.screenshot(path=results / "side-by-side.png")
@@ -647,7 +646,7 @@ def test_a_notebook_shows_the_view_without_any_request(browser, pair, tmp_path, 
 
 
 def test_no_request_leaves_the_machine_whatever_is_done(visit, pair, tmp_path):
-    write_html(pair, tmp_path / "pair.html", title="Two")
+    Page(drives=pair, title="Two").save(tmp_path / "pair.html")
     url = (tmp_path / "pair.html").as_uri()
     seen = visit(url, motion="no-preference")
     seen.page.mouse.move(*middle_of(seen))
@@ -666,7 +665,7 @@ def test_a_robot_that_looks_for_itself_shows_where_it_may_be_and_its_map(visit, 
     numbers = [len(places) for places in drive.hypotheses]
     assert 2 < max(numbers) <= 16
     assert numbers[-1] == 0
-    write_html([drive], tmp_path / "lost.html", title="Lost")
+    Page(drives=[drive], title="Lost").save(tmp_path / "lost.html")
     seen = visit((tmp_path / "lost.html").as_uri())
     row = int(np.argmax(numbers))
     seen.seek(float(drive.time[row]))

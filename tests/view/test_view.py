@@ -23,7 +23,6 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_view import style
-from turtlebot_gym_view.html import write_html
 from turtlebot_gym_view.maps import _extent, _picture
 from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.server import Server
@@ -72,7 +71,7 @@ class Loads(HTMLParser):
 
 
 def test_a_file_of_60_s_is_small_and_loads_nothing(tmp_path):
-    size = write_html([make_drive()], tmp_path / "drive.html", title="60 s")
+    size = Page(drives=[make_drive()], title="60 s").save(tmp_path / "drive.html")
     assert size == (tmp_path / "drive.html").stat().st_size < LIMIT
     page = Loads((tmp_path / "drive.html").read_text(encoding="utf-8"))
     assert all(url.startswith("data:") for url in page.loads)
@@ -118,7 +117,7 @@ def test_two_hours_of_numbers_are_a_small_file(tmp_path):
         nis=rng.chisquare(3, rows),
         clearance=rng.uniform(size=rows),
     )
-    assert write_html([drive], tmp_path / "long.html", title="2 h") < 6_000_000
+    assert Page(drives=[drive], title="2 h").save(tmp_path / "long.html") < 6_000_000
 
 
 def test_six_drives_have_six_colours_and_six_dashes():
