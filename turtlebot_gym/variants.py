@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
@@ -49,3 +49,12 @@ def vary(value: T, changes: Mapping[str, Any], name: str) -> T:
         given[key] = vary(part, change, f"{name}.{key}") if inside else change
     made: Any = value
     return replace(made, **given)
+
+
+def flattened(changes: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield keys with dots, and values, of nested mappings."""
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and value:
+            yield from flattened(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
+from turtlebot_gym.variants import flattened
 from turtlebot_gym_agents.commands.console import DriveOptions, WritingOptions, needs
-from turtlebot_gym_agents.commands.overrides import flattened
 from turtlebot_gym_agents.outputs import OutputFile
 from turtlebot_gym_lab.commands.recorded import MountOption, RecordingOptions
 

@@ -28,6 +28,7 @@ from turtlebot_gym.plotting import GREEN, SKY_BLUE, VERMILLION
 from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
 from turtlebot_gym_agents.commands.cli import COMMANDS
 from turtlebot_gym_agents.evaluation import metrics
+from turtlebot_gym_agents.evaluation.result import title_of
 from turtlebot_gym_agents.front.film import FRAMES
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.training.config import TrainingConfig
@@ -300,6 +301,11 @@ def test_watch_hands_policies_or_drives_to_the_viewer(in_a_room, monkeypatch):
         watch("bearing", in_a_room)
     with pytest.raises(ValueError, match=r"noise would change nothing in drives that have ended: give it to drive\(\)"):
         watch(in_a_room, noise="wheel")
+
+
+def test_a_title_names_the_changed_fields_of_a_variant():
+    config = {"env": "nav", "seed": 0, "noise": {"base": "rough", "odometry": {"dropout_probability": 0.1}}, "filter": "gated"}
+    assert title_of(config) == "nav, seed 0, noise rough odometry.dropout_probability 0.1, filter gated"
 
 
 def test_names_of_environments_are_short_in_any_case():

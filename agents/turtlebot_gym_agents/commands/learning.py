@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import tyro
 
 from turtlebot_gym.entry_points import load_entry_point
+from turtlebot_gym.variants import flattened
 from turtlebot_gym_agents.commands.console import (
     EnvironmentOptions,
     FigureFile,
@@ -24,7 +25,7 @@ from turtlebot_gym_agents.commands.console import (
     save_figure,
 )
 from turtlebot_gym_agents.commands.flags import Learning
-from turtlebot_gym_agents.commands.overrides import Hidden, flattened, phrase, unknown_key
+from turtlebot_gym_agents.commands.overrides import Hidden, phrase, unknown_key
 from turtlebot_gym_agents.front.defaults import RUN, SEEDS
 from turtlebot_gym_agents.outputs import FOLDER
 

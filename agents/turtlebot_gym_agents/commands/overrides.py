@@ -15,7 +15,7 @@ from typing import Annotated, Any, TypeVar, get_origin, get_type_hints
 import tyro
 
 from turtlebot_gym.validation import did_you_mean, short_repr
-from turtlebot_gym.variants import BASE
+from turtlebot_gym.variants import BASE, flattened
 from turtlebot_gym_agents.commands.fields import Flag, flags_of, texts_of
 from turtlebot_gym_agents.commands.typed import free, typed
 
@@ -159,15 +159,6 @@ def unknown_key(command: type, name: str, key: str, more: Sequence[str] = ()) ->
     known = [*keys_of(command), *more]
     meant = did_you_mean(key, known)
     return ValueError(f"{name} has no {short_repr(key)}; `turtlebot-gym {name} --help keys` lists what it has.{meant}")
-
-
-def flattened(changes: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield keys with dots, and values, of nested mappings."""
-    for key, value in changes.items():
-        if isinstance(value, Mapping) and value:
-            yield from flattened(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
 
 
 def phrase(value: Any) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive
+from turtlebot_gym.variants import flattened, split
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.consistency import Consistency
 from turtlebot_gym_agents.evaluation.episodes import Episodes
@@ -137,8 +138,13 @@ def title_of(config: Mapping[str, Any], *left_out: str) -> str:
     """Return what a result depends on, as a title: environment, episodes, and the options that were given."""
     given = {name: value for name, value in config.items() if name not in (*_HEAD, *left_out) and value is not None}
     seeds = f"{config['episodes']} episodes from seed" if "episodes" in config else "seed"
-    options = (f"{name} {name_of(value)}" for name, value in given.items())
+    options = (f"{name} {name_of(value)}{_changes(value)}" for name, value in given.items())
     return ", ".join([config["env"], f"{seeds} {config['seed']}", *options])
+
+
+def _changes(value: Any) -> str:
+    """Return the changed fields of a variant, see `turtlebot_gym.variants`."""
+    return "".join(f" {key} {name_of(changed)}" for key, changed in flattened(split(value)[1]))
 
 
 _HEAD = ("env", "policy", "episodes", "seed")
