@@ -45,6 +45,16 @@ def test_each_environment_may_have_parameters_of_its_own(in_step):
     assert len(list(in_step(Batch(n, rows, WAYPOINTS), plain, steps=50))) == 50
 
 
+@pytest.mark.parametrize("num_envs", [1, TILE, TILE + 1])
+def test_each_may_have_the_same_parameters(num_envs):
+    p = make_parameters(SQUARE)
+    batches = started(num_envs, p), started(num_envs, [p] * num_envs)
+    for _ in range(20):
+        (observations, outcomes), (others, also) = (batch.step(acting(num_envs)) for batch in batches)
+        assert np.array_equal(observations, others)
+        assert np.array_equal(outcomes, also)
+
+
 def test_parameters_may_be_changed_on_the_way():
     calm, shaky = make_parameters(SQUARE, noise="clean"), make_parameters(SQUARE, noise="tutorial")
     batch = started(3, calm)

@@ -125,8 +125,8 @@ class Batch:
             self._make_room_for(self._around, rows * self.num_envs if same else rows)
         layout = self._loops.layout.parameters
         varying = [index for index, place in enumerate(layout.places) if place >= 0]
-        table = numbers[:, varying]
-        table = np.repeat(table, TILE if same else np.r_[[1] * (len(rows) - 1), 1 + -len(rows) % TILE], axis=0)
+        last, whole = len(rows) - 1, -(-len(rows) // TILE) * TILE
+        table = numbers[np.minimum(np.arange(whole), last)][:, varying]  # the last row fills the last tile
         tiles = table.reshape(len(table) // TILE, TILE, layout.size).transpose(0, 2, 1)
         self._parameters = aligned(layout.ahead + tiles.size)
         self._parameters[: len(layout.shared)] = numbers[0, list(layout.shared)]
