@@ -13,6 +13,7 @@ from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_lab.drives import read
+from turtlebot_gym_lab.evaluation import rows
 from turtlebot_gym_lab.evaluation.replay import (
     _segments,
     dead_reckoning,
@@ -132,6 +133,18 @@ def test_measurements_are_lost_as_the_preset_says_and_a_seed_repeats_itself():
     assert abs(np.isnan(first.odometry[1:, 0]).mean() - 0.3) < 5.0 * np.sqrt(0.3 * 0.7 / 5999)
     np.testing.assert_array_equal(first.estimate, again.estimate)
     assert np.abs(first.estimate - other.estimate).max() > 1e-3
+
+
+@pytest.mark.parametrize("name", ["matched", "mixture"])
+def test_the_compiled_filter_has_the_bits_of_plain_python(name, monkeypatch):
+    drive, loop_of = perfect_drive(400), rows._loop_of.__wrapped__
+    fast = replay(drive, filter=name, seed=2)
+    with monkeypatch.context() as plain:
+        plain.setattr(rows, "compiled", lambda function, name: function)
+        plain.setattr(rows, "_loop_of", loop_of)
+        slow = replay(drive, filter=name, seed=2)
+    for column in ("odometry", "estimate", "covariance"):
+        np.testing.assert_array_equal(getattr(fast, column), getattr(slow, column))
 
 
 def test_wheel_odometry_leaves_the_filter_with_dead_reckoning():

@@ -17,19 +17,18 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive, known, position_error
 from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.estimation.filters import filter_of, matrix
-from turtlebot_gym.models.odometry import sense
-from turtlebot_gym.models.random import MAX_SEED, episode_key
-from turtlebot_gym.models.unicycle import INTEGRATORS, advance
+from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
 from turtlebot_gym.plotting import PURPLE, legend_below, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int, choose
-from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
+from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 from turtlebot_gym_lab.calibration.alignment import in_one_frame
 from turtlebot_gym_lab.calibration.plausibility import require_units
+from turtlebot_gym_lab.evaluation.rows import Rows, filtered, rolled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,11 +76,7 @@ def dead_reckoning(drive: Drive, *, start: Pose | None = None, integrator: str =
     """Return the poses by dead reckoning from a start, by default the first true pose, shape (T, 3)."""
     rule = choose("integrator", integrator, INTEGRATORS)
     pose = Pose(*drive.truth[0].tolist()) if start is None else start
-    poses = [pose]
-    for (v, omega), dt in zip(drive.twist[1:].tolist(), np.diff(drive.time).tolist(), strict=True):
-        pose = advance(pose, v, omega, dt, rule)
-        poses.append(pose)
-    return np.array(poses)
+    return rolled(np.diff(drive.time, prepend=drive.time[0]), drive.twist, pose, rule)
 
 
 def _segments(truth: NDArray[np.float64], length: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -156,11 +151,8 @@ def replay(
     if recorded and in_force.odometry.wheel:
         raise ValueError(f"noise must be that of measured poses, got {noise!r}: by wheels the filter is not corrected.")
     tuning, rule = make_filter(filter, in_force), choose("integrator", integrator, INTEGRATORS)
-    key = episode_key(seed, 0)
-    true, wheels = ([Pose(*pose) for pose in poses.tolist()] for poses in (drive.truth, dead_reckoning(drive)))
     # The twist of row k moves the robot from row k-1 to row k, so it is the command at row k-1.
-    commands = [Command(*twist) for twist in drive.twist.tolist()][1:]
-    commands.append(commands[-1])
+    commands = np.concatenate([drive.twist[1:], drive.twist[-1:]])
     elapsed = drive.time - drive.time[0]
     ticks = np.floor(elapsed * rate + 1e-6) if math.isfinite(rate) else np.arange(elapsed.size)
     due = known(drive.odometry if recorded else drive.truth)
@@ -169,43 +161,19 @@ def replay(
         due[at] = np.diff(ticks[at], prepend=-1.0) > 0.0
     else:
         due &= np.diff(ticks, prepend=-1.0) > 0.0
-
-    filter_start, filter_step, *_ = filter_of(tuning)
-    given = [Odometry(Pose(*pose), command, True) for pose, command in zip(drive.odometry.tolist(), commands, strict=True)]
-    start = Odometry(true[0], commands[0], True)
-    now = given[0] if recorded else sense(true[0], wheels[0], commands[0], start, in_force.odometry, key, 0)
-    estimate = filter_start(Senses(now), tuning)
-    estimate = _moving(estimate, commands[0])
-    odometry, beliefs = [now.pose], [estimate.belief]
-    for row, dt in enumerate(np.diff(drive.time).tolist(), start=1):
-        before, now = now, Odometry(now.pose, commands[row], False)
-        if due[row] and recorded:
-            now = given[row]
-        elif due[row]:
-            now = sense(true[row], wheels[row], commands[row], before, in_force.odometry, key, row)
-            due[row] = now.measured
-        estimate = filter_step(estimate, Senses(before), Senses(now), tuning, dt, rule)
-        odometry.append(now.pose)
-        beliefs.append(estimate.belief)
-
+    intervals = np.diff(drive.time, prepend=drive.time[0])
+    poses = drive.odometry if recorded else np.empty((0, 3))
+    rows = Rows(intervals, drive.truth, dead_reckoning(drive), commands, poses, due)
+    result = filtered(rows, tuning, in_force.odometry, seed=seed, integrator=rule)
     return replace(
         drive,
         time=elapsed,
-        odometry=np.where(due[:, None], np.array(odometry), np.nan),
-        estimate=np.array([belief.mean for belief in beliefs]),
-        covariance=np.array([matrix(belief.covariance) for belief in beliefs]),
-        command=np.array(commands),
+        odometry=np.where(result.measured[:, None], result.odometry, np.nan),
+        estimate=result.estimate,
+        covariance=result.covariance,
+        command=commands,
         scans=tuple(seen._replace(time=seen.time - drive.time[0]) for seen in drive.scans),
     )
-
-
-def _moving(estimate: Any, twist: Command) -> Any:
-    """Set a twist in all beliefs of an estimate: a recorded drive may begin in motion."""
-    if isinstance(estimate, Belief):
-        return estimate._replace(mean=estimate.mean._replace(v=twist.v, omega=twist.omega))
-    if isinstance(estimate, tuple) and hasattr(estimate, "_fields"):
-        return type(estimate)(*(_moving(part, twist) for part in estimate))
-    return estimate
 
 
 class Replayed(NamedTuple):
