@@ -21,8 +21,11 @@ help:  ## this list, as plain make prints it
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.12")'
+	@echo "Installing what is pinned into $(VENV), once: 2 to 10 minutes, 3 GB, and 4 GB more with CUDA. A dot is 5 seconds."
 	$(PYTHON) -m venv $(VENV)
-	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[all]'
+	@(while sleep 5 && kill -0 $$$$; do printf .; done) 2>/dev/null & \
+	$(RUN)python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[all]'; \
+	code=$$?; kill $$!; echo; exit $$code
 	@touch $@
 
 SQUARE := turtlebot_gym/TurtleBotSquare-v0
