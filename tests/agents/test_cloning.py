@@ -8,8 +8,9 @@ import torch
 
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.training import cloning
-from turtlebot_gym_agents.training.callbacks import _figures, policy_of
+from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.judging import judge
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.train import learn, train
 
@@ -27,7 +28,7 @@ def test_the_network_drives_like_its_teacher_in_the_states_that_it_reaches():
     (model, envs), teacher, judges = made(), make_policy("bearing"), small.make(200)
     cloning.begin_with(model, envs, small, is_new=True)
     act = policy_of(model)
-    reached, of_teacher = _figures(judges, act), _figures(judges, teacher)
+    reached, of_teacher = (judge(judges, policy, seed=EVALUATION_SEED, episodes=200).figures() for policy in (act, teacher))
     assert reached["success"] >= of_teacher["success"] - 0.05
     assert reached["return"] >= 0.95 * of_teacher["return"]
     observations, _ = judges.reset(seed=5)

@@ -255,8 +255,8 @@ def _run_trial(trial: optuna.Trial, config: TrainingConfig) -> tuple[float | Non
         trial.report(figures["return"], len(judge.history))
         return not trial.should_prune()
 
-    with closing(config.make_training()) as envs, closing(config.make(config.episodes)) as judges:
-        judge = EvaluationCallback(judges, every=config.between_evaluations, go_on=go_on)
+    with closing(config.make_training()) as envs, closing(config.make_judging()) as judges:
+        judge = EvaluationCallback(judges, every=config.between_evaluations, episodes=config.episodes, go_on=go_on)
         learn(config, envs, [judge])
     trial.set_user_attr("history", judge.history)
     if judge.stopped:

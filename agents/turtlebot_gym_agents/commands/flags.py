@@ -161,7 +161,7 @@ class Learning:
     evaluations: int = 8
     """Number of evaluations during training."""
     episodes: int = 500
-    """Episodes of each evaluation."""
+    """Episodes of the evaluation at the end; those during training have the first 100."""
     threads: int = 1
     """Threads of torch and of the compiled loop; small networks gain nothing from more."""
     device: str = "cpu"

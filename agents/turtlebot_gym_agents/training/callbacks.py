@@ -30,11 +30,14 @@ from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.history import read_history
+from turtlebot_gym_agents.training.judging import Judged, judge
 from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
+INTERIM = 100
+"""Most episodes of an evaluation before the end of a training."""
 
 
 def mean_actions(policy: ActorCriticPolicy, observations: torch.Tensor) -> torch.Tensor:
@@ -59,28 +62,6 @@ def policy_of(model: BaseAlgorithm) -> Policy:
         return np.clip(mean.cpu().numpy(), outputs.low, outputs.high)
 
     return act
-
-
-def _figures(envs: VectorEnv, policy: Policy, *, seed: int = EVALUATION_SEED) -> dict[str, float]:
-    """Return success rate, mean return and mean length in steps, over one episode of each environment.
-
-    Args:
-        envs: Vector environment in the mode SAME_STEP.
-        policy: The policy.
-        seed: Environment i has the seed ``seed + i``.
-    """
-    observations, _ = envs.reset(seed=seed)
-    running = np.ones(envs.num_envs, np.bool_)
-    returns, steps, success = np.zeros(envs.num_envs), np.zeros(envs.num_envs), np.zeros(envs.num_envs, np.bool_)
-    while running.any():
-        observations, rewards, terminated, truncated, infos = envs.step(policy(observations))
-        returns[running] += rewards[running]
-        steps[running] += 1
-        done = running & (terminated | truncated)
-        if done.any():
-            success[done] = infos["final_info"]["is_success"][done]
-        running &= ~done
-    return {"success": float(success.mean()), "return": float(returns.mean()), "steps_to_end": float(steps.mean())}
 
 
 class Callback(BaseCallback):
@@ -136,9 +117,12 @@ class CheckpointCallback(Callback):
 class EvaluationCallback(BaseCallback):
     """Evaluate the deterministic policy on separate seeds, during training and at its end; keep the best model, and log.
 
+    An evaluation during training drives the first `INTERIM` of the seeds, one at its end all of them.
+
     Args:
-        envs: Vector environment in the mode SAME_STEP, not the training's; each environment drives one episode.
+        envs: Vector environment in the mode SAME_STEP, not the training's.
         every: Steps between evaluations.
+        episodes: Number of seeds; None for as many as environments.
         path: File of the model with the highest mean return; None to keep none. A resumed training keeps the existing file
             until there is a better model.
         history: File of all evaluations' figures, which a resumed training continues; None for none.
@@ -151,6 +135,7 @@ class EvaluationCallback(BaseCallback):
         envs: VectorEnv,
         *,
         every: int,
+        episodes: int | None = None,
         path: Path | None = None,
         history: Path | None = None,
         seed: int = EVALUATION_SEED,
@@ -158,7 +143,8 @@ class EvaluationCallback(BaseCallback):
     ) -> None:
         super().__init__()
         self._envs, self._every, self._path, self._seed, self._go_on = envs, every, path, seed, go_on
-        self._next, self._kept = every, history
+        self._episodes = envs.num_envs if episodes is None else episodes
+        self._next, self._kept, self._most = every, history, -np.inf
         self.stopped = False
         """Whether `go_on` has ended the training."""
         self.best: dict[str, float] = {"return": -np.inf}
@@ -173,7 +159,8 @@ class EvaluationCallback(BaseCallback):
         if self.num_timesteps > 0 and self._path is not None and self._path.is_file():
             # The same seeds reproduce the figures, so they need no file, which a kill could leave out of step with the model.
             with weights_of(self.model, self._path):
-                self.best = self._evaluate()
+                self.best = self._figures(self._judge(INTERIM))
+            self._most = self.best["return"]
         if self.num_timesteps > 0 and self._kept is not None and self._kept.is_file():
             self.history = read_history(self._kept.parent, steps=self.num_timesteps)
 
@@ -183,33 +170,49 @@ class EvaluationCallback(BaseCallback):
     def _on_rollout_start(self) -> None:
         if self.num_timesteps >= self._next:
             self._next = self.num_timesteps + self._every
-            self.run()
+            self.run(INTERIM)
 
     def _on_training_end(self) -> None:
         if not self.stopped:
-            self.run()
+            self.run(self._episodes)
             self.logger.dump(self.num_timesteps)
 
     @property
     def parameters(self) -> Parameters:
         return parameters_of(self._envs)
 
-    def run(self) -> dict[str, float]:
-        reached = self._evaluate()
+    def run(self, episodes: int) -> dict[str, float]:
+        """Evaluate the model in at most so many episodes, and return the figures."""
+        judged = self._judge(episodes)
+        reached = self._figures(judged)
         self.history = [*(row for row in self.history if row["steps"] < reached["steps"]), reached]
         if self._kept is not None:
             replace_json(self._kept, self.history)
         for name, value in reached.items():
             self.logger.record(f"eval/{name}", value)
-        if reached["return"] > self.best["return"]:
-            self.best = reached
-            if self._path is not None:
-                save_model(self.model, self._path)
+        self._keep_best(judged, reached)
         self.stopped = not self._go_on(reached)
         return reached
 
-    def _evaluate(self) -> dict[str, float]:
-        return {"steps": float(self.model.num_timesteps), **_figures(self._envs, policy_of(self.model), seed=self._seed)}
+    def _keep_best(self, judged: Judged, reached: dict[str, float]) -> None:
+        """Keep the model if it is the best; of an evaluation with more episodes than `INTERIM`, the best so far drives all."""
+        mean = float(judged.returns[:INTERIM].mean())
+        if mean <= self._most and len(judged.returns) > INTERIM and self._path is not None:
+            with weights_of(self.model, self._path):
+                self.best = self._figures(self._judge(len(judged.returns)))
+            is_best = reached["return"] > self.best["return"]
+        else:
+            is_best = mean > self._most
+        if is_best:
+            self.best, self._most = reached, mean
+            if self._path is not None:
+                save_model(self.model, self._path)
+
+    def _judge(self, episodes: int) -> Judged:
+        return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
+
+    def _figures(self, judged: Judged) -> dict[str, float]:
+        return {"steps": float(self.model.num_timesteps), **judged.figures()}
 
 
 class RecordCallback(Callback):

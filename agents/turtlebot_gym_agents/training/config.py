@@ -29,6 +29,8 @@ NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
 """Algorithms of Stable-Baselines3 that train here, in lower case."""
 ON_POLICY = ("ppo", "a2c")
 """Algorithms with a critic of the current policy, which can begin with the network of a known policy."""
+ROWS = 64
+"""Environments of an evaluation."""
 _RANDOMIZED = ("speed_error", "turn_error", "veer")
 """Fields that ``randomize`` reads."""
 _FREE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
@@ -73,7 +75,7 @@ class TrainingConfig(Options):
     evaluations: Annotated[int, STEPS] = 8
     """Number of evaluations during training."""
     episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500
-    """Episodes of each evaluation."""
+    """Episodes of the evaluation at the end; those during training have the first 100."""
     checkpoint_seconds: Annotated[float, NON_NEGATIVE] = 5.0
     """Least time between two checkpoints, s."""
     device: str = "cpu"
@@ -137,10 +139,17 @@ class TrainingConfig(Options):
             **more,
         )
 
+    def make_judging(self) -> VectorEnv:
+        """Return environments that drive the episodes of an evaluation in turn; those of other packages, a row for each."""
+        return self.make(min(self.episodes, ROWS) if self._is_ours else self.episodes)
+
+    @property
+    def _is_ours(self) -> bool:
+        return self.env.startswith("turtlebot_gym/")
+
     def make_training(self) -> VectorEnv:
         """Return environments to train in, randomized if configured."""
-        ours = self.env.startswith("turtlebot_gym/")
-        envs = self.make(self.hyper["n_envs"], **({"info": "rewards"} if ours else {}))
+        envs = self.make(self.hyper["n_envs"], **({"info": "rewards"} if self._is_ours else {}))
         if self.randomize:
             bare: Any = envs.unwrapped
             errors = {name: getattr(self, name) for name in _RANDOMIZED}

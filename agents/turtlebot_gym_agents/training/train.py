@@ -84,9 +84,10 @@ def train(
     if begun is not None:
         config = config.continuing(folder)
     bar = ProgressCallback(config.total, label=config.title)
-    with closing(config.make_training()) as envs, closing(config.make(config.episodes)) as judges:
+    with closing(config.make_training()) as envs, closing(config.make_judging()) as judges:
         best, history = folder / "best.zip", folder / NAME
-        judge = EvaluationCallback(judges, path=best, history=history, every=config.between_evaluations)
+        every, episodes = config.between_evaluations, config.episodes
+        judge = EvaluationCallback(judges, every=every, episodes=episodes, path=best, history=history)
         saver = CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds)
         watching = [*([bar] if progress else []), *callbacks]
         try:
