@@ -1,4 +1,4 @@
-"""What `kernel` needs from numba and LLVM below Python: single instructions and buffers.
+"""What `kernel` needs from numba and LLVM: ways to register a function, and single instructions and buffers below Python.
 
 Without numba this module cannot be imported; `kernel` then uses plain Python alone.
 """
@@ -6,6 +6,7 @@ Without numba this module cannot be imported; `kernel` then uses plain Python al
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from inspect import signature
 from typing import Any
 
 from llvmlite import ir
@@ -13,12 +14,38 @@ from numba import extending, float64, int64, typeof, types
 from numba.core import cgutils, errors
 from numba.np import arrayobj
 
+_extending: Any = extending
 _intrinsic: Any = extending.intrinsic
 _TUPLE: Any = types.BaseTuple
 
 
-INLINED: dict[str, Any] = {"forceinline": True, "no_cfunc_wrapper": True}
+_INLINED: dict[str, Any] = {"forceinline": True, "no_cfunc_wrapper": True}
 """Options of all functions that compiled loops inline."""
+
+
+def inline(function: Callable, **options: Any) -> None:
+    """Let compiled loops inline a function."""
+    extending.register_jitable(**_INLINED, **options)(function)
+
+
+def overload(function: Callable, make: Callable[..., Callable], *, strict: bool = True) -> None:
+    """Let compiled loops inline what ``make`` returns in place of a function."""
+    _extending.overload(function, jit_options=_INLINED, strict=strict)(make)
+
+
+def replace(function: Callable, emitting: Callable[..., Any]) -> None:
+    """Let compiled functions emit an intrinsic's instructions in place of a call of a function, in the frame of the caller."""
+    parameters = list(signature(emitting).parameters.values())[1:]  # the first one is the context
+
+    @extending.type_callable(function)
+    def type_function(context):
+        def type_call(*arguments):
+            kind, emit = emitting(context, *arguments)
+            extending.lower_builtin(function, *kind.args)(emit)
+            return kind
+
+        type_call.pysig = signature(emitting).replace(parameters=parameters)  # type: ignore[attr-defined]
+        return type_call
 
 
 def _emit_sqrt(typing_context, x):
@@ -49,7 +76,8 @@ def _emit_split(typing_context, x):
     return types.UniTuple(float64, 2)(float64), emit
 
 
-def _emit_scratch(typing_context, size):
+def emit_scratch(typing_context, size):
+    """Emit `kernel.compiled_scratch`."""
     if not isinstance(size, types.Literal):
         raise errors.RequireLiteralValue(size)
     count = size.literal_value
@@ -67,7 +95,9 @@ def _emit_scratch(typing_context, size):
     return types.Array(float64, 1, "C")(size), emit  # an overload's frame would end before its caller's
 
 
-def _emit_wide(typing_context):
+def emit_wide(typing_context):
+    """Emit `kernel.prefer_wide`."""
+
     def emit(context, builder, signature, arguments):
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite does not support such attributes
         return context.get_dummy_value()
@@ -169,8 +199,6 @@ square_root = _intrinsic(_emit_sqrt)
 # numba declares that its integers never overflow, and LLVM then drops masks that only matter on overflow.
 multiply, add = _emitting("mul"), _emitting("add")
 split_bits = _intrinsic(_emit_split)
-stack_array = _intrinsic(_emit_scratch)
-wide_vectors = _intrinsic(_emit_wide)
 without_owner = _intrinsic(_emit_borrowed)
 fetch = _intrinsic(_emit_fetch)
 call = _intrinsic(_emit_call)

@@ -3,32 +3,54 @@
 Decorated functions are pure: they take and return scalars and (nested) ``NamedTuple``s of scalars; noise draws are arguments;
 there are no clocks and no generators. Without numba, or with numba's own ``NUMBA_DISABLE_JIT=1``, the decorator returns the
 function unchanged: a robot needs neither numba nor a compiler, and a debugger can enter the loops.
+
+numba is imported by `load_compiler`, before the first loop is compiled: a process that compiles none is smaller by 60 MB.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
+from threading import Lock
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable)
 
-try:
-    from numba import config, extending
 
-    extending = None if config.DISABLE_JIT else extending  # pyright: ignore[reportAttributeAccessIssue]
-except ImportError:
-    extending = None
+def _is_installed(name: str) -> bool:
+    try:
+        return find_spec(name) is not None
+    except ValueError:  # sys.modules holds None
+        return False
 
-HAS_NUMBA = extending is not None
-intrinsics: Any = None
-if HAS_NUMBA:
-    from turtlebot_gym import intrinsics  # pyright: ignore[reportConstantRedefinition]
+
+HAS_NUMBA = _is_installed("numba") and not int(os.environ.get("NUMBA_DISABLE_JIT") or 0)
+"""Whether loops are compiled."""
+_registrations: list[Callable[[Any], object]] = []
+"""What numba still has to know of kernels: functions of the module `intrinsics`."""
+_registering = Lock()
+
+
+def _register(registration: Callable[[Any], object]) -> None:
+    if HAS_NUMBA:
+        _registrations.append(registration)
+
+
+def load_compiler() -> None:
+    """Import numba and register all kernels; call this before a function that uses kernels is compiled."""
+    from turtlebot_gym import intrinsics
+
+    with _registering:
+        while _registrations:
+            _registrations.pop(0)(intrinsics)
 
 
 def kernel(function: F) -> F:
     """Let a compiled loop inline this function; calling it from Python runs it as plain Python."""
-    return function if extending is None else extending.register_jitable(**intrinsics.INLINED)(function)
+    _register(lambda compiler: compiler.inline(function))
+    return function
 
 
 def algebra(function: F) -> F:
@@ -36,9 +58,8 @@ def algebra(function: F) -> F:
 
     The compiler can then omit products with a constant zero. No other result changes, not even in the last bit.
     """
-    return (
-        function if extending is None else extending.register_jitable(**intrinsics.INLINED, fastmath={"nnan", "nsz"})(function)
-    )
+    _register(lambda compiler: compiler.inline(function, fastmath={"nnan", "nsz"}))
+    return function
 
 
 def sqrt(x: float) -> float:
@@ -79,16 +100,16 @@ def borrowed(array: Any) -> Any:
     return array
 
 
-prefer_wide: Any = intrinsics.wide_vectors if HAS_NUMBA else None
-"""``prefer_wide()`` asks for the widest vectors in the loops of the compiled function that calls it, and of the kernels that
-this function inlines; in a kernel it has no effect."""
-compiled_scratch: Any = intrinsics.stack_array if HAS_NUMBA else None
-"""``compiled_scratch(size)`` returns room for ``size`` numbers, a constant, until the calling compiled function ends."""
+def prefer_wide() -> None:
+    """Ask for the widest vectors in the loops of the compiled function that calls this, and of the kernels that it inlines.
+
+    In a kernel and in plain Python it has no effect.
+    """
 
 
-def _inlined(function: Callable, make: Callable[..., Callable]) -> None:
-    """Let compiled loops inline what ``make`` returns in place of a function."""
-    intrinsics.extending.overload(function, jit_options=intrinsics.INLINED)(make)
+def compiled_scratch(size: int) -> Any:
+    """Return room for ``size`` numbers, a constant, until the calling compiled function ends; for compiled loops only."""
+    raise NotImplementedError("compiled_scratch is for compiled loops: plain Python makes an array.")
 
 
 Leaf = int | float | bool | tuple[int]
@@ -108,10 +129,13 @@ def access(load: Callable, store: Callable, example: Any, leaves: Sequence[Leaf]
             in the buffer whatever ``at`` is, where it is not stored either; or the number itself, a float or a bool, if it is a
             constant.
     """
-    if HAS_NUMBA:
-        load_numbers, store_numbers = intrinsics.loading(example, leaves), intrinsics.storing(leaves)
-        _inlined(load, lambda buffer, at: lambda buffer, at: load_numbers(buffer, at))
-        _inlined(store, lambda buffer, at, value: lambda buffer, at, value: store_numbers(buffer, at, value))
+
+    def register(compiler: Any) -> None:
+        load_numbers, store_numbers = compiler.loading(example, leaves), compiler.storing(leaves)
+        compiler.overload(load, lambda buffer, at: lambda buffer, at: load_numbers(buffer, at))
+        compiler.overload(store, lambda buffer, at, value: lambda buffer, at, value: store_numbers(buffer, at, value))
+
+    _register(register)
     return load, store
 
 
@@ -126,24 +150,26 @@ def in_loops(loop: Callable[..., Any]) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         vars(function)["in_loops"] = loop  # a part of the fingerprint of machine code
-        if HAS_NUMBA:
-            intrinsics.extending.overload(function, jit_options=intrinsics.INLINED, strict=False)(lambda *arguments: loop)
+        _register(lambda compiler: compiler.overload(function, lambda *arguments: loop, strict=False))
         return function
 
     return decorate
 
 
-if HAS_NUMBA:
-    from numba import int64
-
-    _root, _multiply, _add, _split = intrinsics.square_root, intrinsics.multiply, intrinsics.add, intrinsics.split_bits
-    _without_owner, _fetch = intrinsics.without_owner, intrinsics.fetch
-
+def _register_primitives(compiler: Any) -> None:
+    overload, int64 = compiler.overload, compiler.int64
+    root, multiply, add, split_bits = compiler.square_root, compiler.multiply, compiler.add, compiler.split_bits
+    without_owner, fetch_line = compiler.without_owner, compiler.fetch
     # Compiled math.sqrt is a call that may set errno, which prevents vectorization; this is a single instruction.
-    _inlined(sqrt, lambda x: lambda x: _root(x))
-    _inlined(times, lambda a, b: lambda a, b: _multiply(int64(a), int64(b)))
-    _inlined(plus, lambda a, b: lambda a, b: _add(int64(a), int64(b)))
-    _inlined(split, lambda x: lambda x: _split(x))
-    _inlined(fetch, lambda array, index: lambda array, index: _fetch(array, int64(index)))
-    _inlined(is_plain, lambda: lambda: False)
-    _inlined(borrowed, lambda array: lambda array: _without_owner(array))
+    overload(sqrt, lambda x: lambda x: root(x))
+    overload(times, lambda a, b: lambda a, b: multiply(int64(a), int64(b)))
+    overload(plus, lambda a, b: lambda a, b: add(int64(a), int64(b)))
+    overload(split, lambda x: lambda x: split_bits(x))
+    overload(fetch, lambda array, index: lambda array, index: fetch_line(array, int64(index)))
+    overload(is_plain, lambda: lambda: False)
+    overload(borrowed, lambda array: lambda array: without_owner(array))
+    compiler.replace(prefer_wide, compiler.emit_wide)
+    compiler.replace(compiled_scratch, compiler.emit_scratch)
+
+
+_register(_register_primitives)

@@ -5,6 +5,7 @@ import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
+import psutil
 import pytest
 
 from turtlebot_gym.extras import installing
@@ -125,3 +126,27 @@ def test_the_command_line_says_what_to_install():
     done = run(*without("from turtlebot_gym_agents.__main__ import main; raise SystemExit(main(['evaluate']))"))
     assert done.returncode == 2
     assert done.stderr == f"turtlebot-gym: tyro is missing: {installing('gym')}.\n"
+
+
+def compilers_in(process):
+    """Return which of numba, llvmlite and SciPy a process has loaded, by the libraries in its memory."""
+    files = [Path(mapped.path).parts for mapped in psutil.Process(process.pid).memory_maps()]
+    return {name for name in ("numba", "llvmlite", "scipy") if any(name in parts for parts in files)}
+
+
+@pytest.mark.parametrize(
+    "node", ["kalman_filter", "localizer", "turtlebot_simulator", "velocity_controller", "waypoint_generator"]
+)
+def test_a_node_loads_no_compiler_where_one_is_installed(launch, peer, wait_for, node):
+    process = launch("-m", "turtlebot_gym_ros", node)
+    wait_for(lambda: node in peer.node.get_node_names() or process.poll() is not None)
+    assert process.poll() is None, process.communicate()[1]
+    assert not compilers_in(process)
+
+
+def test_a_process_with_a_compiled_loop_has_a_compiler(launch, wait_for):
+    pytest.importorskip("numba")
+    loop = "from turtlebot_gym.kernel import load_compiler; load_compiler(); import signal, scipy.stats; signal.pause()"
+    process = launch("-c", loop)
+    wait_for(lambda: compilers_in(process) == {"numba", "llvmlite", "scipy"} or process.poll() is not None)
+    assert process.poll() is None, process.communicate()[1]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, layout_of, packing
+from turtlebot_gym.kernel import load_compiler
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
 from turtlebot_gym.systems.special import GENERAL
@@ -70,6 +71,7 @@ def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
     value = VALUE._replace(pair=(2, 3))
     pack = packing(value, known={"last": 6.0}, same={"nested[1].a": "pair[0]"})
     load, store = pack.load, pack.store
+    load_compiler()
 
     @numba.njit
     def copied(source, target):
@@ -128,6 +130,7 @@ def test_what_is_shared_stands_once_ahead_of_the_tiles():
     buffer[[at, at + TILE]] = 2.0, 1.0
     assert pack.load(buffer.tolist(), at) == VALUE
     load = pack.load
+    load_compiler()
     assert numba.njit(lambda buffer, at: load(buffer, at))(buffer, at) == VALUE
 
 

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from turtlebot_gym import kernel
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_NUMBA, load_compiler
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -26,12 +26,6 @@ _LLVM_OPTIONS = ("-memory-check-merge-threshold=4000",)
 """LLVM proves with one check per group of addresses that a tile does not overlap the parameters, but stops grouping
 after 100 comparisons, and a step has more numbers than that. It then counts too many checks and gives up vectorizing,
 and a step takes four times as long."""
-
-if HAS_NUMBA:
-    from llvmlite import binding as llvm
-
-    for option in _LLVM_OPTIONS:
-        llvm.set_option("", option)
 
 
 def _fingerprint(*functions: Callable[..., Any]) -> str:
@@ -76,13 +70,18 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
 
 @cache
 def _compilers() -> str:
-    """Return what machine code depends on besides the function and the processor."""
+    """Set the options of the compilers, and return what machine code depends on besides the function and the processor."""
     import llvmlite
     import numba
+    from llvmlite import binding
     from numba.core import config
 
+    from turtlebot_gym import intrinsics
+
+    for option in _LLVM_OPTIONS:
+        binding.set_option("", option)
     options: Any = config
-    sources = [Path(module.__file__ or "").read_text("utf-8") for module in (kernel, kernel.intrinsics)]  # nobody calls them
+    sources = [Path(module.__file__ or "").read_text("utf-8") for module in (kernel, intrinsics)]  # nobody calls them
     parts = (*_LLVM_OPTIONS, options.OPT, options.LOOP_VECTORIZE, options.SLP_VECTORIZE, options.BOUNDSCHECK, *sources)
     return f"{numba.__version__} {llvmlite.__version__} {sys.implementation.cache_tag} {parts}"
 
@@ -107,6 +106,7 @@ def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False)
     """
     if not HAS_NUMBA:  # it runs as plain Python
         return function
+    load_compiler()
     from numba import njit
 
     identity = hashlib.sha256(f"{name} {_fingerprint(function)} {parallel} {_compilers()}".encode()).hexdigest()

@@ -19,9 +19,6 @@ import numpy as np
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.kernel import HAS_NUMBA, kernel
 
-if HAS_NUMBA:
-    from numba import get_num_threads as _numbas_threads
-
 VARIABLE = "TURTLEBOT_GYM_THREADS"
 """Environment variable that limits the threads of a parallel loop."""
 
@@ -62,7 +59,9 @@ class Threads:
     @classmethod
     def count(cls) -> int:
         """Return the number of threads of the parallel loop that the caller may run."""
-        return _numbas_threads()  # pyright: ignore[reportPossiblyUnboundVariable]  # without numba no loop is parallel
+        from numba import get_num_threads  # without numba no loop is parallel
+
+        return get_num_threads()
 
     @classmethod
     def release(cls) -> None:

@@ -89,12 +89,6 @@ def _listed(entries: Mapping[str, Entry]) -> str:
     return "\n".join(f"  {name:<20} {entry.summary}" for name, entry in entries.items())
 
 
-def load_quickly() -> None:
-    """Leave numba out where this program only prints a node's help: its import takes longer than all others."""
-    if asks_for_help(sys.argv[1:]):
-        sys.modules["numba"] = None  # type: ignore[assignment]
-
-
 def end_quietly() -> None:
     """Let Ctrl-C end this program without a traceback until a node or a command decides otherwise: imports take seconds."""
 
@@ -110,13 +104,11 @@ def run_as_program() -> int:
     """Run the node with the name of this program: the entry point of ``ros2 run turtlebot_gym_ros NODE``."""
     end_quietly()
     sys.argv = ["turtlebot_gym_ros", Path(sys.argv[0]).name, *sys.argv[1:]]
-    load_quickly()
     return main()
 
 
 if __name__ == "__main__":
     end_quietly()
-    load_quickly()
     code = main()
     sys.stdout.flush()
     sys.stderr.flush()
