@@ -10,7 +10,7 @@ import json
 import platform
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from typing import Any
 
@@ -48,16 +48,21 @@ def versions() -> dict[str, str]:
     return found | {"file": str(sys.modules["turtlebot_gym"].__file__)}
 
 
-def main(env_id: str, size: str, form: str) -> None:
-    """Make the calls requested on standard input until it ends."""
-    call = clone_calls(env_id, int(size), form)
-    call(0)  # compile
-    print("ready", json.dumps(versions()), flush=True)
+def serve(call: Callable[[int], Any], ready: Mapping[str, Any]) -> None:
+    """Say that the process is ready, and make the calls requested on standard input until it ends."""
+    print("ready", json.dumps(ready), flush=True)
     for line in sys.stdin:
         wall, cpu = time.perf_counter(), time.process_time()
         for k in range(int(line)):
             call(k)
         print("turn", json.dumps([time.perf_counter() - wall, time.process_time() - cpu]), flush=True)
+
+
+def main(env_id: str, size: str, form: str) -> None:
+    """Serve the calls of an environment."""
+    call = clone_calls(env_id, int(size), form)
+    call(0)  # compile
+    serve(call, versions())
 
 
 if __name__ == "__main__":

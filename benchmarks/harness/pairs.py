@@ -62,7 +62,7 @@ class Pair(NamedTuple):
 
 
 class Process:
-    """A clone's process, which waits for its turns.
+    """Process of a clone or of a peer, which waits for its turns.
 
     Args:
         command: Command that starts the process.
@@ -80,7 +80,7 @@ class Process:
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, **options
             )
         try:
-            self.versions: dict[str, str] = self._read("ready")
+            self.ready: dict[str, Any] = self._read("ready")
         except BaseException:
             self.stop()
             raise
@@ -107,7 +107,7 @@ class Process:
             if line.startswith(f"{word} "):
                 return json.loads(line.removeprefix(word))
         last = self._log.read_text(encoding="utf-8", errors="replace").strip().rpartition("\n")[2] or "there was no output."
-        raise ChildProcessError(f"The clone has ended with status {self._process.wait()}: {last}")
+        raise ChildProcessError(f"The process has ended with status {self._process.wait()}: {last}")
 
 
 def environment_of(folder: Path) -> dict[str, str]:
@@ -125,9 +125,9 @@ def start(folder: Path, entry: Entry, log: Path) -> Process:
     """
     program = [sys.executable, clone.__file__, *map(str, entry)]
     process = Process(program, log, env=environment_of(folder), cwd=log.parent)
-    if not Path(process.versions["file"]).is_relative_to(folder):
+    if not Path(process.ready["file"]).is_relative_to(folder):
         process.stop()
-        raise ValueError(f"{folder} must be a clone of the repository; its process imports {process.versions['file']}.")
+        raise ValueError(f"{folder} must be a clone of the repository; its process imports {process.ready['file']}.")
     return process
 
 

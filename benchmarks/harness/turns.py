@@ -118,15 +118,33 @@ def take_turns(
         progress: Called with the number of finished turns.
     """
     calls = {name: calls_for(contender.run, seconds) for name, contender in contenders.items()}
-    turns: dict[str, list[Turn]] = {name: [] for name in contenders}
-    names, done = list(contenders), 0
     watch = Watch()
-    for number in range(rounds):
-        for name in names if number % 2 == 0 else reversed(names):
-            turns[name].append(contenders[name].run(calls[name]))
-            progress(done := done + 1)
+    turns = alternate({name: contender.run for name, contender in contenders.items()}, calls, rounds, progress)
     own = sum(turn.cpu for of_one in turns.values() for turn in of_one)
     return Sitting(rows_of(contenders, calls, turns), watch.used_by_others(own))
+
+
+def alternate(
+    runs: Mapping[str, Callable[[int], Turn]],
+    calls: Mapping[str, int],
+    rounds: int,
+    progress: Callable[[int], None] = lambda turns: None,
+) -> dict[str, list[Turn]]:
+    """Return the turns of each contender, which follow each other forwards and backwards.
+
+    Args:
+        runs: Function of each contender that makes a number of calls.
+        calls: Number of calls per turn of each.
+        rounds: Number of turns of each.
+        progress: Called with the number of finished turns.
+    """
+    turns: dict[str, list[Turn]] = {name: [] for name in runs}
+    names, done = list(runs), 0
+    for number in range(rounds):
+        for name in names if number % 2 == 0 else reversed(names):
+            turns[name].append(runs[name](calls[name]))
+            progress(done := done + 1)
+    return turns
 
 
 def rows_of(

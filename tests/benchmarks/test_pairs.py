@@ -92,7 +92,7 @@ def process(tmp_path, program=STAND_IN):
 
 def test_a_process_answers_each_turn_and_one_that_ends_says_why(tmp_path):
     stand_in = process(tmp_path)
-    assert stand_in.versions == {"python": "3"}
+    assert stand_in.ready == {"python": "3"}
     assert [stand_in.turn(calls) for calls in (3, 100)] == [(1.5, 6.0), (50.0, 200.0)]
     with pytest.raises(ChildProcessError, match="ended with status 1: it broke"):
         stand_in.turn(1)
