@@ -107,6 +107,9 @@ check: $(READY)  ## style, types, the direction of imports, and spelling
 bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, alone and beside busy processes (4 minutes)
 	$(RUN)turtlebot-gym benchmark --busy 4 --json $(OUT)/speed.json --force
 
+bench-peers: $(READY)  ## a step's CPU time beside JaxNav, IR-SIM, gymnax, EnvPool and Gymnasium, each from PyPI (10 minutes, and the installations)
+	$(RUN)python benchmarks/peers.py
+
 faults: $(READY)  ## 103 kinds of fault, 10 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)
 	$(RUN)python benchmarks/faults.py --kept $(OUT)/faults.jsonl --json benchmarks/faults.json
 
@@ -122,4 +125,4 @@ build: $(READY)  ## build wheel and source distribution into dist
 	rm -rf dist && $(RUN)python -m build --quiet
 
 clean:  ## remove the virtual environment and all output
-	rm -rf $(VENV) .venv-kilted $(CLIENTS) $(OUT) dist build
+	rm -rf $(VENV) .venv-kilted .venv-peers $(CLIENTS) $(OUT) dist build
