@@ -40,7 +40,7 @@ def stand_in(monkeypatch):
 
 def test_a_peer_is_compared_by_cpu_time_and_one_that_fails_is_named(stand_in):
     failed = {"envpool": "ERROR: no wheel"}
-    asked = Peer("IR-SIM", "ir-sim"), Peer("JaxNav", "jaxmarl"), Peer("EnvPool's CartPole", "envpool")
+    asked = Peer("IR-SIM", "ir-sim"), Peer("JaxNav", "jaxmarl"), Peer("EnvPool's Pendulum", "envpool")
     rows, _ = peers.compared(("TurtleBotRooms", 8), asked, Config(rounds=3), failed)
     (row,) = rows
     assert (row["peer"], row["ours"], row["size"]) == ("IR-SIM", "TurtleBotRooms", 8)
