@@ -296,7 +296,7 @@ def make(context):
     node.create_timer(0.01, lambda: print(gc.get_freeze_count() > 10_000, flush=True) or os.kill(os.getpid(), signal.SIGTERM))
     return node
 
-run(make, [])
+run([make], [])
 """
 
 

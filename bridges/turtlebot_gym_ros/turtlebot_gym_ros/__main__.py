@@ -6,6 +6,8 @@ import os
 import signal
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +15,11 @@ from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.session import INTERRUPTED
 from turtlebot_gym_ros.nodes import EXPLAINED, NODES, TOOLS, Entry, entry_of, load, programs
 
-HELP = """usage: python -m turtlebot_gym_ros NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
+HELP = """usage: python -m turtlebot_gym_ros NODE [NODE ...] [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
 {nodes}
+
+Several nodes run in one process; -p NODE:NAME:=VALUE and -r NODE:FROM:=TO are for one of them. The guard runs apart.
 
 without ros2cli, TOOL [--help]:
 
@@ -50,8 +54,10 @@ def _run(argv: Sequence[str] | None) -> int:
 
         print(f"turtlebot-gym {__version__}")
         return 0
+    names = [name, *takewhile(NODES.__contains__, rest if name in EXPLAINED else [])]
     try:
         guards = entry_of(name).guards
+        _check_together(names)
     except (ValueError, ImportError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -60,12 +66,14 @@ def _run(argv: Sequence[str] | None) -> int:
         if asks_for_help([name, *rest]):
             from turtlebot_gym_ros.node.explained import explain_node
 
-            print(explain_node(name))
+            print("\n\n".join(map(explain_node, names)))
             return 0
         entry = load(name)
         if not hasattr(entry, "Params"):
             return entry(rest)
-        from turtlebot_gym_ros.node.shell import run
+        blocks = [(each, load(each)) for each in names]
+        from turtlebot_gym_ros.base.process import run
+        from turtlebot_gym_ros.node.shell import Shell
     except ModuleNotFoundError as error:
         from turtlebot_gym.extras import installing
 
@@ -76,7 +84,23 @@ def _run(argv: Sequence[str] | None) -> int:
         sourced = "source a ROS 2 installation, or " if extra == "ros" else ""
         print(f"error: {missing} is missing: {sourced}{installing(extra)}.", file=sys.stderr)
         return 2
-    return run(entry, entry.Params, rest)
+    makes = [partial(Shell, block, block.Params, name=each) for each, block in blocks]
+    return run(makes, rest[len(names) - 1 :], in_thread=True)
+
+
+def _check_together(names: Sequence[str]) -> None:
+    """Check that nodes can run in one process.
+
+    Raises:
+        ValueError: If one of several has to run in a process of its own, or is named twice.
+    """
+    for at, name in enumerate(names if len(names) > 1 else []):
+        if NODES[name].guards:
+            raise ValueError(f"{name} must outlive the other nodes: start it in a process of its own.")
+        if not NODES[name].is_block:
+            raise ValueError(f"{name} runs in a process of its own: start it apart.")
+        if name in names[:at]:
+            raise ValueError(f"{name} is named twice.")
 
 
 def asks_for_help(argv: Sequence[str]) -> bool:

@@ -121,4 +121,4 @@ def button() -> Iterator[Callable[[bool], None]]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(run(_RehearsedButton, ["--ros-args", *QUIET]))
+    raise SystemExit(run([_RehearsedButton], ["--ros-args", *QUIET]))

@@ -87,6 +87,16 @@ class Runner:
             service.callback = sturdy(node, service.srv_name, service.callback)
         self._executor.add_node(node)
 
+    def require_names(self) -> None:
+        """Check that each node has a name of its own.
+
+        Raises:
+            ValueError: If two have the same: a remapping of ``__node`` is for all of them.
+        """
+        names = [getattr(runnable, "node", runnable).get_fully_qualified_name() for runnable in self._running]
+        if twice := next((name for name in names if names.count(name) > 1), None):
+            raise ValueError(f"two nodes are called {twice}: rename one of them by -r NODE:__node:=NAME.")
+
     def start(self) -> None:
         """Start the thread."""
         self._thread.start()
@@ -155,18 +165,19 @@ def go_on() -> None:
 
 
 def run(
-    make: Callable[[Context], Any],
+    makes: Sequence[Callable[..., Any]],
     argv: Sequence[str] | None = None,
     *,
     in_thread: bool = False,
     local: bool = True,
 ) -> int:
-    """Run a node until a signal ends it. Call it in the main thread.
+    """Run nodes in one process until a signal ends it. Call it in the main thread.
 
     A node that moves a robot sends zeros first, also before it is suspended.
 
     Args:
-        make: Makes the node in a context; a ValueError, TypeError, OSError, ImportError or RuntimeError refuses its arguments.
+        makes: Make a node each, in a ``context``; a ValueError, TypeError, OSError, ImportError or RuntimeError refuses its
+            arguments.
         argv: Command line without the program's name; None for that of the process.
         in_thread: Whether callbacks run in a thread of their own, so that even a stuck one does not keep the process from
             ending; else in this one.
@@ -187,7 +198,9 @@ def run(
             # Arguments before --ros-args would be taken as remappings in an old syntax, or ignored.
             for unknown in remove_ros_args(arguments) + [word for word in arguments[:1] if word != "--ros-args"]:
                 raise ValueError(f"unknown argument {unknown!r}; parameters are given as --ros-args -p NAME:=VALUE.")
-            runner.add(make(runner.context))
+            for make in makes:
+                runner.add(make(context=runner.context))
+            runner.require_names()
         except (ValueError, TypeError, OSError, ImportError, RuntimeError) as error:
             runner.close()
             return refuse(error)

@@ -335,4 +335,4 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
     Returns:
         The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends, see `process.run`.
     """
-    return process.run(lambda context: Shell(make, params, name=name, context=context), argv, in_thread=True)
+    return process.run([partial(Shell, make, params, name=name)], argv, in_thread=True)

@@ -286,7 +286,7 @@ class DataLogger(Node):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``data_logger``."""
-    return run(DataLogger, argv)
+    return run([DataLogger], argv)
 
 
 if __name__ == "__main__":
