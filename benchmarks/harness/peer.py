@@ -19,7 +19,7 @@ BEAMS = 180
 """Beams of a step: an LDS-01 measures as many in 0.1 s."""
 STEPS = 32
 """Steps of a call of environments in JAX: a compiled loop, as their trainings collect them."""
-FEW_STEPS = 8
+FEW_STEPS = 2
 """The same for JaxNav, whose steps take long."""
 WARM = 3
 """Calls before the first turn; JAX compiles in the first two."""
