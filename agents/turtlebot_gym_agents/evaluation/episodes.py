@@ -8,39 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.drive import Drive
+from turtlebot_gym.drive import heading_error, position_error
 from turtlebot_gym.observations import Observed
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym.tasks import Task, arrived, believed_to_arrive
 from turtlebot_gym.values import Pose, State
-from turtlebot_gym_agents.evaluation.metrics import Errors, errors
-
-
-class Record(NamedTuple):
-    """Record of n environments at the start and after each of T steps; shapes (T + 1, n, ...)."""
-
-    true_state: NDArray[np.float64]
-    odometry: NDArray[np.float64]
-    estimate: NDArray[np.float64]
-    reference: NDArray[np.float64]
-    command: NDArray[np.float64]
-    is_success: NDArray[np.bool_]
-    collision: NDArray[np.bool_]
-    """False on open ground."""
-    clearance: NDArray[np.float64]
-    """NaN on open ground, like the next field."""
-    way_left: NDArray[np.float64]
-    running: NDArray[np.bool_]
-    """Whether the step belongs to the first episode of its environment."""
-    covariance: NDArray[np.float64]
-    """Covariance of the first environment only, shape (T + 1, 5, 5)."""
-
-    def trajectory(self, *, dt: float) -> Drive:
-        """Return the first environment's episode."""
-        rows = np.flatnonzero(self.running[:, 0])
-        names = ("true_state", "odometry", "estimate", "reference", "command", "clearance")
-        drive = {name: getattr(self, name)[rows, 0] for name in names}
-        return Drive(time=np.asarray(rows * dt, np.float64), covariance=self.covariance[rows], **drive)
+from turtlebot_gym_agents.evaluation.metrics import Errors
+from turtlebot_gym_agents.evaluation.record import Record
 
 
 class Episodes(NamedTuple):
@@ -115,76 +89,121 @@ def measure(record: Record, p: Parameters, seed: int) -> Episodes:
     """Return the results of each episode.
 
     Args:
-        record: T steps of n environments.
+        record: Their rows.
         p: The environments' parameters.
         seed: Seed of the first episode.
     """
-    running, task = record.running[1:], p.task
-    truth, due = record.true_state[1:], record.reference[:-1]  # the waypoint that was current during the step
-    steps = running.sum(axis=0)
-    changed = (record.reference[1:] != due).any(axis=2) & running
-    done_with = changed | (np.arange(len(running))[:, None] == steps - 1)
-    # Number of the waypoint to which each step drives.
-    leg = np.cumsum(done_with, axis=0) - done_with
+    task, n, over = p.task, len(record.way_left), _Over.of(record.episode)
+    truth, due, following = record.true_state[n:], record.reference[record.before], record.reference[n:]
+    changed = (following != due).any(axis=1)  # the waypoint, after the one that was current during the step
+    done_with = changed.copy()
+    done_with[over.last] = True
 
     away = _distance(truth, due)
-    inside = _at(truth, due, running, task, arrived)
-    observed = _observed(record, p)
-    believed_inside = _at(observed, due, running, task, believed_to_arrive)
-    legs = [leg == number for number in range(int(leg.max()) + 1)]
-    first_seen = np.any([_first(believed_inside & leg) for leg in legs], axis=0)
-    effort = ((record.command[1:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
-    sides = _distance(record.reference[1:], due)
+    inside = _at(truth, due, away, task, arrived)
+    observed = _observed(record, p)[n:]
+    believed_inside = _at(observed, due, _distance(observed, due), task, believed_to_arrive)
+    # The few steps at a waypoint or done with one, episode by episode, each with the number of the waypoint to which it drives.
+    few = np.flatnonzero(inside | believed_inside | done_with)
+    few = few[np.argsort(record.episode[few], kind="stable")]
+    leg = np.cumsum(done_with[few]) - done_with[few]
+    first_inside, first_seen = (few[_first(flags[few], leg)] for flags in (inside, believed_inside))
+    effort = ((record.command[n:] / (p.robot.max_linear, p.robot.max_angular)) ** 2).sum(axis=-1)
 
-    collision = np.any(record.collision[1:] & running, axis=0)
-    success = np.any(record.is_success[1:] & running, axis=0)
-    ended = changed | (done_with & (collision | success | (steps < task.max_steps)))
+    collided = record.collision[n:]
+    collision, success = over.number(collided) > 0, over.number(record.is_success[n:]) > 0
+    ended = changed | (done_with & (collision | success | (over.steps < task.max_steps))[record.episode])
+    clearance = record.clearance[:n].copy()
+    if p.room:
+        np.minimum.at(clearance, record.episode, record.clearance[n:])
 
     top_speed = min(p.robot.max_linear, p.robot.max_wheel)
-    straight = _distance(record.true_state[0], record.reference[0]) + np.sum(sides, axis=0, where=changed)
+    sides = over.sum(_distance(following[changed], due[changed]), changed)
+    straight = _distance(record.true_state[:n], record.reference[:n]) + sides
     return Episodes(
-        seed=seed + np.arange(steps.size),
+        seed=seed + np.arange(n),
         success=success,
-        time=steps * p.dt,
+        time=np.asarray(over.steps * p.dt, np.float64),
         ideal=(straight - task.radius) / top_speed,
-        path=np.sum(_distance(truth, record.true_state[:-1]), axis=0, where=running),
-        effort=_mean(effort, running),
-        reached=np.sum([(inside & leg).any(axis=0) for leg in legs], axis=0),
-        given=ended.sum(axis=0),
-        arrivals=(ended & inside & ~record.collision[1:]).sum(axis=0),
-        false_arrivals=(ended & believed_inside & ~inside).sum(axis=0),
-        miss=_mean(away, done_with),
-        false_arrival=np.any(first_seen & ~inside, axis=0),
-        arrival_distance=_mean(away, first_seen),
+        path=over.sum(_distance(truth, record.true_state[record.before])),
+        effort=over.mean(effort),
+        reached=over.number(first_inside),
+        given=over.number(ended),
+        arrivals=over.number(ended & inside & ~collided),
+        false_arrivals=over.number(ended & believed_inside & ~inside),
+        miss=over.mean(away[done_with], done_with),
+        false_arrival=over.number(first_seen[~inside[first_seen]]) > 0,
+        arrival_distance=over.mean(away[first_seen], first_seen),
         collision=collision,
-        clearance=np.min(record.clearance, axis=0, where=record.running, initial=np.inf),
-        shortest=record.way_left[0] - task.radius,
-        estimate=_errors(record.estimate[1:], truth, running),
-        odometry=_errors(record.odometry[1:], truth, running),
-        astray=_mean(_distance(observed, truth) > ASTRAY, running),
+        clearance=clearance,
+        shortest=record.way_left - task.radius,
+        estimate=over.errors(record.estimate[n:], truth),
+        odometry=over.errors(record.odometry[n:], truth),
+        astray=over.mean(_distance(observed, truth) > ASTRAY),
     )
 
 
+class _Over(NamedTuple):
+    """Statistics over the steps of each of n episodes; sums are added up in the order of time."""
+
+    episode: NDArray[np.intp]
+    """Number of each step's episode, shape (S,)."""
+    steps: NDArray[np.intp]
+    """Number of steps of each, shape (n,)."""
+    last: NDArray[np.intp]
+    """The last step of each, shape (n,)."""
+
+    @classmethod
+    def of(cls, episode: NDArray[np.intp]) -> _Over:
+        steps = np.bincount(episode)
+        last = np.empty_like(steps)
+        last[episode] = np.arange(len(episode))  # later ones replace earlier ones
+        return cls(episode, steps, last)
+
+    def sum(self, values: NDArray[Any], which: Any = slice(None)) -> NDArray[np.float64]:
+        """Return the sums of the values of some steps, by default of all."""
+        return np.asarray(np.bincount(self.episode[which], values, minlength=self.steps.size), np.float64)
+
+    def number(self, which: NDArray[Any]) -> NDArray[np.intp]:
+        """Return the numbers of some steps."""
+        return np.bincount(self.episode[which], minlength=self.steps.size)
+
+    def mean(self, values: NDArray[Any], which: Any = slice(None)) -> NDArray[np.float64]:
+        """Return the means of the values of some steps; NaN for an episode without such a step."""
+        number = self.number(which)
+        return np.where(number > 0, self.sum(values, which) / np.maximum(number, 1), np.nan)
+
+    def errors(self, poses: NDArray[np.float64], truth: NDArray[np.float64]) -> Errors:
+        """Return mean, largest and final errors, as `metrics.errors` of each episode does."""
+        numbers: list[NDArray[np.float64]] = []
+        for error in (position_error(poses, truth), heading_error(poses, truth)):
+            largest = np.zeros(self.steps.size)
+            np.maximum.at(largest, self.episode, error)
+            numbers += [self.mean(error), largest, error[self.last]]
+        return Errors(*numbers)
+
+
 def _observed(record: Record, p: Parameters) -> NDArray[np.float64]:
-    """Return the states that the policy observed after each step, shape (T, n, 5)."""
+    """Return the states that the policy observes, shape (n + S, 5)."""
     if p.observed == Observed.TRUTH:
-        return record.true_state[1:]
+        return record.true_state
     if p.observed == Observed.ODOMETRY:
-        return np.concatenate([record.odometry, record.command], axis=-1)[1:]
-    return record.estimate[1:]
+        return np.concatenate([record.odometry, record.command], axis=-1)
+    return record.estimate
 
 
 def _at(
     states: NDArray[np.float64],
     due: NDArray[np.float64],
-    running: NDArray[np.bool_],
+    away: NDArray[np.float64],
     task: Task,
     rule: Callable[[State, Pose, Task], bool],
 ) -> NDArray[np.bool_]:
-    """Return which states satisfy a rule of the task, shape (T, n)."""
-    at = running & (_distance(states, due) <= task.radius)  # only few are near enough to check
-    for step, row in np.argwhere(at):
-        at[step, row] = rule(State(*states[step, row].tolist()), Pose(*due[step, row].tolist()), task)
+    """Return which states, at some distances from the waypoints, satisfy a rule of the task, shape (S,)."""
+    near = np.flatnonzero(away <= task.radius)  # only few are near enough to check
+    at = np.zeros(len(states), np.bool_)
+    pairs = zip(states[near].tolist(), due[near].tolist(), strict=True)
+    at[near] = [rule(State(*state), Pose(*pose), task) for state, pose in pairs]
     return at
 
 
@@ -192,16 +211,7 @@ def _distance(states: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
     return np.hypot(states[..., 0] - points[..., 0], states[..., 1] - points[..., 1])
 
 
-def _first(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return flags (T, n), keeping only the first in time."""
-    return flags & (np.cumsum(flags, axis=0) == 1)
-
-
-def _mean(values: NDArray[np.float64] | NDArray[np.bool_], where: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the mean over time of the values (T, n) whose flag is set; NaN if no flag is."""
-    count = where.sum(axis=0)
-    return np.where(count > 0, np.sum(values, axis=0, where=where) / np.maximum(count, 1), np.nan)
-
-
-def _errors(poses: NDArray[np.float64], truth: NDArray[np.float64], running: NDArray[np.bool_]) -> Errors:
-    return errors(np.where(running[..., None], poses, np.nan), truth)
+def _first(flags: NDArray[np.bool_], leg: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the indices of the first flag of each leg, whose numbers ascend."""
+    at = np.flatnonzero(flags)
+    return at[np.diff(leg[at], prepend=-1) > 0]

@@ -23,9 +23,10 @@ from turtlebot_gym.systems import Parameters
 from turtlebot_gym.validation import as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.consistency import Consistent, joined
-from turtlebot_gym_agents.evaluation.episodes import Episodes, Record, concatenate, measure, outcome_of
+from turtlebot_gym_agents.evaluation.episodes import Episodes, concatenate, measure, outcome_of
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.oracle import Oracle
+from turtlebot_gym_agents.evaluation.record import Recorder
 from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, walkers_of
 from turtlebot_gym_agents.front.defaults import EPISODES, NAV, SEED
@@ -116,15 +117,8 @@ def make_envs(env: str, num_envs: int, **options: Any) -> VectorEnv:
 
 
 def batches(episodes: int, size: int) -> list[tuple[int, int]]:
-    """Return first episode and number of episodes of each batch; results do not depend on the size.
-
-    The last batch includes a single leftover episode: alone, NumPy's pairwise summation would sum it over time in another
-    order, and it would differ in the last bit.
-    """
-    starts = list(range(0, episodes, size))
-    if len(starts) > 1 and episodes - starts[-1] == 1:
-        starts.pop()
-    return [(start, end - start) for start, end in zip(starts, [*starts[1:], episodes], strict=True)]
+    """Return first episode and number of episodes of each batch; results do not depend on the size."""
+    return [(start, min(size, episodes - start)) for start in range(0, episodes, size)]
 
 
 def require_known(env: str, seed: int) -> None:
@@ -185,16 +179,16 @@ def drive(
     """
     p = parameters_of(envs)
     driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
-    rows, walkers, around = [], [], NOWHERE
-    for info, running in driven(envs, driver, seed, progress):
-        if not rows:
+    recorder, walkers, around = Recorder(), [], NOWHERE
+    for number, (info, running) in enumerate(driven(envs, driver, seed, progress)):
+        if number == 0:
             around = room_of(envs, policy if isinstance(policy, str) else type(policy).__name__)
         if running[0] and around.room:
             walkers.append(walkers_of(scene_of(envs)))
-        rows.append(_row(info, running))
+        recorder(info, running)
         if judge is not None:
             judge(info, running)
-    record = Record(*map(np.array, zip(*rows, strict=True)))
+    record = recorder.result()
     episodes = measure(record, p, seed)
     first = replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome_of(episodes))
     return episodes, first, p
@@ -205,30 +199,28 @@ def driven(
 ) -> Iterator[tuple[dict[str, Any], NDArray[np.bool_]]]:
     """Drive one episode in each environment, and yield the infos at the start and after each step until all have ended.
 
-    Each comes with a mask of the environments whose episode was running in the step. The arguments are those of `drive`.
+    Each comes with a mask of the environments whose episode was running in the step. A policy without memory is shown those
+    alone. The arguments are those of `drive`.
     """
     observations, info = envs.reset(seed=seed)
     running = np.ones(envs.num_envs, np.bool_)
-    if isinstance(policy, PolicyWithMemory):
-        policy.reset(running.copy())
+    # Once, since a runtime protocol looks at each attribute.
+    remembers = policy if isinstance(policy, PolicyWithMemory) else None
+    shrinks = policy if isinstance(policy, ShrinkingPolicy) else None
+    if remembers is not None:
+        remembers.reset(running.copy())
     yield info, running
     kept = np.arange(envs.num_envs)
     actions = np.zeros((envs.num_envs, 2), np.float32)
     while running.any():
-        # Only now and then, since a policy copies its memory each time.
-        if isinstance(policy, ShrinkingPolicy) and running[kept].sum() < 0.8 * len(kept):
-            policy.keep(running[kept])
+        if remembers is None:
+            kept = np.flatnonzero(running)
+        elif shrinks is not None and running[kept].sum() < 0.8 * len(kept):
+            # Only now and then, since a policy copies its memory each time.
+            shrinks.keep(running[kept])
             kept = kept[running[kept]]
         actions[kept] = policy(observations[kept])
         observations, _, terminated, truncated, info = envs.step(actions)
         yield info, running
         running = running & ~(terminated | truncated)
         progress(int(running.size - running.sum()))
-
-
-def _row(info: dict[str, Any], running: NDArray[np.bool_]) -> Record:
-    nothing = np.full(running.shape, np.nan)
-    open_ground = {"collision": np.zeros_like(running), "clearance": nothing, "way_left": nothing}
-    numbers = open_ground | info
-    shown = {name: numbers[name] for name in Record._fields if name not in ("running", "covariance")}
-    return Record(**shown, running=running, covariance=info["covariance"][0])

@@ -23,7 +23,7 @@ from turtlebot_gym_agents import provenance
 from turtlebot_gym_agents.cluster.drives import evaluate_all
 from turtlebot_gym_agents.cluster.workers import RETRIES, results
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate
+from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.provenance import plain
 
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
@@ -92,11 +92,6 @@ def test_an_evaluation_does_not_depend_on_how_it_is_split(request_, chunk):
     assert split.times().tobytes() == expected.times().tobytes()
     assert split.episodes.path.tobytes() == expected.episodes.path.tobytes()
     assert split.trajectory.true_state.tobytes() == expected.trajectory.true_state.tobytes()
-
-
-def test_no_batch_has_a_single_episode_unless_there_is_no_other():
-    expected = {1: [(0, 1)], 10: [(0, 5), (5, 5)], 11: [(0, 5), (5, 6)], 12: [(0, 5), (5, 5), (10, 2)]}
-    assert {episodes: batches(episodes, 5) for episodes in expected} == expected
 
 
 def test_a_killed_worker_loses_no_job(tmp_path):
