@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from inspect import get_annotations
-from typing import Annotated, Any, ClassVar, NamedTuple, get_type_hints
+from typing import Annotated, Any, ClassVar, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -114,7 +115,7 @@ class BearingPolicy(Baseline):
     across its goal."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        return self.steer(upcoming(observations, self._robot, self.dt).waypoint)
+        return self.steer(Upcoming(observations, self._robot, self.dt).waypoint)
 
     def steer(self, point: NDArray[np.complex128]) -> NDArray[np.float32]:
         """Return actions (..., 2) that steer to points (...), given in the body frame: ahead + 1j left, m."""
@@ -143,7 +144,7 @@ class CornerPolicy(BearingPolicy):
     """The share of the distance, less than 1."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        to = upcoming(observations, self._robot, self.dt)
+        to = Upcoming(observations, self._robot, self.dt)
         to_robot, onward = -to.waypoint, to.following - to.waypoint  # from the waypoint
         robot_away, next_away = np.abs(to_robot), np.abs(onward)
         bisector = to_robot / np.maximum(robot_away, _TINY) + onward / np.maximum(next_away, _TINY)
@@ -172,7 +173,7 @@ class PolarPolicy(Baseline):
     """Weight of the final heading."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        robot, to = self._robot, upcoming(observations, self._robot, self.dt)
+        robot, to = self._robot, Upcoming(observations, self._robot, self.dt)
         direction = np.where((to.waypoint.real < 0.0) & robot.reverse, -1.0, 1.0)
         alpha, distance = np.angle(direction * to.waypoint), np.abs(to.waypoint)
         phi = wrap_all(alpha - to.turn)
@@ -191,30 +192,42 @@ class RotateDriveRotatePolicy(BearingPolicy):
     """Distance within which it turns instead of driving, m."""
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        to = upcoming(observations, self._robot, self.dt)
+        to = Upcoming(observations, self._robot, self.dt)
         turning = action_of(np.zeros_like(to.turn), to.turn / (self.dt * self._robot.max_angular))
         near = np.abs(to.waypoint) < self.stop
         return np.where(near[..., None], turning, self.steer(to.waypoint))
 
 
-class _Upcoming(NamedTuple):
-    """Positions when the next command acts, in the body frame: ahead + 1j left, m."""
+class Upcoming:
+    """Positions when the next command acts, after an interval at the current speeds, in the body frame: ahead + 1j left, m.
 
-    waypoint: NDArray[np.complex128]
-    following: NDArray[np.complex128]
-    """The waypoint after it; the same one if it is the last."""
-    turn: NDArray[np.float64]
-    """Remaining turn, rad, in [-pi, pi)."""
+    Args:
+        observations: Shape (..., n).
+        robot: The robot.
+        dt: Control interval, s.
+    """
 
+    def __init__(self, observations: ArrayLike, robot: Robot, dt: float) -> None:
+        self._observed = o = _fields(observations)
+        self._moved, self._turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
+        self._frame = np.exp(-1j * self._turned)
 
-def upcoming(observations: ArrayLike, robot: Robot, dt: float) -> _Upcoming:
-    """Return the positions after an interval at the current speeds."""
-    o = _fields(observations)
-    moved, turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
-    frame = np.exp(-1j * turned)
-    waypoint = (o.distance * (o.cos_bearing + 1j * o.sin_bearing) - moved) * frame
-    following = (o.next_distance * (o.cos_next + 1j * o.sin_next) - moved) * frame
-    return _Upcoming(waypoint, following, wrap_all(np.arctan2(o.sin_turn, o.cos_turn) - turned))
+    @cached_property
+    def waypoint(self) -> NDArray[np.complex128]:
+        """The waypoint, shape (...)."""
+        o = self._observed
+        return (o.distance * (o.cos_bearing + 1j * o.sin_bearing) - self._moved) * self._frame
+
+    @cached_property
+    def following(self) -> NDArray[np.complex128]:
+        """The waypoint after it, shape (...); the same one if it is the last."""
+        o = self._observed
+        return (o.next_distance * (o.cos_next + 1j * o.sin_next) - self._moved) * self._frame
+
+    @cached_property
+    def turn(self) -> NDArray[np.float64]:
+        """Remaining turn, shape (...), rad, in [-pi, pi)."""
+        return wrap_all(np.arctan2(self._observed.sin_turn, self._observed.cos_turn) - self._turned)
 
 
 def _fields(observations: ArrayLike) -> Observation:

@@ -69,12 +69,14 @@ def numbers_of(observations: ArrayLike, terms: Sequence[ObservationTerm]) -> NDA
     Raises:
         ValueError: If observations have another shape.
     """
-    rows, sizes = np.asarray(observations), list[int]()
-    for shown in (terms, OPEN_GROUND, ROOM, LOCATED_ROOM):
+    rows, sizes = np.asarray(observations), [size_of(terms)]
+    if rows.ndim and rows.shape[-1] == sizes[0]:
+        return rows
+    for shown in (OPEN_GROUND, ROOM, LOCATED_ROOM):
         if {term.name for term in terms} <= {term.name for term in shown}:
             sizes.append(size_of(shown))
             if rows.ndim and rows.shape[-1] == sizes[-1]:
-                return rows if shown is terms else rows[..., columns_of(terms, shown)]
+                return rows[..., columns_of(terms, shown)]
     names, shapes = ", ".join(term.spelled for term in terms), " or ".join(f"(..., {size})" for size in sorted({*sizes}))
     raise ValueError(f"observations must have shape {shapes}, with {names}, got {rows.shape}.")
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.observations import ROOM
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym_agents.policies.geometric import upcoming
+from turtlebot_gym_agents.policies.geometric import Upcoming
 from turtlebot_gym_agents.policies.policy import numbers_of
 
 HALF_SECTOR = np.pi / SECTORS
@@ -125,7 +125,7 @@ def look(
     points = np.where(shares < 1.0, shares * SIGHT, UNSEEN) * DIRECTIONS
     if edges:
         points = np.concatenate([points * EDGE, points, points * np.conj(EDGE)], axis=-1)
-    return Sight(upcoming(rows, robot, dt).waypoint, (points + lidar_x - moved[..., None]) * np.conj(turned)[..., None], omega)
+    return Sight(Upcoming(rows, robot, dt).waypoint, (points + lidar_x - moved[..., None]) * np.conj(turned)[..., None], omega)
 
 
 def arc(v: Any, omega: Any, time: Any) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
