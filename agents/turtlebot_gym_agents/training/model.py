@@ -30,7 +30,8 @@ from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.policies.policy import shown
-from turtlebot_gym_agents.training.arguments import ALGORITHMS, arguments
+from turtlebot_gym_agents.training.adam import Adam
+from turtlebot_gym_agents.training.arguments import ALGORITHMS, NETWORK, arguments
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
@@ -94,6 +95,9 @@ def make_model(
         "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
     }
     keywords, device = arguments(config.algo, config.hyper), _choose_device(config.device, config.algo)
+    ours: dict[str, Any] = (
+        {"optimizer_class": Adam} if config.algo == "ppo" and "optimizer_kwargs" not in keywords[NETWORK] else {}
+    )
     adapter = Sb3VecEnv(envs)
     try:
         model = ALGORITHMS[config.algo](
@@ -102,7 +106,7 @@ def make_model(
             seed=config.seed,
             device=device,
             tensorboard_log=None if tensorboard is None else str(tensorboard),
-            **{**keywords, "policy_kwargs": normalization | keywords["policy_kwargs"]},
+            **{**keywords, NETWORK: normalization | ours | keywords[NETWORK]},
         )
     except (TypeError, ValueError, AssertionError) as error:
         reason = " ".join(str(error).split())
