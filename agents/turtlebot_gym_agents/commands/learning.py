@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields
@@ -92,6 +93,11 @@ class Train(Placement, _LearningOptions):
     """Least time between two checkpoints, s."""
     seeds: int = SEEDS
     """Number of seeds to train."""
+    until: Annotated[str | None, tyro.conf.arg(metavar="success=SHARE")] = None
+    """Stop when an evaluation during training reaches this, success=SHARE or return=VALUE. Its --episodes are the same ones
+    each time, and `evaluate` drives other ones. Schedules follow --steps."""
+    seconds: float | None = None
+    """Stop after this wall time, s, by which schedules end; imports, last evaluation and export are not in it."""
     resume: bool = False
     """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
     watch: bool = False
@@ -116,8 +122,9 @@ class Train(Placement, _LearningOptions):
                 remark = "continues in new episodes: its policy will not be that of an uninterrupted training"
                 print(f"turtlebot-gym: {folder} {remark}.", file=sys.stderr)
         config = self.training()
-        with _loading(config):
+        with _loading(config) as compiled:
             trainer()
+        start = {"start and imports": time.process_time() - compiled[0], "compiled loops": compiled[0]}
         if self.spread:
             results = self._spread(config, folders, runner)
             trained = Training(config=config, folders=folders, results=dict(zip(folders, results, strict=True)))
@@ -126,7 +133,16 @@ class Train(Placement, _LearningOptions):
             trained = train(config, self.out, seeds=self.seeds, **more)
         title = ", ".join([self.env, self.algo, *self.described(), "the best model on the evaluation's seeds"])
         print_tables(*trained.tables(title=title))
-        self.report(trained.content()[0])
+        content = trained.content()[0]
+        if not self.spread:
+            results = trained.results.values()
+            phases = dict.fromkeys(phase for result in results for phase in result.cpu)
+            cpu = start | {phase: sum(result.cpu.get(phase, 0.0) for result in results) for phase in phases}
+            content = {**content, "cpu": cpu}
+            print(f"CPU seconds: {', '.join(f'{seconds:.1f} {phase}' for phase, seconds in cpu.items())}.")
+        if ends := trained.ends():
+            print(ends)
+        self.report(content)
         if self.plot is not None:
             from turtlebot_gym_agents.figures import learning_figure
 
@@ -217,8 +233,12 @@ class Tune(Placement, _LearningOptions):
 
 
 @contextmanager
-def _loading(config: TrainingConfig) -> Iterator[None]:
-    """Load a training's compiled loops in a second thread during this block, which imports torch."""
+def _loading(config: TrainingConfig) -> Iterator[list[float]]:
+    """Load a training's compiled loops in a second thread during this block, which imports torch.
+
+    Yields a list that then holds the thread's CPU seconds.
+    """
+    spent: list[float] = []
 
     def load() -> None:
         import numpy as np
@@ -231,11 +251,12 @@ def _loading(config: TrainingConfig) -> Iterator[None]:
             envs.reset(seed=0)
             envs.step(np.zeros((1, 2), np.float32))
             envs.close()
+        spent.append(time.thread_time())
 
     beside = threading.Thread(target=load)
     beside.start()
     try:
-        yield
+        yield spent
     finally:
         beside.join()
 

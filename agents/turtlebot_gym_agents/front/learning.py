@@ -110,6 +110,9 @@ class Training(Result):
 
     def verdict(self) -> str:
         """Return how many of the goals the best models reach."""
+        return " ".join(filter(None, (self._goals(), self.ends())))
+
+    def _goals(self) -> str:
         shares = [100.0 * result.best["success"] for result in self.results.values()]
         episodes = f"{self.config.episodes} episodes"
         if min(shares) == max(shares):
@@ -122,12 +125,19 @@ class Training(Result):
             f"{value:.1f} % on average ({interval}); the best: {self.policy}."
         )
 
+    def ends(self) -> str:
+        """Return how many trainings have reached ``until``; empty without it."""
+        if self.config.until is None:
+            return ""
+        reached, count = sum(result.stopped == "until" for result in self.results.values()), len(self.results)
+        return f"{reached} of {count} trainings reached {self.config.until} in {self.config.episodes} episodes."
+
     def content(self) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
         """Return what each seed reached, apart from that how long it took, and the configuration."""
         runs, times = [], []
         for (seed, result), folder in zip(self.results.items(), self.folders.values(), strict=True):
             facts = asdict(result)
-            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second")}})
+            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second", "cpu")}})
             runs.append({"seed": seed, "folder": folder, **facts})
         return {"runs": runs, "times": times}, self.config.settings()
 
@@ -156,7 +166,7 @@ def train(
 ) -> Training:
     """Train a policy, and write it as a bundle, ``folder/policy.onnx``.
 
-    For example ``train("nav", "runs/a", steps=200_000, seeds=3)``.
+    For example ``train("nav", "runs/a", steps=200_000, seeds=3)``, or ``train("nav", until="success=1.0")``.
 
     Args:
         env: The environment's id or short name, or a configuration, whose fields ``options`` then change.

@@ -33,11 +33,14 @@ from turtlebot_gym_agents.training.history import read_history
 from turtlebot_gym_agents.training.judging import Judged, judge
 from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
+from turtlebot_gym_agents.training.timing import Stopwatch
 
 EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
 INTERIM = 100
 """Most episodes of an evaluation before the end of a training."""
+CHECKED = 100
+"""Steps in which a training's bundle is compared with its model."""
 
 
 def mean_actions(policy: ActorCriticPolicy, observations: torch.Tensor) -> torch.Tensor:
@@ -90,11 +93,12 @@ class CheckpointCallback(Callback):
     Args:
         path: The file, replaced atomically. The replay buffer is beside it, see `model.replay_path`.
         seconds: Least time between two checkpoints, see `Callback`.
+        watch: Charges them to the phase "files".
     """
 
-    def __init__(self, path: Path, *, seconds: float = 5.0) -> None:
+    def __init__(self, path: Path, *, seconds: float = 5.0, watch: Stopwatch | None = None) -> None:
         super().__init__(seconds=seconds)
-        self._path, self._saved = path, 0
+        self._path, self._saved, self._watch = path, 0, watch or Stopwatch()
 
     def _on_training_start(self) -> None:
         self._wait_after(time.monotonic())
@@ -109,7 +113,8 @@ class CheckpointCallback(Callback):
 
     def save(self) -> None:
         begun = time.monotonic()
-        save_checkpoint(self.model, self._path)
+        with self._watch.phase("files"):
+            save_checkpoint(self.model, self._path)
         self._saved = self.num_timesteps
         self._wait_after(begun)
 
@@ -128,6 +133,8 @@ class EvaluationCallback(BaseCallback):
         history: File of all evaluations' figures, which a resumed training continues; None for none.
         seed: First seed of the evaluation.
         go_on: Called with the figures; the training stops if it returns false.
+        confirm: Whether it stops only if ``go_on`` also returns false for the figures of all seeds.
+        watch: Charges them to the phase "evaluations".
     """
 
     def __init__(
@@ -140,8 +147,11 @@ class EvaluationCallback(BaseCallback):
         history: Path | None = None,
         seed: int = EVALUATION_SEED,
         go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
+        confirm: bool = False,
+        watch: Stopwatch | None = None,
     ) -> None:
         super().__init__()
+        self._watch, self._confirm = watch or Stopwatch(), confirm
         self._envs, self._every, self._path, self._seed, self._go_on = envs, every, path, seed, go_on
         self._episodes = envs.num_envs if episodes is None else episodes
         self._next, self._kept, self._most = every, history, -np.inf
@@ -171,11 +181,13 @@ class EvaluationCallback(BaseCallback):
         if self.num_timesteps >= self._next:
             self._next = self.num_timesteps + self._every
             self.run(INTERIM)
+            if self.stopped and self._confirm:
+                self.run(self._episodes)
 
     def _on_training_end(self) -> None:
         if not self.stopped:
             self.run(self._episodes)
-            self.logger.dump(self.num_timesteps)
+        self.logger.dump(self.num_timesteps)
 
     @property
     def parameters(self) -> Parameters:
@@ -209,7 +221,8 @@ class EvaluationCallback(BaseCallback):
                 save_model(self.model, self._path)
 
     def _judge(self, episodes: int) -> Judged:
-        return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
+        with self._watch.phase("evaluations"):
+            return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
 
     def _figures(self, judged: Judged) -> dict[str, float]:
         return {"steps": float(self.model.num_timesteps), **judged.figures()}
@@ -222,11 +235,12 @@ class RecordCallback(Callback):
         config: Configuration of the training.
         folder: Folder of the run; the best model is in its ``best.zip``.
         judge: The evaluation, an earlier one of the callbacks: it determines the best model.
+        watch: Charges the bundle to the phase "export".
     """
 
-    def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback) -> None:
+    def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback, watch: Stopwatch) -> None:
         super().__init__()
-        self._config, self._folder, self._judge = config, folder, judge
+        self._config, self._folder, self._judge, self._watch = config, folder, judge, watch
         self._begun = time.monotonic()
 
     def _on_training_start(self) -> None:
@@ -237,10 +251,10 @@ class RecordCallback(Callback):
     def _on_training_end(self) -> None:
         seconds = round(time.monotonic() - self._begun, 1)
         about = {**self._record, "steps": self.num_timesteps, "seconds": seconds, "evaluation": self._judge.best}
-        with weights_of(self.model, self._folder / "best.zip"):
+        with self._watch.phase("export"), weights_of(self.model, self._folder / "best.zip"):
             card = self._config.card(self._judge.parameters, about)
-            options = self._config.options
-            export(self.model, self._folder / "policy.onnx", env=self._config.env, vec_normalize="none", card=card, **options)
+            options = {"vec_normalize": "none", "card": card, "steps": CHECKED, **self._config.options}
+            export(self.model, self._folder / "policy.onnx", env=self._config.env, **options)
 
 
 class RewardCallback(BaseCallback):

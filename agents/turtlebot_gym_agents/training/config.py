@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
+from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -33,7 +35,7 @@ ROWS = 64
 """Environments of an evaluation."""
 _RANDOMIZED = ("speed_error", "turn_error", "veer")
 """Fields that ``randomize`` reads."""
-_FREE = ("steps", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
+_FREE = ("steps", "until", "seconds", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
 """Fields that may differ when a run is resumed; the contents of the file ``config`` may not."""
 
 
@@ -66,6 +68,11 @@ class TrainingConfig(Options):
     steps: Annotated[int | None, STEPS] = None
     """Environment steps; by default n_timesteps of the hyper-parameters. With few, the package's own hyper-parameters have
     fewer environments and smaller batches, see `hyperparameters.for_steps`."""
+    until: str | None = None
+    """Stop when an evaluation during training reaches this, success=SHARE or return=VALUE: of ``episodes`` episodes, the same
+    ones each time, which `evaluate` does not drive. Schedules follow ``steps``."""
+    seconds: Annotated[float | None, Range(0.0, 1e9, open_low=True)] = None
+    """Stop after this wall time, s, by which schedules end; imports, last evaluation and export are not in it."""
     config: Path | Mapping[str, Any] | None = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package; in Python also a
     mapping."""
@@ -91,6 +98,7 @@ class TrainingConfig(Options):
         object.__setattr__(self, "env", require_env(self.env))
         choose("algo", self.algo, dict.fromkeys(NAMES))
         object.__setattr__(self, "hyper", self._hyperparameters())
+        self.reached({})
         unread = () if self.randomize else (item for item in fields(TrainingConfig) if item.name in _RANDOMIZED)
         for item in unread:
             if getattr(self, item.name) != item.default:
@@ -123,6 +131,17 @@ class TrainingConfig(Options):
     @property
     def total(self) -> int:
         return self.steps or self.hyper["n_timesteps"]
+
+    def reached(self, figures: Mapping[str, float]) -> bool:
+        """Return whether an evaluation's figures reach ``until``."""
+        if self.until is None:
+            return False
+        name, _, text = str(self.until).partition("=")
+        with suppress(ValueError):
+            least = float(text)
+            if (name == "success" and 0.0 < least <= 1.0) or (name == "return" and isfinite(least)):
+                return figures.get(name, -inf) >= least
+        raise refusal("until", "success=SHARE up to 1, or return=VALUE, such as 'success=1.0'", self.until)
 
     @property
     def between_evaluations(self) -> int:

@@ -22,6 +22,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym.compiled.threads import limited
+from turtlebot_gym.files import load
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.callbacks import (
     CheckpointCallback,
@@ -34,6 +35,7 @@ from turtlebot_gym_agents.training.cloning import begin_with
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 from turtlebot_gym_agents.training.history import NAME
 from turtlebot_gym_agents.training.model import make_model
+from turtlebot_gym_agents.training.timing import Stopwatch, StopwatchCallback, TimeLimitCallback
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +52,10 @@ class TrainingResult:
     """Figures of the best model."""
     history: list[dict[str, float]] = field(default_factory=list)
     """Figures of all evaluations of the run, with those before an interruption."""
+    stopped: str | None = None
+    """What ended the training before its number of steps: "until", "seconds" or nothing."""
+    cpu: Mapping[str, float] = field(default_factory=dict)
+    """CPU seconds of this call by phase: setup, rollouts, updates, evaluations, files and export."""
 
 
 def train(
@@ -76,24 +82,35 @@ def train(
         ValueError: If the device is missing, or the folder holds a run and ``resume`` is not set, or a run of another
             configuration.
     """
-    start, folder = time.perf_counter(), Path(folder)
+    start, folder, watch = time.perf_counter(), Path(folder), Stopwatch()
     checkpoint = folder / "checkpoint.zip"
     begun = checkpoint if checkpoint.exists() else None
     if not resume:
         require_no_run(folder)
     if begun is not None:
         config = config.continuing(folder)
+    written = folder / "result.json"
+    reached = begun is not None and written.is_file() and config.reached(load(written)["best"])
     bar = ProgressCallback(config.total, label=config.title)
+    limit = None if config.seconds is None else TimeLimitCallback(config.seconds)
     with closing(config.make_training()) as envs, closing(config.make_judging()) as judges:
-        best, history = folder / "best.zip", folder / NAME
-        every, episodes = config.between_evaluations, config.episodes
-        judge = EvaluationCallback(judges, every=every, episodes=episodes, path=best, history=history)
-        saver = CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds)
-        watching = [*([bar] if progress else []), *callbacks]
+        judge = EvaluationCallback(
+            judges,
+            path=folder / "best.zip",
+            history=folder / NAME,
+            every=config.between_evaluations,
+            episodes=config.episodes,
+            go_on=lambda figures: not config.reached(figures),
+            confirm=True,
+            watch=watch,
+        )
+        saver = CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds, watch=watch)
+        watching = [*([bar] if progress else []), *callbacks, *([limit] if limit else [])]
         try:
             # A finished run has nothing left to learn, but the callbacks restore its best model.
-            observers = [judge, saver, RewardCallback(), *watching, RecordCallback(config, folder, judge)]
-            model = learn(config, envs, observers, tensorboard=folder / "tensorboard", checkpoint=begun)
+            recorder = RecordCallback(config, folder, judge, watch)
+            observers = [StopwatchCallback(watch), judge, saver, RewardCallback(), *watching, recorder]
+            model = learn(config, envs, observers, tensorboard=folder / "tensorboard", checkpoint=begun, finished=reached)
         finally:
             bar.stop()
     seconds = time.perf_counter() - start
@@ -103,8 +120,10 @@ def train(
         steps_per_second=(model.num_timesteps - judge.begun) / seconds,
         best=judge.best,
         history=judge.history,
+        stopped="until" if reached or judge.stopped else "seconds" if limit and limit.stopped else None,
+        cpu=watch.seconds(),
     )
-    replace_json(folder / "result.json", asdict(result))
+    replace_json(written, asdict(result))
     return result
 
 
@@ -115,6 +134,7 @@ def learn(
     *,
     tensorboard: Path | None = None,
     checkpoint: Path | None = None,
+    finished: bool = False,
 ) -> BaseAlgorithm:
     """Make a model, and train it up to the configured number of steps.
 
@@ -124,10 +144,11 @@ def learn(
         callbacks: Callbacks of the training.
         tensorboard: Folder of the logs.
         checkpoint: Checkpoint to continue from; its steps count.
+        finished: Whether that has nothing left to learn.
     """
     torch.set_num_threads(config.threads)
     model = make_model(config, envs, tensorboard=tensorboard, checkpoint=checkpoint)
-    steps = max(0, config.total - model.num_timesteps)
+    steps = 0 if finished else max(0, config.total - model.num_timesteps)
     with limited(config.threads):
         learned = list(callbacks)
         if config.from_policy is not None:
