@@ -64,9 +64,9 @@ def test_a_record_of_an_earlier_version_is_resumed_but_not_an_invalid_checkpoint
 @pytest.mark.nightly
 def test_40_960_steps_suffice_and_the_run_goes_on_with_more(tmp_path):
     few = TrainingConfig(steps=40_960, evaluations=2)
-    assert train(few, tmp_path / "run", progress=False).best["success"] > 0.98  # 0.16 with the environments of a million steps
-    more = train(replace(few, steps=1_000_000, evaluations=200), tmp_path / "run", resume=True, progress=False)
-    assert more.steps >= 1_000_000
+    assert train(few, tmp_path / "run", progress=False).best["success"] > 0.98
+    more = train(replace(few, steps=200_000, evaluations=40), tmp_path / "run", resume=True, progress=False)
+    assert more.steps >= 200_000
 
 
 def test_a_finished_run_is_resumed_to_the_same(tmp_path):

@@ -23,7 +23,7 @@ DURATION = 50.0
 
 @pytest.mark.nightly
 def test_a_policy_is_trained_exported_evaluated_and_drives_the_live_square(tmp_path):
-    train(TrainingConfig(env=SQUARE, steps=1_500_000, evaluations=2, episodes=100), tmp_path, progress=False)
+    train(TrainingConfig(env=SQUARE, evaluations=2, episodes=100), tmp_path, progress=False)
     bundle = tmp_path / "policy.onnx"
     share = evaluate(BundlePolicy(bundle), env=SQUARE, episodes=200).summary()["success"]
     with Graph(policy=str(bundle), seed=3) as graph:
