@@ -80,7 +80,8 @@ def install(folder: Path) -> dict[str, str]:
     for project, wanted in PROJECTS.items():
         done = subprocess.run([*pip, *wanted.split()], capture_output=True, text=True)
         if done.returncode:
-            causes[project] = [line for line in done.stderr.splitlines() if line.startswith("ERROR")][-1]
+            said = done.stderr.splitlines()
+            causes[project] = ([line for line in said if line.startswith("ERROR")] or said or ["pip said nothing."])[-1]
     return causes
 
 
