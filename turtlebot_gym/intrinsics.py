@@ -6,6 +6,7 @@ Without numba this module cannot be imported; `kernel` then uses plain Python al
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from inspect import signature
 from typing import Any
 
@@ -21,6 +22,10 @@ _TUPLE: Any = types.BaseTuple
 
 _INLINED: dict[str, Any] = {"forceinline": True, "no_cfunc_wrapper": True}
 """Options of all functions that compiled loops inline."""
+with suppress(ImportError):  # a numba whose insides differ takes longer
+    from turtlebot_gym.inlining import Inlined
+
+    _INLINED["pipeline_class"] = Inlined
 
 
 def inline(function: Callable, **options: Any) -> None:

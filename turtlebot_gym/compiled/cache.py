@@ -76,12 +76,11 @@ def _compilers() -> str:
     from llvmlite import binding
     from numba.core import config
 
-    from turtlebot_gym import intrinsics
-
     for option in _LLVM_OPTIONS:
         binding.set_option("", option)
     options: Any = config
-    sources = [Path(module.__file__ or "").read_text("utf-8") for module in (kernel, intrinsics)]  # nobody calls them
+    below = Path(kernel.__file__ or "").parent  # nobody calls these
+    sources = [(below / f"{name}.py").read_text("utf-8") for name in ("kernel", "intrinsics", "inlining")]
     parts = (*_LLVM_OPTIONS, options.OPT, options.LOOP_VECTORIZE, options.SLP_VECTORIZE, options.BOUNDSCHECK, *sources)
     return f"{numba.__version__} {llvmlite.__version__} {sys.implementation.cache_tag} {parts}"
 

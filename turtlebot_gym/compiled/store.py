@@ -3,8 +3,8 @@
 A file holds one compiled function, and its name a hash of all that its machine code is made of. numba's own cache keeps files
 beside the sources, for each checkout its own, and forgets a function whenever its file changes.
 
-numba offers neither such a cache nor the address of a function to others: this module, and no other, uses names of numba that
-are not public. With a numba that lacks them each process compiles for itself, and loops run on one thread.
+numba offers neither such a cache nor the address of a function to others: this module and `turtlebot_gym.inlining` use names of
+numba that are not public. With a numba that lacks them each process compiles for itself, and loops run on one thread.
 """
 
 from __future__ import annotations
