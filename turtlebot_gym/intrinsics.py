@@ -60,6 +60,27 @@ def _emit_sqrt(typing_context, x):
     return float64(float64), emit
 
 
+def _emit_floor(typing_context, x):
+    def emit(context, builder, signature, arguments):
+        whole = builder.call(builder.module.declare_intrinsic("llvm.floor", [arguments[0].type]), arguments)
+        return builder.fadd(whole, whole.type(0.0))  # no integer is a negative zero
+
+    return float64(float64), emit
+
+
+def _exact(builder, number, less):
+    """Return the float of a 64-bit integer from 0 to 2^52 - 1, less another one: as the significand of a larger number."""
+    number = builder.bitcast(builder.or_(number, number.type(0x433 << 52)), ir.DoubleType())
+    return builder.fsub(number, number.type(float((1 << 52) + less)))
+
+
+def _emit_exactly(typing_context, n):
+    def emit(context, builder, signature, arguments):
+        return _exact(builder, arguments[0], 0)
+
+    return float64(int64), emit
+
+
 def _emitting(operation: str) -> Any:
     def typing(typing_context, a, b):
         def emit(context, builder, signature, arguments):
@@ -73,9 +94,8 @@ def _emitting(operation: str) -> Any:
 def _emit_split(typing_context, x):
     def emit(context, builder, signature, arguments):
         bits = builder.bitcast(arguments[0], ir.IntType(64))
-        exponent = builder.sub(builder.lshr(bits, bits.type(52)), bits.type(1022))
         half = builder.or_(builder.and_(bits, bits.type(0x000FFFFFFFFFFFFF)), bits.type(0x3FE0000000000000))
-        parts = builder.bitcast(half, ir.DoubleType()), builder.sitofp(exponent, ir.DoubleType())
+        parts = builder.bitcast(half, ir.DoubleType()), _exact(builder, builder.lshr(bits, bits.type(52)), 1022)
         return context.make_tuple(builder, signature.return_type, parts)
 
     return types.UniTuple(float64, 2)(float64), emit
@@ -201,6 +221,7 @@ def storing(leaves: Sequence[Any]) -> Callable[..., Any]:
 
 
 square_root = _intrinsic(_emit_sqrt)
+floor, exactly = _intrinsic(_emit_floor), _intrinsic(_emit_exactly)
 # numba declares that its integers never overflow, and LLVM then drops masks that only matter on overflow.
 multiply, add = _emitting("mul"), _emitting("add")
 split_bits = _intrinsic(_emit_split)

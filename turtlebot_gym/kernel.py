@@ -67,6 +67,16 @@ def sqrt(x: float) -> float:
     return math.sqrt(x)
 
 
+def floor(x: float) -> float:
+    """Return the greatest whole number up to x as a float: AVX2 cannot convert vectors of floats to 64-bit integers."""
+    return 1.0 * math.floor(x)
+
+
+def exactly(n: int) -> float:
+    """Return a whole number from 0 to 2^52 - 1 as a float; AVX2 cannot convert vectors back, either."""
+    return 1.0 * n
+
+
 def times(a: int, b: int) -> int:
     """Return the product of two 64-bit integers, modulo 2^64."""
     return (a * b) & 0xFFFFFFFFFFFFFFFF
@@ -159,9 +169,11 @@ def in_loops(loop: Callable[..., Any]) -> Callable[[F], F]:
 def _register_primitives(compiler: Any) -> None:
     overload, int64 = compiler.overload, compiler.int64
     root, multiply, add, split_bits = compiler.square_root, compiler.multiply, compiler.add, compiler.split_bits
-    without_owner, fetch_line = compiler.without_owner, compiler.fetch
+    whole, exact, without_owner, fetch_line = compiler.floor, compiler.exactly, compiler.without_owner, compiler.fetch
     # Compiled math.sqrt is a call that may set errno, which prevents vectorization; this is a single instruction.
     overload(sqrt, lambda x: lambda x: root(x))
+    overload(floor, lambda x: lambda x: whole(x))
+    overload(exactly, lambda n: lambda n: exact(int64(n)))
     overload(times, lambda a, b: lambda a, b: multiply(int64(a), int64(b)))
     overload(plus, lambda a, b: lambda a, b: add(int64(a), int64(b)))
     overload(split, lambda x: lambda x: split_bits(x))

@@ -1,14 +1,16 @@
-"""How kernels are compiled: as parts of loops, whose arrays are freed."""
+"""How kernels are compiled: as parts of loops, whose arrays are freed, and with the bits of plain Python."""
 
 import gc
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from numba import njit
 from numba.core.codegen import JITCodeLibrary
 from numba.core.runtime import _nrt_python, rtsys
 
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import exactly, floor, kernel
 
 
 class Mixed(NamedTuple):
@@ -53,3 +55,21 @@ def test_kernels_become_machine_code_only_as_parts_of_a_loop_that_frees_their_ar
     after = rtsys.get_allocation_stats()
     _nrt_python.memsys_disable_stats()
     assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free >= 20
+
+
+WHOLE = [0.0, 1.0, 2.0**31, 2.0**32 - 1.0, 2.0**52 - 1.0]
+NUMBERS = [-0.0, 0.0, 0.5, -0.5, -1e-300, 1e15 + 0.5, -3.0, *np.random.default_rng(0).uniform(-1e6, 1e6, 100).tolist()]
+
+
+@pytest.mark.parametrize(("function", "numbers"), [(floor, NUMBERS), (exactly, [int(n) for n in WHOLE])])
+def test_numbers_are_converted_with_the_bits_of_plain_python(function, numbers):
+    def convert(numbers, out):
+        for k in range(len(numbers)):
+            out[k] = function(numbers[k])
+
+    compiled, plain = np.empty(len(numbers)), np.empty(len(numbers))
+    njit(convert)(np.array(numbers), compiled)
+    for k, number in enumerate(numbers):
+        plain[k] = function(number)
+    assert compiled.tobytes() == plain.tobytes()
+    assert plain.tolist() == [math.floor(number) for number in numbers]

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.kernel import kernel
+from turtlebot_gym.kernel import floor, kernel
 
 PI = math.pi
 TWO_PI = 2.0 * math.pi
@@ -27,7 +27,7 @@ _HALF_PI_3 = 2.0222662487959506e-21
 @kernel
 def wrap(angle: float) -> float:
     """Wrap an angle to [-pi, pi)."""
-    wrapped = angle - TWO_PI * math.floor((angle + PI) * _PER_TURN)
+    wrapped = angle - TWO_PI * floor((angle + PI) * _PER_TURN)
     wrapped = wrapped - TWO_PI if wrapped >= PI else wrapped  # rounding may leave exactly pi, or just less than -pi
     return -PI if wrapped < -PI else wrapped
 
@@ -55,7 +55,7 @@ def sincos(angle: float) -> tuple[float, float]:
         Cody, Waite, *Software Manual for the Elementary Functions* (1980): the reduction. Sun Microsystems, *fdlibm*
         (1993), k_sin and k_cos: the coefficients.
     """
-    quadrant = math.floor(angle * _TWO_OVER_PI + 0.5)
+    quadrant = floor(angle * _TWO_OVER_PI + 0.5)
     r = ((angle - quadrant * _HALF_PI_1) - quadrant * _HALF_PI_2) - quadrant * _HALF_PI_3
     z = r * r
     s = z * (
@@ -80,11 +80,11 @@ def sincos(angle: float) -> tuple[float, float]:
         )
     )
     cosine = 1.0 - (0.5 * z - z * c)
-    odd = quadrant & 1 == 1
-    half = quadrant & 3
+    part = quadrant - 4.0 * floor(quadrant * 0.25)
+    odd = (part == 1.0) | (part == 3.0)
     a = cosine if odd else sine
     b = sine if odd else cosine
-    return (-a if half >= 2 else a), (-b if half == 1 or half == 2 else b)
+    return (-a if part >= 2.0 else a), (-b if (part == 1.0) | (part == 2.0) else b)
 
 
 def yaw_of_quaternion(w: float, x: float, y: float, z: float) -> float:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
-from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.kernel import floor, kernel, sqrt
 from turtlebot_gym.models.angles import PI, TWO_PI, sincos, wrap
 from turtlebot_gym.models.random import COUNT, EVENTS, HEADING, LEAP, POSITION, normals, uniforms
 from turtlebot_gym.parameters import REFERENCE_PERIOD, OdometryNoise
@@ -14,7 +12,7 @@ from turtlebot_gym.values import Command, Odometry, Pose
 @kernel
 def quantize(value: float, resolution: float) -> float:
     """Round to a multiple of the resolution; a resolution of zero leaves the value as it is."""
-    rounded = resolution * math.floor(value / (resolution if resolution > 0.0 else 1.0) + 0.5)
+    rounded = resolution * floor(value / (resolution if resolution > 0.0 else 1.0) + 0.5)
     return rounded if resolution > 0.0 else value
 
 

@@ -6,7 +6,7 @@ make Python's unbounded integers wrap like the machine's.
 
 from __future__ import annotations
 
-from turtlebot_gym.kernel import kernel, plus, split, sqrt, times
+from turtlebot_gym.kernel import exactly, kernel, plus, split, sqrt, times
 from turtlebot_gym.models.angles import PI, TWO_PI, sincos
 
 _M64 = 0xFFFFFFFFFFFFFFFF
@@ -58,7 +58,7 @@ def sub_key(key: int, use: int) -> int:
 def uniforms(key: int, step: int, stream: int) -> tuple[float, float]:
     """Return two independent uniform numbers in (0, 1), of 32 bits each."""
     bits = mix(plus(key, times(step * _STREAMS + stream + 1, _WEYL)))
-    return (((bits >> 32) & _M32) + 0.5) * 2.0**-32, ((bits & _M32) + 0.5) * 2.0**-32
+    return (exactly((bits >> 32) & _M32) + 0.5) * 2.0**-32, (exactly(bits & _M32) + 0.5) * 2.0**-32
 
 
 @kernel

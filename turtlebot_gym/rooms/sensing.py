@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from turtlebot_gym.kernel import borrowed, compiled_scratch, is_plain, kernel
+from turtlebot_gym.kernel import borrowed, compiled_scratch, exactly, is_plain, kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.cells import distance_to_cells, ray_to_cells, to_cells
 from turtlebot_gym.rooms.lidar import Lidar, bias_of, is_drawn, reading, reading_of, time_of_beam
@@ -244,7 +244,7 @@ def measure(
         cosines, sines, least = beams[0, begin:], beams[1, begin:], beams[2, begin:]
         padded = whole_groups(n)
         for ray in range(padded):
-            share = (time_of_beam(float(first + ray), lidar) - start) / dt
+            share = (time_of_beam(float(first) + exactly(ray), lidar) - start) / dt
             sine, cosine = sincos(before.theta + share * turn)
             rays[_X + ray] = before.x + share * (now.x - before.x) + lidar.x * cosine - lidar.y * sine
             rays[_Y + ray] = before.y + share * (now.y - before.y) + lidar.x * sine + lidar.y * cosine
