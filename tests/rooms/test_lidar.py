@@ -30,7 +30,7 @@ from turtlebot_gym.rooms.lidar import (
 )
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import mounted
-from turtlebot_gym.rooms.scene import Walls
+from turtlebot_gym.rooms.scene import Walls, scene_at
 from turtlebot_gym.rooms.sectors import NEAR, divide, leave_out_blind, pool
 from turtlebot_gym.rooms.sensing import measure
 from turtlebot_gym.systems import make_parameters, make_room, system_of
@@ -191,6 +191,22 @@ def test_sectors_to_which_a_lidar_is_blind_are_as_near_as_what_is_beside_them_an
         assert (scene.lidar.sectors[[12, 24]] * SIGHT > 0.6).all()
 
 
+@pytest.mark.parametrize("blind", [((2.1, 2.1),), ((-0.3, 0.5), (0.9, 0.04)), ((0.0, 2.0 * math.pi),)])
+def test_blind_beams_return_nothing_and_change_no_other_beam(blind):
+    """They are not measured: the others must not depend on how a revolution is divided."""
+    sees = replace(LIDARS["urg04lx"], dead=())
+    measured = []
+    for lidar in (sees, replace(sees, dead=blind)):
+        scene = room(2.0, 1.0, lidar)
+        for first in range(0, lidar.beams, 300):
+            last = min(first + 300, lidar.beams)
+            measure(scene, Pose(0.0, 0.0, 0.0), Pose(0.01, 0.0, 0.1), first, last, 0.0, 7, lidar, 0.1)
+        measured.append(scene.lidar.ranges[1].copy())
+    is_blind = np.isinf(scene.lidar.beams[2, : sees.beams])
+    assert is_blind.any()
+    assert np.array_equal(measured[1], np.where(is_blind, np.float32(np.inf), measured[0]))
+
+
 WALL, GOAL = 3.0, Pose(2.0, 0.0, 0.0)
 HALL = FloorPlan(walls=Walls(0.0, 0.0, WALL, WALL), start=Pose(0.0, 0.0, 0.0), goal=GOAL)
 
@@ -210,6 +226,14 @@ def estimate_by_the_wall_ahead(estimate, before, senses, p, room, scene):
 def parameters():
     p = make_parameters(ROOM, noise="tutorial")
     return p._replace(reward=default_weights(IN_ROOMS), room=make_room(HALL, LIDARS["ideal"], p.dt))
+
+
+def test_robots_with_the_same_lidar_share_its_beams(parameters):
+    for names, shared in ((("ideal", "ideal"), True), (("ideal", "lds02"), False)):
+        rows = [parameters._replace(room=make_room(HALL, LIDARS[name], parameters.dt)) for name in names]
+        scenes = Batch(2, rows, [GOAL], plan=HALL).scenes
+        first, second = (scene_at(scenes, row).lidar.beams for row in range(2))
+        assert np.shares_memory(first, second) is shared
 
 
 @pytest.fixture(scope="module")

@@ -65,7 +65,8 @@ class LidarBuffers(NamedTuple):
 
     beams: Any
     """Shape (3, beams + `GROUP`): cosine and sine of each beam's direction in the robot's frame, and the least range it
-    returns, m; zeros at the end, so that whole groups can be read."""
+    returns, m; zeros at the end, so that whole groups can be read. Of robots with the same LiDAR, with a leading axis of 1: so
+    they stay in the processor's cache."""
     spans: Any
     """Shape (`SECTORS`, 2), int64: the beams of each sector, see `sectors.divide`."""
     ranges: Any
@@ -124,7 +125,7 @@ def scene_at(scenes: Scene, index: int) -> Scene:
             borrowed(room.frame),
         ),
         LidarBuffers(
-            borrowed(lidar.beams)[index],
+            borrowed(lidar.beams)[min(index, len(lidar.beams) - 1)],
             borrowed(lidar.spans)[index],
             borrowed(lidar.ranges)[index],
             borrowed(lidar.sectors)[index],
@@ -143,7 +144,17 @@ def _cells(extent: float) -> int:
     return max(1, math.ceil(extent / RESOLUTION - 1e-9))
 
 
-def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: float, beams: int, people: int = 0) -> Scene:
+def make_scenes(
+    number: int,
+    *,
+    circles: int,
+    boxes: int,
+    length: float,
+    width: float,
+    beams: int,
+    people: int = 0,
+    same_lidar: bool = False,
+) -> Scene:
     """Return empty arrays for rooms up to a size.
 
     Args:
@@ -154,6 +165,7 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
         width: Largest extent along y, m.
         beams: Most beams per revolution of a LiDAR.
         people: Most circles that are people.
+        same_lidar: Whether all robots have the same LiDAR.
 
     Raises:
         ValueError: If the paths of such a room would take more than `MAX_CELLS`.
@@ -178,7 +190,7 @@ def make_scenes(number: int, *, circles: int, boxes: int, length: float, width: 
             frame=np.zeros(5),
         ),
         LidarBuffers(
-            beams=zeros(3, beams + GROUP),
+            beams=np.zeros((1 if same_lidar else number, 3, beams + GROUP)),
             spans=zeros(SECTORS, 2, dtype=np.int64),
             ranges=zeros(2, beams, dtype=np.float32),
             sectors=zeros(SECTORS, dtype=np.float32),

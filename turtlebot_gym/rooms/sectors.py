@@ -101,7 +101,8 @@ def pool(ranges, spans, beams: int, sectors) -> None:
         shortest = _FARTHEST  # in single precision, as ranges are: each conversion would take as long as the comparison
         for beam in range(spans[sector, 0], spans[sector, 1]):
             length = ranges[beam if beam >= 0 else beam + beams]
-            shortest = length if _NEAREST <= length < shortest else shortest
+            length = length if length >= _NEAREST else _FARTHEST
+            shortest = length if length < shortest else shortest  # alone in the chain from beam to beam: one instruction
         sectors[sector] = np.float32(float(shortest) / SIGHT)
         if spans[sector, 1] <= spans[sector, 0]:
             sectors[sector] = np.float32(UNKNOWN)

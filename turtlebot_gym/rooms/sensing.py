@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from turtlebot_gym.kernel import borrowed, compiled_scratch, exactly, is_plain, kernel
@@ -212,6 +214,25 @@ def clearance(scene: Scene, x: float, y: float) -> float:
 
 
 @kernel
+def _next_part(least, n: int) -> tuple[int, bool]:
+    """Return how many of the next n beams to measure at once, and whether all of these are blind.
+
+    Args:
+        least: The least range that each of them returns, m.
+        n: Number of beams.
+    """
+    part = 0
+    while part < n and least[part] == math.inf:
+        part += 1
+    if part > 0:
+        return part, True
+    part = n
+    while least[part - 1] == math.inf:
+        part -= 1
+    return part, False
+
+
+@kernel
 def measure(
     scene: Scene, before: Pose, now: Pose, first: int, last: int, start: float, key: int, lidar: Lidar, dt: float
 ) -> None:
@@ -239,10 +260,13 @@ def measure(
     drift = share * (abs(now.x - before.x) + abs(now.y - before.y) + arm * abs(turn))
     while first < last:  # in parts within one revolution
         begin = first % revolution
-        n = min(min(last - first, revolution - begin), BLOCK)
         beams = borrowed(scene.lidar.beams)
         cosines, sines, least = beams[0, begin:], beams[1, begin:], beams[2, begin:]
-        padded = whole_groups(n)
+        n, is_blind = _next_part(least, min(min(last - first, revolution - begin), BLOCK))
+        if is_blind:
+            for ray in range(n):
+                sweeping[begin + ray] = math.inf
+        padded = whole_groups(0 if is_blind else n)
         for ray in range(padded):
             share = (time_of_beam(float(first) + exactly(ray), lidar) - start) / dt
             sine, cosine = sincos(before.theta + share * turn)
@@ -250,7 +274,8 @@ def measure(
             rays[_Y + ray] = before.y + share * (now.y - before.y) + lidar.x * sine + lidar.y * cosine
             rays[_DX + ray] = cosine * cosines[ray] - sine * sines[ray]
             rays[_DY + ray] = sine * cosines[ray] + cosine * sines[ray]
-        cast(scene, rays, n, lidar.range_max + 1.0, sweep, drift)
+        if not is_blind:
+            cast(scene, rays, n, lidar.range_max + 1.0, sweep, drift)
         lengths = borrowed(rays)[_LENGTH:]
         if is_drawn(lidar):
             for ray in range(padded):
@@ -258,7 +283,7 @@ def measure(
         else:  # the same numbers in less time
             for ray in range(padded):
                 lengths[ray] = reading_of(lengths[ray], least[ray], 0.0, 1.0, bias, lidar)
-        for ray in range(n):
+        for ray in range(0 if is_blind else n):
             sweeping[begin + ray] = lengths[ray]
         if begin + n == revolution:
             for beam in range(revolution):

@@ -150,6 +150,8 @@ def walk(scene: Scene, before: Pose, robot: Pose, radius: float, rules: Any, dt:
     walls, courtesy = scene.room.walls, rules.courtesy
     for k in range(scene.room.counts[0]):
         circle = scene.room.circles[k]
+        if circle[3] == 0.0 and circle[4] == 0.0:
+            continue
         dx, dy, reach = before.x - circle[0], before.y - circle[1], circle[2] + courtesy
         if circle[3] * dx + circle[4] * dy > 0.0 and dx * dx + dy * dy < reach * reach:
             continue

@@ -105,7 +105,7 @@ def _complete(world, judgement, p):
 
 def _make(parameters: Sequence[Parameters]) -> Scene:
     """Return arrays for the largest room and LiDAR of some parameters."""
-    rules = {row.room.rules for row in parameters}
+    rules, lidars = {row.room.rules for row in parameters}, {row.room.lidar for row in parameters}
     circles, boxes = (max(sizes) for sizes in zip(*map(capacity, rules), strict=True))
     return make_scenes(
         len(parameters),
@@ -113,7 +113,8 @@ def _make(parameters: Sequence[Parameters]) -> Scene:
         boxes=boxes,
         length=max(2.0 * rule.half_length for rule in rules),
         width=max(2.0 * rule.half_width for rule in rules),
-        beams=max(row.room.lidar.beams for row in parameters),
+        beams=max(lidar.beams for lidar in lidars),
+        same_lidar=len(lidars) == 1,
         people=circles if any(rule.people for rule in rules) else 0,
     )
 
