@@ -9,6 +9,7 @@ from localization_rooms import corridor, hall, make_room, scan_of, sight
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.estimation.update import correct_correlated
+from turtlebot_gym.localization.descent import WIDTH, agreement
 from turtlebot_gym.localization.information import Guess, Information, blurred, condition, information
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, scan, state_of
 from turtlebot_gym.localization.tuning import ROBOT, LocalizerTuning
@@ -289,3 +290,14 @@ def test_a_robot_that_no_scan_agrees_with_is_lost_after_two_seconds(in_hall, sec
     located = move(locate(Pose(*pose), KNOWN, Q), rest, rest, STOP, NO_DRIFT, seconds, Q)
     assert state_of(located, Q) == state
     assert state_of(scan(located, sight(room, points), Q), Q) == TRACKING
+
+
+def test_an_agreement_is_exact_from_the_bound_on_and_below_it_otherwise():
+    """Starts that cannot be among the best need not be compared with all beams."""
+    room = make_room(hall())
+    points = scan_of(room, (2.0, 1.5, 0.3))
+    for pose in ((2.0, 1.5, 0.3), (2.1, 1.5, 0.3), (2.0, 1.3, 0.8), (1.0, 2.5, -2.0)):
+        value = agreement(sight(room, points), at(pose), WIDTH)
+        for least in (0.0, 0.5 * value, value, value + 1e-3, 0.9, 1.0):
+            bounded = agreement(sight(room, points), at(pose), WIDTH, least)
+            assert bounded == value if value >= least else bounded < least

@@ -38,6 +38,10 @@ WIDE = 3.0
 """Standard deviations of the prediction's heading that starts span, where that is more than `swing`."""
 
 
+_SLACK = 1e-6
+"""Number of beams by which a sum of agreements must miss a bound: more than rounding."""
+
+
 class Descent(NamedTuple):
     """Result of a descent."""
 
@@ -118,7 +122,7 @@ def widened(belief: Belief, position: float, heading: float) -> Belief:
 
 
 @kernel
-def agreement(sight: ScanPoints, at: Guess, width: float) -> float:
+def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0) -> float:
     """Return the mean over a scan's beams of ``1 / (1 + d^2 / width^2)``: a soft share of those that fit, without a prior.
 
     The nearest cell's distance is enough for it; beams that end in the unknown count 0.
@@ -127,6 +131,7 @@ def agreement(sight: ScanPoints, at: Guess, width: float) -> float:
         sight: The scan and the map.
         at: The pose in the map, and the share by which ranges are too long.
         width: Residual at which a beam counts a half, m.
+        least: Value below which the result only needs to be below it, too: the other beams are then not looked at.
     """
     field, frame, points, number = sight
     rows, columns = field.shape
@@ -135,8 +140,10 @@ def agreement(sight: ScanPoints, at: Guess, width: float) -> float:
     size = per_cell / (1.0 + at.scale)
     forward, left = (cosine * frame[2] + sine * frame[3]) * size, (sine * frame[2] - cosine * frame[3]) * size
     column, row = (dx * frame[2] + dy * frame[3]) * per_cell, (dy * frame[2] - dx * frame[3]) * per_cell
-    total = 0.0
+    total, enough = 0.0, least * max(number, 1) - number - _SLACK
     for k in range(number):
+        if total - k < enough:  # even if all others agree
+            break
         across = column + forward * points[X, k] - left * points[Y, k]
         up = row + left * points[X, k] + forward * points[Y, k]
         if (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows):
@@ -220,8 +227,9 @@ def _starts_around(sight: ScanPoints, belief: Belief, q: Any, starts: Any, value
                 value = -0.5 * (dx * dx / var_x + dy * dy / var_y + dtheta * dtheta / var_theta)
                 if count == len(starts) and gain + value <= values[count - 1]:
                     continue
+                least = (float(values[count - 1]) - value) / max(gain, 1e-9) if count == len(starts) else 0.0
                 x, y, theta = mean.x + dx, mean.y + dy, mean.theta + dtheta
-                value += gain * agreement(sight, Guess(x, y, theta, 0.0), WIDTH)
+                value += gain * agreement(sight, Guess(x, y, theta, 0.0), WIDTH, least)
                 count = keep(starts, values, count, (x, y, theta), value, APART, TURNED)
     return count
 
