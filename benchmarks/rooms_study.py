@@ -1,10 +1,10 @@
 """The study of rooms: policies, worlds, LiDARs and pose estimates; it also makes `ppo-rooms`.
 
-PPO is trained with several seeds, on worlds, LiDARs and noise that differ between environments. The best training on the
-trainings' own evaluation seeds is the policy shipped with the package. Every policy drives the same held-out rooms of each
-setting, on seeds that neither trainings nor tunings use. The baselines have their defaults, which were tuned for `dense`. All
-trainings together form one row, whose intervals include the variance between trainings. With ``--keep`` the package keeps the
-policy that it has, and that one drives.
+PPO begins with VFH+ and is trained with several seeds, on worlds, LiDARs and noise that differ between environments. The best
+training on the trainings' own evaluation seeds is the policy shipped with the package. Every policy drives the same held-out
+rooms of each setting, on seeds that neither trainings nor tunings use. The baselines have their defaults, which were tuned for
+`dense`. All trainings together form one row, whose intervals include the variance between trainings. With ``--keep`` the
+package keeps the policy that it has, and that one drives.
 
 Trainings and drives are kept under `out/`, by commit, so an interrupted run resumes.
 """
@@ -197,7 +197,8 @@ def main() -> None:
     """Train, drive, print a table, and write policy, card and results."""
     config = tyro.cli(Config, description=__doc__)
     folder = config.runs or results_folder("pretrained")
-    runs = run_all(trainings(folder, config.steps, config.seeds, ROOMS), "trainings", config.processes)
+    jobs = trainings(folder, config.steps, config.seeds, env=ROOMS, from_policy=COMPARED_WITH)
+    runs = run_all(jobs, "trainings", config.processes)
     shipped = SHIPPED if config.keep else (str(best_of_trainings(runs) / "policy.onnx") if runs else None)
     rows = study(config, folder, runs, shipped)
     print(table(plain(rows), COLUMNS))

@@ -118,9 +118,9 @@ def trained(folder: Path, seed: int, steps: int | None, **options: Any) -> Path:
     return run
 
 
-def trainings(folder: Path, steps: int | None, seeds: int, env: str) -> list[Callable[[], Path]]:
+def trainings(folder: Path, steps: int | None, seeds: int, **options: Any) -> list[Callable[[], Path]]:
     """Return the randomized trainings of a policy that is shipped; each returns its folder, and runs if that is missing."""
-    return [partial(trained, folder, seed, steps, env=env, randomize=True) for seed in range(seeds)]
+    return [partial(trained, folder, seed, steps, randomize=True, **options) for seed in range(seeds)]
 
 
 def best_of_trainings(runs: Sequence[Path]) -> Path:

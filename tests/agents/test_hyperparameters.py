@@ -131,6 +131,7 @@ REFUSED = "Stable-Baselines3 refuses the hyper-parameters of ppo, see --config: 
         ("ppo", {"policy": "No"}, f"{REFUSED}Policy No unknown"),
         ("ppo", {"n_steps": 1, "n_envs": 1}, f"{REFUSED}`n_steps * n_envs` must be greater than 1"),
         ("ppo", {"batch_size": 1}, f"{REFUSED}`batch_size` must be greater than 1"),
+        ("ppo", {"reward_scale": 0}, "reward_scale must be a positive number"),
     ],
     ids=str,
 )

@@ -326,7 +326,7 @@ def test_each_hyper_parameter_reaches_stable_baselines3(algo):
         if name.endswith("buffer_class") or name == "action_noise":
             with pytest.raises(ValueError, match=f"{name} (is a class, which data cannot name|must be of type ActionNoise)"):
                 arguments(algo, config.hyper)
-        elif name in ("n_envs", "policy"):
+        elif name in ("n_envs", "policy", "reward_scale"):
             assert config.hyper[name] == overrides[name]
         elif name in ("noise_type", "noise_std"):
             assert arguments(algo, config.hyper)["action_noise"]._sigma[0] == (0.3 if name == "noise_std" else 0.0)

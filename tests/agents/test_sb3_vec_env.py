@@ -27,6 +27,8 @@ SPACES = {
     "tuple": spaces.Tuple((spaces.Discrete(5), spaces.Box(-1.0, 1.0, (2,), np.float32))),
 }
 
+SCALES = {}, {"reward_scale": 0.25}
+
 
 class Noted(gym.Env):
     """Notes the options of its resets, and ends after a given number of steps."""
@@ -247,3 +249,14 @@ def test_a_reset_of_some_rows_continues_the_others_and_their_returns():
     env.set_options([{}])
     with pytest.raises(ValueError, match="options must be one for all or 2, got 1"):
         env.reset()
+
+
+def test_the_algorithm_sees_scaled_rewards_and_infos_those_of_the_environment():
+    rows = [Sb3VecEnv(SyncVectorEnv([row(i, "box") for i in range(3)], autoreset_mode=SAME_STEP), **more) for more in SCALES]
+    for adapter in rows:
+        adapter.reset()
+    for _ in range(3):
+        (_, plain, dones, infos), (_, scaled, _, others) = (adapter.step(np.ones((3, 1), np.float32)) for adapter in rows)
+        np.testing.assert_array_equal(scaled, 0.25 * plain)
+    assert dones.all()
+    assert [info["episode"]["r"] for info in others] == [info["episode"]["r"] for info in infos] == [3.0, 6.0, 9.0]

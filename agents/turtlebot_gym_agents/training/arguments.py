@@ -30,7 +30,7 @@ ELSEWHERE = {
     "_init_setup_model": "set by the training",
 }
 """Names that are no hyper-parameters of a training, and what they are instead."""
-_OF_TRAINING = ("n_envs", "n_timesteps", "policy")
+_OF_TRAINING = ("n_envs", "n_timesteps", "policy", "reward_scale")
 """Hyper-parameters that are no arguments of an algorithm."""
 _NOISE = ("noise_type", "noise_std")
 """Those that make the argument ``action_noise``."""
@@ -79,7 +79,7 @@ def names_of(algo: str, policy: str = "MlpPolicy") -> tuple[str, ...]:
     """Return the names of an algorithm's hyper-parameters, those of its network with a dot."""
     noise = _NOISE if "action_noise" in (known := _parameters(algo)) else ()
     network = (f"{NETWORK}.{name}" for name in _network_parameters(algo, policy))
-    return ("n_envs", "policy", *known, *noise, *network)
+    return ("n_envs", "policy", "reward_scale", *known, *noise, *network)
 
 
 def _parameters(algo: str) -> dict[str, tuple[Any, Any]]:

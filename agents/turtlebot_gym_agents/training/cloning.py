@@ -33,7 +33,9 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 CLONING_SEED = 2**43
 """Seed of the environments in which a policy is cloned, separate from others."""
 STEPS, ROUNDS, PASSES, BATCH, RATE = 100, 4, 3, 2048, 2e-3
-"""Steps of all environments in a round; rounds; passes over the data after each; rows of an update, and its learning rate."""
+"""Most steps of a round; rounds; passes over the data after each; rows of an update, and its learning rate."""
+ROWS = 25_000
+"""Most steps of all environments together in a round."""
 DEVIATION = 0.3
 """Standard deviation of the clone's actions, with which it explores in rounds and at first in the training."""
 WARM_UP = 0.1
@@ -83,7 +85,7 @@ def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: in
     over = np.ones(envs.num_envs, np.bool_)
     observed, labels = [], []
     for number in range(ROUNDS):
-        for _ in range(STEPS):
+        for _ in range(min(STEPS, max(1, ROWS // envs.num_envs))):
             if isinstance(policy, PolicyWithMemory) and over.any():
                 policy.reset(over)
             label = np.clip(policy(observations), -1.0, 1.0).astype(np.float32)

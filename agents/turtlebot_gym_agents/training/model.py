@@ -36,6 +36,8 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
+MEASURED = 60_000
+"""Most steps of all environments together from which the observations' normalization is measured."""
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this, separate from others."""
@@ -89,7 +91,8 @@ def make_model(
     driver: Policy = _stands
     if {term.name for term in OPEN_GROUND} <= {term.name for term in terms}:  # otherwise it cannot steer, and stands
         driver = shown(make_policy("bearing", robot=parameters.robot, dt=parameters.dt), "bearing", terms)
-    mean, std = measure(envs, driver, ranges, seed=NORMALIZATION_SEED + config.seed)
+    steps = min(300, max(1, MEASURED // envs.num_envs))
+    mean, std = measure(envs, driver, ranges, seed=NORMALIZATION_SEED + config.seed, steps=steps)
     normalization = {
         "features_extractor_class": NormalizedObservation,
         "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
@@ -98,7 +101,7 @@ def make_model(
     ours: dict[str, Any] = (
         {"optimizer_class": Adam} if config.algo == "ppo" and "optimizer_kwargs" not in keywords[NETWORK] else {}
     )
-    adapter = Sb3VecEnv(envs)
+    adapter = Sb3VecEnv(envs, reward_scale=config.hyper.get("reward_scale", 1.0))
     try:
         model = ALGORITHMS[config.algo](
             config.hyper["policy"],

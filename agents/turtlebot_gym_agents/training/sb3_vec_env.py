@@ -27,6 +27,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
+from turtlebot_gym.validation import POSITIVE
+
 _PURE = ("compute_reward",)
 """Methods whose result does not depend on the row; `HerReplayBuffer` uses this one."""
 
@@ -44,18 +46,20 @@ class Sb3VecEnv(VecEnv):
 
     Args:
         envs: A vector environment in the mode ``AutoresetMode.SAME_STEP`` whose steps return new arrays.
+        reward_scale: Factor of the rewards that the algorithm sees; those in infos are the environment's. Returns far above 1
+            take a critic many updates, and the errors until then leave the actions little of a clipped gradient.
 
     Raises:
-        ValueError: If its autoreset mode is not SAME_STEP.
+        ValueError: If its autoreset mode is not SAME_STEP, or the scale not positive.
     """
 
-    def __init__(self, envs: VectorEnv) -> None:
+    def __init__(self, envs: VectorEnv, *, reward_scale: float = 1.0) -> None:
         if envs.metadata.get("autoreset_mode") is not AutoresetMode.SAME_STEP:
             raise ValueError(
                 "Sb3VecEnv needs a vector environment that resets within the step, got "
                 f"{envs.metadata.get('autoreset_mode')}: make it with autoreset_mode=AutoresetMode.SAME_STEP."
             )
-        self.envs = envs
+        self.envs, self._scale = envs, POSITIVE.check("reward_scale", reward_scale)
         self._model: OnPolicyAlgorithm | None = None
         self._actions: NDArray[Any] = np.empty(0)
         self._returns = np.zeros(envs.num_envs)
@@ -133,7 +137,7 @@ class Sb3VecEnv(VecEnv):
         self._returns += rewards
         self._lengths += 1
         # Returns are summed in double precision before that.
-        rewards = rewards.astype(np.float32)
+        rewards = (self._scale * rewards).astype(np.float32)
         dones = terminated | truncated
         self._add_shares(infos)
         split: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
