@@ -40,7 +40,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	else echo "There is no recorded drive in $(DATA): the replay is left out: turtlebot-gym data fetch gets one."; fi
 	$(RUN)turtlebot-gym evaluate --policy proportional bearing ppo-nav --noise tutorial documented \
 		--json $(OUT)/nav.json --plot $(OUT)/nav.png --force
-	$(RUN)turtlebot-gym train --env $(SQUARE) --steps 1500000 --out $(OUT)/square --resume --plot $(OUT)/learning.png --force
+	$(RUN)turtlebot-gym train --env $(SQUARE) --out $(OUT)/square --resume --plot $(OUT)/learning.png --force
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --policy bearing $(OUT)/square/policy.onnx
 	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --duration 40 --figure $(OUT)/graph.png --force
 	$(RUN)turtlebot-gym watch --env turtlebot_gym/TurtleBotRooms-v0 --world office --policy vfh ppo-rooms --seed 1 \
@@ -109,6 +109,9 @@ bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, al
 
 bench-peers: $(READY)  ## a step's CPU time beside JaxNav, IR-SIM, gymnax, EnvPool and Gymnasium, each from PyPI (10 minutes, and the installations)
 	$(RUN)python benchmarks/peers.py
+
+bench-train: $(READY)  ## CPU seconds from command to policy on open ground, five seeds, beside PPO in NumPy alone (10 minutes)
+	$(RUN)python benchmarks/training.py --json benchmarks/training.json
 
 faults: $(READY)  ## 103 kinds of fault, 10 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)
 	$(RUN)python benchmarks/faults.py --kept $(OUT)/faults.jsonl --json benchmarks/faults.json
