@@ -73,7 +73,7 @@ def step(
         p: Parameters.
         scene: Arrays of the surroundings, which change in place; an empty tuple on open ground.
     """
-    around, at = system.surroundings, int(before.steps) + 1
+    around, at, steps = system.surroundings, int(before.steps) + 1, before.steps + 1.0
     _, sense = sensing(system.sensors)
     reward_of, _ = rewarding(system.rewards)
 
@@ -83,14 +83,14 @@ def step(
     if not system.reads_scan:  # believe: the filter sees the senses, never the body: true pose, slip, late commands
         estimate = system.estimate(before.estimate, before.senses, senses, p)
     if around:  # look: beams, contact, and the way that is left
-        moved = Snapshot(body, senses, estimate, before.course, float(at), room)
+        moved = Snapshot(body, senses, estimate, before.course, steps, room)
         room = around.look(moved, key, p, scene)
         senses = looking(system.sensors)(senses, room, p)
         if system.reads_scan:
             estimate = system.estimate(before.estimate, before.senses, senses, p, room, scene)
 
     visited, judgement = system.judge(before, body, senses, estimate, len(waypoints), p)  # judge: arrival, end
-    after = Snapshot(body, senses, estimate, before.course._replace(visited=visited), float(at), room)
+    after = Snapshot(body, senses, estimate, before.course._replace(visited=visited), steps, room)
     if around:
         judgement = around.complete(after, judgement, p)
     reward, shares = reward_of(before, after, judgement, p)  # reward: a sum of terms

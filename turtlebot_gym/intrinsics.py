@@ -167,25 +167,21 @@ def _emit_call(typing_context, address, arguments):
 
 def _place(context, builder, signature, arguments):
     data = context.make_array(signature.args[0])(context, builder, value=arguments[0]).data
-    return data, builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
+    return builder.gep(data, [context.cast(builder, arguments[1], signature.args[1], types.intp)])
 
 
-def loading(example: Any, leaves: Sequence[Any]) -> Callable[..., Any]:
-    """Return the intrinsic ``load(buffer, at)`` of `kernel.access`."""
+def loading(example: Any, leaves: Sequence[int]) -> Callable[..., Any]:
+    """Return the intrinsic ``load(buffer, at)`` of a value, each of whose numbers has a place relative to ``at``."""
     loaded = typeof(example)
 
     def type_load(typing_context, buffer, at):
         def emit(context, builder, signature, arguments):
-            (data, first), rest = _place(context, builder, signature, arguments), iter(leaves)
+            first, rest = _place(context, builder, signature, arguments), iter(leaves)
 
             def build(kind):
                 if isinstance(kind, _TUPLE):
                     return context.make_tuple(builder, kind, [build(item) for item in kind.types])
-                leaf = next(rest)
-                if isinstance(leaf, (bool, float)):
-                    return context.get_constant(kind, leaf)
-                start, offset = (data, leaf[0]) if isinstance(leaf, tuple) else (first, max(leaf, ~leaf))
-                number = builder.load(builder.gep(start, [context.get_constant(types.intp, offset)]))
+                number = builder.load(builder.gep(first, [context.get_constant(types.intp, next(rest))]))
                 return builder.fcmp_unordered("!=", number, number.type(0.0)) if kind == types.boolean else number
 
             return build(loaded)
@@ -195,22 +191,20 @@ def loading(example: Any, leaves: Sequence[Any]) -> Callable[..., Any]:
     return _intrinsic(type_load)
 
 
-def storing(leaves: Sequence[Any]) -> Callable[..., Any]:
-    """Return the intrinsic ``store(buffer, at, value)`` of `kernel.access`."""
+def storing(leaves: Sequence[int]) -> Callable[..., Any]:
+    """Return the intrinsic ``store(buffer, at, value)`` of such a value."""
 
     def type_store(typing_context, buffer, at, value):
         def emit(context, builder, signature, arguments):
-            (_, first), rest = _place(context, builder, signature, arguments), iter(leaves)
+            first, rest = _place(context, builder, signature, arguments), iter(leaves)
 
             def write(kind, part):
                 if isinstance(kind, _TUPLE):
                     for index, item in enumerate(kind.types):
                         write(item, builder.extract_value(part, index))
                     return
-                leaf = next(rest)
-                if isinstance(leaf, int) and not isinstance(leaf, bool) and leaf >= 0:
-                    number = context.cast(builder, part, kind, float64)
-                    builder.store(number, builder.gep(first, [context.get_constant(types.intp, leaf)]))
+                number = context.cast(builder, part, kind, float64)
+                builder.store(number, builder.gep(first, [context.get_constant(types.intp, next(rest))]))
 
             write(signature.args[2], arguments[2])
             return context.get_dummy_value()

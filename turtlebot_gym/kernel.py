@@ -58,6 +58,7 @@ def algebra(function: F) -> F:
 
     The compiler can then omit products with a constant zero. No other result changes, not even in the last bit.
     """
+    vars(function)["is_algebra"] = True
     _register(lambda compiler: compiler.inline(function, fastmath={"nnan", "nsz"}))
     return function
 
@@ -93,6 +94,19 @@ def split(x: float) -> tuple[float, float]:
     return significand, float(exponent)
 
 
+def first_accepted(most: int, draw: Callable[[int], tuple[Any, ...]]) -> tuple[float, ...]:
+    """Return the first of ``draw(0)``, ``draw(1)`` and so on whose last item is true, without that; else the last of ``most``.
+
+    It is for plain Python and for open ground only.
+    """
+    drawn: tuple[Any, ...] = ()
+    for attempt in range(most):
+        drawn = draw(attempt)
+        if drawn[-1]:
+            break
+    return drawn[:-1]
+
+
 def is_plain() -> bool:
     """Return whether the caller runs as plain Python; compiled code knows the answer in advance."""
     return True
@@ -122,11 +136,7 @@ def compiled_scratch(size: int) -> Any:
     raise NotImplementedError("compiled_scratch is for compiled loops: plain Python makes an array.")
 
 
-Leaf = int | float | bool | tuple[int]
-"""Where compiled code finds a number of a value, see `access`."""
-
-
-def access(load: Callable, store: Callable, example: Any, leaves: Sequence[Leaf]) -> tuple[Callable, Callable]:
+def access(load: Callable, store: Callable, example: Any, places: Sequence[int]) -> None:
     """Let a compiled loop inline two functions that load and store a value.
 
     To compile them from their Python would take numba longer than a whole step.
@@ -135,18 +145,15 @@ def access(load: Callable, store: Callable, example: Any, leaves: Sequence[Leaf]
         load: ``load(buffer, at)``, as plain Python.
         store: ``store(buffer, at, value)``, as plain Python.
         example: A nested tuple of floats and bools.
-        leaves: For each number its place relative to ``at``, with its bits inverted if it is not stored; in a tuple, its place
-            in the buffer whatever ``at`` is, where it is not stored either; or the number itself, a float or a bool, if it is a
-            constant.
+        places: The place of each number relative to ``at``.
     """
 
     def register(compiler: Any) -> None:
-        load_numbers, store_numbers = compiler.loading(example, leaves), compiler.storing(leaves)
+        load_numbers, store_numbers = compiler.loading(example, places), compiler.storing(places)
         compiler.overload(load, lambda buffer, at: lambda buffer, at: load_numbers(buffer, at))
         compiler.overload(store, lambda buffer, at, value: lambda buffer, at, value: store_numbers(buffer, at, value))
 
     _register(register)
-    return load, store
 
 
 def in_loops(loop: Callable[..., Any]) -> Callable[[F], F]:

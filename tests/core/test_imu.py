@@ -11,7 +11,7 @@ from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.models.random import FIX, ROOM, SCAN, SENSOR
 from turtlebot_gym.presets import make_filter
 from turtlebot_gym.systems import imu, system_of
-from turtlebot_gym.systems.fixes import fix_parts
+from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.imu import IMU, Imu, ImuNoise
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym.values import STOP, Command, Odometry, Pose, senses_of
@@ -78,7 +78,7 @@ def test_the_order_in_which_sensors_are_added_changes_nothing():
     p = make_parameters(noise="rough", filter="gyro", imu="mpu9250", fix="localization")
     plain = system_of(p._replace(fix=(), imu=(), tuning=make_filter("matched", p.noise)))
     rows = []
-    for first, second in ((IMU, fix_parts(2).sensor), (fix_parts(2).sensor, IMU)):
+    for first, second in ((IMU, fix_sensor(2)), (fix_sensor(2), IMU)):
         system = system_of(p)._replace(sensors=plain.sensors).with_sensor(first).with_sensor(second)
         episode = Episode(p, seed=2, system=system)
         for _ in range(60):

@@ -10,7 +10,7 @@ from numba import njit
 from numba.core.codegen import JITCodeLibrary
 from numba.core.runtime import _nrt_python, rtsys
 
-from turtlebot_gym.kernel import exactly, floor, kernel
+from turtlebot_gym.kernel import exactly, floor, kernel, load_compiler
 
 
 class Mixed(NamedTuple):
@@ -44,6 +44,7 @@ def total(first, array):
 def test_kernels_become_machine_code_only_as_parts_of_a_loop_that_frees_their_arrays(monkeypatch):
     made, make = [], JITCodeLibrary._finalize_specific
     monkeypatch.setattr(JITCodeLibrary, "_finalize_specific", lambda self: (made.append(self.name), make(self)))
+    load_compiler()
     loop = njit(total)
     assert loop(2.0, np.ones(3)) == total(2.0, np.ones(3)) == 7.0
     assert [name for name in made if "enlarged" in name or "total" in name] == ["total"]
@@ -68,6 +69,7 @@ def test_numbers_are_converted_with_the_bits_of_plain_python(function, numbers):
             out[k] = function(numbers[k])
 
     compiled, plain = np.empty(len(numbers)), np.empty(len(numbers))
+    load_compiler()
     njit(convert)(np.array(numbers), compiled)
     for k, number in enumerate(numbers):
         plain[k] = function(number)

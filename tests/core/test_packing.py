@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, layout_of, packing
-from turtlebot_gym.kernel import load_compiler
+from turtlebot_gym.kernel import access, load_compiler
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
-from turtlebot_gym.systems.special import GENERAL
 from turtlebot_gym.values import senses_of
 
 
@@ -50,27 +49,19 @@ def test_what_is_stored_is_loaded_again_in_order_and_in_every_lane():
         assert (loaded.first.flag, loaded.nested[0].flag) == (True, False)
 
 
-def test_what_is_known_is_neither_loaded_nor_stored_and_what_is_equal_is_stored_once():
-    known, same = {"first.flag": 1.0, "last": float("inf")}, {"nested[1].a": "pair[0]"}
-    pack = packing(VALUE, known=known, same=same)
+def test_numbers_that_are_always_equal_share_a_place():
+    pack = packing(VALUE, [0, 6, 1, 2, 3, 4, 1, 5, 7])
     buffer = np.full(pack.size * TILE, np.nan)
-    pack.store(buffer, 2, VALUE)
-    assert np.flatnonzero(~np.isnan(buffer)).tolist() == [2 + k * TILE for k in range(6)]  # close together
-    assert (pack.places, pack.stored, pack.size) == ((0, 6, 1, 2, 3, 4, 1, 5, 7), 6, 8)
-    expected = VALUE._replace(last=float("inf"), nested=(VALUE.nested[0], Inner(2.0, True)))
-    assert pack.load(buffer.tolist(), 2) == expected
-    assert (pack.names, pack.slices) == (packing(VALUE).names, packing(VALUE).slices)
-
-
-def test_equal_constants_share_a_run_after_what_is_stored():
-    pack = packing(VALUE, known={"first.a": 0.0, "pair[1]": 2.5, "nested[0].flag": 0.0})
-    assert (pack.places, pack.stored, pack.size) == ((6, 0, 1, 7, 2, 6, 3, 4, 5), 6, 8)
+    pack.store(buffer, 2, VALUE._replace(nested=(VALUE.nested[0], Inner(2.0, True))))
+    assert np.flatnonzero(~np.isnan(buffer)).tolist() == [2 + k * TILE for k in range(8)]
+    assert pack.load(buffer, 2) == VALUE._replace(nested=(VALUE.nested[0], Inner(2.0, True)))
+    assert (pack.size, pack.names, pack.slices) == (8, packing(VALUE).names, packing(VALUE).slices)
 
 
 def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
-    value = VALUE._replace(pair=(2, 3))
-    pack = packing(value, known={"last": 6.0}, same={"nested[1].a": "pair[0]"})
+    pack = packing(VALUE._replace(pair=(2, 3)))
     load, store = pack.load, pack.store
+    access(load, store, pack.example, [place * TILE for place in pack.places])
     load_compiler()
 
     @numba.njit
@@ -100,7 +91,7 @@ def test_dataclasses_become_tuples_with_the_same_attributes():
 
 def test_parameters_and_worlds_have_a_place_each():
     given = make_parameters(noise="rough")
-    p, layout = as_tuple(given), layout_of(system_of(given), GENERAL)
+    p, layout = as_tuple(given), layout_of(system_of(given))
     buffer = np.zeros(layout.parameters.size * TILE)
     layout.parameters.store(buffer, 0, p)
     assert layout.parameters.load(buffer.tolist(), 0) == p
@@ -119,19 +110,6 @@ def test_all_parameters_have_the_same_structure(preset):
     p = make_parameters(noise=preset)
     p = p._replace(tuning=replace(p.tuning, kind=Kalman()))  # wheel odometry has a filter, and so a loop, of its own
     assert shape(as_tuple(p)) == shape(as_tuple(make_parameters()))
-
-
-def test_what_is_shared_stands_once_ahead_of_the_tiles():
-    pack = packing(VALUE, known={"last": 6.0}, own=("pair[0]", "nested[1].flag"))
-    assert (pack.size, pack.shared, pack.ahead) == (2, (0, 1, 3, 4, 5, 6), 8)
-    buffer = np.zeros(pack.ahead + 2 * pack.size * TILE)
-    buffer[:6] = 1.0, 1.0, 3.0, 4.0, 0.0, 5.0
-    at = pack.ahead + pack.size * TILE + 7
-    buffer[[at, at + TILE]] = 2.0, 1.0
-    assert pack.load(buffer.tolist(), at) == VALUE
-    load = pack.load
-    load_compiler()
-    assert numba.njit(lambda buffer, at: load(buffer, at))(buffer, at) == VALUE
 
 
 @pytest.mark.parametrize("count", [1, 2 * TILE, 5000 * TILE])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -10,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.compiled.loop import loops_of
-from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, layout_of
+from turtlebot_gym.compiled.graph import Untraceable
+from turtlebot_gym.compiled.loop import FLAGS, loops_of
+from turtlebot_gym.compiled.packing import TILE, Packing, aligned, as_tuple, flatten, layout_of, packing
+from turtlebot_gym.compiled.running import CAN_TRACE, GroundTracks, find_ground
 from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop, sizes_of
 from turtlebot_gym.heart import begin_at
 from turtlebot_gym.kernel import HAS_NUMBA
@@ -19,13 +22,12 @@ from turtlebot_gym.observations import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.systems import Parameters, RoomParts, Snapshot, System, WithTerms, find_system
-from turtlebot_gym.systems.special import GENERAL, Special, special_of
 from turtlebot_gym.tasks import StartAndGoal
 from turtlebot_gym.values import Pose
 
-PARALLEL_FROM = 64 * TILE
+PARALLEL_FROM = 2048
 """Batches below this size run on one thread: splitting costs more than it saves."""
-ROOMS_PARALLEL_FROM = 8 * TILE
+ROOMS_PARALLEL_FROM = 256
 """The same in rooms, where a step takes about ten times as long."""
 
 
@@ -55,49 +57,54 @@ class Batch:
         self._own, self._by_parameters = system, system is None or (isinstance(system, WithTerms) and system.system is None)
         self.parameters = parameters
         self._find_system()
-        layout = self.layout
         self.num_envs = num_envs
         self.seeds = np.zeros(num_envs, np.int64)
         self.episodes = np.zeros(num_envs, np.int64)
         self.waypoints = np.tile(np.array(waypoints, np.float64), (num_envs, 1, 1))
         self._keys = np.zeros((n_tiles, TILE + 2), np.int64)
         self._keys[:, TILE] = np.arange(n_tiles)
-        self._tiles = aligned(n_tiles * layout.world.size * TILE).reshape(n_tiles, -1)
+        self._tiles = np.empty((n_tiles, 0))
         self._plan = plan
+        self._is_traced = self._around is None and self.system.compiled and CAN_TRACE
+        """Whether the loops are those of `ground`."""
         is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
-        self._parallel = is_large and HAS_NUMBA and self.system.compiled
+        self._parallel = is_large and self.system.compiled and (self._is_traced or HAS_NUMBA)
         self._addresses: dict[str, int] = {}
         """Of the loops that a parallel loop calls, for the present scenes and this process."""
         self._pace = Pace()
         self._parts = 1
         """Parts of the last step's tiles, each for a thread."""
         self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
-        rows = layout.outcome.size - (0 if shares else len(self.system.rewards))
+        rows = self.layout.outcome.size - (0 if shares else len(self.system.rewards))
         self._shapes = (num_envs, size_of(self.system.terms)), (rows, num_envs)
         history = History(self.system.terms, num_envs)
         self._history = history if history else None  # a test for None takes a tenth of a microsecond less
-        self._first = self._tiles[0]
-        self._special: Special | None = None
-        self._intervals: NDArray[np.float64] = np.empty(0)
+        self._world: Packing | None = None
         self._selected: list[NDArray[np.intp]] = []
+        self._tracks: GroundTracks | None = None
         self._begun = False
-        """Whether an episode has begun: its world may be none of another case."""
+        """Whether an episode has begun."""
         self.set_parameters(parameters)
 
     def _find_system(self) -> None:
         self.system = find_system(self._own, self.parameters_of(0))
-        self.layout, self._around = layout_of(self.system, GENERAL), self.system.surroundings
+        self.layout, self._around = layout_of(self.system), self.system.surroundings
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without views, local functions and addresses."""
-        kernels = {"system", "layout", "_around", "_loops", "_first"}
-        return {name: value for name, value in self.__dict__.items() if name not in kernels} | {"_addresses": {}}
+        kernels = {"system", "layout", "_around", "_loops", "_first", "_world", "_tracks"}
+        places = None if self._world is None else self._world.places
+        return {name: value for name, value in self.__dict__.items() if name not in kernels} | {
+            "_addresses": {},
+            "_world": places,
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._find_system()
-        assert self._special is not None
-        self._loops, self._first = loops_of(self.system, self._special), self._tiles[0]
+        self._world, self._tracks = packing(self.layout.world.example, state["_world"]), None
+        self._first = self._tiles[0]
+        self.set_parameters(self.parameters)
 
     def parameters_of(self, row: int) -> Parameters:
         """Return the parameters of one environment."""
@@ -119,43 +126,51 @@ class Batch:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
         self._addresses = {}
-        numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
-        self._choose_loops(numbers)
         if self._around:
             self._make_room_for(self._around, rows * self.num_envs if same else rows)
-        layout = self._loops.layout.parameters
-        varying = [index for index, place in enumerate(layout.places) if place >= 0]
+        numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
+        varying = self._trace(numbers) if self._is_traced else None
+        if varying is None:
+            varying, self._loops = list(range(numbers.shape[1])), loops_of(self.system)
+            self._lay_out(self._loops.world)
         last, whole = len(rows) - 1, -(-len(rows) // TILE) * TILE
         table = numbers[np.minimum(np.arange(whole), last)][:, varying]  # the last row fills the last tile
-        tiles = table.reshape(len(table) // TILE, TILE, layout.size).transpose(0, 2, 1)
-        self._parameters = aligned(layout.ahead + tiles.size)
-        self._parameters[: len(layout.shared)] = numbers[0, list(layout.shared)]
-        self._parameters[layout.ahead :].reshape(tiles.shape)[:] = tiles
+        tiles = table.reshape(len(table) // TILE, TILE, len(varying)).transpose(0, 2, 1)
+        self._parameters = aligned(tiles.size)
+        self._parameters.reshape(tiles.shape)[:] = tiles
+        if self._tracks is not None:
+            stride = len(varying) * TILE * 8 if len(tiles) > 1 else 0
+            self._tracks.bind(self._tiles, self._keys, self._parameters, stride, self.waypoints, self.seeds, self.episodes)
 
-    def _choose_loops(self, numbers: NDArray[np.float64]) -> None:
-        """Use the loops of a special case, if one holds for some parameters, shape (1, K) or (N, K), and for the world."""
-        before, special = self._special, GENERAL
-        if self._by_parameters and not (self._begun and before == GENERAL):
-            of_each = dict(zip(self.layout.parameters.names, numbers.T, strict=True))
-            special = special_of(self.system, of_each, self.waypoints.shape[1])
-            intervals, self._intervals = self._intervals, of_each["dt"]
-            if before is not None and self._begun:
-                # fixes are as many steps late as ever only if those were as long
-                alike = not special.late or np.array_equal(intervals[:1], self._intervals[:1])
-                special = special if special.allows(before) and alike else GENERAL
-        if special == before:
+    def _trace(self, numbers: NDArray[np.float64]) -> list[int] | None:
+        """Use loops traced for some parameters, shape (1, K) or (N, K).
+
+        Returns:
+            The indices of the parameters that differ between environments; None if a kernel cannot be traced, after a warning.
+        """
+        before = self._tracks
+        try:
+            ground, fixed = find_ground(self.system, numbers, self.waypoints.shape[1], before and before.case, self._begun)
+        except Untraceable as error:
+            warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=5)
+            self._is_traced, self._tracks, self._parallel = False, None, False
+            return None
+        self._lay_out(ground.world, ground.constants)
+        self._tracks = GroundTracks(ground, fixed, self.num_envs, self._shapes[1][0] > FLAGS.stop + 1)
+        return [self.layout.parameters.names.index(name) for name in ground.own]
+
+    def _lay_out(self, world: Packing, constants: Sequence[tuple[int, float]] = ()) -> None:
+        """Move the numbers of all worlds to the places of a layout."""
+        if self._world is not None and world.places == self._world.places:
+            self._world = world
             return
-        numbers_at = self._tiles.reshape(len(self._tiles), -1, TILE)
-        if before is not None:
-            numbers_at = numbers_at[:, self._loops.layout.world.places]
-        self._special, self._loops = special, loops_of(self.system, special)
-        world = self._loops.layout.world
-        self._tiles = aligned(len(numbers_at) * world.size * TILE).reshape(len(numbers_at), -1)
-        tiles = self._tiles.reshape(len(self._tiles), -1, TILE)
-        tiles[:, world.places] = numbers_at
+        tiles = aligned(len(self._keys) * world.size * TILE).reshape(len(self._keys), world.size, TILE)
+        if self._world is not None:
+            tiles[:, world.places] = self._tiles.reshape(len(tiles), -1, TILE)[:, self._world.places]
         if not self._begun:
-            for path, value in special.world:
-                tiles[:, world.places[world.names.index(path)]] = value
+            for place, value in constants:
+                tiles[:, place] = value
+        self._world, self._tiles = world, tiles.reshape(len(tiles), -1)
         self._first = self._tiles[0]
         self.select(*self._selected)
 
@@ -210,10 +225,12 @@ class Batch:
     def _begin_at(self, row: int, poses: StartAndGoal) -> None:
         """Begin the episode of a row anew, from given poses: in plain Python, which has the bits of the compiled loops."""
         at, lane = divmod(row, TILE)
+        layout = self._world
+        assert layout is not None
         world, goal = begin_at(self.system, poses, int(self._keys[at, lane]), self.parameters_of(row))
         self.waypoints[row, 0] = goal
         tile = self._tiles[at].reshape(-1, TILE)
-        tile[list(self._loops.layout.world.places), lane] = [*flatten(world)]
+        tile[list(layout.places), lane] = [*flatten(world)]
 
     def last(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return observations of the current state, and outcomes as after a reset, in the shapes of `step`."""
@@ -231,7 +248,10 @@ class Batch:
         outcomes: NDArray[np.float64],
     ) -> None:
         """Write some observations without the past of a history, and begin the episodes first if asked."""
-        parallel = self._around is not None and self._parallel and Threads.acquire()
+        if self._tracks is not None:
+            self._tracks.reset(mask, begins, observations, outcomes)
+            return
+        parallel = self._parallel and Threads.acquire()
         state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         try:
             self._run("reset", Threads.count() if parallel else 1, mask, begins, self.seeds, self.episodes, *state)
@@ -269,9 +289,7 @@ class Batch:
             actions = actions.copy()
         if not self._parallel or Threads.limit == 1 or Threads.count() == 1:
             self._parts = 1
-            self._loops.step(
-                actions, self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-            )
+            self._step_parts(1, actions, observations, outcomes)
         else:
             self._step_at_pace(actions, observations, outcomes)
         if self._history is not None:
@@ -282,28 +300,37 @@ class Batch:
         self, actions: NDArray[np.float32], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
     ) -> None:
         """Step on one thread or on all, as the measured times say, unless another Python thread uses all."""
-        state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
         parallel, start = self._pace.parallel, time.perf_counter()
         shared = parallel and Threads.acquire()
         try:
             self._parts = Threads.count() if shared else 1
-            self._run("step", self._parts, actions, *state)
+            self._step_parts(self._parts, actions, observations, outcomes)
         finally:
             if shared:
                 Threads.release()
         if shared or not parallel:  # otherwise the pace's choice was not tried
             self._pace.tell(time.perf_counter() - start)
 
+    def _step_parts(
+        self, parts: int, actions: NDArray[np.float32], observations: NDArray[np.float32], outcomes: NDArray[np.float64]
+    ) -> None:
+        if self._tracks is not None:
+            self._tracks.step(parts, actions, observations, outcomes)
+            return
+        state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
+        self._run("step", parts, actions, *state)
+
     def is_flagged(self) -> bool:
         """Return whether the last step has set a flag of any environment: success, termination or truncation."""
+        if self._tracks is not None:
+            return self._tracks.is_flagged(self._parts)
         parts, last = self._parts, len(self._keys)
-        if parts == 1:
-            return self._keys[-1, TILE + 1] > 0
         return any(self._keys[(part + 1) * last // parts - 1, TILE + 1] > 0 for part in range(parts))
 
     def numbers(self, path: str) -> NDArray[np.float64]:
         """Return a copy of one part of all worlds by dotted path, such as "body.true_state": (N, k), or (N,) for a number."""
-        world = self._loops.layout.world
+        world = self._world
+        assert world is not None
         single = path in world.names
         places = world.places[world.names.index(path)] if single else world.places[world.slices[path]]
         part = self._tiles.reshape(len(self._tiles), -1, TILE)[:, np.atleast_1d(places)]
@@ -313,7 +340,7 @@ class Batch:
     def select(self, *parts: ArrayLike) -> None:
         """Choose numbers of a world for `selected` and `first_selected`: arrays of any shape of their indices in the layout."""
         self._selected = [np.asarray(part, np.intp) for part in parts]
-        at = np.array(self._loops.layout.world.places, np.intp)
+        at = np.array(self.layout.world.places if self._world is None else self._world.places, np.intp)
         places = [at[part] for part in self._selected]
         self._selected_places = np.concatenate([at[:0], *map(np.ravel, places)])
         self._first_places = tuple(part * TILE for part in places)
@@ -328,7 +355,8 @@ class Batch:
 
     def put(self, path: str, values: NDArray[np.float64]) -> None:
         """Write one part of all worlds, shape (N, k), as `numbers` returns it: to carry robots elsewhere, for example."""
-        world, index = self._loops.layout.world, np.arange(self.num_envs)
+        world, index = self._world, np.arange(self.num_envs)
+        assert world is not None
         part = self._tiles.reshape(len(self._tiles), -1, TILE)
         for column, place in zip(values.T, world.places[world.slices[path]], strict=True):
             part[index // TILE, place, index % TILE] = column
@@ -342,4 +370,5 @@ class Batch:
 
     def world(self, index: int) -> Snapshot:
         """Return one environment's world in Python numbers."""
-        return self._loops.layout.world.load(self._tiles[index // TILE].tolist(), index % TILE)
+        assert self._world is not None
+        return self._world.load(self._tiles[index // TILE].tolist(), index % TILE)

@@ -28,7 +28,7 @@ after 100 comparisons, and a step has more numbers than that. It then counts too
 and a step takes four times as long."""
 
 
-def _fingerprint(*functions: Callable[..., Any]) -> str:
+def fingerprint(*functions: Callable[..., Any]) -> str:
     """Return a hash of functions, of what they call, and of the numbers they use."""
     digest, seen = hashlib.sha256(), set()
     for function in functions:
@@ -73,11 +73,11 @@ def _compilers() -> str:
     """Set the options of the compilers, and return what machine code depends on besides the function and the processor."""
     import llvmlite
     import numba
-    from llvmlite import binding
+    from llvmlite import binding as llvm
     from numba.core import config
 
     for option in _LLVM_OPTIONS:
-        binding.set_option("", option)
+        llvm.set_option("", option)
     options: Any = config
     below = Path(kernel.__file__ or "").parent  # nobody calls these
     sources = [(below / f"{name}.py").read_text("utf-8") for name in ("kernel", "intrinsics", "inlining")]
@@ -108,12 +108,12 @@ def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False)
     load_compiler()
     from numba import njit
 
-    identity = hashlib.sha256(f"{name} {_fingerprint(function)} {parallel} {_compilers()}".encode()).hexdigest()
+    identity = hashlib.sha256(f"{name} {fingerprint(function)} {parallel} {_compilers()}".encode()).hexdigest()
     # numba numbers functions in each process anew: two from different processes could share a symbol, and so an address
     function.__qualname__ = f"{function.__name__}_{identity}"
     dispatcher: Any = njit(function, error_model="numpy", parallel=parallel)
     with suppress(ImportError, AttributeError):  # a numba whose insides differ: each process compiles for itself
-        from turtlebot_gym.compiled.store import keep
+        from turtlebot_gym.compiled.numba_store import keep
 
         keep(dispatcher, name, identity)
     return dispatcher

@@ -32,7 +32,7 @@ SYSTEMS: dict[str, dict[str, Any]] = {
     "rooms-localized": {"task": "room", "noise": "wheel", "localizer": "match"},
 }
 """Options of an environment for each system: open ground by default; with each filter, without and with fixes; rooms with
-each filter, and with a localizer. Other numbers need no compilation, except for other delays of fixes."""
+each filter, and with a localizer. In rooms other numbers need no compilation, except for other delays of fixes."""
 
 
 def _fill(name: str) -> float:

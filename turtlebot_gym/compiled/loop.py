@@ -1,12 +1,8 @@
-"""The compiled loops of a system: many environments in one buffer, advanced by the same kernels that plain Python runs.
+"""The compiled loops of rooms: many environments in one buffer, advanced by the same kernels that plain Python runs.
 
-Why it is fast: each number of a tile is stored environment by environment (see `packing`), and the kernels have no
-branches and call no library, so LLVM vectorizes the loop over a tile, with eight environments per instruction; threads
-share the tiles. Rare work with branches, such as a new waypoint or a reset, runs between those loops. The most common
-parameters have their own loop, see `systems.special`. Why it is exact: nothing is reordered or contracted
-(`kernel.algebra` says what is left out), so no bit of a result depends on the vector width, the number of threads or the batch.
-
-What a case leaves out is a kernel that does nothing: with constant conditions instead, a step takes 4 % longer.
+A tile is stepped in vectors up to looking, since its kernels have no branches and call no library, and then one by one;
+threads share the tiles. Nothing is reordered or contracted (`kernel.algebra` says what is left out), so no bit of a result
+depends on the vector width, the number of threads or the batch.
 """
 
 from __future__ import annotations
@@ -16,31 +12,64 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from turtlebot_gym.compiled.cache import compiled
-from turtlebot_gym.compiled.packing import LINE, TILE, Layout, access_of, layout_of
+from turtlebot_gym.compiled.packing import TILE, Packing, layout_of
 from turtlebot_gym.compiled.plain import plain_loops
 from turtlebot_gym.compiled.step import step_of
-from turtlebot_gym.kernel import HAS_NUMBA, compiled_scratch, fetch, kernel, prefer_wide
+from turtlebot_gym.kernel import HAS_NUMBA, access, compiled_scratch, kernel, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
-from turtlebot_gym.observations import ColumnRun, SceneColumns, runs_of
+from turtlebot_gym.observations import ColumnRun, SceneColumns, observing, runs_of
 from turtlebot_gym.systems import Outcome, System
-from turtlebot_gym.systems.special import Special, late_fixes
 
 _SUCCESS = Outcome._fields.index("is_success")
 FLAGS = slice(_SUCCESS, _SUCCESS + 3)
 """The rows of success, termination and truncation in an outcome."""
-_LARGE = 250_000
-"""Numbers in the tiles of a thread from which on they are fetched ahead: 2 MB, about a core's own cache."""
 
 
-class _Loops(NamedTuple):
-    """The compiled functions of a system, each compiled at its first call."""
+class Loops(NamedTuple):
+    """The functions of a system that step and reset some tiles; compiled ones are compiled at their first call."""
 
-    layout: Layout
+    world: Packing
     step: Callable[..., None]
     """Advances some tiles. After the keys of a tile come its own number, and how many flags are set in it and those before."""
     reset: Callable[..., None]
     """Begins episodes of some environments in some tiles, or writes their current observations again."""
+
+
+class _Access(NamedTuple):
+    """Kernels that load and store the values of a system, and their places in a thread's scratch."""
+
+    load_parameters: Callable[..., Any]
+    load_world: Callable[..., Any]
+    store_world: Callable[..., None]
+    store_outcome: Callable[..., None]
+    show: Callable[..., None]
+    """``show(scratch, lane, world, p)`` writes an observation to the scratch."""
+    at_outcome: int
+    """Offset of the outcome in the scratch, after the observation."""
+    at_action: int
+    scratch: int
+    """Numbers in the scratch."""
+
+
+def _inline(pack: Packing) -> Packing:
+    """Let compiled loops inline a packing's load and store."""
+    access(pack.load, pack.store, pack.example, [place * TILE for place in pack.places])
+    return pack
+
+
+@cache
+def _access_of(system: System) -> _Access:
+    parameters, world, outcome, observation = map(_inline, layout_of(system))
+    observe, store_observation = observing(system.terms), observation.store
+
+    @kernel
+    def show(scratch, lane, world, p):
+        store_observation(scratch, lane, observe(world, p))
+
+    at_outcome = observation.size * TILE
+    at_action = at_outcome + outcome.size * TILE
+    return _Access(parameters.load, world.load, world.store, outcome.store, show, at_outcome, at_action, at_action + 2 * TILE)
 
 
 def _show_blocks_of(blocks: tuple[SceneColumns, ...]) -> Callable[..., None]:
@@ -75,82 +104,13 @@ def _show_runs_of(runs: tuple[ColumnRun, ...]) -> Callable[..., None]:
     return show_runs
 
 
-def _apply_fix_tile_of(system: System, special: Special) -> Any:
-    """Return the kernel that goes on where a fix has arrived, see `systems.special`."""
-    if not special.late:
-
-        @kernel
-        def no_fix(count, tile, scratch, keys, parameters, origin):
-            """Do nothing: no fix arrives."""
-
-        return no_fix
-    load_parameters, load_world, store_world, _, _, show = access_of(system, special)
-    apply_fix, world = late_fixes(special.late).apply_fix, layout_of(system, special).world
-    at_arrived = world.places[world.names.index("senses.fix.arrived")] * TILE
-
-    @kernel
-    def apply_fix_tile(count, tile, scratch, keys, parameters, origin):
-        for start in range(0, count, LINE):
-            end, some = min(start + LINE, count), 0.0
-            for lane in range(start, end):
-                some += tile[at_arrived + lane]
-            if some != 0.0:
-                for lane in range(start, end):
-                    p = load_parameters(parameters, origin + lane)
-                    world = apply_fix(load_world(tile, lane), int(keys[lane]), p)
-                    store_world(tile, lane, world)
-                    show(scratch, lane, world, p)
-
-    return apply_fix_tile
-
-
-def _advance_tile_of(system: System, special: Special) -> Callable[..., None]:
-    """Return the kernel of a tile's steps on open ground: in vectors, and one by one where a waypoint was reached."""
-    step = step_of(system)
-    without_fix = (
-        step_of(late_fixes(special.late).without_fix_effects._replace(rewards=system.rewards)) if special.late else step
-    )
-    act, conclude, retarget, apply_fix_tile = (
-        without_fix.act,
-        without_fix.conclude,
-        step.retarget,
-        _apply_fix_tile_of(system, special),
-    )
-    load_parameters, load_world, store_world, load_outcome, store_outcome, show = access_of(system, special)
-    layout = layout_of(system, special)
-    at_outcome, at_action = layout.at_outcome, layout.at_action
-    at_reached = at_outcome + layout.outcome.names.index("reached") * TILE
-
-    @kernel
-    def advance_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
-        for lane in range(count):
-            p, world, key = load_parameters(parameters, origin + lane), load_world(tile, lane), int(keys[lane])
-            command = command_of(scratch[at_action + lane], scratch[at_action + TILE + lane], p.robot)
-            world, outcome = conclude(world, act(world, command, key, p), key, waypoints.shape[1], p, ())
-            store_world(tile, lane, world)
-            store_outcome(scratch, at_outcome + lane, outcome)
-            show(scratch, lane, world, p)
-        apply_fix_tile(count, tile, scratch, keys, parameters, origin)
-        for lane in range(count):
-            if scratch[at_reached + lane] != 0.0:
-                p = load_parameters(parameters, origin + lane)
-                world, outcome = load_world(tile, lane), load_outcome(scratch, at_outcome + lane)
-                world, outcome = retarget(world, outcome, int(keys[lane]), waypoints[first + lane], p, ())
-                store_world(tile, lane, world)
-                store_outcome(scratch, at_outcome + lane, outcome)
-                show(scratch, lane, world, p)
-
-    return advance_tile
-
-
-def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]:
+def _look_round_tile_of(system: System) -> Callable[..., None]:
     """Return the kernel of a tile's steps in surroundings: in vectors up to looking, and then one by one."""
     step, around = step_of(system), system.surroundings
     assert around is not None
     act, conclude, retarget, scene_at = step.act, step.conclude, step.retarget, around.at
-    load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
-    layout, show_blocks = layout_of(system, special), _show_blocks_of(runs_of(system.terms)[1])
-    at_outcome, at_action, size = layout.at_outcome, layout.at_action, layout.world.size * TILE
+    load_parameters, load_world, store_world, store_outcome, show, at_outcome, at_action, _ = _access_of(system)
+    show_blocks, size = _show_blocks_of(runs_of(system.terms)[1]), layout_of(system).world.size * TILE
 
     @kernel
     def look_round_tile(first, count, tile, scratch, keys, parameters, origin, waypoints, observations, scenes):
@@ -174,13 +134,16 @@ def _look_round_tile_of(system: System, special: Special) -> Callable[..., None]
     return look_round_tile
 
 
-def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
+def _step_tile_of(system: System) -> Callable[..., int]:
     """Return the kernel that advances a tile of environments."""
-    layout = layout_of(system, special)
-    outcome, at_outcome, at_action, size = layout.outcome, layout.at_outcome, layout.at_action, layout.scratch
-    first_flag, end_of_flags = FLAGS.start, FLAGS.stop
-    work_tile = (_look_round_tile_of if system.surroundings else _advance_tile_of)(system, special)
-    n_outcome, n_judged, show_runs = outcome.size, outcome.size - len(system.rewards), _show_runs_of(runs_of(system.terms)[0])
+    *_, at_outcome, at_action, size = _access_of(system)
+    first_flag, end_of_flags, work_tile, n_outcome = (
+        FLAGS.start,
+        FLAGS.stop,
+        _look_round_tile_of(system),
+        layout_of(system).outcome.size,
+    )
+    n_judged, show_runs = n_outcome - len(system.rewards), _show_runs_of(runs_of(system.terms)[0])
 
     @kernel
     def step_tile(first, count, actions, tile, keys, parameters, origin, waypoints, observations, outcomes, scenes):
@@ -211,20 +174,23 @@ def _step_tile_of(system: System, special: Special) -> Callable[..., int]:
     return step_tile
 
 
-def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
+def _reset_lane_of(system: System) -> Callable[..., None]:
     """Return the kernel that begins an episode of one environment, or writes its current observation."""
     step, lay_out, around = step_of(system), system.lay_out, system.surroundings
     begin, start_outcome = step.begin, step.start_outcome
-    scene_at = around.at if around else kernel(lambda scenes, index: ())
-    load_parameters, load_world, store_world, _, store_outcome, show = access_of(system, special)
-    layout = layout_of(system, special)
-    at_outcome, size = layout.at_outcome, layout.scratch
+    assert around is not None
+    scene_at = around.at
+    load_parameters, load_world, store_world, store_outcome, show, at_outcome, _, size = _access_of(system)
     runs, blocks = runs_of(system.terms)
     show_runs, show_blocks = _show_runs_of(runs), _show_blocks_of(blocks)
 
     @kernel
     def reset_lane(environment, lane, begins, tile, key, parameters, origin, waypoints, observations, outcomes, scenes):
-        scratch, p, scene = compiled_scratch(size), load_parameters(parameters, origin + lane), scene_at(scenes, environment)
+        scratch, p, scene = (
+            compiled_scratch(size),
+            load_parameters(parameters, origin + lane),
+            scene_at(scenes, environment),
+        )
         if begins:
             start, goal = lay_out(key, p, scene)
             if p.task.random:
@@ -242,27 +208,22 @@ def _reset_lane_of(system: System, special: Special) -> Callable[..., None]:
 
 
 @cache
-def loops_of(system: System, special: Special) -> _Loops:
-    """Return the compiled loops of a system, general or for a special case; processes share them through the cache."""
-    if not (HAS_NUMBA and system.compiled):
-        return _Loops(layout_of(system, special), *plain_loops(system, special))
-    step_tile, reset_lane = _step_tile_of(system, special), _reset_lane_of(system, special)
-    layout, place = layout_of(system, special), "in rooms" if system.surroundings else "on open ground"
-    ahead, width = layout.parameters.ahead, layout.parameters.size * TILE
-    many = _LARGE // (layout.world.size * TILE)
+def loops_of(system: System) -> Loops:
+    """Return the loops of a system in rooms, compiled, or of any in plain Python; processes share them through the cache."""
+    world = layout_of(system).world
+    if not (HAS_NUMBA and system.compiled and system.surroundings):
+        return Loops(world, *plain_loops(system))
+    step_tile, reset_lane = _step_tile_of(system), _reset_lane_of(system)
+    width = layout_of(system).parameters.size * TILE
 
     def step_rows(actions, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         prefer_wide()
         flagged = 0
         for at in range(len(tiles)):
             number = keys[at, TILE]
-            origin = ahead + (number * width if len(parameters) > ahead + width else 0)
+            origin = number * width if len(parameters) > width else 0
             count = min(TILE, len(actions) - number * TILE)
             tile, own = tiles[at], keys[at]
-            if len(tiles) > many:  # the processor itself does not foresee where the next tile's runs are
-                following = tiles[min(at + 1, len(tiles) - 1)]
-                for place in range(0, len(following), LINE):
-                    fetch(following, place)
             flagged += step_tile(
                 number * TILE, count, actions, tile, own, parameters, origin, waypoints, observations, outcomes, scenes
             )
@@ -271,7 +232,7 @@ def loops_of(system: System, special: Special) -> _Loops:
     def reset_rows(mask, begins, seeds, episodes, tiles, keys, parameters, waypoints, observations, outcomes, scenes):
         for at in range(len(tiles)):
             number = keys[at, TILE]
-            origin = ahead + (number * width if len(parameters) > ahead + width else 0)
+            origin = number * width if len(parameters) > width else 0
             for environment in range(number * TILE, min((number + 1) * TILE, len(mask))):
                 if mask[environment]:
                     lane, visited = environment % TILE, waypoints[environment]
@@ -282,5 +243,4 @@ def loops_of(system: System, special: Special) -> _Loops:
                         environment, lane, begins, tiles[at], key, parameters, origin, visited, observations, outcomes, scenes
                     )
 
-    case = f" {special.name}" if special.name else ""
-    return _Loops(layout, compiled(step_rows, f"steps {place}{case}"), compiled(reset_rows, f"resets {place}{case}"))
+    return Loops(world, compiled(step_rows, "steps in rooms"), compiled(reset_rows, "resets in rooms"))

@@ -1,17 +1,14 @@
-"""Values in a flat buffer: functions, made from a value's structure, that load it from an array and store it there.
+"""Values in a flat buffer: where each number of a value stands, and functions that load it from there and store it.
 
 The buffer is divided into tiles of `TILE` environments; in a tile each number of a value has a run of `TILE` places,
-one per environment. So the compiled loop reads and writes whole vector registers at offsets that the compiler knows,
-and needs no proof that two arrays do not overlap.
+one per environment: a cache line.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import math
 from collections import namedtuple
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -19,16 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.heart import begin, step
-from turtlebot_gym.kernel import Leaf, access, kernel
 from turtlebot_gym.observations import observing
 from turtlebot_gym.systems import System
-from turtlebot_gym.systems.special import Special
 from turtlebot_gym.values import STOP, Pose
 
-TILE = 32
-"""Environments per tile."""
-LINE = 8
-"""Numbers in a cache line, and in the widest vector register."""
+TILE = 8
+"""Environments per tile: numbers in a cache line, and in the widest vector register."""
 
 
 def aligned(count: int) -> NDArray[np.float64]:
@@ -36,8 +29,8 @@ def aligned(count: int) -> NDArray[np.float64]:
 
     numpy starts large arrays 16 bytes after one; each load and store of a widest vector would then touch two lines.
     """
-    room = np.zeros(count + LINE)
-    start = -room.ctypes.data // room.itemsize % LINE
+    room = np.zeros(count + TILE)
+    start = -room.ctypes.data // room.itemsize % TILE
     return room[start : start + count]
 
 
@@ -80,178 +73,108 @@ def flatten(value: Any) -> Iterator[float]:
         yield float(value)
 
 
-def _in_floats(value: Any) -> Any:
+def mapped(value: Any, function: Callable[[str, Any], Any], path: str = "") -> Any:
+    """Return a nested tuple with ``function(path, number)`` in place of each number, by its dotted path."""
+    if not isinstance(value, tuple):
+        return function(path, value)
+    fields = getattr(value, "_fields", None)
+    dot = "." if path else ""
+    items = [mapped(item, function, f"{path}{dot}{fields[at]}" if fields else f"{path}[{at}]") for at, item in enumerate(value)]
+    return type(value)(*items) if fields else tuple(items)
+
+
+def in_floats(value: Any) -> Any:
     """Return a nested tuple with integers converted to floats, as a buffer holds them."""
-    if isinstance(value, tuple):
-        items = [_in_floats(item) for item in value]
-        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
-    return value if isinstance(value, bool) else float(value)
+    return mapped(value, lambda path, number: number if isinstance(number, bool) else float(number))
+
+
+def _slices(value: Any, path: str, at: int, found: dict[str, slice]) -> int:
+    """Record the range of numbers of each tuple in a value whose first number has an index; return the next index."""
+    if not isinstance(value, tuple):
+        return at + 1
+    start, fields, dot = at, getattr(value, "_fields", None), "." if path else ""
+    for index, item in enumerate(value):
+        at = _slices(item, f"{path}{dot}{fields[index]}" if fields else f"{path}[{index}]", at, found)
+    found[path] = slice(start, at)
+    return at
 
 
 class Packing(NamedTuple):
     """Layout of a type of value in a buffer."""
 
-    size: int
-    """Numbers in a value that have a run in each tile."""
-    load: Callable[[Any, int], Any]
-    """``load(buffer, at)`` returns the value whose first number is at ``buffer[at]``."""
-    store: Callable[[Any, int, Any], None]
-    """``store(buffer, at, value)`` writes it."""
+    example: Any
+    """A value of the type, its integers as floats."""
     names: tuple[str, ...]
     """The dotted path of each number."""
     slices: dict[str, slice]
     """Range of numbers of each tuple in the value, by its dotted path."""
     places: tuple[int, ...]
-    """Place from which each number is read: its own, or that of a number equal to it."""
-    shared: tuple[int, ...] = ()
-    """Index of each number that stands once, at the start of the buffer, for all environments."""
-    stored: int = 0
-    """Number of runs that are loaded and stored; those of constants, one for all that are equal, follow them."""
-
-    @property
-    def ahead(self) -> int:
-        """Places before the first tile, whole cache lines."""
-        return -(-len(self.shared) // LINE) * LINE
+    """Place of each number: numbers that are always equal share one."""
+    size: int
+    """Number of places."""
+    load: Callable[[Any, int], Any]
+    """``load(buffer, at)`` returns the value whose first number is at ``buffer[at]``."""
+    store: Callable[[Any, int, Any], None]
+    """``store(buffer, at, value)`` writes it."""
 
 
-def _paths(value: Any, path: str = "") -> Iterator[str]:
-    """Yield the dotted path of each number in a value."""
-    if not isinstance(value, tuple):
-        yield path.removeprefix(".")
-        return
-    fields = getattr(value, "_fields", None)
-    for at, item in enumerate(value):
-        yield from _paths(item, f"{path}.{fields[at]}" if fields else f"{path}[{at}]")
-
-
-def _placed(names: list[str], known: Mapping[str, float], same: Mapping[str, str]) -> dict[str, int]:
-    """Return the place of each number: what is stored lies close together, and equal constants share a place after it."""
-    alone = [name for name in names if name not in same]
-    order: dict[Any, int] = {}
-    for key in (*(name for name in alone if name not in known), *(known[name] for name in alone if name in known)):
-        order.setdefault(key, len(order))
-    places = {name: order[known.get(name, name)] for name in alone}
-    for name in names:
-        if name in same:
-            places[name] = places[same[name]]
-    return places
-
-
-def packing(
-    example: Any,
-    *,
-    known: Mapping[str, float] | None = None,
-    same: Mapping[str, str] | None = None,
-    own: Collection[str] | None = None,
-) -> Packing:
-    """Generate the load and store functions of a value's type.
+def packing(example: Any, places: Sequence[int] | None = None) -> Packing:
+    """Return the layout of a value's type, with functions, made from its structure, that load and store it.
 
     Args:
         example: A (nested) NamedTuple of numbers with the structure and the types (float, bool) of all such values.
-        known: Constants by dotted path: they are neither loaded nor stored.
-        same: Numbers that equal an earlier one, by dotted path: they are read from that one's place and not stored.
-        own: Numbers that each environment has for itself, by dotted path; the others stand once for all and are not stored.
-            None for all.
+        places: The place of each number; None for one after another.
     """
-    known, same = known or {}, same or {}
-    types: dict[str, type] = {}
-    placed = _placed(list(_paths(example)), known, same)
+    types: dict[str, Any] = {}
     names: list[str] = []
-    places: list[int] = []
-    shared: list[int] = []
-    free = itertools.count()
-    leaves: list[Leaf] = []
-    writes: list[str] = []
+    leaves: list[str] = []
     slices: dict[str, slice] = {}
 
-    def read(value: Any, path: str) -> str:
-        """Return the expression that reads a value, and record how to write it."""
-        if not isinstance(value, tuple):
-            name = path.partition(".")[2]
-            is_own = own is None or name in own
-            places.append(placed[name] if own is None else next(free) if is_own else -1)
-            names.append(name)
-            if name in known:
-                leaves.append(bool(known[name]) if isinstance(value, bool) else float(known[name]))
-                return repr(leaves[-1])
-            if not is_own:
-                leaves.append((len(shared),))
-                shared.append(len(names) - 1)
-                return f"(buffer[{len(shared) - 1}] != 0.0)" if isinstance(value, bool) else f"buffer[{len(shared) - 1}]"
-            offset = places[-1] * TILE
-            leaves.append(~offset if name in same else offset)  # inverted, even 0 says that it is read there, but not stored
-            place = f"buffer[at + {offset}]"
-            if name not in same:
-                writes.append(f"    {place} = {path}")
-            return f"({place} != 0.0)" if isinstance(value, bool) else place
-        start = len(names)
-        fields = getattr(value, "_fields", None)
-        if fields is None:
-            expression = "(" + "".join(f"{read(item, f'{path}[{at}]')}, " for at, item in enumerate(value)) + ")"
-        else:
-            kind = f"T{len(types)}"
-            types[kind] = type(value)
-            expression = f"{kind}({', '.join(read(getattr(value, name), f'{path}.{name}') for name in fields)})"
-        slices[path.partition(".")[2]] = slice(start, len(names))
-        return expression
+    def number(path: str, value: Any) -> None:
+        place = f"buffer[at + {(len(names) if places is None else places[len(names)]) * TILE}]"
+        names.append(path)
+        leaves.append(f"({place} != 0.0)" if isinstance(value, bool) else place)
 
-    source = "\n".join(
-        [
-            "def load(buffer, at):",
-            f"    return {read(example, 'value')}",
-            "def store(buffer, at, value):",
-            *writes,
-            "    return",
-        ]
-    )
-    scope: dict[str, Any] = {**types, "inf": math.inf}
-    exec(source, scope)  # made of field names only
-    load, store = access(scope["load"], scope["store"], _in_floats(example), leaves)
-    size = max(places) + 1 if own is None else next(free)
-    return Packing(size, load, store, tuple(names), slices, tuple(places), tuple(shared), len(writes))
+    def read(value: Any) -> str:
+        if not isinstance(value, tuple):
+            return next(numbers)
+        kind = f"T{len(types)}" if hasattr(value, "_fields") else ""
+        if kind:
+            types[kind] = type(value)
+        return f"{kind}({''.join(f'{read(item)}, ' for item in value)})"
+
+    mapped(example, number)
+    _slices(example, "", 0, slices)
+    numbers = iter(leaves)
+    where = tuple(range(len(names))) if places is None else tuple(places)
+    writes = [
+        f"    buffer[at + {place * TILE}] = value{'.' * (not name.startswith('['))}{name}"
+        for place, name in zip(where, names, strict=True)
+    ]
+    source = ["def load(buffer, at):", f"    return {read(example)}", "def store(buffer, at, value):", *writes, "    return"]
+    scope: dict[str, Any] = types
+    exec("\n".join(source), scope)  # made of field names only
+    return Packing(in_floats(example), tuple(names), slices, where, max(where, default=-1) + 1, scope["load"], scope["store"])
 
 
 class Layout(NamedTuple):
-    """Layout of a system's values in a tile, and in a thread's scratch: observation, outcome and action in sequence."""
+    """Layout of a system's values."""
 
     parameters: Packing
-    """In a buffer of their own: what is shared, and then the tiles of what each environment has for itself."""
     world: Packing
     """The tile: the only state that is kept between steps."""
     outcome: Packing
     observation: Packing
-    at_outcome: int
-    """Offset of the outcome in the scratch."""
-    at_action: int
-    scratch: int
-    """Numbers in the scratch."""
 
 
 @cache
-def layout_of(system: System, special: Special) -> Layout:
+def layout_of(system: System) -> Layout:
     """Return the layout of a system's values in a tile, from an example of each."""
     p, waypoints, around = as_tuple(system.example), (Pose(0.0, 0.0, 0.0),), system.surroundings
     scene = around.at(around.make([system.example]), 0) if around else ()
     world = begin(system, system.lay_out(1, p, scene)[0], 1, waypoints, p, scene)
     world, outcome = step(system, world, STOP, 1, waypoints, p, scene)
-    parameters = packing(p, known=dict(special.parameters), own=special.own)
-    a_world = packing(world, known=dict(special.world), same=dict(special.same))
     for term in system.terms:
         if not term.in_scene:
             term.example(world, p)
-    an_outcome, observation = packing(outcome), packing(observing(system.terms)(world, p))
-    at_outcome = observation.size * TILE
-    at_action = at_outcome + an_outcome.size * TILE
-    return Layout(parameters, a_world, an_outcome, observation, at_outcome, at_action, at_action + 2 * TILE)
-
-
-def access_of(system: System, special: Special) -> tuple[Callable[..., Any], ...]:
-    """Return the kernels that load parameters, load and store a world and an outcome, and write an observation to a scratch."""
-    layout, observe = layout_of(system, special), observing(system.terms)
-    store_observation = layout.observation.store
-
-    @kernel
-    def show(scratch, lane, world, p):
-        store_observation(scratch, lane, observe(world, p))
-
-    return layout.parameters.load, layout.world.load, layout.world.store, layout.outcome.load, layout.outcome.store, show
+    return Layout(*map(packing, (p, world, outcome, observing(system.terms)(world, p))))

@@ -10,23 +10,22 @@ from collections.abc import Callable
 import numpy as np
 
 from turtlebot_gym import heart
-from turtlebot_gym.compiled.packing import TILE, access_of, flatten, layout_of
+from turtlebot_gym.compiled.packing import TILE, flatten, layout_of
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.systems import System
-from turtlebot_gym.systems.special import Special
 
 
-def plain_loops(system: System, special: Special) -> tuple[Callable[..., None], Callable[..., None]]:
+def plain_loops(system: System) -> tuple[Callable[..., None], Callable[..., None]]:
     """Return the loops that advance all environments of some tiles, and that begin episodes or write observations again."""
-    load_parameters, load_world, store_world, *_ = access_of(system, special)
-    layout, around = layout_of(system, special).parameters, system.surroundings
-    ahead, width = layout.ahead, layout.size * TILE
+    parameters_of, world_of, *_ = layout_of(system)
+    load_parameters, load_world, store_world = parameters_of.load, world_of.load, world_of.store
+    width, around = parameters_of.size * TILE, system.surroundings
 
     def parts(row, tiles, parameters, scenes):
         """Return an environment's tile, its place there, parameters and scene."""
         at, lane = divmod(row, TILE)
-        origin = ahead + (at * width if len(parameters) > ahead + width else 0)
+        origin = at * width if len(parameters) > width else 0
         return tiles[at], lane, load_parameters(parameters, origin + lane), around.at(scenes, row) if around else ()
 
     def write(row, world, outcome, p, scene, observations, outcomes):

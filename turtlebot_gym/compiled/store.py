@@ -1,17 +1,11 @@
 """Files of machine code, which all processes, checkouts and virtual environments of a user share.
 
-A file holds one compiled function, and its name a hash of all that its machine code is made of. numba's own cache keeps files
-beside the sources, for each checkout its own, and forgets a function whenever its file changes.
-
-numba offers neither such a cache nor the address of a function to others: this module and `turtlebot_gym.inlining` use names of
-numba that are not public. With a numba that lacks them each process compiles for itself, and loops run on one thread.
+The name of a file holds a hash of all that its machine code is made of.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
-import pickle
 import sys
 import tempfile
 import time
@@ -19,12 +13,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
-
-from numba import typeof
-from numba.core.compiler import CompileResult
-from numba.core.runtime.nrt import rtsys
-from numba.core.serialize import dumps
-from numba.misc.appdirs import user_cache_dir
 
 try:
     import fcntl
@@ -39,111 +27,77 @@ LONGEST_WAIT = 300.0
 
 def folder() -> Path:
     """Return the folder of the cache: in NUMBA_CACHE_DIR if that is set, otherwise in the user's folder for caches."""
-    parent = os.environ.get("NUMBA_CACHE_DIR")
-    return Path(parent, "turtlebot_gym") if parent else Path(user_cache_dir("turtlebot_gym", appauthor=False))
+    if parent := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(parent, "turtlebot_gym")
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local", "turtlebot_gym", "Cache")
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "turtlebot_gym"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "turtlebot_gym")
 
 
-def keep(dispatcher: Any, name: str, identity: str) -> None:
-    """Let a function of numba load its machine code from the cache, and write there what it compiles.
-
-    Args:
-        dispatcher: The function.
-        name: What it does, for people.
-        identity: Hash of everything that its machine code is made of, except for types and processor.
-
-    Raises:
-        AttributeError: If this numba has no such function.
-    """
-    if not hasattr(dispatcher, "_cache"):
-        raise AttributeError("This numba keeps its cache elsewhere.")
-    store, compile_now = Store(name, identity), dispatcher.compile
-    dispatcher._cache, dispatcher.compile = store, store.released(compile_now)
+def path_of(name: str, identity: str) -> Path:
+    """Return the file of what has a name and a hash of everything that it is made of."""
+    return folder() / f"{name.replace(' ', '-')}-{identity[:32]}.bin"
 
 
-def address_of(function: Any, *arguments: Any) -> int:
-    """Return the address of a compiled function's machine code for the types of some arguments."""
-    kinds = tuple(map(typeof, arguments))
-    function.compile(kinds)
-    result = function.overloads[kinds]
-    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
-
-
-class Store:
-    """Cache of a function's machine code, a file for each type of its arguments. It has the methods of numba's own caches.
+def kept(name: str, identity: str, load: Callable[[bytes], Any], make: Callable[[], bytes]) -> Any:
+    """Return what ``load`` makes of a file, whose content ``make`` returns if there is none, or if it is damaged.
 
     Args:
-        name: What the function does, for people.
-        identity: Hash of everything the machine code is made of, except for types and processor.
+        name: What the file holds, for people.
+        identity: Hash of everything that it is made of.
+        load: Takes the content; an error means that it is damaged.
+        make: Takes long: other processes wait for it, and a terminal shows a notice.
     """
-
-    def __init__(self, name: str, identity: str) -> None:
-        self._name, self._identity = name, identity
-        self._lock: IO[str] | None = None
-        self._began = 0.0
-
-    @property
-    def cache_path(self) -> str:
-        return str(folder())
-
-    def load_overload(self, signature: Any, target: Any) -> Any:
-        """Return a compile result from its file; None, and a notice, if numba has to compile."""
-        rtsys.initialize(target)  # machine code from a file needs no more; numba refreshes its context where it compiles
-        path = self._path(signature, target.codegen())
-        result = _load(path, target)
-        if result is None:
-            self._lock = _lock(path.with_suffix(".lock"), self._name)
-            result = _load(path, target)  # another process may have compiled it meanwhile
-        if result is None:
-            self._began = time.perf_counter()
-            say(f"turtlebot_gym: compiling {self._name} for this machine, once ... ")
-        return result
-
-    def save_overload(self, signature: Any, result: Any) -> None:
-        """Write what numba has compiled, if the folder is writable."""
-        say(f"{time.perf_counter() - self._began:.1f} s\n")
-        path = self._path(signature, result.codegen)
-        assert not result.library.has_dynamic_globals, "addresses in the code are another process's"
-        with suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
-                file.write(dumps(result._reduce()))
-            os.replace(file.name, path)  # at once, so that nobody reads a part of it
-            _tidy(path.parent)
-
-    def released(self, compile_: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """Return numba's method that loads or compiles, after which, even after an error, no other process waits."""
-
-        def run(signature: Any) -> Any:
-            try:
-                return compile_(signature)
-            finally:
-                self._release()
-
-        return run
-
-    def _path(self, signature: Any, codegen: Any) -> Path:
-        key = f"{self._identity} {signature} {codegen.magic_tuple()}"
-        return folder() / f"{self._name.replace(' ', '-')}-{hashlib.sha256(key.encode()).hexdigest()[:32]}.bin"
-
-    def _release(self) -> None:
-        if self._lock is not None:
-            with suppress(OSError):
-                os.unlink(self._lock.name)
-            self._lock.close()
-            self._lock = None
-
-
-def _load(path: Path, target: Any) -> Any:
-    """Return a compile result from a file, None without a whole one."""
+    path = path_of(name, identity)
+    content = read(path, load)
+    if content is not None:
+        return content
+    lock = lock_of(path.with_suffix(".lock"), name)
     try:
-        result = CompileResult._rebuild(target, *pickle.loads(path.read_bytes()))
+        content = read(path, load)  # another process may have made it meanwhile
+        if content is not None:
+            return content
+        began = time.perf_counter()
+        say(f"turtlebot_gym: compiling {name} for this machine, once ... ")
+        data = make()
+        say(f"{time.perf_counter() - began:.1f} s\n")
+        write(path, data)
+        return load(data)
+    finally:
+        release(lock)
+
+
+def read(path: Path, load: Callable[[bytes], Any]) -> Any:
+    """Return what a file holds, None without a whole one."""
+    try:
+        content = load(path.read_bytes())
         os.utime(path)  # in use: `_tidy` keeps it
-    except Exception:  # whatever is wrong with the file, compiling replaces it
+    except Exception:  # whatever is wrong with the file, it is made again
         return None
-    return result
+    return content
 
 
-def _lock(path: Path, name: str) -> IO[str] | None:
+def write(path: Path, data: bytes) -> None:
+    """Write a file of the cache, if the folder is writable."""
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
+            file.write(data)
+        os.replace(file.name, path)  # at once, so that nobody reads a part of it
+        _tidy(path.parent)
+
+
+def release(lock: IO[str] | None) -> None:
+    """Let other processes go on."""
+    if lock is not None:
+        with suppress(OSError):
+            os.unlink(lock.name)
+        lock.close()
+
+
+def lock_of(path: Path, name: str) -> IO[str] | None:
     """Return a locked file; None if that is impossible in time."""
     if fcntl is None:
         return None

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.compiled.cache import compiled
-from turtlebot_gym.kernel import HAS_NUMBA, kernel
+from turtlebot_gym.kernel import kernel
 
 VARIABLE = "TURTLEBOT_GYM_THREADS"
 """Environment variable that limits the threads of a parallel loop."""
@@ -27,6 +29,19 @@ TRIAL = 8
 FIRST_TRIAL, LAST_TRIAL = 32, 8192
 """Fewest and most steps between trials. Each trial that changes nothing doubles the wait; steps that take twice the usual time
 end it."""
+
+
+@cache
+def _cores() -> int:
+    """Return the number of threads that numba has, which are as many as the process may use cores."""
+    given = os.environ.get("NUMBA_NUM_THREADS", "")
+    return (
+        int(given)
+        if given.isdecimal()
+        else len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count() or 1
+    )
 
 
 class Threads:
@@ -41,6 +56,8 @@ class Threads:
     """Most threads of a parallel loop; None for numba's default."""
     used = False
     lost = False
+    pool: ThreadPoolExecutor | None = None
+    """Threads of open ground's loops."""
     _numbas = 0
 
     @classmethod
@@ -49,7 +66,7 @@ class Threads:
         allowed = cls.limit != 1 and not cls.lost and cls.lock.acquire(blocking=False)
         if allowed:
             cls.used = True
-            if cls.limit is not None and HAS_NUMBA:
+            if cls.limit is not None and "numba" in sys.modules:
                 import numba
 
                 cls._numbas = numba.get_num_threads()
@@ -59,9 +76,7 @@ class Threads:
     @classmethod
     def count(cls) -> int:
         """Return the number of threads of the parallel loop that the caller may run."""
-        from numba import get_num_threads  # without numba no loop is parallel
-
-        return get_num_threads()
+        return _cores() if cls.limit is None else min(cls.limit, _cores())
 
     @classmethod
     def release(cls) -> None:
@@ -76,8 +91,18 @@ class Threads:
     @classmethod
     def after_fork(cls) -> None:
         """Drop the parent's lock in a forked child."""
-        cls.lock = threading.Lock()
+        cls.lock, cls.pool = threading.Lock(), None
         cls.lost = cls.used
+
+    @classmethod
+    def run(cls, function: Callable[[int], None], addresses: Sequence[int]) -> None:
+        """Call a function of machine code for several addresses at once, the first one on this thread."""
+        if cls.pool is None:
+            cls.pool = ThreadPoolExecutor(_cores(), "turtlebot_gym")
+        others = [cls.pool.submit(function, address) for address in addresses[1:]]
+        function(addresses[0])
+        for other in others:
+            other.result()
 
 
 class Pace:
@@ -156,9 +181,9 @@ os.register_at_fork(after_in_child=Threads.after_fork)
 def address_of(loop: Any, *arguments: Any) -> int:
     """Return the address of a loop's machine code for the types of some arguments; 0 if this numba does not tell."""
     try:
-        from turtlebot_gym.compiled import store
+        from turtlebot_gym.compiled import numba_store
 
-        return store.address_of(loop, *arguments)
+        return numba_store.address_of(loop, *arguments)
     except (ImportError, AttributeError):
         return 0
 

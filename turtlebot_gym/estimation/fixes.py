@@ -48,18 +48,6 @@ class Remembered(NamedTuple):
     """Number of steps from the oldest estimate to the newest."""
 
 
-class TakesFixes(NamedTuple):
-    """The parts of a step with fixes, for loops in which fixes are rare."""
-
-    filter: Filter
-    """The filter with both parts."""
-    remember: Callable[..., Remembered]
-    """``remember(estimate, before, senses, tuning, dt, integrator)`` returns the estimate after a step without a fix."""
-    insert_last: Callable[..., tuple[Any, Any]]
-    """``insert_last(estimate, fix, tuning, integrator)`` returns the oldest and the newest estimate after a fix that is as old
-    as the oldest one, when as many steps are stored as possible."""
-
-
 def late_by(age: float, dt: float) -> int:
     """Return how many steps of dt, s, a fix of an age, s, is late."""
     return round(age / dt)
@@ -130,24 +118,27 @@ def _replay(advance: Callable[..., Any], count: int) -> Callable[..., Any]:
     return replay
 
 
-@cache
-def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
-    """Return a filter that also takes fixes, from the sensor "fix", as its parts; it goes on reading what it has read.
+class _Memory(NamedTuple):
+    """The parts of a filter that remembers its last steps."""
 
-    Args:
-        filter: Any filter.
-        depth: Number of stored steps.
-    """
+    start: Callable[..., Remembered]
+    remember: Callable[..., Remembered]
+    """``remember(estimate, before, senses, tuning, dt, integrator)`` returns the estimate after a step without a fix."""
+    advance: Callable[..., Any]
+    """``advance(estimate, before, now, tuning, integrator)`` repeats a stored step."""
+
+
+def _remembering(filter: Filter, depth: int) -> _Memory:
     begin, step, fix_in, reads, _, _ = filter
     Read, values_of = senses_of(reads), _values_of(reads)  # only these are stored, for as many steps as a fix may be late
-    fill, put, last = filled(depth + 1), _put(depth + 1), depth
+    fill, last = filled(depth + 1), depth
 
     @kernel
     def advance(estimate, before, now, tuning, integrator):
         moved = step(estimate, before.senses, now.senses, tuning, now.dt, integrator)
-        return fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning) if now.fix.arrived else moved
-
-    replay = _replay(advance, last)
+        if now.fix.arrived:
+            moved = fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning)
+        return moved
 
     @kernel
     def start(senses, tuning):
@@ -164,6 +155,19 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
         newest = step(estimate.newest, before, senses, tuning, dt, integrator)
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
 
+    return _Memory(start, remember, advance)
+
+
+@cache
+def with_fixes(filter: Filter, depth: int) -> Filter:
+    """Return a filter that also takes fixes of any age, from the sensor "fix"; it goes on reading what it has read.
+
+    Args:
+        filter: Any filter.
+        depth: Number of stored steps.
+    """
+    (start, remember, advance), fix_in, put = _remembering(filter, depth), filter.fix, _put(depth + 1)
+
     @kernel
     def insert(estimate, fix, tuning, integrator):
         stored, oldest, count = estimate.history, estimate.oldest, estimate.steps
@@ -178,11 +182,6 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, count)
 
     @kernel
-    def insert_last(estimate, fix, tuning, integrator):
-        oldest = fix_in(estimate.oldest, fix.pose, fix.R + fix.cross, tuning)
-        return oldest, replay(oldest, estimate.history, tuning, integrator)
-
-    @kernel
     def step_on(estimate, before, senses, tuning, dt, integrator):
         now, remembered = senses.fix, remember(estimate, before, senses, tuning, dt, integrator)
         if now.arrived:
@@ -190,9 +189,36 @@ def taking_fixes(filter: Filter, depth: int) -> TakesFixes:
             remembered = insert(remembered, fix, tuning, integrator)
         return remembered
 
-    return TakesFixes(filter._replace(start=start, step=step_on, reads=(*reads, "fix")), remember, insert_last)
+    return filter._replace(start=start, step=step_on, reads=(*filter.reads, "fix"))
 
 
-def with_fixes(filter: Filter, depth: int) -> Filter:
-    """Return a filter that also takes fixes, see `taking_fixes`."""
-    return taking_fixes(filter, depth).filter
+@cache
+def with_fixes_of_age(filter: Filter, late: int) -> Filter:
+    """Return a filter that also takes fixes, from the sensor "fix", which all come ``late`` steps late.
+
+    Each such fix belongs to the oldest estimate, from which the stored steps are repeated; one in time needs no stored step.
+    The results are those of `with_fixes` to the bit.
+    """
+    fix_in, step, (start, remember, advance) = filter.fix, filter.step, _remembering(filter, max(late, 1))
+    replay = _replay(advance, late)
+
+    @kernel
+    def step_in_time(estimate, before, senses, tuning, dt, integrator):
+        now, moved = senses.fix, step(estimate, before, senses, tuning, dt, integrator)
+        if now.arrived:
+            moved = fix_in(moved, now.pose, now.R + now.cross, tuning)
+        return moved
+
+    @kernel
+    def step_late(estimate, before, senses, tuning, dt, integrator):
+        now, after = senses.fix, remember(estimate, before, senses, tuning, dt, integrator)
+        if now.arrived:
+            oldest = fix_in(after.oldest, now.pose, now.R + now.cross, tuning)
+            newest = replay(oldest, after.history, tuning, integrator)
+            after = Remembered(newest.belief, newest.nis, newest, after.history, oldest, after.steps)
+        return after
+
+    reads = (*filter.reads, "fix")
+    return (
+        filter._replace(start=start, step=step_late, reads=reads) if late else filter._replace(step=step_in_time, reads=reads)
+    )

@@ -6,7 +6,6 @@ A fix that arrives now was measured some steps ago, so the sensor remembers the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
@@ -70,18 +69,8 @@ def _pose(body):
     return Pose(truth.x, truth.y, truth.theta)
 
 
-class FixSensor(NamedTuple):
-    """The sensor of fixes, and its parts, for loops in which fixes are rare."""
-
-    sensor: Sensor
-    watch: Callable[..., TrackedFix]
-    """`Sensor.sense`, but it leaves out what an arriving fix says."""
-    measure: Callable[..., TrackedFix]
-    """``measure(fix, key, at, p)`` returns it with what it says."""
-
-
 @cache
-def fix_parts(late: int) -> FixSensor:
+def fix_sensor(late: int) -> Sensor:
     """Return the sensor of fixes that come ``late`` steps late."""
     fill = filled(late + 1)
 
@@ -91,20 +80,15 @@ def fix_parts(late: int) -> FixSensor:
         return TrackedFix(none.pose, none.R, none.age, none.arrived, none.cross, fill(_pose(body)))
 
     @kernel
-    def watch(body, before, key, at, p):
-        passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
-        arrived = _arrives(p.fix, sub_key(key, FIX), at - late, p.dt)
-        return TrackedFix(before.pose, before.R, before.age, arrived, before.cross, passed)
-
-    @kernel
-    def measure(fix, key, at, p):
-        R, (xy, xt, yt) = p.fix.R, p.fix.cross
-        pose = _measure(fix.passed[late], p.fix, sub_key(key, FIX), at - late)
-        return TrackedFix(pose, (R[0], R[1], R[2]), late * p.dt, True, (xy, xt, yt), fix.passed)
-
-    @kernel
     def sense(body, before, key, at, p):
-        fix = watch(body, before, key, at, p)
-        return measure(fix, key, at, p) if fix.arrived else fix
+        passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
+        own_key, stamp = sub_key(key, FIX), at - late
+        arrived = _arrives(p.fix, own_key, stamp, p.dt)
+        fix = TrackedFix(before.pose, before.R, before.age, arrived, before.cross, passed)
+        if arrived:
+            R, (xy, xt, yt) = p.fix.R, p.fix.cross
+            pose = _measure(passed[late], p.fix, own_key, stamp)
+            fix = TrackedFix(pose, (R[0], R[1], R[2]), late * p.dt, True, (xy, xt, yt), passed)
+        return fix
 
-    return FixSensor(Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01))), watch, measure)
+    return Sensor("fix", first, sense, FixNoise(R=(0.01, 0.01)))

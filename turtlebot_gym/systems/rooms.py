@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any
 
 from turtlebot_gym.estimation.filters import filter_of
-from turtlebot_gym.estimation.fixes import depth_of, late_by, with_fixes
+from turtlebot_gym.estimation.fixes import late_by, with_fixes_of_age
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
@@ -27,7 +27,7 @@ from turtlebot_gym.rooms.scene import Scene, make_scenes, scene_at
 from turtlebot_gym.rooms.sectors import divide, leave_out_blind
 from turtlebot_gym.rooms.sensing import clearance, measure
 from turtlebot_gym.rooms.walking import STANDS, walk
-from turtlebot_gym.systems.fixes import fix_parts
+from turtlebot_gym.systems.fixes import fix_sensor
 from turtlebot_gym.systems.imu import IMU
 from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.missions import on_missions
@@ -135,7 +135,7 @@ def rooms(filter: Filter) -> System:
 
 
 _SENSORS: dict[str, Callable[[Parameters], Sensor]] = {
-    "fix": lambda p: fix_parts(late_by(p.fix.delay, p.dt)).sensor,
+    "fix": lambda p: fix_sensor(late_by(p.fix.delay, p.dt)),
     "imu": lambda p: IMU,
 }
 
@@ -148,7 +148,7 @@ def system_of(parameters: Parameters) -> System:
         ImportError: If the plant needs an engine that is not installed.
     """
     filter, fix = filter_of(parameters.tuning), parameters.fix
-    filter = with_fixes(filter, depth_of(parameters.dt, fix.delay)) if fix else filter
+    filter = with_fixes_of_age(filter, late_by(fix.delay, parameters.dt)) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
     system = localizing(system) if parameters.localizer else system

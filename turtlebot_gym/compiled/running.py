@@ -1,0 +1,126 @@
+"""Open ground's machine code, chosen for parameters and called on arrays."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import os
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.compiled.ground import Case, Ground, ground_of
+from turtlebot_gym.compiled.memory import BLOCK
+from turtlebot_gym.compiled.packing import TILE, layout_of
+from turtlebot_gym.compiled.threads import Threads
+from turtlebot_gym.systems.system import System
+
+CAN_TRACE = os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0") and find_spec("llvmlite") is not None
+"""Whether machine code can be made: llvmlite is there, and nobody has asked for plain Python."""
+_ACTIONS, _OBSERVATIONS, _OUTCOMES, _FLAGGED = map(BLOCK.index, ("actions", "observations", "outcomes", "flagged"))
+_BEGINS = BLOCK.index("begins")
+
+
+def _allows(before: dict[str, Any], after: dict[str, Any]) -> bool:
+    """Return whether numbers that are equal or constant in one case are so in another, so that episodes may go on there."""
+    return all(
+        before[name] == (before[what] if isinstance(what, str) else what) for name, what in after.items() if what != name
+    )
+
+
+def find_ground(
+    system: System, numbers: NDArray[np.float64], waypoints: int, before: Case | None, begun: bool
+) -> tuple[Ground, Case]:
+    """Return machine code for parameters, shape (1, K) or (N, K), and its case.
+
+    Args:
+        system: The system.
+        numbers: The parameters of all environments, or of one that stands for all, in the order of the layout.
+        waypoints: Number of waypoints.
+        before: The case of the present code, if there is one: what differs now and then, differs from now on.
+        begun: Whether episodes go on.
+
+    Raises:
+        Untraceable: If a kernel cannot be traced.
+    """
+    names, first = layout_of(system).parameters.names, numbers[0].tolist()
+    differing = {name for name, column in zip(names, numbers.T, strict=True) if (column != column[0]).any()}
+    if before is not None:
+        known = dict(before.fixed)
+        differing |= {name for name, value in zip(names, first, strict=True) if known.get(name, math.nan) != value}
+    fixed = tuple((name, value) for name, value in zip(names, first, strict=True) if name not in differing)
+    case = Case(fixed, tuple(name for name in names if name in differing), waypoints)
+    ground = ground_of(system, case)
+    if before is not None and begun:
+        classes = ground_of(system, before).classes
+        if not _allows(dict(classes), dict(ground.classes)):
+            case = case._replace(before=classes)
+            ground = ground_of(system, case)
+    return ground, case
+
+
+def _address(array: NDArray[Any]) -> int:
+    """Return the address of a new array, in a third of the time of ``array.ctypes``."""
+    return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType] if array.size else 0
+
+
+class GroundTracks:
+    """Calls of machine code for some environments.
+
+    Args:
+        ground: The machine code.
+        case: What it was made for.
+        num_envs: Number of environments.
+        shares: Whether outcomes have rows for the shares of the reward.
+    """
+
+    def __init__(self, ground: Ground, case: Case, num_envs: int, shares: bool) -> None:
+        self.case, self._ground, self._tiles = case, ground, -(-num_envs // TILE)
+        self._mask = np.zeros(self._tiles * TILE, np.bool_)
+        self._shares, self._num_envs = shares, num_envs
+        self._blocks = [(ctypes.c_int64 * len(BLOCK))()]
+        self._actions: Any = None
+
+    def bind(self, tiles: Any, keys: Any, parameters: Any, stride: int, waypoints: Any, seeds: Any, episodes: Any) -> None:
+        """Use some arrays from now on, see `memory.BLOCK`."""
+        self._held = {
+            "tiles": tiles, "keys": keys, "parameters": parameters, "waypoints": waypoints, "seeds": seeds,
+            "episodes": episodes, "mask": self._mask,
+        }  # fmt: skip
+        values = {name: array.ctypes.data for name, array in self._held.items()}
+        values |= {"stride": stride, "end": self._tiles, "environments": self._num_envs, "shares": int(self._shares)}
+        self._blocks = [(ctypes.c_int64 * len(BLOCK))(*(values.get(name, 0) for name in BLOCK))]
+        self._start = ctypes.addressof(self._blocks[0])
+        self._actions = None
+
+    def step(self, parts: int, actions: NDArray[np.float32], observations: Any, outcomes: Any) -> None:
+        """Advance all environments, in some parts, each on a thread."""
+        block = self._blocks[0]
+        if actions is not self._actions:
+            self._actions, block[_ACTIONS] = actions, actions.ctypes.data
+        block[_OBSERVATIONS], block[_OUTCOMES] = _address(observations), _address(outcomes)
+        if parts == 1:
+            self._ground.step(self._start)
+            return
+        first, end = BLOCK.index("first"), BLOCK.index("end")
+        while len(self._blocks) <= parts:
+            self._blocks.append((ctypes.c_int64 * len(BLOCK))())
+        for part, own in enumerate(self._blocks[1 : parts + 1]):
+            own[:] = block[:]
+            own[first], own[end] = part * self._tiles // parts, (part + 1) * self._tiles // parts
+        Threads.run(self._ground.step, [ctypes.addressof(own) for own in self._blocks[1 : parts + 1]])
+
+    def is_flagged(self, parts: int) -> bool:
+        """Return whether the last step, in some parts, has set a flag of any environment."""
+        if parts == 1:
+            return self._blocks[0][_FLAGGED] > 0
+        return any(block[_FLAGGED] > 0 for block in self._blocks[1 : parts + 1])
+
+    def reset(self, mask: NDArray[np.bool_], begins: bool, observations: Any, outcomes: Any) -> None:
+        """Begin episodes where a mask is true, or write observations again."""
+        self._mask[: self._num_envs] = mask
+        block = self._blocks[0]
+        block[_OBSERVATIONS], block[_OUTCOMES], block[_BEGINS] = observations.ctypes.data, outcomes.ctypes.data, int(begins)
+        self._ground.reset(self._start)
