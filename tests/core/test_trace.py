@@ -225,7 +225,7 @@ def test_drawn_parameters_on_a_course(in_step):
     course = tuple(Pose(*pose) for pose in COURSE)
     parameters = [p._replace(task=SQUARE) for p in DRAWN]
     batch = Batch(ROWS, parameters, course, shares=True)
-    assert batch._tracks.case.own
+    assert batch._case.own
     plain = {row: Episode(parameters[row], course, seed=row) for row in range(ROWS)}
     for _ in in_step(batch, plain, [0.2, -0.6], [1.0, 0.6], 150):
         pass

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.graph import Untraceable
+from turtlebot_gym.compiled.ground import Case
 from turtlebot_gym.compiled.loop import FLAGS, loops_of
 from turtlebot_gym.compiled.packing import TILE, Packing, aligned, as_tuple, flatten, layout_of, packing
 from turtlebot_gym.compiled.running import CAN_TRACE, GroundTracks, find_ground
@@ -82,6 +83,8 @@ class Batch:
         self._world: Packing | None = None
         self._selected: list[NDArray[np.intp]] = []
         self._tracks: GroundTracks | None = None
+        self._case: Case | None = None
+        """What the machine code of `ground` was made for."""
         self._begun = False
         """Whether an episode has begun."""
         self.set_parameters(parameters)
@@ -103,7 +106,9 @@ class Batch:
         self.__dict__.update(state)
         self._find_system()
         self._world, self._tracks = packing(self.layout.world.example, state["_world"]), None
-        self._first = self._tiles[0]
+        tiles = aligned(self._tiles.size).reshape(self._tiles.shape)  # a copy need not begin a cache line
+        tiles[:] = self._tiles
+        self._tiles, self._first = tiles, tiles[0]
         self.set_parameters(self.parameters)
 
     def parameters_of(self, row: int) -> Parameters:
@@ -148,15 +153,15 @@ class Batch:
         Returns:
             The indices of the parameters that differ between environments; None if a kernel cannot be traced, after a warning.
         """
-        before = self._tracks
         try:
-            ground, fixed = find_ground(self.system, numbers, self.waypoints.shape[1], before and before.case, self._begun)
+            ground, case = find_ground(self.system, numbers, self.waypoints.shape[1], self._case, self._begun)
         except Untraceable as error:
             warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=5)
-            self._is_traced, self._tracks, self._parallel = False, None, False
+            self._is_traced, self._tracks, self._case, self._parallel = False, None, None, False
             return None
         self._lay_out(ground.world, ground.constants)
-        self._tracks = GroundTracks(ground, fixed, self.num_envs, self._shapes[1][0] > FLAGS.stop + 1)
+        self._case = case
+        self._tracks = GroundTracks(ground, self.num_envs, self._shapes[1][0] > FLAGS.stop + 1)
         return [self.layout.parameters.names.index(name) for name in ground.own]
 
     def _lay_out(self, world: Packing, constants: Sequence[tuple[int, float]] = ()) -> None:
@@ -289,7 +294,11 @@ class Batch:
             actions = actions.copy()
         if not self._parallel or Threads.limit == 1 or Threads.count() == 1:
             self._parts = 1
-            self._step_parts(1, actions, observations, outcomes)
+            if self._tracks is not None:
+                self._tracks.step(1, actions, observations, outcomes)
+            else:  # a debugger finds the plant four calls below a step of the environment
+                state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
+                self._loops.step(actions, *state)
         else:
             self._step_at_pace(actions, observations, outcomes)
         if self._history is not None:

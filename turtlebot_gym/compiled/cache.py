@@ -85,6 +85,13 @@ def _compilers() -> str:
     return f"{numba.__version__} {llvmlite.__version__} {sys.implementation.cache_tag} {parts}"
 
 
+@cache
+def sources_of(*modules: str) -> str:
+    """Return a hash of the sources of some modules of this package."""
+    sources = [Path(__file__).with_name(f"{module}.py").read_bytes() for module in modules]
+    return hashlib.sha256(b"".join(sources)).hexdigest()
+
+
 def in_machine_code(name: str) -> Callable[[F], F]:
     """Decorate a function that is `compiled` at its first call: numba is not imported before."""
 

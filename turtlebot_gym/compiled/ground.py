@@ -6,15 +6,14 @@ between them is loaded with their state. The code runs a tile of eight environme
 
 from __future__ import annotations
 
-import hashlib
+import threading
 from collections.abc import Callable, Iterable
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from turtlebot_gym import heart
-from turtlebot_gym.compiled import emit, graph, invariants, native, trace
-from turtlebot_gym.compiled.cache import fingerprint
+from turtlebot_gym.compiled import graph, invariants, native
+from turtlebot_gym.compiled.cache import fingerprint, sources_of
 from turtlebot_gym.compiled.graph import Graph, Node, Untraceable, as_kind, load, make, rebuilt
 from turtlebot_gym.compiled.memory import reset_text, step_text
 from turtlebot_gym.compiled.packing import Packing, in_floats, layout_of, mapped, packing
@@ -26,6 +25,11 @@ from turtlebot_gym.rewards import rewarding
 from turtlebot_gym.systems.sensors import sensing
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.values import Pose
+
+_one_at_a_time = threading.Lock()
+"""Held while a graph is made, since its nodes are numbered."""
+_MAKERS = ("graph", "trace", "invariants", "ground", "emit", "memory", "native", "packing")
+"""Modules that make the machine code."""
 
 
 class Case(NamedTuple):
@@ -214,13 +218,6 @@ def _text(system: System, case: Case) -> tuple[str, Any]:
 
 
 @cache
-def _sources() -> str:
-    files = [Path(module.__file__ or "").read_bytes() for module in (graph, trace, emit, invariants, native)]
-    here = [Path(__file__).with_name(name).read_bytes() for name in ("ground.py", "memory.py", "packing.py")]
-    return hashlib.sha256(b"".join(files + here)).hexdigest()
-
-
-@cache
 def _identity(system: System) -> str:
     """Return a hash of all kernels of a system, and of what traces them."""
     parts = system._replace(sensors=(), rewards=(), terms=(), example=None)
@@ -228,7 +225,7 @@ def _identity(system: System) -> str:
     kernels += [*sensing(system.sensors), rewarding(system.rewards)[0], observing(system.terms)]
     names = layout_of(system)
     kernels += [heart.step, heart.begin, heart.start_outcome, command_of, episode_key]
-    return f"{_sources()} {fingerprint(*kernels)} {[part.names for part in names]} {runs_of(system.terms)}"
+    return f"{sources_of(*_MAKERS)} {fingerprint(*kernels)} {[part.names for part in names]} {runs_of(system.terms)}"
 
 
 @cache
@@ -239,8 +236,9 @@ def ground_of(system: System, case: Case) -> Ground:
         Untraceable: If a kernel cannot be traced; the message says why.
         ImportError: If llvmlite is missing.
     """
-    code = native.code_of("open ground", f"{_identity(system)} {case}", lambda: _text(system, case))
-    step, reset = native.functions_of(code, "step", "reset")
+    with _one_at_a_time:
+        code = native.code_of("open ground", f"{_identity(system)} {case}", lambda: _text(system, case))
+        step, reset = native.functions_of(code, "step", "reset")
     layout = layout_of(system)
     names = [f"world.{name}" for name in layout.world.names]
     places, constants = places_of(dict(code.notes), names)

@@ -71,13 +71,12 @@ class GroundTracks:
 
     Args:
         ground: The machine code.
-        case: What it was made for.
         num_envs: Number of environments.
         shares: Whether outcomes have rows for the shares of the reward.
     """
 
-    def __init__(self, ground: Ground, case: Case, num_envs: int, shares: bool) -> None:
-        self.case, self._ground, self._tiles = case, ground, -(-num_envs // TILE)
+    def __init__(self, ground: Ground, num_envs: int, shares: bool) -> None:
+        self._ground, self._tiles = ground, -(-num_envs // TILE)
         self._mask = np.zeros(self._tiles * TILE, np.bool_)
         self._shares, self._num_envs = shares, num_envs
         self._blocks = [(ctypes.c_int64 * len(BLOCK))()]

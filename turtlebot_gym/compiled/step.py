@@ -1,7 +1,6 @@
-"""The step of a system as kernels that the compiled loops call: the parts of `turtlebot_gym.heart.step`.
+"""The step of a system in rooms as kernels that the compiled loops call: the parts of `turtlebot_gym.heart.step`.
 
-On open ground a step has no branches and runs for a whole tile of environments at once, up to a new waypoint; in surroundings
-only its first part does.
+Its first part has no branches and runs for a whole tile of environments at once.
 """
 
 from __future__ import annotations
@@ -29,22 +28,12 @@ class Step(NamedTuple):
     scan, without branches: it returns what has changed until then."""
     conclude: Callable[..., tuple[Snapshot, Outcome]]
     """``conclude(world, moved, key, waypoints, p, scene)`` looks and judges: it returns the world a control interval later,
-    except for the next waypoint, and the outcome. On open ground it has no branches. ``waypoints`` is their number."""
+    except for the next waypoint, and the outcome. ``waypoints`` is their number."""
     retarget: Callable[..., tuple[Snapshot, Outcome]]
     """``retarget(world, outcome, key, waypoints, p, scene)`` sets the next waypoint, for the few environments that reached one;
     ``waypoints`` are poses, or an array (M, 3)."""
     start_outcome: Callable[..., Outcome]
     """``start_outcome(world)`` returns the outcome that represents the start of an episode."""
-
-
-@kernel
-def _no_look(world: Snapshot, key: int, p: Any, scene: tuple[()]) -> tuple[()]:
-    return ()
-
-
-@kernel
-def _judgement_unchanged(world: Snapshot, judgement: Judgement, p: Any) -> Judgement:
-    return judgement
 
 
 @kernel
@@ -64,15 +53,13 @@ def _scan_unread(estimate: Any, before: Any, senses: Any, unread: Any, p: Any, r
 
 @cache
 def step_of(system: System) -> Step:
-    """Return the step of a system."""
+    """Return the step of a system in rooms."""
     start, move, judge, first_estimate = system.start, system.move, system.judge, system.first_estimate
     (first_sense, sense), look_around = sensing(system.sensors), looking(system.sensors)
     reward_of, no_shares = rewarding(system.rewards)
     around, scan_estimate = system.surroundings, system.estimate
-    first_look, look, complete = (
-        (around.first_look, around.look, around.complete) if around else (_no_look, _no_look, _judgement_unchanged)
-    )
-    renew = around.renew if around and around.renew else _goal_unchanged
+    assert around is not None
+    first_look, look, complete, renew = around.first_look, around.look, around.complete, around.renew or _goal_unchanged
     estimate_of = _estimate_unchanged if system.reads_scan else system.estimate
 
     @kernel
