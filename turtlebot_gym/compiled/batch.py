@@ -15,7 +15,7 @@ from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.compiled.ground import Case
 from turtlebot_gym.compiled.loop import FLAGS, loops_of
 from turtlebot_gym.compiled.packing import TILE, Packing, aligned, as_tuple, flatten, layout_of, packing
-from turtlebot_gym.compiled.running import CAN_TRACE, GroundTracks, find_ground
+from turtlebot_gym.compiled.running import CAN_TRACE, FEW, GroundTracks, find_ground
 from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop, sizes_of
 from turtlebot_gym.heart import begin_at
 from turtlebot_gym.kernel import HAS_NUMBA
@@ -95,7 +95,7 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without views, local functions and addresses."""
-        kernels = {"system", "layout", "_around", "_loops", "_first", "_world", "_tracks"}
+        kernels = {"system", "layout", "_around", "_loops", "_first", "_world", "_tracks", "_few"}
         places = None if self._world is None else self._world.places
         return {name: value for name, value in self.__dict__.items() if name not in kernels} | {
             "_addresses": {},
@@ -143,6 +143,7 @@ class Batch:
         tiles = table.reshape(len(table) // TILE, TILE, len(varying)).transpose(0, 2, 1)
         self._parameters = aligned(tiles.size)
         self._parameters.reshape(tiles.shape)[:] = tiles
+        self._few = self._tracks.step_few if self._tracks and self.num_envs <= FEW and not self._history else None
         if self._tracks is not None:
             stride = len(varying) * TILE * 8 if len(tiles) > 1 else 0
             self._tracks.bind(self._tiles, self._keys, self._parameters, stride, self.waypoints, self.seeds, self.episodes)
@@ -161,7 +162,7 @@ class Batch:
             return None
         self._lay_out(ground.world, ground.constants)
         self._case = case
-        self._tracks = GroundTracks(ground, self.num_envs, self._shapes[1][0] > FLAGS.stop + 1)
+        self._tracks = GroundTracks(ground, self._shapes, self._shapes[1][0] > FLAGS.stop + 1)
         return [self.layout.parameters.names.index(name) for name in ground.own]
 
     def _lay_out(self, world: Packing, constants: Sequence[tuple[int, float]] = ()) -> None:
@@ -289,9 +290,11 @@ class Batch:
             Observations, shape (N, K), and outcomes, shape (m, N), with a row for each field of `Judgement` after one for the
             reward, and for each term's share if asked for. Both are new arrays.
         """
-        observations, outcomes = self.empty()
         if self.num_envs > 1 and not actions.flags.carray:  # the loop would be compiled anew for each kind of array
             actions = actions.copy()
+        if self._few is not None:
+            return self._few(actions)
+        observations, outcomes = self.empty()
         if not self._parallel or Threads.limit == 1 or Threads.count() == 1:
             self._parts = 1
             if self._tracks is not None:

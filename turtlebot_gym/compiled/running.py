@@ -19,8 +19,11 @@ from turtlebot_gym.systems.system import System
 
 CAN_TRACE = os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0") and find_spec("llvmlite") is not None
 """Whether machine code can be made: llvmlite is there, and nobody has asked for plain Python."""
-_ACTIONS, _OBSERVATIONS, _OUTCOMES, _FLAGGED = map(BLOCK.index, ("actions", "observations", "outcomes", "flagged"))
-_BEGINS = BLOCK.index("begins")
+_ACTIONS, _OBSERVATIONS, _OUTCOMES, _FIRST, _END, _FLAGGED, _BEGINS = map(
+    BLOCK.index, ("actions", "observations", "outcomes", "first", "end", "flagged", "begins")
+)
+FEW = 16
+"""Most environments of `GroundTracks.step_few`."""
 
 
 def _allows(before: dict[str, Any], after: dict[str, Any]) -> bool:
@@ -71,55 +74,60 @@ class GroundTracks:
 
     Args:
         ground: The machine code.
-        num_envs: Number of environments.
+        shapes: Shapes of observations and of outcomes.
         shares: Whether outcomes have rows for the shares of the reward.
     """
 
-    def __init__(self, ground: Ground, num_envs: int, shares: bool) -> None:
-        self._ground, self._tiles = ground, -(-num_envs // TILE)
+    def __init__(self, ground: Ground, shapes: tuple[tuple[int, int], tuple[int, int]], shares: bool) -> None:
+        (num_envs, _), _ = shapes
+        self._ground, self._call, self._tiles = ground, ground.step, -(-num_envs // TILE)
         self._mask = np.zeros(self._tiles * TILE, np.bool_)
         self._shares, self._num_envs = shares, num_envs
-        self._blocks = [(ctypes.c_int64 * len(BLOCK))()]
-        self._actions: Any = None
+        self._observations, self._outcomes = np.empty(shapes[0], np.float32), np.empty(shapes[1])
 
     def bind(self, tiles: Any, keys: Any, parameters: Any, stride: int, waypoints: Any, seeds: Any, episodes: Any) -> None:
         """Use some arrays from now on, see `memory.BLOCK`."""
         self._held = {
             "tiles": tiles, "keys": keys, "parameters": parameters, "waypoints": waypoints, "seeds": seeds,
-            "episodes": episodes, "mask": self._mask,
+            "episodes": episodes, "mask": self._mask, "observations": self._observations, "outcomes": self._outcomes,
         }  # fmt: skip
         values = {name: array.ctypes.data for name, array in self._held.items()}
         values |= {"stride": stride, "end": self._tiles, "environments": self._num_envs, "shares": int(self._shares)}
-        self._blocks = [(ctypes.c_int64 * len(BLOCK))(*(values.get(name, 0) for name in BLOCK))]
-        self._start = ctypes.addressof(self._blocks[0])
-        self._actions = None
+        numbers = [values.get(name, 0) for name in BLOCK]
+        kind = ctypes.c_int64 * len(BLOCK)
+        self._block, self._visit, self._parts = kind(*numbers), kind(*numbers), list[Any]()
+        self._start, self._actions = ctypes.addressof(self._block), None
+
+    def step_few(self, actions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Advance a few environments, whose results are faster to copy than the addresses of new arrays are to find."""
+        if actions is not self._actions:
+            self._actions, self._block[_ACTIONS] = actions, actions.ctypes.data
+        self._call(self._start)
+        return self._observations.copy(), self._outcomes.copy()
 
     def step(self, parts: int, actions: NDArray[np.float32], observations: Any, outcomes: Any) -> None:
         """Advance all environments, in some parts, each on a thread."""
-        block = self._blocks[0]
+        block = self._block
         if actions is not self._actions:
             self._actions, block[_ACTIONS] = actions, actions.ctypes.data
         block[_OBSERVATIONS], block[_OUTCOMES] = _address(observations), _address(outcomes)
         if parts == 1:
-            self._ground.step(self._start)
+            self._call(self._start)
             return
-        first, end = BLOCK.index("first"), BLOCK.index("end")
-        while len(self._blocks) <= parts:
-            self._blocks.append((ctypes.c_int64 * len(BLOCK))())
-        for part, own in enumerate(self._blocks[1 : parts + 1]):
+        while len(self._parts) < parts:
+            self._parts.append((ctypes.c_int64 * len(BLOCK))())
+        for part, own in enumerate(self._parts[:parts]):
             own[:] = block[:]
-            own[first], own[end] = part * self._tiles // parts, (part + 1) * self._tiles // parts
-        Threads.run(self._ground.step, [ctypes.addressof(own) for own in self._blocks[1 : parts + 1]])
+            own[_FIRST], own[_END] = part * self._tiles // parts, (part + 1) * self._tiles // parts
+        Threads.run(self._call, [ctypes.addressof(own) for own in self._parts[:parts]])
 
     def is_flagged(self, parts: int) -> bool:
         """Return whether the last step, in some parts, has set a flag of any environment."""
-        if parts == 1:
-            return self._blocks[0][_FLAGGED] > 0
-        return any(block[_FLAGGED] > 0 for block in self._blocks[1 : parts + 1])
+        return self._block[_FLAGGED] > 0 if parts == 1 else any(own[_FLAGGED] > 0 for own in self._parts[:parts])
 
     def reset(self, mask: NDArray[np.bool_], begins: bool, observations: Any, outcomes: Any) -> None:
         """Begin episodes where a mask is true, or write observations again."""
         self._mask[: self._num_envs] = mask
-        block = self._blocks[0]
+        block = self._visit
         block[_OBSERVATIONS], block[_OUTCOMES], block[_BEGINS] = observations.ctypes.data, outcomes.ctypes.data, int(begins)
-        self._ground.reset(self._start)
+        self._ground.reset(ctypes.addressof(block))
