@@ -132,18 +132,24 @@ class Memory:
         some = put(f"shufflevector <{2 * TILE} x float> %asked, <{2 * TILE} x float> poison, <{TILE} x i32> <{odd}>")
         return put(f"fpext {_R} {some} to {_F}")
 
+    def spread(self, number: str) -> str:
+        """Return an integer in all lanes."""
+        first = self.writer.put(f"insertelement {_I} poison, i64 {number}, i32 0")
+        return self.writer.put(f"shufflevector {_I} {first}, {_I} poison, <{TILE} x i32> zeroinitializer")
+
+    def least(self, a: str, b: str) -> str:
+        """Return the smaller one of two whole numbers without a sign."""
+        is_less = self.writer.put(f"icmp ult {_I} {a}, {b}")
+        return self.writer.put(f"select {_B} {is_less}, {_I} {a}, {_I} {b}")
+
     def places_of_waypoints(self, index: str, column: int) -> list[str]:
-        """Return the addresses of a column of waypoints, an environment's index among them each."""
-        put, most = self.writer.put, self.writer.constant(self.waypoints - 1, "i")
-        is_in = put(f"icmp ult {_I} {index}, {most}")  # environments that fill up the last tile may have any index
-        index = put(f"select {_B} {is_in}, {_I} {index}, {_I} {most}")
-        last = put("sub i64 %environments, 1")
-        first = put(f"insertelement {_I} poison, i64 {last}, i32 0")
-        rows = put(f"shufflevector {_I} {first}, {_I} poison, <{TILE} x i32> zeroinitializer")
-        is_there = put(f"icmp slt {_I} %rows, {rows}")
-        rows = put(f"select {_B} {is_there}, {_I} %rows, {_I} {rows}")
-        row = put(f"add {_I} {put(f'mul {_I} {rows}, {self.writer.constant(self.waypoints, chr(105))}')}, {index}")
-        offsets = put(f"mul {_I} {row}, {self.writer.constant(24, chr(105))}")
+        """Return the addresses of a column of waypoints, whose index each environment has for itself."""
+        put, number = self.writer.put, self.writer.constant
+        # Environments that fill up the last tile have no row of their own, and may have any index.
+        rows = self.least("%rows", self.spread(put("sub i64 %environments, 1")))
+        index = self.least(index, number(self.waypoints - 1, "i"))
+        row = put(f"mul {_I} {rows}, {number(self.waypoints, 'i')}")
+        offsets = put(f"mul {_I} {put(f'add {_I} {row}, {index}')}, {number(24, 'i')}")
         each = [put(f"extractelement {_I} {offsets}, i32 {lane}") for lane in range(TILE)]
         start = put(f"add i64 %waypoints, {8 * column}")
         return [put(f"add i64 {start}, {offset}") for offset in each]
@@ -154,19 +160,15 @@ class Memory:
             result = self.writer.put(f"insertelement {_F} {result}, double {self.load('double', address)}, i32 {lane}")
         return result
 
-    def wide(self, value: Any) -> str:
-        """Return the name of a number, truths as 0 or 1."""
-        return self.writer.value(value)
-
     def show(self, name: str, value: Any) -> None:
         """Write a number of an observation to the scratch."""
-        small = self.writer.put(f"fptrunc {_F} {self.wide(value)} to {_R}")
+        small = self.writer.put(f"fptrunc {_F} {self.writer.value(value)} to {_R}")
         self.store(_R, small, "%scratch", self.shown[name] * TILE * 4, 4)
 
     def tell(self, name: str, value: Any) -> None:
         """Write a number of an outcome to its row."""
         address = self.writer.put(f"add i64 %told, {self.writer.put(f'mul i64 %environments, {8 * self.rows[name]}')}")
-        self.masked("store", _F, address, 0, self.lanes, self.wide(value))
+        self.masked("store", _F, address, 0, self.lanes, self.writer.value(value))
 
     def copy_shown(self) -> None:
         """Copy the observations from the scratch to the rows of environments."""
@@ -223,10 +225,8 @@ class Memory:
             writer.do(f"%{name} = add i64 %{array}, {put(f'mul i64 %number, {step}')}")
         writer.do(f"%ahead = add i64 %parameters, {put('mul i64 %number, %stride')}")
         writer.do("%left = sub i64 %environments, %origin")
-        for name, number in (("rows", "%origin"), ("counts", "%left")):
-            first = put(f"insertelement {_I} poison, i64 {number}, i32 0")
-            spread = put(f"shufflevector {_I} {first}, {_I} poison, <{TILE} x i32> zeroinitializer")
-            writer.do(f"%{name} = add {_I} {spread}, {'<' + _ALL + '>' if name == 'rows' else 'zeroinitializer'}")
+        writer.do(f"%rows = add {_I} {self.spread('%origin')}, <{_ALL}>")
+        writer.do(f"%counts = add {_I} {self.spread('%left')}, zeroinitializer")
         writer.do(f"%lanes = icmp slt {_I} <{_ALL}>, %counts")
         flag = body()
         writer.do(f"%more = add i64 %flags, {flag}")
