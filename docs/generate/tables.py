@@ -288,6 +288,21 @@ TABLES = {
         {"part": "{part}", "figure": "{name}", "measured": "{value:.3g} {unit}", "limit": "{limit:g}"},
     ),
     "speed": lambda: table(named(read("speed")["environments"]), SPEED),
+    "training": lambda: table(
+        named(read("training")["recipes"]),
+        {
+            "training": "{name}",
+            "steps": "{steps:,}",
+            "imports": "{imports:.1f}",
+            "compiled loops": "{compile:.1f}",
+            "learning": "{learning:.1f}",
+            "evaluations, files": "{rest:.1f}",
+            "CPU s": "{total:.1f}",
+            "times the limit": "{ratio:.1f}",
+            "least success, %": "{success:.1%}",
+            "time over the baseline's": "{time:.3f}",
+        },
+    ),
     "busy": lambda: table(named(read("speed")["busy"]["environments"]), SPEED),
 }
 
