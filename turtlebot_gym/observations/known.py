@@ -216,6 +216,11 @@ def _scan(scene):
 
 
 @kernel
+def _tracks(scene):
+    return scene.tracker.seen
+
+
+@kernel
 def _scan_age(world, p):
     return min(world.room.scan_age, MAX_AGE)
 
@@ -235,6 +240,13 @@ SCAN = ObservationTerm("scan", _scan, (0.0,) * SECTORS, (1.0,) * SECTORS, in_sce
 """Shortest range of the newest scan in each sector, from ahead to the left, as a share of 3.5 m."""
 SCAN_AGE = ObservationTerm("scan_age", _scan_age, 0.0, MAX_AGE, "s")
 """Age of that scan, by its stamp."""
+NEAREST = 5
+"""Number of tracks that a policy observes."""
+TRACK_BOUNDS = ((-12.0, -12.0, -3.0, -3.0, 0.0, 0.0, 0.0), (12.0, 12.0, 3.0, 3.0, 5.0, 3.0, 1.0))
+"""Bounds of a track's numbers: position relative to the robot and velocity over ground, both in the robot's frame, m and m/s;
+their standard deviations (root of the trace); and 1, or 0 where there is no track."""
+TRACKS = ObservationTerm("tracks", _tracks, TRACK_BOUNDS[0] * NEAREST, TRACK_BOUNDS[1] * NEAREST, in_scene=True)
+"""The nearest tracks of what moves, nearest first, see `TRACK_BOUNDS` and `turtlebot_gym.tracking`."""
 
 OPEN_GROUND = GOAL, TWIST, UNCERTAINTY, NEXT_GOAL
 """What a policy sees on open ground, 13 numbers: an `Observation`."""
@@ -242,5 +254,5 @@ ROOM = *OPEN_GROUND, SCAN, SCAN_AGE
 """What a policy sees in a room, 50 numbers."""
 LOCATED_ROOM = *OPEN_GROUND, EVIDENCE, SCAN, SCAN_AGE
 """What a policy sees in a room in which the robot localizes itself, with ``observation="located"``: 54 numbers."""
-TERMS = {term.name: term for term in LOCATED_ROOM}
+TERMS = {term.name: term for term in (*LOCATED_ROOM, TRACKS)}
 """The package's own terms by name."""

@@ -16,7 +16,7 @@ from turtlebot_gym.estimation.fixes import late_by, with_fixes_of_age
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
-from turtlebot_gym.observations import LOCATED_ROOM, ROOM, Observed, read_terms
+from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS, Observed, read_terms
 from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
@@ -36,6 +36,7 @@ from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
 from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import RoomParts, System
+from turtlebot_gym.systems.tracking import tracking
 from turtlebot_gym.systems.world import Judgement, RoomState
 from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose
@@ -190,7 +191,14 @@ def find_system(system: System | str | Callable[[Parameters], System] | WithTerm
         return system_of(parameters)
     if isinstance(system, WithTerms):
         found = find_system(system.system, parameters).with_rewards(*system.rewards)
-        return found.with_observation(*read_terms(system.observation, found.terms)) if system.observation else found
+        if not system.observation:
+            return found
+        seen = found.with_observation(*read_terms(system.observation, found.terms))
+        if not any(term.name == TRACKS.name for term in seen.terms):
+            return seen
+        if not parameters.noise.odometry.wheel:
+            raise ValueError("observation 'tracks' needs wheel odometry: choose such a noise, such as noise='wheel'.")
+        return tracking(seen)
     loaded: Any = load_object(system) if isinstance(system, str) else system
     if callable(loaded):
         try:

@@ -18,6 +18,7 @@ from turtlebot_gym.observations import (
     SCAN,
     SCAN_AGE,
     TERMS,
+    TRACKS,
     History,
     evidence_of,
     goal_from,
@@ -103,8 +104,8 @@ class BeliefDriver:
         """Whether it needs scans, and a localizer's evidence."""
         if SCAN_AGE.name in names and not self.sees:
             raise ValueError("a policy that reads 'scan_age' must read 'scan', too.")
-        self.own_terms = tuple(term for term in self.terms if term.name not in TERMS)
-        """The terms that the package does not compute: `act` needs their numbers."""
+        self.own_terms = tuple(term for term in self.terms if term.name not in TERMS or term.name == TRACKS.name)
+        """The terms that are not computed here, such as those of a tracker: `act` needs their numbers."""
         if NON_NEGATIVE.check("safety_margin", safety_margin) and self.sees:
             behind = max(safety_margin, SafetyLayer.margin_behind)
             margins: dict[str, Any] = {"margin": safety_margin, "margin_behind": behind, "least_margin": _LEAST_MARGIN}

@@ -14,7 +14,7 @@ from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.mounts import SAME_WAY
-from turtlebot_gym.observations import ObservationTerm, own_term
+from turtlebot_gym.observations import TERMS, ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import NAV, believed_to_arrive
@@ -54,6 +54,8 @@ def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> In
     Raises:
         ValueError: If no topic brings it, or it has other numbers than the policy was made for.
     """
+    if term.name in TERMS:
+        raise ValueError(f"the policy reads {term.name!r}, which no node publishes: use turtlebot_gym_agents.Deployment.")
     here = term if term.convert else named.get(term.name)
     if here is None:
         made_with = f", such as {term.source}" if term.source else ""

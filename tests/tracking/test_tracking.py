@@ -1,0 +1,136 @@
+"""The tracker: what moves becomes a track with its velocity, what stands does not, however the robot drives."""
+
+import math
+
+import numpy as np
+import pytest
+
+from turtlebot_gym import Episode
+from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.observations import NEAREST, TRACKS
+from turtlebot_gym.systems import Options
+from turtlebot_gym.tracking.sweep import Sweep, bearing
+from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan, poses_for
+from turtlebot_gym.tracking.tracks import MOVES, STATE
+from turtlebot_gym.values import Command, Pose
+
+BEAMS, REVOLUTION, DT = 360, 0.2, 0.05
+SWEEP = Sweep(BEAMS, 0.0, math.tau / BEAMS, 0.0, REVOLUTION / BEAMS, -0.03, 0.0, 8.0, 0.005, 0.0175, 0.03)
+HALL = 3.0
+"""Half the side of a square hall, m."""
+
+
+def ranges_at(poses, circles_at, times, rng):
+    """Return the range of each beam, measured at its own pose and time among round things."""
+    x, y, theta = poses.T
+    at_x, at_y = x + SWEEP.x * np.cos(theta), y + SWEEP.x * np.sin(theta)
+    angles = theta + SWEEP.first + SWEEP.step * np.arange(BEAMS) + 1e-9
+    dx, dy = np.cos(angles), np.sin(angles)
+    lengths = np.minimum((HALL - np.sign(dx) * at_x) / abs(dx), (HALL - np.sign(dy) * at_y) / abs(dy))
+    for beam, time in enumerate(times):
+        for cx, cy, radius in circles_at(time):
+            along = (cx - at_x[beam]) * dx[beam] + (cy - at_y[beam]) * dy[beam]
+            across = (cx - at_x[beam]) * dy[beam] - (cy - at_y[beam]) * dx[beam]
+            if along > 0.0 and abs(across) < radius:
+                lengths[beam] = min(lengths[beam], along - math.sqrt(radius**2 - across**2))
+    return lengths + rng.normal(size=BEAMS) * np.maximum(SWEEP.deviation, SWEEP.deviation_share * lengths)
+
+
+def drive(circles_at, seconds, *, v=0.0, omega=0.0, seed=0):
+    """Yield the time, the tracker and the robot's pose after each scan of a drive with constant speeds."""
+    memory, rng = memory_at(make_memory(1, beams=BEAMS, poses=poses_for(REVOLUTION, DT)), 0), np.random.default_rng(seed)
+
+    def poses(times):
+        turn = omega * times
+        if omega == 0.0:
+            return np.stack((v * times, 0.0 * times, turn), 1)
+        return np.stack((v / omega * np.sin(turn), v / omega * (1.0 - np.cos(turn)), turn), 1)
+
+    def pose(time):
+        return Pose(*poses(np.array([time]))[0].tolist())
+
+    begin(memory, 0.0, pose(0.0))
+    for step in range(1, round(seconds / DT) + 1):
+        time = step * DT
+        on_odometry(memory, time, pose(time))
+        if step % round(REVOLUTION / DT) == 0:
+            times = time - SWEEP.interval * np.arange(BEAMS - 1, -1, -1)
+            on_scan(memory, ranges_at(poses(times), circles_at, times, rng), SWEEP._replace(last=time))
+            look(memory, time, pose(time), Command(v, omega), SWEEP.scale)
+            yield time, memory, pose(time)
+
+
+def rows_of(memory):
+    """Return the tracks that a policy sees, shape (n, 7)."""
+    rows = memory.seen.reshape(NEAREST, 7)
+    return rows[rows[:, -1] > 0.0]
+
+
+@pytest.mark.parametrize(("v", "omega"), [(0.0, 0.0), (0.2, 0.8)])
+@pytest.mark.parametrize("legs", [False, True])
+def test_who_walks_is_one_track_with_its_velocity(v, omega, legs):
+    velocity, errors, off = np.array([-0.2, 0.9]), [], []
+
+    def person(time):
+        x, y = 1.6 + velocity[0] * time, -2.2 + velocity[1] * time
+        if not legs:
+            return [(x, y, 0.25)]
+        swing = 0.15 * math.sin(math.tau * time)  # along the way; the legs are beside each other
+        return [(x - 0.12, y + swing, 0.06), (x + 0.12, y - swing, 0.06)]
+
+    for time, memory, pose in drive(person, 4.0, v=v, omega=omega):
+        if time > 1.5:
+            rows = rows_of(memory)
+            assert len(rows) == 1
+            cosine, sine = math.cos(pose.theta), math.sin(pose.theta)
+            error = np.array([cosine * rows[0, 2] - sine * rows[0, 3], sine * rows[0, 2] + cosine * rows[0, 3]]) - velocity
+            errors.append(np.hypot(*error))
+            expected = np.array([1.6, -2.2]) + velocity * time - pose[:2]
+            there = [cosine * rows[0, 0] - sine * rows[0, 1], sine * rows[0, 0] + cosine * rows[0, 1]]
+            off.append(np.hypot(*(there - expected)))
+    assert math.sqrt(np.mean(np.square(off))) < (0.2 if legs else 0.12)
+    assert math.sqrt(np.mean(np.square(errors))) < (0.45 if legs else 0.15)
+
+
+@pytest.mark.parametrize(("v", "omega"), [(0.2, 0.0), (0.1, 1.5), (0.2, -0.7)])
+def test_what_stands_is_no_track(v, omega):
+    pillars = [(1.5, 0.8, 0.15), (-1.2, 1.0, 0.1), (0.4, -1.4, 0.25), (2.4, -2.0, 0.08), (-2.0, -1.5, 0.2)]
+    for _, memory, _ in drive(lambda time: pillars, 8.0, v=v, omega=omega):
+        assert not rows_of(memory).size
+
+
+def test_who_stops_is_forgotten_and_who_was_hidden_is_not_there():
+    seen = [len(rows_of(memory)) for _, memory, _ in drive(lambda time: [(2.0 - 0.8 * min(time, 2.0), 1.0, 0.25)], 13.0)]
+    assert seen[8] == 1
+    assert seen[20] == 1
+    assert seen[-1] == 0
+
+
+def test_bearing_is_the_direction_of_a_vector():
+    angles = np.linspace(-math.pi + 1e-9, math.pi, 1001)
+    assert max(abs(bearing(math.cos(a), math.sin(a)) - a) for a in angles) < 2e-5
+    assert bearing(0.0, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("lidar", ["lds01", "a1"])
+def test_it_is_the_same_compiled_and_in_plain_python(lidar, in_step):
+    options = Options(world="people", lidar=lidar, noise="wheel", observation="ekf,tracks")
+    p, waypoints, plan, system = options.setup()
+    batch = Batch(35, p, waypoints, system=system, plan=plan)
+    plain = {i: Episode(p, waypoints, seed=i, system=system, plan=plan) for i in (0, 33)}
+    for _ in in_step(batch, plain, [0.0, -0.5], [1.0, 0.5], 50):
+        pass
+    for i, episode in plain.items():
+        assert (episode.scene.tracker.tracks[:, STATE] == MOVES).any()
+        for part, other in zip(batch.system.surroundings.at(batch.scenes, i).tracker, episode.scene.tracker, strict=True):
+            np.testing.assert_array_equal(part, other)
+
+
+def test_tracks_need_wheel_odometry():
+    with pytest.raises(ValueError, match="observation 'tracks' needs wheel odometry"):
+        Options(world="people", observation=("ekf", TRACKS.name)).setup()
+
+
+def test_tracks_need_a_room():
+    with pytest.raises(ValueError, match="observation 'tracks' needs a room"):
+        Options(noise="wheel", observation="ekf,tracks").setup()

@@ -1,0 +1,153 @@
+"""Bodies in a scan: runs of beams as wide as a person or a leg, each with its place, time and variance.
+
+A person is seen as one round body, or as two legs. Neighbouring beams belong to one run unless their ranges differ by more than
+noise; what stands before something hides a part of it, so that side of a run says nothing about where it ends.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.tracking.sweep import Sweep, bin_of, deviation_at, end_of, time_of, was_free
+
+MOST_BODIES, COLUMNS = 64, 10
+"""Most bodies of a scan."""
+X, Y, UX, UY, AT, VARIANCE, RADIUS, WHOLE, MOVED, TAKEN = range(COLUMNS)
+"""Columns of bodies: position in the odometry's frame, m; unit vector towards it; time, s; variance of each coordinate, m^2;
+radius, m; 1 if no side is hidden; 1 if the place was free before; and 1 if used."""
+GAP = 2
+"""Most beams without a return inside of a run."""
+JUMP, LEAST_JUMP = 4.0, 0.15
+"""Difference of neighbouring ranges that ends a run, in standard deviations of a range and at least, m."""
+LEAST_BEAMS = 3
+"""Fewest beams of a body."""
+LEAST_RADIUS, MOST_RADIUS, USUAL_RADIUS = 0.02, 0.45, 0.25
+"""Radii of what may be a leg or a person, and that of a person of whom a part is hidden, m."""
+DEPTH = 0.785
+"""Mean distance of a round body's visible points from its nearest one, in radii, subtracted from 1: pi / 4."""
+SHAPE = 0.01
+"""Standard deviation of a body's place since bodies are not round, m ..."""
+HIDDEN = 0.05
+"""... since a part is hidden ..."""
+NARROW = 0.12
+"""... since all but a narrow part is ..."""
+LEGS = 0.06
+"""... and since legs swing."""
+LEG_RADIUS, STRIDE = 0.13, 0.6
+"""Greatest radius of a leg, and distance between two legs of a person, m."""
+
+
+@kernel
+def _add_body(
+    bodies: Any, count: int, first: int, last: int, n: int, total: float, hidden: int, sweep: Sweep, trail: Any
+) -> int:
+    """Add the body of a run, if a person or a leg may be as wide; return the number of bodies.
+
+    Args:
+        bodies: Shape (`MOST_BODIES`, `COLUMNS`).
+        count: Their number.
+        first: First beam of the run ...
+        last: ... and the last.
+        n: Number of those with a return.
+        total: Sum of their ranges, m.
+        hidden: 0; 1 if the first beam's side is hidden, 2 if the last one's, 3 if both.
+        sweep: How beams were measured.
+        trail: The odometry.
+    """
+    if n < LEAST_BEAMS or hidden == 3 or count >= len(bodies):
+        return count
+    mean = total / n
+    half = 0.5 * abs(sweep.step) * (last - first + 1)
+    radius = mean * half / max(1.0 - DEPTH * half, 0.3)
+    if not LEAST_RADIUS <= radius <= MOST_RADIUS:
+        return count
+    middle, noise = 0.5 * (first + last), deviation_at(mean, sweep)
+    variance = noise * noise / n + mean * mean * sweep.step * sweep.step / 12.0 + SHAPE * SHAPE
+    narrow = hidden != 0 and radius < LEG_RADIUS  # a leg, or little of a person
+    if hidden != 0 and not narrow:
+        radius = max(radius, USUAL_RADIUS)
+        beams = radius / (mean + radius) / abs(sweep.step)
+        middle = first - 0.5 + beams if hidden == 2 else last + 0.5 - beams
+    whole = hidden == 0 and mean + radius < sweep.range_max
+    body = bodies[count]
+    body[X], body[Y], body[UX], body[UY] = end_of(middle, mean + DEPTH * radius, sweep, trail)
+    unsure = 0.0 if whole else (NARROW if narrow else HIDDEN)
+    body[AT], body[VARIANCE] = time_of(middle, sweep), variance + unsure * unsure
+    body[RADIUS], body[WHOLE], body[MOVED], body[TAKEN] = radius, 1.0 if whole else 0.0, 0.0, 0.0
+    return count + 1
+
+
+@kernel
+def _join_legs(bodies: Any, count: int) -> None:
+    """Make one body of two legs beside each other: the first becomes their middle, the other is taken."""
+    for a in range(count):
+        for b in range(a + 1, count):
+            one, other = bodies[a], bodies[b]
+            small = one[RADIUS] < LEG_RADIUS and other[RADIUS] < LEG_RADIUS and one[TAKEN] + other[TAKEN] == 0.0
+            dx, dy = other[X] - one[X], other[Y] - one[Y]
+            apart = sqrt(dx * dx + dy * dy)
+            if small and apart < STRIDE and abs(other[AT] - one[AT]) < 0.1:
+                one[X], one[Y], one[AT] = one[X] + 0.5 * dx, one[Y] + 0.5 * dy, 0.5 * (one[AT] + other[AT])
+                one[VARIANCE] = 0.25 * (one[VARIANCE] + other[VARIANCE]) + LEGS * LEGS
+                one[RADIUS], one[WHOLE] = 0.5 * apart + one[RADIUS], min(one[WHOLE], other[WHOLE])
+                one[MOVED], other[TAKEN] = max(one[MOVED], other[MOVED]), 1.0
+
+
+@kernel
+def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, bodies: Any) -> int:
+    """Write the bodies that a scan shows, and return their number.
+
+    A LiDAR that turns measures the last beam of a revolution just before the first of the next, so a run that has begun there
+    is continued.
+
+    Args:
+        ranges: Shape (B,), m; infinite without a return, NaN where a beam is missing.
+        tail: Shape (W,): last ranges of the revolution before, W at most B; replaced by those of this one. NaN for none.
+        returns: Shape (`BINS`,), see `sweep.was_free`; completed.
+        sweep: How beams were measured.
+        trail: The odometry, back to the first beam of the tail.
+        bodies: Output, shape (`MOST_BODIES`, `COLUMNS`).
+    """
+    number, width = sweep.number, min(len(tail), sweep.number)
+    full = abs(sweep.step) * (number + 1) >= TWO_PI
+    if sweep.interval == 0.0:
+        for k in range(width):
+            tail[k] = float(ranges[number - width + k])
+    count, n, first, last, hidden, total, before = 0, 0, 0, -width - 1, 1, 0.0, math.inf
+    blind = True  # since the last return there was a beam that may be blind
+    for beam in range(-width if full else 0, number):
+        length = float(ranges[beam]) if beam >= 0 else float(tail[width + beam])
+        if not 0.0 < length <= sweep.range_max:
+            blind = blind or length != math.inf or returns[bin_of(beam, number)] == 0.0
+            continue
+        if beam >= 0:
+            returns[bin_of(beam, number)] = 1.0
+        noise = deviation_at(min(length, before), sweep)
+        near = beam - last <= GAP + 1
+        if n > 0 and near and abs(length - before) <= max(LEAST_JUMP, JUMP * noise):
+            n, last, total, before, blind = n + 1, beam, total + length, length, False
+            continue
+        if n > 0 and last >= -1:
+            behind = 2 if (near and length < before) or (blind and not near) else 0
+            count = _add_body(bodies, count, first, last, n, total, hidden | behind, sweep, trail)
+        hidden = 1 if (near and length > before) or (blind and not near) else 0
+        n, first, last, total, before, blind = 1, beam, beam, length, length, False
+    if n > 0 and not (full and last >= number - 1 - GAP):
+        behind = 2 if blind or not full else 0
+        count = _add_body(bodies, count, first, last, n, total, hidden | behind, sweep, trail)
+    for k in range(width):
+        tail[k] = float(ranges[number - width + k])
+    return count
+
+
+@kernel
+def mark_moved(bodies: Any, count: int, past: Any, returns: Any, sweep: Sweep, trail: Any, turned: float) -> None:
+    """Mark the bodies at places that were free before, and make one body of two legs."""
+    for k in range(count):
+        body = bodies[k]
+        x, y = body[X] - DEPTH * body[RADIUS] * body[UX], body[Y] - DEPTH * body[RADIUS] * body[UY]  # what was measured
+        body[MOVED] = 1.0 if was_free(past, returns, x, y, body[AT], sweep, trail, turned) else 0.0
+    _join_legs(bodies, count)

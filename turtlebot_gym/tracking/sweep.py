@@ -1,0 +1,178 @@
+"""Scans and the odometry beneath them: where the LiDAR was when it measured a beam, and which space beams have passed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import PI, TWO_PI, sincos, wrap
+from turtlebot_gym.values import Pose
+
+BINS = 360
+"""Directions in which a LiDAR is known to return something or not."""
+PAST, EVERY = 6, 0.4
+"""Number of scans that are remembered, and least time between two of them, s."""
+NUMBER, LAST, INTERVAL, TURNED, FIRST, STEP, HEAD = range(7)
+"""Head of a remembered scan: number of beams; time of the last one, and between two, s; turn of the odometry until then, rad;
+direction of the first beam in the robot's frame, and from each to the next, rad. `HEAD` is its length."""
+TURN_SHARE = 0.04
+"""Standard deviation of the odometry's heading, as a share of its turns."""
+LEAST_MARGIN, MARGIN = 0.15, 4.0
+"""How much farther than a point a beam must have been measured to have passed it: at least, m, and in standard deviations."""
+
+
+class Sweep(NamedTuple):
+    """How the beams of a scan were measured."""
+
+    number: int
+    """Number of beams."""
+    first: float
+    """Direction of the first beam in the robot's frame, rad."""
+    step: float
+    """Angle from each beam to the next, rad; negative if clockwise."""
+    last: float
+    """Time of the last beam, s."""
+    interval: float
+    """Time between two beams, s; 0 if all were measured at once."""
+    x: float
+    """Position of the LiDAR in the robot's frame, m."""
+    y: float
+    range_max: float
+    """Greatest range that is a measurement, m."""
+    deviation: float
+    """Standard deviation of a range, m ..."""
+    deviation_share: float
+    """... or as a share of the range, if that is more."""
+    scale: float
+    """Standard deviation of the share by which all ranges may be too long."""
+    tick: float = 0.0
+    """Interval in which what is seen moves at once, as in a simulation, s; 0 on a robot."""
+
+
+@kernel
+def deviation_at(length: float, sweep: Sweep) -> float:
+    """Return the standard deviation of a range, m."""
+    return max(sweep.deviation, sweep.deviation_share * length)
+
+
+@kernel
+def bearing(x: float, y: float) -> float:
+    """Return the direction of a vector, rad, to 2e-5; the same bits everywhere, unlike the function of the C library.
+
+    References:
+        Abramowitz, Stegun, *Handbook of Mathematical Functions* (1964), 4.4.49.
+    """
+    low, high = min(abs(x), abs(y)), max(abs(x), abs(y))
+    z = low / (high if high > 0.0 else 1.0)
+    s = z * z
+    angle = z * (0.9998660 + s * (-0.3302995 + s * (0.1801410 + s * (-0.0851330 + s * 0.0208351))))
+    angle = 0.5 * PI - angle if abs(y) > abs(x) else angle
+    angle = PI - angle if x < 0.0 else angle
+    return -angle if y < 0.0 else angle
+
+
+@kernel
+def pose_at(trail: Any, time: float) -> Pose:
+    """Return the odometry's pose at a time; before and after the trail, see `localization.points.remember`, its ends."""
+    k = len(trail) - 2
+    while k > 0 and trail[k, 0] < time:
+        k -= 1
+    passed = trail[k, 0] - trail[k + 1, 0]
+    share = min(max((time - trail[k + 1, 0]) / passed, 0.0), 1.0) if passed > 0.0 else 1.0
+    x = trail[k + 1, 1] + share * (trail[k, 1] - trail[k + 1, 1])
+    y = trail[k + 1, 2] + share * (trail[k, 2] - trail[k + 1, 2])
+    return Pose(x, y, trail[k + 1, 3] + share * wrap(trail[k, 3] - trail[k + 1, 3]))
+
+
+@kernel
+def time_of(beam: float, sweep: Sweep) -> float:
+    """Return the time at which a beam was measured, s; beams below 0 are those of the revolution before."""
+    time = sweep.last - sweep.interval * (sweep.number - 1 - beam)
+    return time if sweep.tick == 0.0 else math.ceil(time / sweep.tick - 1e-9) * sweep.tick
+
+
+@kernel
+def end_of(beam: float, length: float, sweep: Sweep, trail: Any) -> tuple[float, float, float, float]:
+    """Return where a beam of some length ends in the odometry's frame, m, and its direction there, a unit vector."""
+    at = pose_at(trail, sweep.last - sweep.interval * (sweep.number - 1 - beam))
+    sine, cosine = sincos(at.theta)
+    aside, along = sincos(at.theta + sweep.first + sweep.step * beam)
+    x, y = at.x + sweep.x * cosine - sweep.y * sine, at.y + sweep.x * sine + sweep.y * cosine
+    return x + length * along, y + length * aside, along, aside
+
+
+@kernel
+def bin_of(beam: int, number: int) -> int:
+    """Return the direction of a beam in the array of those that return something."""
+    return (beam % number) * BINS // number
+
+
+@kernel
+def keep_scan(past: Any, slot: int, ranges: Any, sweep: Sweep, trail: Any, turned: float) -> None:
+    """Remember a scan, and the odometry beneath it.
+
+    Args:
+        past: Shape (`PAST`, `HEAD` + 4 T + B).
+        slot: Row to which it is written.
+        ranges: Shape (B,), m.
+        sweep: How they were measured.
+        trail: The odometry, shape (T, 4).
+        turned: Sum of its turns, rad.
+    """
+    row = past[slot]
+    row[NUMBER], row[LAST], row[INTERVAL] = sweep.number, sweep.last, sweep.interval
+    row[TURNED], row[FIRST], row[STEP] = turned, sweep.first, sweep.step
+    for k in range(len(trail)):
+        for column in range(4):
+            row[HEAD + 4 * k + column] = trail[k, column]
+    first = HEAD + 4 * len(trail)
+    for beam in range(sweep.number):
+        row[first + beam] = float(ranges[beam])
+
+
+@kernel
+def _passed(row: Any, returns: Any, x: float, y: float, sweep: Sweep, trail: Any, turned: float) -> bool:
+    """Return whether beams of a remembered scan have passed a point in the odometry's frame, and so have those beside."""
+    number, first = int(row[NUMBER]), HEAD + 4 * len(trail)
+    then = row[HEAD:first].reshape(len(trail), 4)
+    beam, before, length = 0.5 * number, 0.0, 0.0
+    for _ in range(3):
+        at = pose_at(then, row[LAST] - row[INTERVAL] * (number - 1 - beam))
+        sine, cosine = sincos(at.theta)
+        dx, dy = x - at.x - sweep.x * cosine + sweep.y * sine, y - at.y - sweep.x * sine - sweep.y * cosine
+        length = sqrt(dx * dx + dy * dy)
+        around = (bearing(dx, dy) - at.theta - row[FIRST]) / row[STEP]
+        turn = TWO_PI / abs(row[STEP])
+        before, beam = beam, around - turn * math.floor((around + 0.5) / turn)
+    middle, beside = int(beam + 0.5), 1 + int(2.0 * TURN_SHARE * (turned - row[TURNED]) / abs(row[STEP]))
+    far = length + max(LEAST_MARGIN, MARGIN * deviation_at(length, sweep))
+    passed = abs(beam - before) < 1.0  # a robot that turns may leave a gap between the ends of a revolution
+    for near in range(middle - beside, middle + beside + 1):
+        inside = 0 <= near < number
+        beam_length = row[first + near] if inside else 0.0
+        empty = beam_length == math.inf and far <= sweep.range_max and returns[bin_of(near, number)] > 0.0
+        passed = passed and inside and (empty or far <= beam_length < math.inf)
+    return passed
+
+
+@kernel
+def was_free(past: Any, returns: Any, x: float, y: float, now: float, sweep: Sweep, trail: Any, turned: float) -> bool:
+    """Return whether a point was free in a remembered scan: what is there now has moved.
+
+    Args:
+        past: Remembered scans, see `keep_scan`.
+        returns: Shape (`BINS`,): 1 where a beam has returned something at least once; elsewhere the LiDAR may be blind.
+        x: Position in the odometry's frame, m.
+        y: The same.
+        now: Time, s.
+        sweep: How scans are measured.
+        trail: The odometry.
+        turned: Sum of its turns, rad.
+    """
+    free = False
+    for slot in range(len(past)):
+        row = past[slot]
+        if not free and row[NUMBER] > 0.0 and now - row[LAST] >= 0.5 * EVERY:
+            free = _passed(row, returns, x, y, sweep, trail, turned)
+    return free
