@@ -34,7 +34,7 @@ CLONING_SEED = 2**43
 """Seed of the environments in which a policy is cloned, separate from others."""
 STEPS, ROUNDS, PASSES, BATCH, RATE = 100, 4, 3, 2048, 2e-3
 """Most steps of a round; rounds; passes over the data after each; rows of an update, and its learning rate."""
-ROWS = 25_000
+ROWS = 25_600
 """Most steps of all environments together in a round."""
 DEVIATION = 0.3
 """Standard deviation of the clone's actions, with which it explores in rounds and at first in the training."""

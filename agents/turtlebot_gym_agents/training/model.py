@@ -36,7 +36,7 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
-MEASURED = 60_000
+MEASURED = 76_800
 """Most steps of all environments together from which the observations' normalization is measured."""
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
