@@ -197,22 +197,26 @@ def with_fixes_of_age(filter: Filter, late: int) -> Filter:
     """Return a filter that also takes fixes, from the sensor "fix", which all come ``late`` steps late.
 
     Each such fix belongs to the oldest estimate, from which the stored steps are repeated; one in time needs no stored step.
-    The results are those of `with_fixes` to the bit.
+    The results are those of `with_fixes` to the bit. The filter leaves out fixes of another age: `with_fixes` takes all.
     """
     fix_in, step, (start, remember, advance) = filter.fix, filter.step, _remembering(filter, max(late, 1))
     replay = _replay(advance, late)
 
     @kernel
+    def is_expected(age, dt):
+        return abs(age - late * dt) <= 0.5 * dt + 1e-9
+
+    @kernel
     def step_in_time(estimate, before, senses, tuning, dt, integrator):
         now, moved = senses.fix, step(estimate, before, senses, tuning, dt, integrator)
-        if now.arrived:
+        if now.arrived and is_expected(now.age, dt):
             moved = fix_in(moved, now.pose, now.R + now.cross, tuning)
         return moved
 
     @kernel
     def step_late(estimate, before, senses, tuning, dt, integrator):
         now, after = senses.fix, remember(estimate, before, senses, tuning, dt, integrator)
-        if now.arrived:
+        if now.arrived and is_expected(now.age, dt):
             oldest = fix_in(after.oldest, now.pose, now.R + now.cross, tuning)
             newest = replay(oldest, after.history, tuning, integrator)
             after = Remembered(newest.belief, newest.nis, newest, after.history, oldest, after.steps)
