@@ -29,12 +29,6 @@ _F, _I, _B, _R = vector("f"), vector("i"), vector("b"), vector("float")
 _ALL = ", ".join(f"i64 {lane}" for lane in range(TILE))
 
 
-def _is_opaque() -> bool:
-    from llvmlite import binding
-
-    return binding.llvm_version_info[0] >= 17  # the text of older ones states what a pointer points to
-
-
 class Memory:
     """Writes the function of a loop over tiles.
 
@@ -62,23 +56,20 @@ class Memory:
     ) -> None:
         self.name, self.places, self.own, self.shown, self.rows = name, places, own, shown, rows
         self.waypoints, self.size, self.width = waypoints, size, width
-        self.writer, self.opaque, self.scratch = Writer(self.read), _is_opaque(), 0
+        self.writer, self.scratch = Writer(self.read), 0
         self.lanes = "%lanes"
 
-    def pointer(self, kind: str) -> str:
-        return "ptr" if self.opaque else f"{kind}*"
-
-    def at(self, address: str, offset: int, kind: str) -> str:
+    def at(self, address: str, offset: int) -> str:
         """Return a pointer with its type."""
         put = self.writer.put
         place = put(f"add i64 {address}, {offset}") if offset else address
-        return f"{self.pointer(kind)} {put(f'inttoptr i64 {place} to {self.pointer(kind)}')}"
+        return "ptr " + put(f"inttoptr i64 {place} to ptr")
 
     def load(self, kind: str, address: str, offset: int = 0, align: int = 8) -> str:
-        return self.writer.put(f"load {kind}, {self.at(address, offset, kind)}, align {align}")
+        return self.writer.put(f"load {kind}, {self.at(address, offset)}, align {align}")
 
     def store(self, kind: str, value: str, address: str, offset: int = 0, align: int = 8) -> None:
-        self.writer.do(f"store {kind} {value}, {self.at(address, offset, kind)}, align {align}")
+        self.writer.do(f"store {kind} {value}, {self.at(address, offset)}, align {align}")
 
     def masked(
         self, which: str, kind: str, address: str, offset: int, mask: str, value: str = "zeroinitializer", align: int = 8
@@ -86,8 +77,8 @@ class Memory:
         """Write a load or a store of those lanes that a mask has."""
         lanes, scalar = kind.strip("<>").split(" x ")
         short = f"v{lanes}" + {"double": "f64", "float": "f32", "i64": "i64"}[scalar]
-        pointer = self.at(address, offset, kind)
-        name = f"llvm.masked.{which}.{short}.p0{'' if self.opaque else short}"
+        pointer = self.at(address, offset)
+        name = f"llvm.masked.{which}.{short}.p0"
         bits = f"<{lanes} x i1> {mask}"
         result, arguments = (
             ("void", [f"{kind} {value}", pointer, f"i32 {align}", bits])
@@ -206,8 +197,7 @@ class Memory:
         room = max(self.shown.values(), default=0) + 1
         writer.label("entry")
         writer.do(f"%room = alloca [{room * TILE} x float], align 64")
-        kind = f"[{room * TILE} x float]"
-        writer.do(f"%scratch = ptrtoint {self.pointer(kind)} %room to i64")
+        writer.do("%scratch = ptrtoint ptr %room to i64")
         for index, name in enumerate(BLOCK):
             loaded = self.load("i64", "%block", 8 * index)
             writer.do(f"%{name} = add i64 {loaded}, 0")

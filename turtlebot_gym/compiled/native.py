@@ -28,8 +28,6 @@ def _machine() -> Any:
     """
     from llvmlite import binding as llvm
 
-    if llvm.llvm_version_info < (20,):  # newer ones have done this already
-        llvm.initialize()
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     features = llvm.get_host_cpu_features().flatten()
