@@ -71,10 +71,11 @@ def check(line, ros):
             ):
                 load(tool)(given)
         case ["python", "-m", "turtlebot_gym_ros", node, *given] | ["ros2", "run", "turtlebot_gym_ros", node, *given]:
-            assert node in {*NODES, *SATELLITES}
-            assert given[:1] in ([], ["--ros-args"])
-            for flag, value in zip(given[1::2], given[2::2], strict=True):
-                name = value.partition(":=")[0]
+            further = given[: given.index("--ros-args")] if "--ros-args" in given else given
+            assert {node, *further} <= {*NODES, *SATELLITES}
+            options = given[len(further) + 1 :]
+            for flag, value in zip(options[::2], options[1::2], strict=True):
+                name = value.partition(":=")[0].rpartition(":")[2]
                 known(f"/{name}" if flag == "-r" else name)
         case ["ros2", "action", "send_goal", "--feedback", name, kind, _]:
             known(name.lstrip("/"))
