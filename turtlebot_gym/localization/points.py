@@ -51,6 +51,16 @@ def rest(trail: Any, time: float, pose: Pose) -> None:
 
 
 @kernel
+def pose_within(trail: Any, k: int, time: float) -> Pose:
+    """Return the pose at a time between rows k + 1 and k of a trail; before and after them, that of the nearer one."""
+    before, passed = k + 1, trail[k, 0] - trail[k + 1, 0]
+    share = min(max((time - trail[before, 0]) / passed, 0.0), 1.0) if passed > 0.0 else 1.0
+    x = trail[before, 1] + share * (trail[k, 1] - trail[before, 1])
+    y = trail[before, 2] + share * (trail[k, 2] - trail[before, 2])
+    return Pose(x, y, trail[before, 3] + share * wrap(trail[k, 3] - trail[before, 3]))
+
+
+@kernel
 def to_points(ranges: Any, beams: Any, turn: int, timing: Timing, trail: Any, points: Any) -> int:
     """Write a scan's beams, at most as many as there is room for, in the order of their measurement; return their number.
 
@@ -78,16 +88,13 @@ def to_points(ranges: Any, beams: Any, turn: int, timing: Timing, trail: Any, po
         place = first + (part * measured + most - 1) // most
         if place >= measured:
             break
-        beam = valid[place]
+        beam = int(valid[place])
         length = float(ranges[beam])
         time = timing.last - timing.interval * (number - 1 - beam)
         while k > 0 and trail[k, 0] < time:
             k -= 1
-        before, passed = k + 1, trail[k, 0] - trail[k + 1, 0]
-        share = min(max((time - trail[before, 0]) / passed, 0.0), 1.0) if passed > 0.0 else 1.0
-        x = trail[before, 1] + share * (trail[k, 1] - trail[before, 1])
-        y = trail[before, 2] + share * (trail[k, 2] - trail[before, 2])
-        sine, cosine = sincos(trail[before, 3] + share * wrap(trail[k, 3] - trail[before, 3]))
+        x, y, heading = pose_within(trail, k, time)
+        sine, cosine = sincos(heading)
         along, aside = float(beams[0, beam]), float(beams[1, beam])
         dx, dy = cosine * along - sine * aside, sine * along + cosine * aside
         end_x = x + timing.x * cosine - timing.y * sine + length * dx - now_x

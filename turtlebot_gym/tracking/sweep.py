@@ -6,7 +6,8 @@ import math
 from typing import Any, NamedTuple
 
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.models.angles import PI, TWO_PI, sincos, wrap
+from turtlebot_gym.localization.points import pose_within
+from turtlebot_gym.models.angles import PI, TWO_PI, sincos
 from turtlebot_gym.values import Pose
 
 BINS = 360
@@ -78,11 +79,7 @@ def pose_at(trail: Any, time: float) -> Pose:
     k = len(trail) - 2
     while k > 0 and trail[k, 0] < time:
         k -= 1
-    passed = trail[k, 0] - trail[k + 1, 0]
-    share = min(max((time - trail[k + 1, 0]) / passed, 0.0), 1.0) if passed > 0.0 else 1.0
-    x = trail[k + 1, 1] + share * (trail[k, 1] - trail[k + 1, 1])
-    y = trail[k + 1, 2] + share * (trail[k, 2] - trail[k + 1, 2])
-    return Pose(x, y, trail[k + 1, 3] + share * wrap(trail[k, 3] - trail[k + 1, 3]))
+    return pose_within(trail, k, time)
 
 
 @kernel
