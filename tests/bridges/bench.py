@@ -22,6 +22,39 @@ from turtlebot_gym_ros.blocks.simulator import FIX_OUTPUTS, MAP_OUTPUTS, ROOM_OU
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import BLOCKS, load
 
+POLICIES = """
+import time
+import numpy as np
+
+def ahead(observation):
+    return np.array([0.5, 0.0], np.float32)
+
+def raises(observation, calls=[]):
+    calls.append(1)
+    if len(calls) > 5:
+        raise ValueError("too clever")
+    return ahead(observation)
+
+def exits(observation, calls=[]):
+    calls.append(1)
+    if len(calls) > 5:
+        raise SystemExit(3)
+    return ahead(observation)
+
+def invents(observation):
+    return np.array([np.nan, 0.0])
+
+def shouts(observation):
+    return np.ones(3)
+
+def blocks(observation, calls=[]):
+    calls.append(1)
+    if len(calls) > 3:
+        time.sleep(3600.0)
+    return ahead(observation)
+"""
+"""Policies that drive, fail and block, as a module."""
+
 
 def node(name, *parameters, words=()):
     """Return the arguments of a Python that runs a node with parameters such as "speed:=10.0", and other ROS arguments."""

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench import node
+from bench import POLICIES, node
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
@@ -27,37 +27,6 @@ from turtlebot_gym_ros.graph import bringup
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import NODES
 
-POLICIES = """
-import time
-import numpy as np
-
-def ahead(observation):
-    return np.array([0.5, 0.0], np.float32)
-
-def raises(observation, calls=[]):
-    calls.append(1)
-    if len(calls) > 5:
-        raise ValueError("too clever")
-    return ahead(observation)
-
-def exits(observation, calls=[]):
-    calls.append(1)
-    if len(calls) > 5:
-        raise SystemExit(3)
-    return ahead(observation)
-
-def invents(observation):
-    return np.array([np.nan, 0.0])
-
-def shouts(observation):
-    return np.ones(3)
-
-def blocks(observation, calls=[]):
-    calls.append(1)
-    if len(calls) > 3:
-        time.sleep(3600.0)
-    return ahead(observation)
-"""
 FILTERS = """
 import numpy as np
 

@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from bench import node, odometry
+from bench import POLICIES, node, odometry
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
@@ -13,20 +13,6 @@ from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros.__main__ import main
 from turtlebot_gym_ros.base.qos import LATCHED
-
-POLICIES = """
-import time
-import numpy as np
-
-def ahead(observation):
-    return np.array([0.5, 0.0], np.float32)
-
-def blocks(observation, calls=[]):
-    calls.append(1)
-    if len(calls) > 3:
-        time.sleep(3600.0)
-    return ahead(observation)
-"""
 
 
 @pytest.mark.parametrize(
