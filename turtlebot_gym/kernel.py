@@ -19,15 +19,16 @@ from typing import Any, TypeVar
 F = TypeVar("F", bound=Callable)
 
 
-def _is_installed(name: str) -> bool:
+def _compiles_with(library: str) -> bool:
+    """Return whether a compiler's library is installed, and nobody has asked for plain Python."""
     try:
-        return find_spec(name) is not None
+        return find_spec(library) is not None and not int(os.environ.get("NUMBA_DISABLE_JIT") or 0)
     except ValueError:  # sys.modules holds None
         return False
 
 
-HAS_NUMBA = _is_installed("numba") and not int(os.environ.get("NUMBA_DISABLE_JIT") or 0)
-"""Whether loops are compiled."""
+HAS_NUMBA, HAS_LLVM = _compiles_with("numba"), _compiles_with("llvmlite")
+"""Whether loops are compiled: those of rooms by numba, those of open ground by llvmlite."""
 _registrations: list[Callable[[Any], object]] = []
 """What numba still has to know of kernels: functions of the module `intrinsics`."""
 _registering = Lock()

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.compiled.ground import Case
-from turtlebot_gym.compiled.loop import FLAGS, loops_of
+from turtlebot_gym.compiled.loop import loops_of
+from turtlebot_gym.compiled.memory import FIRST_SHARE
 from turtlebot_gym.compiled.packing import TILE, Packing, aligned, as_tuple, flatten, layout_of, packing
-from turtlebot_gym.compiled.running import CAN_TRACE, FEW, GroundTracks, find_ground
+from turtlebot_gym.compiled.running import FEW, GroundTracks, find_ground
 from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop, sizes_of
 from turtlebot_gym.heart import begin_at
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM, HAS_NUMBA
 from turtlebot_gym.observations import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
@@ -66,7 +67,7 @@ class Batch:
         self._keys[:, TILE] = np.arange(n_tiles)
         self._tiles = np.empty((n_tiles, 0))
         self._plan = plan
-        self._is_traced = self._around is None and self.system.compiled and CAN_TRACE
+        self._is_traced = self._around is None and self.system.compiled and HAS_LLVM
         """Whether the loops are those of `ground`."""
         is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
         self._parallel = is_large and self.system.compiled and (self._is_traced or HAS_NUMBA)
@@ -162,7 +163,7 @@ class Batch:
             return None
         self._lay_out(ground.world, ground.constants)
         self._case = case
-        self._tracks = GroundTracks(ground, self._shapes, self._shapes[1][0] > FLAGS.stop + 1)
+        self._tracks = GroundTracks(ground, self._shapes, self._shapes[1][0] > FIRST_SHARE)
         return [self.layout.parameters.names.index(name) for name in ground.own]
 
     def _lay_out(self, world: Packing, constants: Sequence[tuple[int, float]] = ()) -> None:

@@ -16,7 +16,7 @@ from turtlebot_gym.compiled import graph, invariants, native
 from turtlebot_gym.compiled.cache import fingerprint, sources_of
 from turtlebot_gym.compiled.graph import Graph, Node, Untraceable, as_kind, load, make, rebuilt
 from turtlebot_gym.compiled.memory import reset_text, step_text
-from turtlebot_gym.compiled.packing import Packing, in_floats, layout_of, mapped, packing
+from turtlebot_gym.compiled.packing import Packing, layout_of, mapped, packing
 from turtlebot_gym.compiled.trace import merged, traced
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
@@ -242,5 +242,5 @@ def ground_of(system: System, case: Case) -> Ground:
     layout = layout_of(system)
     names = [f"world.{name}" for name in layout.world.names]
     places, constants = places_of(dict(code.notes), names)
-    world = packing(in_floats(layout.world.example), places)
+    world = packing(layout.world.example, places)
     return Ground(world, tuple(constants), case.own, code.notes, step, reset)

@@ -12,6 +12,7 @@ from typing import Any
 from turtlebot_gym.compiled.emit import Writer, vector
 from turtlebot_gym.compiled.graph import Node, key_of, live
 from turtlebot_gym.compiled.packing import TILE
+from turtlebot_gym.systems import Outcome
 
 BLOCK = (
     "actions", "tiles", "keys", "parameters", "stride", "waypoints", "observations", "outcomes", "first", "end", "environments",
@@ -22,7 +23,7 @@ number of environments; whether outcomes have rows for the shares of the reward;
 writes; and for resets the addresses of a mask and of the numbers of the episodes, and whether episodes begin."""
 KEYS = TILE + 2
 """Integers of a tile among the keys."""
-FIRST_SHARE = 6
+FIRST_SHARE = Outcome._fields.index("shares")
 """Row of the first share in an outcome."""
 _FLAGS = ("is_success", "terminated", "truncated")
 _F, _I, _B, _R = vector("f"), vector("i"), vector("b"), vector("float")
@@ -57,7 +58,7 @@ class Memory:
         self.name, self.places, self.own, self.shown, self.rows = name, places, own, shown, rows
         self.waypoints, self.size, self.width = waypoints, size, width
         self.writer, self.scratch = Writer(self.read), 0
-        self.lanes = "%lanes"
+        self.lanes, self.asked = "%lanes", ""
 
     def at(self, address: str, offset: int) -> str:
         """Return a pointer with its type."""
@@ -120,7 +121,7 @@ class Memory:
     def action(self, axis: int) -> str:
         put = self.writer.put
         odd = ", ".join(f"i32 {2 * lane + axis}" for lane in range(TILE))
-        some = put(f"shufflevector <{2 * TILE} x float> %asked, <{2 * TILE} x float> poison, <{TILE} x i32> <{odd}>")
+        some = put(f"shufflevector <{2 * TILE} x float> {self.asked}, <{2 * TILE} x float> poison, <{TILE} x i32> <{odd}>")
         return put(f"fpext {_R} {some} to {_F}")
 
     def spread(self, number: str) -> str:
@@ -282,8 +283,7 @@ def step_text(numbers: Mapping[str, Any], places: Mapping[str, int], kept: list[
         both = ", ".join(f"i32 {at // 2}" for at in range(2 * TILE))
         mask = writer.put(f"shufflevector {_B} %lanes, {_B} poison, <{2 * TILE} x i32> <{both}>")
         address = writer.put(f"add i64 %actions, {writer.put(f'mul i64 %number, {TILE * 8}')}")
-        asked = memory.masked("load", f"<{2 * TILE} x float>", address, 0, mask, align=4)
-        writer.lines[-1] = writer.lines[-1].replace(f"{asked} =", "%asked =")
+        memory.asked = memory.masked("load", f"<{2 * TILE} x float>", address, 0, mask, align=4)
         out = {name: value for name, value in numbers.items() if name in kept or not name.startswith("world.")}
         out = {name: value for name, value in out.items() if not (isinstance(value, Node) and _is_load(value, name))}
         loads.update({node.args[0]: node for node in live(out.values()) if node.op == "load"})

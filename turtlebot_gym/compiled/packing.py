@@ -73,14 +73,19 @@ def flatten(value: Any) -> Iterator[float]:
         yield float(value)
 
 
+def _items(value: tuple[Any, ...], path: str) -> Iterator[tuple[str, Any]]:
+    """Yield the items of a tuple with their dotted paths."""
+    fields, dot = getattr(value, "_fields", None), "." if path else ""
+    for at, item in enumerate(value):
+        yield f"{path}{dot}{fields[at]}" if fields else f"{path}[{at}]", item
+
+
 def mapped(value: Any, function: Callable[[str, Any], Any], path: str = "") -> Any:
     """Return a nested tuple with ``function(path, number)`` in place of each number, by its dotted path."""
     if not isinstance(value, tuple):
         return function(path, value)
-    fields = getattr(value, "_fields", None)
-    dot = "." if path else ""
-    items = [mapped(item, function, f"{path}{dot}{fields[at]}" if fields else f"{path}[{at}]") for at, item in enumerate(value)]
-    return type(value)(*items) if fields else tuple(items)
+    items = [mapped(item, function, inner) for inner, item in _items(value, path)]
+    return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
 
 
 def in_floats(value: Any) -> Any:
@@ -92,9 +97,9 @@ def _slices(value: Any, path: str, at: int, found: dict[str, slice]) -> int:
     """Record the range of numbers of each tuple in a value whose first number has an index; return the next index."""
     if not isinstance(value, tuple):
         return at + 1
-    start, fields, dot = at, getattr(value, "_fields", None), "." if path else ""
-    for index, item in enumerate(value):
-        at = _slices(item, f"{path}{dot}{fields[index]}" if fields else f"{path}[{index}]", at, found)
+    start = at
+    for inner, item in _items(value, path):
+        at = _slices(item, inner, at, found)
     found[path] = slice(start, at)
     return at
 

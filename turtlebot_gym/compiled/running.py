@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-import os
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -17,8 +15,6 @@ from turtlebot_gym.compiled.packing import TILE, layout_of
 from turtlebot_gym.compiled.threads import Threads
 from turtlebot_gym.systems.system import System
 
-CAN_TRACE = os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0") and find_spec("llvmlite") is not None
-"""Whether machine code can be made: llvmlite is there, and nobody has asked for plain Python."""
 _ACTIONS, _OBSERVATIONS, _OUTCOMES, _FIRST, _END, _FLAGGED, _BEGINS = map(
     BLOCK.index, ("actions", "observations", "outcomes", "first", "end", "flagged", "begins")
 )
@@ -66,7 +62,7 @@ def find_ground(
 
 def _address(array: NDArray[Any]) -> int:
     """Return the address of a new array, in a third of the time of ``array.ctypes``."""
-    return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType] if array.size else 0
+    return ctypes.addressof(ctypes.c_char.from_buffer(array))  # pyright: ignore[reportArgumentType]
 
 
 class GroundTracks:
