@@ -156,7 +156,7 @@ class Batch:
             The indices of the parameters that differ between environments; None if a kernel cannot be traced, after a warning.
         """
         try:
-            ground, case = find_ground(self.system, numbers, self.waypoints.shape[1], self._case, self._begun)
+            ground, case = find_ground(self.system, self.num_envs, numbers, self.waypoints.shape[1], self._case, self._begun)
         except Untraceable as error:
             warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=5)
             self._is_traced, self._tracks, self._case, self._parallel = False, None, None, False

@@ -20,6 +20,8 @@ _ACTIONS, _OBSERVATIONS, _OUTCOMES, _FIRST, _END, _FLAGGED, _BEGINS = map(
 )
 FEW = 16
 """Most environments of `GroundTracks.step_few`."""
+FOLDED_FROM = 512
+"""Batches below this size load shared parameters that are not whole numbers: code of their own would never pay for itself."""
 
 
 def _allows(before: dict[str, Any], after: dict[str, Any]) -> bool:
@@ -30,12 +32,13 @@ def _allows(before: dict[str, Any], after: dict[str, Any]) -> bool:
 
 
 def find_ground(
-    system: System, numbers: NDArray[np.float64], waypoints: int, before: Case | None, begun: bool
+    system: System, num_envs: int, numbers: NDArray[np.float64], waypoints: int, before: Case | None, begun: bool
 ) -> tuple[Ground, Case]:
     """Return machine code for parameters, shape (1, K) or (N, K), and its case.
 
     Args:
         system: The system.
+        num_envs: Number of environments.
         numbers: The parameters of all environments, or of one that stands for all, in the order of the layout.
         waypoints: Number of waypoints.
         before: The case of the present code, if there is one: what differs now and then, differs from now on.
@@ -46,6 +49,8 @@ def find_ground(
     """
     names, first = layout_of(system).parameters.names, numbers[0].tolist()
     differing = {name for name, column in zip(names, numbers.T, strict=True) if (column != column[0]).any()}
+    if num_envs < FOLDED_FROM:
+        differing |= {name for name, value in zip(names, first, strict=True) if not value.is_integer()}
     if before is not None:
         known = dict(before.fixed)
         differing |= {name for name, value in zip(names, first, strict=True) if known.get(name, math.nan) != value}
