@@ -177,10 +177,9 @@ def test_narrow_gaps_and_people_who_wait_are_not_touched_either(world):
 
 
 @pytest.mark.parametrize("beams", [1, 2, 4, 6, 8, 10])
-@pytest.mark.parametrize("post", [0.4, 0.1])
 @pytest.mark.parametrize("off", [0.25, 0.5])
-def test_what_hides_between_beams_that_are_wider_apart_than_the_robot_is_not_hit(beams, post, off):
-    """A post stands on the line of travel, between two beams, which all look far."""
+def test_what_hides_between_beams_that_are_wider_apart_than_the_robot_is_not_hit(beams, off):
+    """Whatever stands on the line of travel, between two beams, which all look far: unknown ground is entered for 5 cm."""
     arbiter = Arbiter(Parameters(collision_monitor=True), 100.0)
     arbiter.monitor.watch.trouble = lambda: ""  # its few returns are the same
     x, v, spacing = 0.0, 0.0, 2.0 * math.pi / beams
@@ -192,5 +191,4 @@ def test_what_hides_between_beams_that_are_wider_apart_than_the_robot_is_not_hit
         command = arbiter.step(now)
         v = v if command is None else command.v
         x += 0.02 * v
-    assert x <= 0.0501 + 0.01  # unknown ground is entered for 5 cm
-    assert x < 1.0 - 0.5 * post - 0.105
+    assert x <= 0.0501 + 0.01
