@@ -102,10 +102,11 @@ def test_a_fault_is_named_within_ten_seconds_of_driving(noise, fault, tmp_path):
 SUITED = [("wheel", "matched"), ("documented", "matched"), ("tutorial", "matched"), ("rough", "mixture"), ("rough", "slip")]
 
 
+@pytest.mark.parametrize("seconds", [120.0, pytest.param(600.0, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize(("noise", "filter"), SUITED)
-def test_simulated_noise_is_no_fault(noise, filter):
-    """For ten minutes; for ten hours see below."""
-    assert driven(noise, 600.0, filter=filter) == set()
+def test_simulated_noise_is_no_fault(noise, filter, seconds):
+    """For two minutes, and for ten at night; for ten hours see below."""
+    assert driven(noise, seconds, filter=filter) == set()
 
 
 @pytest.mark.slow
