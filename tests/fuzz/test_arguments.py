@@ -138,7 +138,7 @@ def with_one_wrong(draw, arguments):
     return {**arguments, name: draw(WRONG)}
 
 
-@fuzzed(200, 3000, arguments=GROUND)
+@fuzzed(80, 3000, arguments=GROUND)
 def test_accepted_arguments_on_open_ground_give_finite_numbers(arguments):
     driven("arguments", SQUARE, arguments)
 

@@ -58,7 +58,7 @@ def test_damaged_bundles_also_with_the_right_hash(content, sealed):
     answered("damaged bundles", lambda: drives(hashed(content) if sealed else content))
 
 
-@fuzzed(80, 1200, data=st.data())
+@fuzzed(30, 1200, data=st.data())
 def test_other_cards(data):
     answered("cards", lambda: drives(with_card(replaced(data.draw, CARD, VALUES))))
 
@@ -100,6 +100,6 @@ def with_other_model(draw):
     return hashed(model.SerializeToString())
 
 
-@fuzzed(60, 600, data=st.data())
+@fuzzed(25, 600, data=st.data())
 def test_other_models(data):
     answered("models", lambda: drives(with_other_model(data.draw)))

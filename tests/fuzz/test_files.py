@@ -163,7 +163,7 @@ def driven(world):
     return world
 
 
-@fuzzed(60, 500, content=st.one_of(st.just(IMAGE), mutated(IMAGE)), data=st.data())
+@fuzzed(20, 500, content=st.one_of(st.just(IMAGE), mutated(IMAGE)), data=st.data())
 def test_maps_are_driven_in(content, data):
     written("map.pgm", content)
     said = replaced(data.draw, MAP, SCALARS) if content == IMAGE else MAP
@@ -177,7 +177,7 @@ SDF = """<sdf version="1.6"><world name="w"><model name="m"><static>1</static><p
 NUMBERS = st.sampled_from(["nan", "inf", "-1", "0", "1e300", "1e9", "-1e9", "1e-300", "x", "", "1 2", "1e5", "30"])
 
 
-@fuzzed(60, 500, number=st.sampled_from(["0.2", "0.4", "-1", "0.5", "0.3", "1"]), other=NUMBERS, damage=mutated(SDF.encode()))
+@fuzzed(20, 500, number=st.sampled_from(["0.2", "0.4", "-1", "0.5", "0.3", "1"]), other=NUMBERS, damage=mutated(SDF.encode()))
 def test_gazebo_worlds_are_driven_in(number, other, damage):
     for content in (SDF.replace(number, other, 1), damage):
         answered("Gazebo worlds", lambda content=content: driven(find_world(written("h.world", content))))

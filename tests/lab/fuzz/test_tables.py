@@ -72,7 +72,7 @@ def test_the_tables_are_read(name):
     assert read_as(name, written("i.csv", TABLES[name]))
 
 
-@fuzzed(310, 3700, name=st.sampled_from(sorted(TABLES)), damaged=st.booleans(), data=st.data())
+@fuzzed(100, 3700, name=st.sampled_from(sorted(TABLES)), damaged=st.booleans(), data=st.data())
 def test_tables(name, damaged, data):
     content = data.draw(mutated(TABLES[name].encode())) if damaged else other_cells(data.draw, TABLES[name])
     answered("tables", lambda: read_as(name, written("j.csv", content)))
