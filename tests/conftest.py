@@ -3,6 +3,7 @@
 Also the comparison of a batch with plain Python, and files of maps, for tests of all areas.
 """
 
+import gc
 import os
 import socket
 import subprocess
@@ -37,6 +38,17 @@ os.environ.pop("COLUMNS", None)  # pytest-xdist sets it, and tables would be as 
 # Every run tries the same examples, so that a failure comes from a change; others are tried with --hypothesis-profile=default.
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.load_profile("same")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect no garbage while modules and tests are made, which stay; nor look through them in each later collection."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 def _in_step(batch, plain, low=-1.0, high=1.0, steps=100, *, policy=None):
