@@ -100,11 +100,14 @@ def test_the_robots_nodes_load_nothing_beside_ros_that_the_extra_deploy_does_not
     assert foreign <= {"numpy", "yaml", "typing_extensions", *brought_by_rosbags}
 
 
-@pytest.mark.parametrize("node", ["cmd_vel_standby", "kalman_filter", "localizer", "velocity_controller", "waypoint_generator"])
-def test_a_robots_node_comes_up_and_ends_without_what_trains_and_draws(launch, peer, wait_for, node):
-    body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main(['{node}']))"
+TOGETHER = ["kalman_filter", "localizer", "velocity_controller", "waypoint_generator"]
+
+
+@pytest.mark.parametrize("nodes", [["cmd_vel_standby"], TOGETHER], ids=" ".join)
+def test_a_robots_nodes_come_up_and_end_without_what_trains_and_draws(launch, peer, wait_for, nodes):
+    body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main({nodes}))"
     process = launch(*without(body))
-    wait_for(lambda: node in peer.node.get_node_names() or process.poll() is not None)
+    wait_for(lambda: {*nodes} <= {*peer.node.get_node_names()} or process.poll() is not None)
     assert process.poll() is None, process.communicate()[1]
     process.terminate()
     assert process.wait(timeout=10.0) == 0
@@ -134,12 +137,10 @@ def compilers_in(process):
     return {name for name in ("numba", "llvmlite", "scipy") if any(name in parts for parts in files)}
 
 
-@pytest.mark.parametrize(
-    "node", ["kalman_filter", "localizer", "turtlebot_simulator", "velocity_controller", "waypoint_generator"]
-)
-def test_a_node_loads_no_compiler_where_one_is_installed(launch, peer, wait_for, node):
-    process = launch("-m", "turtlebot_gym_ros", node)
-    wait_for(lambda: node in peer.node.get_node_names() or process.poll() is not None)
+def test_nodes_load_no_compiler_where_one_is_installed(launch, peer, wait_for):
+    nodes = [*TOGETHER, "turtlebot_simulator"]
+    process = launch("-m", "turtlebot_gym_ros", *nodes)
+    wait_for(lambda: {*nodes} <= {*peer.node.get_node_names()} or process.poll() is not None)
     assert process.poll() is None, process.communicate()[1]
     assert not compilers_in(process)
 
