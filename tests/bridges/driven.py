@@ -131,11 +131,10 @@ class Driver:
         return limit(self.command, BURGER)
 
 
-def alarms(kind, seconds, seed, *, spoil=lambda at, pose, twist: (pose, twist), drive=None):
-    """Return the times and causes of alarms of a drive, s, after each of which a person enables the robot again."""
+def alarm(kind, seconds, seed, *, spoil=lambda at, pose, twist: (pose, twist), drive=None):
+    """Return the time, s, and the cause of a drive's first alarm, or None."""
     rng = random.Random(seed)
-    robot, moved, driver, said = Robot(kind, rng), Moved(BURGER), Driver(rng), []
-    held = []
+    robot, moved, driver, held = Robot(kind, rng), Moved(BURGER), Driver(rng), []
     for k in range(round(seconds / DT)):
         at = 100.0 + k * DT
         command = driver.step() if drive is None else drive(k * DT)
@@ -147,7 +146,6 @@ def alarms(kind, seconds, seed, *, spoil=lambda at, pose, twist: (pose, twist), 
         for entry in due[-1:]:  # only the newest is kept
             why = moved.hear(entry[2], entry[3], entry[1])
             if why:
-                said.append((k * DT, why))
-                moved.forget()
+                return k * DT, why
         moved.tell(command, at)
-    return said
+    return None
