@@ -90,13 +90,13 @@ def drive(seed, steps, *, loss):
     return states, loop
 
 
-@pytest.mark.parametrize("seed", range(100))
-def test_a_network_that_loses_delays_and_reorders_changes_no_number(seed):
+def test_a_network_that_loses_delays_and_reorders_changes_no_number():
     perfect, _ = drive(0, 60, loss=0.0)
-    states, loop = drive(seed, 60, loss=0.3)
-    assert states == perfect
-    for node in loop.values():
-        assert node.steps[:59] == [S + k * TENTH for k in range(59)]  # each step once, in order
+    for seed in range(50):
+        states, loop = drive(seed, 60, loss=0.3)
+        assert states == perfect, seed
+        for node in loop.values():
+            assert node.steps[:59] == [S + k * TENTH for k in range(59)], seed  # each step once, in order
 
 
 def test_a_rule_that_steps_on_whatever_is_at_hand_is_noticed(monkeypatch):
