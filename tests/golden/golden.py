@@ -26,6 +26,7 @@ import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.observations import bounds_of
+from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 
 HASHES = Path(__file__).parent / "golden.json"
@@ -148,13 +149,12 @@ def by_vector(chosen: dict[str, Any]) -> list[Row]:
 
 
 def by_plain(chosen: dict[str, Any]) -> list[Row]:
-    """Drive the environment in plain Python."""
+    """Drive the episode of an environment in plain Python, without the environment, which would be compiled."""
     id, arguments = arguments_of(chosen)
-    env = gym.make(id, **arguments)
-    bare: Any = env.unwrapped
+    parameters = Options.of(gym.spec(id).kwargs | arguments).setup().parameters
     rows = []
     for at, seed in enumerate(SEEDS):
-        episode = Episode(bare.parameters, SQUARE_WAYPOINTS, seed=seed)
+        episode = Episode(parameters, SQUARE_WAYPOINTS, seed=seed)
         low, high = np.array(bounds_of(episode.system.terms), np.float32)
 
         def numbers_of(episode: Episode = episode, low: np.ndarray = low, high: np.ndarray = high) -> np.ndarray:
