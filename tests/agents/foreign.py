@@ -143,7 +143,7 @@ def torch_actions(network, observations):
         return np.clip(network(torch.from_numpy(observations)).numpy(), -1.0, 1.0)
 
 
-def deployed(bundle, steps=1000, every=97):
+def deployed(bundle, steps=300, every=97):
     """Drive a deployment on a random walk; return its observations, where episodes began, and its actions."""
     random, deployment = np.random.default_rng(4), Deployment(bundle)
     exact = Covariance(*[1e-4] * len(Covariance._fields))

@@ -41,7 +41,7 @@ def close(actions, expected):
 @pytest.mark.parametrize("kind", [kind if kind in DAILY else pytest.param(kind, marks=pytest.mark.nightly) for kind in KINDS])
 def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, kind):
     model = trained(kind, tmp_path)
-    export(tmp_path / "model.zip", tmp_path / "file.onnx", env=NAV, allow_pickle=True)
+    export(tmp_path / "model.zip", tmp_path / "file.onnx", env=NAV, allow_pickle=True, steps=100)
     observations, begins, actions = deployed(tmp_path / "file.onnx")
     expected = library_actions(model, observations, begins)
     close(actions, expected)
@@ -174,7 +174,7 @@ def test_an_agent_of_cleanrl_with_its_normalization_of_gymnasium(tmp_path):
     for _ in range(300):
         envs.step(envs.action_space.sample())
     clipped = lambda observation: agent.actor_mean(observation.clamp(-10.0, 10.0))  # noqa: E731
-    export(clipped, tmp_path / "policy.onnx", env=NAV, vec_normalize=envs)
+    export(clipped, tmp_path / "policy.onnx", env=NAV, vec_normalize=envs, steps=100)
     observations, _, actions = deployed(tmp_path / "policy.onnx")
     envs.update_running_mean = False
     seen = np.clip([envs.observation(row) for row in observations], -10.0, 10.0)
@@ -198,7 +198,7 @@ class Model(nn.Module):
 def test_an_agent_of_skrl_with_its_preprocessor(tmp_path):
     agent = Model()
     acting = lambda observation: agent.compute({"observations": agent.scale(observation)}, "policy")[0]  # noqa: E731
-    export(acting, tmp_path / "policy.onnx", env=NAV)
+    export(acting, tmp_path / "policy.onnx", env=NAV, steps=100)
     observations, _, actions = deployed(tmp_path / "policy.onnx")
     close(actions, torch_actions(acting, observations))
 
@@ -216,7 +216,7 @@ class Recurrent(nn.Module):
 
 def test_a_network_with_a_state(tmp_path):
     network = Recurrent().eval()
-    export(network, tmp_path / "policy.onnx", env=NAV, memory=8)
+    export(network, tmp_path / "policy.onnx", env=NAV, memory=8, steps=100)
     observations, begins, actions = deployed(tmp_path / "policy.onnx")
     memory, expected = torch.zeros(1, 8), []
     for observation, begin in zip(observations, begins, strict=True):
