@@ -67,7 +67,7 @@ test: $(READY)  ## what one runs before each commit (a quarter of an hour on two
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE) and not nightly"
 
-test-all: $(READY)  ## the same, and pages that train, further live graphs, and statistics of size (20 minutes)
+test-all: $(READY)  ## the same, the built site, pages that train, further live graphs, and statistics of size (25 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE)"
 

@@ -126,6 +126,8 @@ with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryD
     for module, make in ((guard, guard.CmdVelGuard), (standby, standby.CmdVelStandby), (logger, logger.DataLogger)):
         node = make(context)
         write(page, node, module.__doc__, (module.Parameters,))
+        if isinstance(node, logger.DataLogger):
+            node.close()  # its files
         node.destroy_node()
     context.shutdown()
     print("## Launch files\n", file=page)

@@ -1,25 +1,32 @@
 """The documentation builds without a warning, its links hold, and the names in it exist."""
 
+import io
 import json
 import re
+import runpy
 import shlex
+import sys
+import warnings
 from argparse import ArgumentParser
 from html.parser import HTMLParser
 from importlib import import_module
+from itertools import pairwise
 from pkgutil import walk_packages
+from types import SimpleNamespace
 from unittest.mock import patch
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
 
 import gymnasium as gym
 import pytest
-from pages import ROOT, blocks_of, parsed
+from pages import PAGES, ROOT, blocks_of, parsed
 
 import turtlebot_gym
 
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+from cmd_vel_guard import robots
 from turtlebot_gym_agents.ids import SHORT
 from turtlebot_gym_lab.field.program import parser as field_test_parser
 from turtlebot_gym_ros.base.process import Runner
@@ -33,8 +40,16 @@ API = ("turtlebot_gym", "turtlebot_gym_agents", "turtlebot_gym_ros", "turtlebot_
 
 
 @pytest.fixture(scope="module")
-def ros(site):
-    return (site / "reference" / "ros.html").read_text(encoding="utf-8")
+def ros():
+    """The ROS reference, as it is made for the site."""
+    made = io.StringIO()
+    made.close = lambda: None
+    with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings(action="ignore"):  # rclpy's parser warns
+        patched.setitem(sys.modules, "mkdocs_gen_files", SimpleNamespace(open=lambda path, mode: made))
+        patched.setattr(robots, "SOURCES", [*robots.SOURCES])
+        patched.chdir(ROOT)
+        runpy.run_path("docs/generate/ros.py")
+    return made.getvalue()
 
 
 def check(line, ros):
@@ -42,7 +57,7 @@ def check(line, ros):
 
     def known(*names):
         for name in names:
-            assert f"<code>{name}</code>" in ros, f"{name} is not in the ROS reference"
+            assert f"`{name}`" in ros, f"{name} is not in the ROS reference"
 
     words = shlex.split(line, comments=True)
     while words and re.match(r"[A-Z_]+=", words[0]):  # variables of the environment
@@ -176,6 +191,7 @@ class Html(HTMLParser):
             self.loads.append(given.get("src") or given["href"])
 
 
+@pytest.mark.nightly
 def test_links_and_figures_of_the_site_exist(site):
     pages = {path: Html(path) for path in site.rglob("*.html")}
     for path, html in pages.items():
@@ -188,18 +204,21 @@ def test_links_and_figures_of_the_site_exist(site):
             assert not parts.fragment or there.suffix != ".html" or parts.fragment in pages[there].ids, f"{path.name}: {target}"
 
 
+@pytest.mark.nightly
 def test_the_site_needs_no_network(site):
     for path in site.rglob("*.html"):
         assert not [target for target in Html(path).loads if urlsplit(target).scheme not in ("", "data")], path
 
 
+@pytest.mark.nightly
 def test_formulas_are_mathml(site):
     page = (site / "concepts" / "belief.html").read_text(encoding="utf-8")
     assert page.count("<math ") > 5
     assert not [path for path in site.rglob("*.html") if 'class="arithmatex"' in path.read_text(encoding="utf-8")]
 
 
-def test_the_reference_is_complete(site, ros):
+@pytest.mark.nightly
+def test_the_reference_is_complete(site):
     html = {path.stem: Html(path).ids for path in (site / "reference").glob("*.html")}
     assert {name for name in NODES if name not in ("bringup", "status")} <= html["ros"]
     assert {f"turtlebot-gym-{name}" for name in FLAGS} <= html["commands"]
@@ -217,6 +236,7 @@ def test_the_reference_is_complete(site, ros):
 SECTIONS = "Description Action-Space Observation-Space Rewards Starting-State Episode-End Arguments Version-History".lower()
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", SHORT.values())
 def test_each_environment_has_a_page_in_gymnasiums_form(name, site):
     env, spec = gym.make(name).unwrapped, gym.spec(name)
@@ -230,6 +250,7 @@ def test_each_environment_has_a_page_in_gymnasiums_form(name, site):
     env.close()
 
 
+@pytest.mark.nightly
 def test_the_release_notes_are_the_changelog(site):
     html = (site / "releases.html").read_text(encoding="utf-8")
     entries = [token for token in parsed(ROOT / "CHANGELOG.md") if token.type == "list_item_open"]
@@ -239,11 +260,28 @@ def test_the_release_notes_are_the_changelog(site):
     assert 'href="howto/fix.html"' in html
 
 
-@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md", "agents/pretrained/README.md"])
-def test_links_between_files_exist(name):
-    path = ROOT / name
+def anchors_of(path):
+    """Return the names of a file's headings, as Markdown makes them of their words."""
+    tokens = parsed(path)
+    headings = [after.content for token, after in pairwise(tokens) if token.type == "heading_open"]
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading.partition(" {")[0]).strip().lower()) for heading in headings}
+
+
+def is_made(target):
+    """Return whether a target is made for the site: by the scripts of ``docs/generate``, or of a notebook."""
+    return "reference/" in target or target == "releases.md" or target.endswith((".svg", ".ipynb"))
+
+
+FILES = [*PAGES, *(ROOT / name for name in ("CONTRIBUTING.md", "CHANGELOG.md", "agents/pretrained/README.md"))]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_between_files_exist(path):
     inline = [child for token in parsed(path) for child in token.children or ()]
-    targets = [str(value) for child in inline for name, value in child.attrs.items() if name in ("href", "src")]
-    for target in targets:
-        if not urlsplit(target).scheme:
-            assert (path.parent / target.partition("#")[0]).exists(), target
+    for target in [str(value) for child in inline for name, value in child.attrs.items() if name in ("href", "src")]:
+        name, _, anchor = target.partition("#")
+        if urlsplit(target).scheme or is_made(name):
+            continue
+        there = path.parent / name if name else path
+        assert there.exists(), target
+        assert not anchor or there.suffix != ".md" or anchor in anchors_of(there), target
