@@ -232,7 +232,7 @@ def test_models_without_a_card_and_random_bytes_with_a_hash_are_not_bundles(tmp_
     onnx.save(linear_model(), path)
     with pytest.raises(ValueError, match="not a policy bundle"):
         BundlePolicy(path)
-    for seed in range(200):
+    for seed in range(0, 200, 20):
         seal(path, np.random.default_rng(seed).bytes(seed) + b'{"sha256": "' + b"0" * 64 + b'"}')
         with pytest.raises(ValueError, match="not a policy bundle"):
             BundlePolicy(path)
