@@ -103,7 +103,7 @@ def lengths_to_cells(grid, x, y, dx, dy):
 
 
 @pytest.mark.parametrize("at", range(len(GRIDS)))
-def test_25_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at, cast_all):
+def test_10_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at, cast_all):
     """At random, along the rows, and a hair beside the corners of cells."""
     grid = GRIDS[at]
     solid, outline = boxes_of(grid)
@@ -112,7 +112,7 @@ def test_25_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at
     scene = FloorPlan(walls=grid.walls(), map=grid).scene()
     edges = shapely.get_coordinates(solid)
     random, worst, tried = np.random.default_rng(at), 0.0, 0
-    for number, (x, y) in enumerate(zip(*points_on(grid, 64, at), strict=True)):
+    for number, (x, y) in enumerate(zip(*points_on(grid, 25, at), strict=True)):
         angles = random.uniform(-math.pi, math.pi, 400)
         angles[:4] = grid.origin[2] + np.array([0.0, 0.5, 1.0, 1.5]) * math.pi
         if len(edges):
@@ -127,7 +127,7 @@ def test_25_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at
             met = shapely.intersection(shapely.linestrings(ends), surfaces)
             worst = max(worst, float(np.abs(distances[:100] - shapely.distance(shapely.Point(x, y), met)).max()))
         tried += angles.size
-    assert tried >= 25_000
+    assert tried >= 10_000
     assert worst < 1e-9
 
 
