@@ -229,17 +229,15 @@ def test_an_interrupted_command_says_how_to_continue(arguments, message, capsys,
     assert capsys.readouterr().err == f"turtlebot-gym: interrupted. {message}".rstrip() + "\n"
 
 
-@pytest.mark.parametrize(
-    ("variable", "value", "expected"), [("COLUMNS", "0", "to goal, s"), ("PYTHONIOENCODING", "ascii", "+-")]
-)
-def test_results_are_printed_whatever_the_terminal_can_show(variable, value, expected):
+def test_results_are_printed_whatever_the_terminal_can_show():
     arguments = ["evaluate", "--policy", "bearing", "proportional", "--episodes", "3"]
-    environment = {**os.environ, variable: value}
+    environment = {**os.environ, "COLUMNS": "0", "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
         [sys.executable, "-m", "turtlebot_gym", *arguments], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert expected in done.stdout
+    assert "to goal, s" in done.stdout
+    assert "+-" in done.stdout
     assert done.stdout.splitlines()[-1].endswith(".")
 
 
