@@ -218,7 +218,7 @@ def test_episodes_do_not_depend_on_whether_a_batch_drops_finished_rows():
     unshrinkable = Whole(make_policy("vfh+safety"))
     assert not isinstance(unshrinkable, ShrinkingPolicy)
     policies = "vfh+safety", unshrinkable
-    shrunk, whole = (evaluate(policy, env=ROOMS, world="dense", episodes=12, seed=3) for policy in policies)
+    shrunk, whole = (evaluate(policy, env=ROOMS, world="dense", episodes=6, seed=3) for policy in policies)
     np.testing.assert_array_equal(shrunk.episodes.time, whole.episodes.time)
     np.testing.assert_array_equal(shrunk.episodes.path, whole.episodes.path)
 
