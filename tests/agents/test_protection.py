@@ -75,7 +75,7 @@ def test_a_layer_within_another_policy_allows_for_the_noise_too():
     assert alone.noise == stopping.policy.noise == "wheel"
 
 
-def least_clearance(drive, *, delay, blind=0.0, noise="clean", robots=300, steps=60, seed=0):
+def least_clearance(drive, *, delay, blind=0.0, noise="clean", robots=150, steps=60, seed=0):
     """Return the least clearance of robots among posts, m, each of which starts where it could have stopped.
 
     Args:
@@ -127,7 +127,7 @@ def reckless(seed):
 
 @pytest.mark.parametrize("delay", [1, 2])
 def test_within_the_layer_no_robot_touches_a_post_if_a_stop_was_possible(delay):
-    """300 reckless robots among posts that stand still, with a perfect LiDAR, whose commands are a step late or two."""
+    """150 reckless robots among posts that stand still, with a perfect LiDAR, whose commands are a step late or two."""
     assert least_clearance(SafetyLayer(reckless(1), lag=0.0), delay=delay) > 0.0
 
 
@@ -141,7 +141,7 @@ def test_within_the_layer_no_robot_touches_a_post_that_came_too_near_for_the_lid
 
 @pytest.mark.parametrize("forward", [0.0, 0.5])
 def test_robots_that_sway_in_quick_turns_touch_a_post_only_within_a_layer_that_takes_their_motion_for_exact(forward):
-    """300 robots that turn at full rate for two seconds, on the spot and on an arc, with the noise `wheel`, a step late."""
+    """150 robots that turn at full rate for two seconds, on the spot and on an arc, with the noise `wheel`, a step late."""
     turning = lambda rows: np.broadcast_to(np.float32([forward, 1.0]), (len(rows), 2))  # noqa: E731
     allowing, exact = (
         least_clearance(SafetyLayer(turning, lag=0.0, noise=noise), delay=1, noise="wheel", steps=20)
