@@ -35,7 +35,10 @@ GATED = FilterTuning(
     Q=(1e-4, 1e-4, 1e-4, 1e-3, 1e-3), R=(0.01, 0.02, 0.03), process=SHAKY.process, kind=Kalman(gate=9.0, max_rejections=2)
 )
 """A gate that is often shut, and often enough for a restart."""
-HEAVY = Robot(max_linear=0.3, max_angular=1.9, max_wheel=0.306, max_linear_acceleration=0.9, max_angular_acceleration=7.0)
+HEAVY = Robot(
+    max_linear=0.3, max_angular=1.9, max_wheel=0.306, max_linear_acceleration=0.9, max_angular_acceleration=7.0, reverse=False
+)
+COURSE = [(0.3, 0.0, 0.0), (0.4, 0.1, 1.0), (0.0, 0.3, -2.0)]
 LATE = FixNoise(R=(0.01, 0.02, 0.03), cross=(0.008, 0.01, 0.002), period=0.4, delay=0.3, dropout_probability=0.3)
 NOISY = "pose, everything noisy"
 CASES = {
@@ -43,10 +46,14 @@ CASES = {
     NOISY: {"task": "pose", "noise": SHAKY, "filter": GATED, "integrator": "midpoint", "arrival": "belief"},
     "square by time": {"task": "square", "noise": "documented", "filter": "tutorial", "switch": "time", "robot": "tutorial"},
     "square twice, on wheels": {"task": "square", "noise": "wheel", "laps": 2, "dt": 0.2, "robot": "turtlebot4"},
+    "square of one's own": {"task": "square", "waypoints": COURSE, "laps": 2, "noise": "rough", "arrival": "belief"},
+    "recorded noise": {"noise": "recorded"},
+    "history": {"observation": "goal*3@2,twist"},
     "heavy and late": {"noise": "rough", "robot": HEAVY, "delay": 2, "integrator": "midpoint"},
     "odometry shown": {"noise": "rough", "observation": "odometry"},
     "truth shown": {"noise": "clean", "observation": "truth", "integrator": "midpoint"},
     **{kind: {"noise": SHAKY, "filter": kind} for kind in ("gated", "mixture", "slip", "scale")},
+    **{fix: {"fix": fix} for fix in ("localization", "markers", "motion-capture")},
     "wheels and late fixes": {"noise": "wheel", "fix": LATE},
     "spikes and fixes in time": {"noise": SHAKY, "filter": "mixture", "fix": "beacons"},
     "gyro": {"noise": "rough", "filter": "gyro", "imu": "calibrated"},
@@ -86,6 +93,12 @@ def test_rows_equal_plain_python(case, number, in_step):
     terminated, truncated = ends_of(case, number, (0, 1, 31, 34)[:number], 500, in_step)
     assert terminated > 0 or number <= 2 or case == "square by time", "no episode terminated: the test saw too little"
     assert truncated > 0 or "square" in case, "no episode was truncated: the test saw too little"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("case", [case for case in CASES if case not in SLOW])
+def test_rows_equal_plain_python_for_a_million_steps(case, in_step):
+    assert ends_of(case, 100, range(100), 10_000, in_step).any()
 
 
 @pytest.mark.parametrize("threads", [1, 2])
