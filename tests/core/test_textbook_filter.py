@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from textbook import MIDDLE, Mixture, Textbook, difference, off
+from textbook import Mixture, Textbook, difference, off
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation.consistency import cramer_rao_bound
@@ -56,8 +56,7 @@ def assert_same(x, P, book, *, rtol=1e-8, atol=1e-10):
     np.testing.assert_allclose(P, book.P, rtol=rtol, atol=atol)
 
 
-@pytest.mark.parametrize("integrator", MIDDLE)
-@pytest.mark.parametrize("dt", [0.07, 0.1, 0.25])
+@pytest.mark.parametrize(("integrator", "dt"), [("euler", 0.1), ("midpoint", 0.25)])
 @pytest.mark.parametrize("name", TUNINGS)
 @pytest.mark.parametrize("change", CHANGES, ids=str)
 def test_steps_are_the_textbooks(name, change, dt, integrator):
