@@ -1,4 +1,4 @@
-"""Satellites stand beside the product: it imports none, and works in a copy of the repository from which one is deleted."""
+"""Satellites stand beside the product: it imports none, and works in a copy of the repository from which they are deleted."""
 
 import ast
 import os
@@ -29,8 +29,11 @@ OWN = tuple(name for name in HERE if name.startswith("turtlebot_gym_"))
 TESTS = ("agents", "bridges", "core", "fuzz", "golden", "localization", "plants", "rooms")
 """Folders of the product's tests; those of pages, benchmarks, browser and notebooks are about all there is."""
 QUICK = (
-    *("core/test_drive.py", "core/test_file_access.py", "core/test_models.py", "core/test_tasks.py"),
-    *("agents/test_first_use.py", "agents/test_outputs.py"),
+    "core/test_drive.py",
+    "core/test_file_access.py",
+    "core/test_models.py",
+    "core/test_tasks.py",
+    "agents/test_outputs.py",
 )
 ELSEWHERE = "not slow and not nightly and not clients and not cluster and not browser"
 
@@ -67,8 +70,8 @@ class Copy(NamedTuple):
     """A copy of the repository."""
 
     root: Path
-    missing: str
-    """The package that is not there."""
+    missing: tuple[str, ...]
+    """The packages that are not there."""
     environment: dict[str, str]
 
     def run(self, *words, patience=120.0):
@@ -86,21 +89,22 @@ class Copy(NamedTuple):
 
 FORGET = """
 import os, sys
-sys.path[:] = [path for path in sys.path if not os.path.isdir(os.path.join(path, {package!r}))]
+sys.path[:] = [path for path in sys.path if not any(os.path.isdir(os.path.join(path, name)) for name in {packages!r})]
 """
-"""Run by Python at its start: an editable installation would bring the deleted package back, from the repository itself."""
+"""Run by Python at its start: an editable installation would bring the deleted packages back, from the repository itself."""
+EACH = [pytest.param((name,), marks=pytest.mark.nightly, id=name) for name in HERE]
 
 
-@pytest.fixture(scope="module", params=HERE)
+@pytest.fixture(scope="module", params=[pytest.param(tuple(HERE), id="all"), *EACH])
 def copy(request, tmp_path_factory):
-    """The repository without a satellite, which the metadata of the installed package still names."""
-    folder = tmp_path_factory.mktemp(request.param)
+    """The repository without satellites, which the metadata of the installed package still names."""
+    folder, gone = tmp_path_factory.mktemp("without"), [path for name in request.param for path in SATELLITES[name]]
     root, metadata = folder / "copy", folder / "path" / "turtlebot_gym-0.dist-info"
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True)
     if listed.returncode:
         pytest.skip("needs the repository")
     for name in filter(None, listed.stdout.split("\0")):
-        if (ROOT / name).is_file() and not any(name.startswith(f"{gone}/") for gone in SATELLITES[request.param]):
+        if (ROOT / name).is_file() and not any(name.startswith(f"{path}/") for path in gone):
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, root / name)
     metadata.mkdir(parents=True)
@@ -109,7 +113,7 @@ def copy(request, tmp_path_factory):
     for group, points in PROJECT["entry-points"].items():
         lines += [f"[{group}]", *(f"{name} = {target}" for name, target in points.items())]
     (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n")
-    (folder / "path" / "sitecustomize.py").write_text(FORGET.format(package=request.param))
+    (folder / "path" / "sitecustomize.py").write_text(FORGET.format(packages=request.param))
     parts = (".", "agents", "bridges/turtlebot_gym_ros", "bridges/cmd_vel_guard", "lab", "checker")
     paths = [str(folder / "path"), *(str(root / part) for part in parts)]
     return Copy(root, request.param, {**os.environ, "PYTHONPATH": os.pathsep.join(paths)})
@@ -137,13 +141,14 @@ def test_its_commands_are_left_out_of_the_help_and_say_what_to_install(copy):
     assert done.returncode == 0, done.stderr
     listed = re.findall(r"^  ([a-z]+) ", done.stdout, re.MULTILINE)
     assert "train" in listed
-    extra = copy.missing.removeprefix("turtlebot_gym_")
-    for name, target in PROJECT["entry-points"]["turtlebot_gym.commands"].items():
-        if target.startswith(copy.missing):
-            assert name not in listed
-            remedy = f"pip install 'turtlebot-gym[{extra}]' (No module named '{copy.missing}')."
-            assert copy.said("turtlebot_gym", name) == f"turtlebot-gym: {name} needs the extra [{extra}]: {remedy}"
-            break
+    for package in copy.missing:
+        extra = package.removeprefix("turtlebot_gym_")
+        for name, target in PROJECT["entry-points"]["turtlebot_gym.commands"].items():
+            if target.startswith(package):
+                assert name not in listed
+                remedy = f"pip install 'turtlebot-gym[{extra}]' (No module named '{package}')."
+                assert copy.said("turtlebot_gym", name) == f"turtlebot-gym: {name} needs the extra [{extra}]: {remedy}"
+                break
 
 
 @pytest.mark.skipif(find_spec("rclpy") is None, reason="needs the extra [ros]")
@@ -151,22 +156,23 @@ def test_its_programs_are_left_out_of_the_help_and_say_what_to_install(copy):
     done = copy.run("-m", "turtlebot_gym_ros", "--help")
     assert done.returncode == 0, done.stderr
     assert "  bringup  " in done.stdout
-    extra = copy.missing.removeprefix("turtlebot_gym_")
     for name, target in PROJECT["entry-points"]["turtlebot_gym.programs"].items():
-        if target.startswith(copy.missing):
+        package = target.partition(".")[0]
+        if package in copy.missing:
+            extra = package.removeprefix("turtlebot_gym_")
             assert f"  {name}  " not in done.stdout
             assert copy.said("turtlebot_gym_ros", name).startswith(f"error: {name} needs the extra [{extra}]: pip install")
 
 
 def test_a_viewer_that_is_missing_is_named_with_the_remedy(copy):
-    if copy.missing != "turtlebot_gym_view":
+    if "turtlebot_gym_view" not in copy.missing:
         pytest.skip("has its viewer")
     line = copy.said("turtlebot_gym", "train", "--watch", "--steps", "1", "--out", "run")
     assert line.startswith("turtlebot-gym: watch-training needs the extra [view]: pip install")
 
 
-def test_quick_tests_of_the_product_pass_without_the_largest_satellite(copy):
-    if copy.missing != "turtlebot_gym_lab":
+def test_quick_tests_of_the_product_pass_without_all_satellites(copy):
+    if len(copy.missing) == 1:
         pytest.skip("the nightly test runs all tests without each")
     paths = [f"tests/{name}" for name in QUICK]
     done = copy.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-x", "-m", ELSEWHERE, *paths)
@@ -175,6 +181,8 @@ def test_quick_tests_of_the_product_pass_without_the_largest_satellite(copy):
 
 @pytest.mark.nightly
 def test_all_tests_of_the_product_pass_without_it(copy):
+    if len(copy.missing) > 1:
+        pytest.skip("without each alone")
     paths = [f"tests/{name}" for name in TESTS]
     done = copy.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", ELSEWHERE, *paths, patience=3600.0)
     assert done.returncode == 0, done.stdout
