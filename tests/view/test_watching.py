@@ -22,7 +22,8 @@ def test_the_current_policy_is_shown_while_it_learns(tmp_path, capsys):
             labels.append(self.drive.read()[1].around.label)
 
     pages, labels = [], []
-    config = TrainingConfig(steps=20_000, evaluations=1, episodes=10)
+    hyper = {"n_envs": 64, "n_timesteps": 2048, "policy": "MlpPolicy", "n_steps": 16, "batch_size": 1024, "n_epochs": 1}
+    config = TrainingConfig(config=hyper, steps=2048, evaluations=1, episodes=10)
     watch = Visit(config, seconds=0.0, port=0)
     train(config, tmp_path / "run", progress=False, callbacks=[watch])
     assert all("TurtleBotNav-v0 ppo seed 0" in page for page in pages)
