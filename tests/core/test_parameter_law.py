@@ -5,6 +5,7 @@ A parameter that nothing read once passed every test of its own, was randomized 
 
 import math
 from dataclasses import fields, replace
+from functools import cache
 
 import gymnasium as gym
 import numpy as np
@@ -215,6 +216,7 @@ def drive(episode):
     return direction * (0.3 + 0.7 * o.cos_bearing**2), 1.5 * math.atan2(direction * o.sin_bearing, direction * o.cos_bearing)
 
 
+@cache
 def rollout(p):
     """Return all that an environment in plain Python shows, judges and is, over some episodes."""
     episode = Episode(p, POSE, seed=2)
