@@ -164,7 +164,7 @@ def test_resumes_after_kills(kills, tmp_path):
 
 
 def test_a_resuming_command_warns_that_the_policy_will_differ(tmp_path, capsys):
-    line = ["train", "--out", str(tmp_path / "run"), "--steps", "2048", "--evaluations", "1", "--resume"]
+    line = ["train", "--out", str(tmp_path / "run"), "--steps", "2048", "--evaluations", "1", "--resume", "episodes=8"]
     assert main(line) == 0
     assert "uninterrupted" not in capsys.readouterr().err
     (tmp_path / "run" / "policy.onnx").unlink()  # as an interruption leaves it
