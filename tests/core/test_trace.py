@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from graphs import computed
 
 from turtlebot_gym import RewardTerm
-from turtlebot_gym.compiled import emit, graph, ground, running
+from turtlebot_gym.compiled import graph, ground, regions, running
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.graph import Graph, Node, Untraceable, live, load
 from turtlebot_gym.compiled.packing import as_tuple, flatten, layout_of
@@ -22,26 +23,6 @@ from turtlebot_gym.tasks import SQUARE
 from turtlebot_gym.values import Pose
 
 # Small kernels: their graphs, computed in Python, have the results of the kernels themselves.
-
-
-def computed(values, **numbers):
-    """Return the results of a graph for given loads."""
-    known = {}
-    for node in live(values):
-        if node.op == "load" and node.args[0] in numbers:
-            known[node.id] = numbers[node.args[0]]
-        elif node.op == "search":
-            found = None
-            for attempt in range(node.args[2]):
-                found, accepted = computed(node.args[:2], **numbers, **{node.args[4].args[0]: attempt})
-                if accepted:
-                    break
-            known[node.id] = found
-        elif node.op != "load" and not {x.id for x in node.args if isinstance(x, Node)} - known.keys():
-            args = [known[x.id] if isinstance(x, Node) else x for x in node.args]
-            select = node.op in ("sel", "if")
-            known[node.id] = (args[1] if args[0] else args[2]) if select else graph._compute(node.op, node.kind, tuple(args))
-    return [known[value.id] if isinstance(value, Node) else value for value in values]
 
 
 @kernel
@@ -252,8 +233,8 @@ def test_a_block_of_its_own_needs_some_operations():
     Graph.now = Graph()
     x = load("x")
     few, many = x + 1.0, x
-    for k in range(emit.FEWEST + 3):
+    for k in range(regions.FEWEST + 3):
         many = many * 1.25 + float(k)
     values = [graph.make("if", x > 0.0, few, x, 1), graph.make("if", x > 0.0, many, x, 2)]
-    homes = emit._homes(live(values), values)
+    homes = regions.homes_of(live(values), values)
     assert [homes[node.id].depth for node in (few, many)] == [0, 1]

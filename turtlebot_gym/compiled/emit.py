@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import itertools
 import struct
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 from turtlebot_gym.compiled.graph import Node, kind_of, live
 from turtlebot_gym.compiled.packing import TILE
+from turtlebot_gym.compiled.regions import BLOCKS, ROOT, Region, around, block_of, blocks_around, homes_of
 
-FEWEST = 12
-"""Fewest operations of an ``if`` that have a block of their own; fewer are faster than the branch."""
 _KINDS = {"f": "double", "i": "i64", "b": "i1"}
 _COMPARED = ("lt", "le", "eq", "ne")
 _BINARY = {
@@ -33,25 +32,6 @@ _MAGIC = 0x4330000000000000  # the bits of 2^52, in whose last places a whole nu
 def vector(kind: str) -> str:
     """Return the type of a number of all lanes."""
     return f"<{TILE} x {_KINDS.get(kind, kind)}>"
-
-
-class Region(NamedTuple):
-    """What runs only where an ``if`` wants it."""
-
-    parent: Any
-    tag: int
-    depth: int
-
-
-_ROOT = Region(None, 0, 0)
-_BLOCKS = {"if": (1,), "search": (0, 1, 4)}
-"""Operations with a block of their own, and which of their arguments belong there."""
-
-
-def _inside(node: Node, at: int, home: Region, flat: Container[int] = ()) -> Region | None:
-    """Return the block of an argument of a node that stands in a block; None if it has none of its own."""
-    is_inside = at in _BLOCKS.get(node.op, ()) and node.args[3] not in flat
-    return Region(home, node.args[3], home.depth + 1) if is_inside else None
 
 
 class Writer:
@@ -119,30 +99,30 @@ class Writer:
     def write(self, values: Sequence[Any], done: Callable[[Any], None]) -> None:
         """Write all nodes of some values; ``done(node)`` is called after each that always runs."""
         nodes = live(values)
-        homes = _homes(nodes, values)
+        homes = homes_of(nodes, values)
         self._blocks: dict[Region, list[Node]] = {}
         self._outer: dict[Region, list[Node]] = {}
         for node in nodes:
             self._blocks.setdefault(homes[node.id], []).append(node)
             for at, value in enumerate(node.args):
                 if isinstance(value, Node) and value.op == "load":
-                    child = _inside(node, at, homes[node.id])
+                    child = block_of(node, at, homes[node.id])
                     inner = child if child and (child in self._blocks or child == homes[value.id]) else homes[node.id]
-                    for region in _path(inner):
-                        if _common(region, homes[value.id]) != region:
+                    for region in blocks_around(inner):
+                        if around(region, homes[value.id]) != region:
                             self._outer.setdefault(region, []).append(value)
-        self._write_block(_ROOT, done)
+        self._write_block(ROOT, done)
 
     def _write_block(self, region: Region, done: Callable[[Any], None] | None) -> None:
         nodes = self._blocks.get(region, [])
         merges: dict[int, list[Node]] = {}
         for node in nodes:
-            if node.op in _BLOCKS:
+            if node.op in BLOCKS:
                 merges.setdefault(node.args[3], []).append(node)
         for node in nodes:
             if node.id in self._names or node.op == "load":
                 continue  # memory is read where a number is wanted first
-            child = _inside(node, _BLOCKS.get(node.op, (0,))[0], region)
+            child = block_of(node, BLOCKS.get(node.op, (0,))[0], region)
             if child in self._blocks:
                 (self._merge if node.op == "if" else self._search)(child, merges[node.args[3]])
             else:
@@ -268,40 +248,3 @@ class Writer:
             each = [f"double {self.put(f'extractelement {own} {argument}, i32 {lane}')}" for argument in arguments]
             result = self.put(f"insertelement {own} {result}, double {self.call('double', name, *each)}, i32 {lane}")
         return result
-
-
-def _homes(nodes: list[Node], values: Iterable[Any]) -> dict[int, Region]:
-    """Return for each node the innermost block that all who want it are in; small blocks belong to what is around them."""
-    flat, loops = set[int](), {node.args[3] for node in nodes if node.op == "search"}
-    while True:
-        homes: dict[int, Region] = {value.id: _ROOT for value in values if isinstance(value, Node)}
-        sizes: dict[int, int] = {}
-        for node in reversed(nodes):
-            home = homes[node.id]
-            for at, value in enumerate(node.args):
-                if isinstance(value, Node):
-                    place = _inside(node, at, home, flat) or home
-                    homes[value.id] = _common(homes[value.id], place) if value.id in homes else place
-            if home is not _ROOT and node.op not in ("load", "gather"):
-                for region in _path(home):
-                    sizes[region.tag] = sizes.get(region.tag, 0) + 1
-        small = {tag for tag, size in sizes.items() if size < FEWEST} - loops
-        if not small:
-            return homes
-        flat |= small
-
-
-def _path(region: Region) -> Iterator[Region]:
-    while region is not _ROOT and region.parent is not None:
-        yield region
-        region = region.parent
-
-
-def _common(one: Region, other: Region) -> Region:
-    """Return the innermost block around two."""
-    while one != other:
-        if one.depth >= other.depth:
-            one = one.parent
-        else:
-            other = other.parent
-    return one

@@ -26,9 +26,9 @@ from turtlebot_gym.systems.sensors import sensing
 from turtlebot_gym.systems.system import System
 from turtlebot_gym.values import Pose
 
-_one_at_a_time = threading.Lock()
+one_at_a_time = threading.Lock()
 """Held while a graph is made, since its nodes are numbered."""
-_MAKERS = ("graph", "trace", "invariants", "ground", "emit", "memory", "native", "packing")
+_MAKERS = ("graph", "trace", "invariants", "ground", "regions", "emit", "memory", "native", "packing")
 """Modules that make the machine code."""
 
 
@@ -236,7 +236,7 @@ def ground_of(system: System, case: Case) -> Ground:
         Untraceable: If a kernel cannot be traced; the message says why.
         ImportError: If llvmlite is missing.
     """
-    with _one_at_a_time:
+    with one_at_a_time:
         code = native.code_of("open ground", f"{_identity(system)} {case}", lambda: _text(system, case))
         step, reset = native.functions_of(code, "step", "reset")
     layout = layout_of(system)

@@ -285,7 +285,7 @@ def step_text(numbers: Mapping[str, Any], places: Mapping[str, int], kept: list[
         address = writer.put(f"add i64 %actions, {writer.put(f'mul i64 %number, {TILE * 8}')}")
         memory.asked = memory.masked("load", f"<{2 * TILE} x float>", address, 0, mask, align=4)
         out = {name: value for name, value in numbers.items() if name in kept or not name.startswith("world.")}
-        out = {name: value for name, value in out.items() if not (isinstance(value, Node) and _is_load(value, name))}
+        out = {name: value for name, value in out.items() if not (isinstance(value, Node) and is_load(value, name))}
         loads.update({node.args[0]: node for node in live(out.values()) if node.op == "load"})
         memory.outputs(out, keep)
         memory.copy_shown()
@@ -296,7 +296,7 @@ def step_text(numbers: Mapping[str, Any], places: Mapping[str, int], kept: list[
     return memory.function(body)
 
 
-def _is_load(value: Node, name: str) -> bool:
+def is_load(value: Node, name: str) -> bool:
     """Return whether a number is what it was, also as a truth."""
     while value.op == "tofloat":
         value = value.args[0]
