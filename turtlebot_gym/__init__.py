@@ -87,7 +87,7 @@ def _register_environments() -> None:
         register(
             id=f"turtlebot_gym/TurtleBot{name}-v0",
             entry_point="turtlebot_gym.envs.navigation:NavigationEnv",
-            vector_entry_point="turtlebot_gym.envs.navigation_vector:NavigationVectorEnv",
+            vector_entry_point="turtlebot_gym.envs.vector:make_vector",
             max_episode_steps=steps,
             kwargs={"task": task},
         )

@@ -1,0 +1,271 @@
+"""Environments on a GPU have the bits of the engine: on Warp's backend for processors, and on a GPU where there is one.
+
+The same text is compiled for both, see `test_cpp`.
+"""
+
+import math
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import InvalidAction, ResetNeeded
+
+import turtlebot_gym  # noqa: F401  # registers the ids
+from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, RewardTerm
+from turtlebot_gym.envs import navigation_device
+from turtlebot_gym.envs.navigation_device import CHECKED, NavigationDeviceEnv
+from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
+from turtlebot_gym.envs.vector import make_vector
+
+try:
+    import torch
+    import warp as wp
+except ImportError:
+    torch = wp = None
+needs_warp = pytest.mark.skipif(wp is None, reason="NVIDIA Warp or torch is not installed: pip install '.[gpu]'")
+
+SHAKY = Noise(
+    process=ProcessNoise(alpha1=0.02, alpha2=0.001, alpha3=0.05, alpha4=0.01, slip=0.5, slip_start=0.05, slip_end=0.2),
+    odometry=OdometryNoise(R=(0.01, 0.02, 0.03), spike_probability=0.1, spike=0.5, dropout_probability=0.1),
+)
+SQUARE = {"task": "square", "noise": "documented", "filter": "tutorial", "switch": "time", "robot": "tutorial"}
+SYSTEMS = {
+    "default": {"task": "nav"},
+    "tutorial": SQUARE,
+    "wheel": {"task": "pose", "noise": "wheel", "robot": "turtlebot4", "dt": 0.2, "delay": 2},
+    "pose": {"task": "pose", "noise": SHAKY, "integrator": "midpoint", "arrival": "belief"},
+    **{kind: {"task": "nav", "noise": SHAKY, "filter": kind} for kind in ("gated", "mixture", "scale", "slip")},
+    "fixes": {"task": "nav", "noise": "wheel", "fix": "late"},
+    "gyro": {"task": "square", "laps": 2, "noise": "rough", "filter": "gyro", "imu": "mpu9250", "fix": "beacons"},
+}
+
+
+@pytest.fixture(params=["warp-cpu", "cuda"])
+def device(request):
+    """Return the name of a device that is there."""
+    if wp is None:
+        pytest.skip("NVIDIA Warp or torch is not installed: pip install '.[gpu]'")
+    if request.param == "cuda" and not (wp.is_cuda_available() and torch.cuda.is_available()):
+        pytest.skip("there is no CUDA device")
+    return request.param
+
+
+def actions_for(observations, rng):
+    """Return noisy actions that often arrive, and sometimes leave the action space."""
+    distance, cosine, sine, cos_turn, sin_turn = observations.T[:5].astype(float)
+    bearing, turn = np.arctan2(sine, cosine), np.arctan2(sin_turn, cos_turn)
+    close = distance < 0.12
+    actions = np.column_stack([np.where(close, 0.0, cosine), np.where(close, 0.5 * turn, 1.5 * bearing)])
+    return (actions + np.where(close, 0.05, 0.5)[:, None] * rng.normal(size=actions.shape)).astype(np.float32)
+
+
+def bits(value):
+    """Return the bits of an array or a tensor, rows first."""
+    array = np.ascontiguousarray(value if isinstance(value, np.ndarray) else value.cpu().numpy())
+    return array.reshape(len(array), -1).view(np.uint8)
+
+
+def same_rows(ours, theirs):
+    """Return for each environment whether all arrays have the bits of all tensors."""
+    return np.logical_and.reduce([(bits(one) == bits(other)).all(axis=1) for one, other in zip(ours, theirs, strict=True)])
+
+
+def results_of(step):
+    """Return all that a step says of each environment; where an episode has ended, also what was last."""
+    observations, rewards, terminated, truncated, info = step
+    found = [observations, rewards, terminated, truncated, info["distance"], info["is_success"]]
+    if "_final_obs" in info:
+        ended = info["_final_obs"]
+        last = info["final_obs"]
+        if isinstance(last, np.ndarray):  # of objects
+            last = np.stack([np.zeros_like(observations[0]) if row is None else row for row in last])
+        else:
+            last = last.masked_fill(~ended[:, None], 0.0)
+        found += [ended, last, info["final_info"]["distance"], info["final_info"]["is_success"]]
+    return found
+
+
+def compare(engine, other, *, steps, seed=0, changed=lambda actions: actions):
+    """Return how many environment steps have the bits of the engine, how many do not, and how many episodes ended.
+
+    Args:
+        engine: Environments of the engine.
+        other: The same on a device.
+        steps: Number of steps.
+        seed: Of the environments and of the actions.
+        changed: ``changed(actions)`` returns the actions for the device.
+    """
+    rng, equal, ends = np.random.default_rng(seed), 0, 0
+    observations, info = engine.reset(seed=seed)
+    theirs, their_info = other.reset(seed=seed)
+    assert same_rows([observations, info["distance"]], [theirs, their_info["distance"]]).all()
+    for _ in range(steps):
+        actions = actions_for(observations, rng)
+        one, two = engine.step(actions), other.step(torch.as_tensor(changed(actions), device=other.device))
+        if "final_obs" not in one[4]:
+            assert not bool(two[4].get("_final_obs", torch.zeros(1)).any())
+            two = (*two[:4], {key: two[4][key] for key in ("distance", "is_success")})
+        equal += np.count_nonzero(same_rows(results_of(one), results_of(two)))
+        ends += np.count_nonzero(one[2] | one[3])
+        observations = one[0]
+    return equal, engine.num_envs * steps - equal, ends
+
+
+def pair(device, name, rows, **options):
+    """Return environments of the engine and of a device."""
+    options = {"max_episode_steps": 60} | SYSTEMS[name] | options
+    return NavigationVectorEnv(rows, **options), NavigationDeviceEnv(rows, device=device, **options)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("name", ["default", "tutorial"])
+def test_a_device_has_the_bits_of_the_engine(device, name, mode):
+    equal, different, ends = compare(*pair(device, name, 50, autoreset_mode=mode), steps=200)
+    assert (equal, different) == (50 * 200, 0)
+    assert ends > 100, "few episodes ended: the test saw too little"
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_each_system_has_the_bits_of_the_engine_for_200000_steps(device, name):
+    equal, different, ends = compare(*pair(device, name, 1000, autoreset_mode="SameStep"), steps=200)
+    assert (equal, different) == (200_000, 0)
+    assert ends > 1000
+
+
+@needs_warp
+def test_the_comparison_notices_the_last_bit_of_an_action():
+    def changed(actions):
+        return np.nextafter(actions, np.float32(0.0))
+
+    equal, different, _ = compare(*pair("warp-cpu", "default", 50), steps=5, changed=changed)
+    assert different > 5 * 50 / 2 > equal
+
+
+def test_masks_and_seeds_begin_the_episodes_of_the_engine(device):
+    engine, other = pair(device, "default", 6)
+    mask = np.array([True, False, True, False, False, True])
+    seeds = [None, 7, 2**80 + 5, None, 1, 0]
+    for seed, chosen in ((3, None), (None, None), (None, mask), (seeds, None), (seeds, mask), ([9] * 6, ~mask)):
+        options = None if chosen is None else {"reset_mask": chosen}
+        theirs = None if chosen is None else {"reset_mask": torch.as_tensor(chosen, device=other.device)}
+        one, two = engine.reset(seed=seed, options=options), other.reset(seed=seed, options=theirs)
+        keys = "distance", "is_success", "_distance", "_is_success"
+        assert same_rows([one[0], *(one[1][key] for key in keys)], [two[0], *(two[1][key] for key in keys)]).all()
+        for _ in range(70):  # beyond the end of an episode
+            actions = actions_for(one[0], np.random.default_rng(0))
+            one, two = engine.step(actions), other.step(torch.as_tensor(actions, device=other.device))
+            assert same_rows(results_of(one), results_of(two)).all()
+
+
+def test_everything_is_a_new_tensor_on_the_device(device):
+    env = gym.make_vec("turtlebot_gym/TurtleBotNav-v0", num_envs=3, device=device, autoreset_mode="SameStep")
+    assert isinstance(env, NavigationDeviceEnv)
+    observations, _ = env.reset(seed=0)
+    kept = observations.clone()
+    results = env.step(torch.zeros((3, 2), dtype=torch.float64, device=env.device))
+    tensors = [*results[:4], *(value for value in results[4].values() if not isinstance(value, dict))]
+    assert {(tensor.device, len(tensor)) for tensor in [observations, *tensors]} == {(env.device, 3)}
+    kinds = [tensor.dtype for tensor in results[:4]]
+    assert kinds == [torch.float32, torch.float64, torch.bool, torch.bool]
+    assert torch.equal(observations, kept)
+    assert env.observation_space.contains(observations.cpu().numpy())
+
+
+@needs_warp
+def test_actions_must_be_a_tensor_of_the_device():
+    env = NavigationDeviceEnv(3, device="warp-cpu")
+    good = torch.zeros((3, 2))
+    with pytest.raises(ResetNeeded):
+        env.step(good)
+    env.reset(seed=0)
+    for bad in (np.zeros((3, 2), np.float32), torch.zeros((2, 2)), torch.zeros((3, 2), device="meta"), [[0.0, 0.0]] * 3):
+        with pytest.raises(InvalidAction, match=r"tensor of shape \(3, 2\) on cpu, got"):
+            env.step(bad)
+    env.step(good.requires_grad_().T.contiguous().T)  # in another order of memory
+
+
+@needs_warp
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_an_action_that_is_not_finite_is_an_error_soon(bad):
+    env = NavigationDeviceEnv(3, device="warp-cpu")
+    env.reset(seed=0)
+    actions = torch.zeros((3, 2))
+    actions[1, 1] = bad
+    env.step(actions)
+    for _ in range(CHECKED - 2):
+        env.step(torch.zeros((3, 2)))
+    with pytest.raises(InvalidAction, match="Environment 1: an action of the last 100 steps was not finite"):
+        env.step(torch.zeros((3, 2)))
+    env.step(actions)
+    with pytest.raises(InvalidAction, match="Environment 1"):
+        env.reset()
+    env.reset()  # once is enough
+
+
+@needs_warp
+def test_masks_are_checked():
+    env = NavigationDeviceEnv(2, device="warp-cpu")
+    some = torch.tensor([True, False])
+    with pytest.raises(ResetNeeded, match="Environment 1"):
+        env.reset(options={"reset_mask": some})
+    env.reset(seed=0)
+    for mask in (np.array([True, False]), torch.zeros(2, dtype=torch.bool), torch.ones(2), torch.ones(3, dtype=torch.bool)):
+        with pytest.raises(ValueError, match="reset_mask must be"):
+            env.reset(options={"reset_mask": mask})
+    with pytest.raises(ValueError, match="options must be among 'reset_mask', got 'start'"):
+        env.reset(options={"start": (0.0, 0.0)})
+
+
+REFUSED = {
+    "rooms": {"task": "room"},
+    "a plant or a filter in plain Python": {"filter": "own_parts:Extended"},
+    "an observation of past values": {"observation": "ekf,twist*2"},
+    "info='full'": {"info": "full"},
+    "render_mode='rgb_array'": {"render_mode": "rgb_array"},
+    "autoreset_mode='Disabled'": {"autoreset_mode": "Disabled"},
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_what_a_device_cannot_do_is_refused_before_anything_is_compiled(what, monkeypatch):
+    monkeypatch.setattr(navigation_device, "DeviceBatch", lambda *args, **options: pytest.fail("compiled"))
+    monkeypatch.setitem(sys.modules, "warp", None)
+    with pytest.raises(ValueError, match="device='warp-cpu' cannot do") as caught:
+        NavigationDeviceEnv(2, device="warp-cpu", **REFUSED[what])
+    assert str(caught.value) == f"device='warp-cpu' cannot do {what}: leave device out, and the engine does."
+
+
+@needs_warp
+def test_a_kernel_that_calls_the_library_is_refused():
+    swing = RewardTerm("swing", lambda before, after, judgement, p: math.sin(after.steps), 1.0)
+    with pytest.raises(ValueError, match=r"a kernel calls math\.sin, whose last bits differ.* Leave device out"):
+        NavigationDeviceEnv(2, device="warp-cpu", reward={swing: 1.0})
+
+
+def test_parameters_cannot_be_changed(device):
+    env = NavigationDeviceEnv(2, device=device)
+    with pytest.raises(ValueError, match="make another environment with them, or leave device out"):
+        env.set_parameters(env.parameters)
+
+
+@pytest.mark.parametrize("name", ["gpu", "cuda:", "warp", "", None, 0])
+def test_an_unknown_device_is_refused(name):
+    with pytest.raises(ValueError, match="device must be 'cpu', 'cuda', 'cuda:1' and so on, or 'warp-cpu', got"):
+        make_vector(2, device=name)
+
+
+@pytest.mark.parametrize("library", ["warp", "torch"])
+def test_a_missing_library_is_named_with_its_remedy(library, monkeypatch):
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ImportError, match=rf"device='cuda' needs NVIDIA Warp and torch: pip install .*\[gpu\].*{library}"):
+        make_vector(2, device="cuda")
+
+
+@needs_warp
+def test_a_device_that_is_not_there_is_refused():
+    with pytest.raises(
+        ValueError, match=r"device='cuda:99' is not there: Warp finds (no|\d+) CUDA devices?\. Leave device out"
+    ):
+        make_vector(2, device="cuda:99")

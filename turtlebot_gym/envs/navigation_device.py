@@ -1,0 +1,269 @@
+"""The vector environment on a GPU: state, observations and rewards stay there, as tensors of torch."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.error import InvalidAction, ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from turtlebot_gym.compiled.device import OUTCOMES
+from turtlebot_gym.compiled.device_batch import DeviceBatch
+from turtlebot_gym.compiled.graph import Untraceable
+from turtlebot_gym.envs.common import read_options, read_seeds, spaces_of, with_limit
+from turtlebot_gym.extras import installing
+from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.systems import Options, Parameters, System, find_system
+from turtlebot_gym.validation import as_int, choose, short_repr
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+MOST = 2**24
+"""Most environments in one."""
+WARP_ON_CPU = "warp-cpu"
+"""Name of the device on which Warp runs the kernels of a GPU on this processor."""
+CHECKED = 100
+"""Steps after which the device is asked whether all actions were finite."""
+_REWARD, _DISTANCE, _SUCCESS, _TERMINATED, _TRUNCATED = range(len(OUTCOMES))
+
+
+def find_device(device: str) -> str:
+    """Return the name of a device that is there, as Warp and torch know it.
+
+    Args:
+        device: "cuda", "cuda:1" and so on, or "warp-cpu".
+
+    Raises:
+        ValueError: If there is no such device.
+        ImportError: If Warp or torch is missing.
+    """
+    if device != WARP_ON_CPU and not (isinstance(device, str) and re.fullmatch(r"cuda(:\d+)?", device)):
+        raise ValueError(f"device must be 'cpu', 'cuda', 'cuda:1' and so on, or {WARP_ON_CPU!r}, got {short_repr(device)}.")
+    try:
+        import torch
+        import warp as wp
+    except ImportError as error:
+        raise ImportError(f"device={device!r} needs NVIDIA Warp and torch: {installing('gpu')} ({error}).") from error
+    if device == WARP_ON_CPU:
+        return "cpu"
+    for library, count in (("Warp", wp.get_cuda_device_count()), ("torch", torch.cuda.device_count())):
+        if count <= int(device.partition(":")[2] or 0):
+            raise ValueError(
+                f"device={device!r} is not there: {library} finds {count or 'no'} CUDA device{'s'[: count != 1]}. "
+                "Leave device out, and the engine runs on this processor."
+            )
+    return wp.get_device(device).alias
+
+
+def _refuse(device: str, system: System, info: str, render_mode: str | None, mode: AutoresetMode) -> None:
+    """Refuse what a device cannot do."""
+    asked = {
+        "rooms": system.surroundings is not None,
+        "a plant or a filter in plain Python": not system.compiled,
+        "an observation of past values": any(term.length > 1 for term in system.terms),
+        f"info={short_repr(info)}": info != "default",
+        f"render_mode={short_repr(render_mode)}": render_mode is not None,
+        "autoreset_mode='Disabled'": mode is AutoresetMode.DISABLED,
+    }
+    for what, is_asked in asked.items():
+        if is_asked:
+            raise ValueError(f"device={device!r} cannot do {what}: leave device out, and the engine does.")
+
+
+class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
+    """A `NavigationVectorEnv` on open ground whose numbers are tensors on a GPU; row *i* has the same trajectory, to the bit.
+
+    Actions are a tensor of shape (N, 2) on the device. `reset` and `step` return new tensors each time: observations (N, K) in
+    float32, rewards (N,) in float64, and flags (N,). Only one step in `CHECKED` waits for the device, so an action that is not
+    finite is an error of one of the next `CHECKED` steps, or of the next reset.
+
+    ``info`` holds ``distance`` and ``is_success``, shape (N,), with a mask of each. In the mode SAME_STEP every step has
+    ``final_obs``, shape (N, K), and ``final_info``, with the masks ``_final_obs`` and ``_final_info`` of the environments whose
+    episode has ended; their other rows mean nothing.
+
+    Args:
+        num_envs: Number of environments.
+        device: "cuda", "cuda:1" and so on; or "warp-cpu", the same kernels on this processor, slowly, for tests.
+        max_episode_steps: Steps after which an episode is truncated; None for the task's own.
+        autoreset_mode: NEXT_STEP or SAME_STEP of `gymnasium.vector.AutoresetMode`, or its name.
+        info: "default"; others need the engine, like `render_mode`.
+        render_mode: None.
+        **options: See `NavigationEnv`; rooms and the plant "mujoco" need the engine.
+
+    Raises:
+        ValueError: If an argument is out of its range, if the device is not there or cannot do what is asked.
+        TypeError: If an argument is unknown.
+        ImportError: If Warp or torch is not installed.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        device: str = "cuda",
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        info: str = "default",
+        render_mode: str | None = None,
+        **options: Any,
+    ) -> None:
+        self.num_envs = as_int("num_envs", num_envs, 1, MOST)
+        modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
+        self._mode = choose("autoreset_mode", autoreset_mode, modes)
+        info = choose("info", info, {kind: kind for kind in ("default", "rewards", "full")})
+        render_mode = choose("render_mode", render_mode, {kind: kind for kind in (None, "rgb_array")})
+        setup = with_limit(Options.of(options), max_episode_steps)
+        system = find_system(setup.system, setup.parameters)
+        _refuse(device, system, info, render_mode, self._mode)
+        name = find_device(device)
+        try:
+            self._batch = DeviceBatch(self.num_envs, setup.parameters, setup.waypoints, system=system, device=name)
+        except Untraceable as error:
+            raise ValueError(f"device={device!r} cannot do this: {error}. Leave device out, and the engine does.") from error
+        self.device = self._batch.device
+        """The device, as torch names it."""
+        self.parameters = setup.parameters
+        """Everything that the environments' transitions depend on."""
+        self.observation_terms = system.terms
+        """The terms of an observation, in turn."""
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self.single_action_space, self.single_observation_space = spaces_of(system)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._everywhere = self._tensor(np.ones(self.num_envs, np.bool_))
+        self._done = ~self._everywhere
+        self._begun, self._steps = False, 0
+
+    def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
+        """Refuse other parameters.
+
+        Raises:
+            ValueError: Always, since the parameters are part of the kernels.
+        """
+        raise ValueError("parameters are part of a device's kernels: make another environment with them, or leave device out.")
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Tensor, dict[str, Any]]:
+        """Start episodes.
+
+        Args:
+            seed: As in `NavigationVectorEnv.reset`.
+            options: ``reset_mask``, a boolean tensor on the device, shape (N,): reset only these.
+
+        Returns:
+            Observations of all environments, and infos; those outside the mask are zero.
+
+        Raises:
+            ValueError: If a seed or an option is invalid.
+            ResetNeeded: If the mask leaves out an environment that was never reset.
+            InvalidAction: If an action was not finite since the last check.
+        """
+        mask, batch, seeds = self._mask(options), self._batch, read_seeds(seed, self.num_envs)
+        self._check_actions()
+        super().reset(seed=next((given for given in seeds if given is not None), None))
+        if not self._begun:
+            first = int(self.np_random_seed or 0)
+            seeds = [first + row if given is None else given for row, given in enumerate(seeds)]
+        seeded = self._tensor(np.array([given is not None for given in seeds])) & mask
+        numbers = self._tensor(np.array([(given or 0) & MAX_SEED for given in seeds], np.int64))
+        batch.seeds.copy_(numbers.where(seeded, batch.seeds))
+        batch.episodes.copy_((batch.episodes + mask) * ~seeded)
+        observations, outcomes = batch.empty()
+        batch.reset(self._everywhere, observations, outcomes, begins=False)
+        batch.reset(mask, observations, outcomes)
+        self._begun = True
+        self._done = self._done & ~mask
+        return observations, self._info(outcomes, mask)
+
+    def step(  # pyright: ignore[reportIncompatibleMethodOverride]  # tensors
+        self, actions: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
+        """Advance all environments by one control interval.
+
+        Args:
+            actions: Shape (N, 2), on the device: shares of the speed and turning rate limits; values beyond 1 are clipped.
+
+        Raises:
+            InvalidAction: If the actions are no such tensor, or one was not finite since the last check.
+            ResetNeeded: If the environments were never reset.
+        """
+        values = self._read_actions(actions)
+        if not self._begun:
+            raise ResetNeeded("Call reset() before step().")
+        self._steps += 1
+        if self._steps % CHECKED == 0:
+            self._check_actions()
+        observations, outcomes = self._batch.step(values)
+        if self._mode is AutoresetMode.NEXT_STEP:
+            self._begin_next(self._done, observations, outcomes)
+        rewards, terminated, truncated = outcomes[_REWARD], outcomes[_TERMINATED] != 0.0, outcomes[_TRUNCATED] != 0.0
+        self._done = terminated | truncated
+        if self._mode is AutoresetMode.NEXT_STEP:
+            return observations, rewards, terminated, truncated, self._info(outcomes)
+        final = {"final_obs": observations.clone(), "_final_obs": self._done}
+        final |= {"final_info": self._info(outcomes.clone(), self._done), "_final_info": self._done}
+        rewards = rewards.clone()
+        self._begin_next(self._done, observations, outcomes)
+        return observations, rewards, terminated, truncated, self._info(outcomes) | final
+
+    def _begin_next(self, mask: Tensor, observations: Tensor, outcomes: Tensor) -> None:
+        """Begin the next episode of some environments, and overwrite their values."""
+        self._batch.episodes += mask
+        self._batch.reset(mask, observations, outcomes)
+
+    def _tensor(self, array: Any) -> Tensor:
+        import torch
+
+        return torch.as_tensor(array, device=self.device)
+
+    def _info(self, outcomes: Tensor, mask: Tensor | None = None) -> dict[str, Any]:
+        distance, is_success = outcomes[_DISTANCE], outcomes[_SUCCESS] != 0.0
+        if mask is None:
+            return {"distance": distance, "is_success": is_success} | dict.fromkeys(
+                ("_distance", "_is_success"), self._everywhere
+            )
+        return {
+            "distance": distance.masked_fill(~mask, 0.0),
+            "is_success": is_success & mask,
+            "_distance": mask,
+            "_is_success": mask,
+        }
+
+    def _read_actions(self, actions: Any) -> Tensor:
+        import torch
+
+        shape = (self.num_envs, 2)
+        if not (isinstance(actions, torch.Tensor) and actions.device == self.device and actions.shape == shape):
+            raise InvalidAction(
+                f"Actions are a tensor of shape {shape} on {self.device}, got {short_repr(actions)}: convert them by "
+                f"torch.as_tensor(actions, device={str(self.device)!r})."
+            )
+        return actions.detach().to(torch.float32).contiguous()
+
+    def _check_actions(self) -> None:
+        row = self._batch.take_wrong()
+        if row is not None:
+            raise InvalidAction(f"Environment {row}: an action of the last {CHECKED} steps was not finite.")
+
+    def _mask(self, options: dict[str, Any] | None) -> Tensor:
+        import torch
+
+        mask = read_options(options, ["reset_mask"]).get("reset_mask", self._everywhere)
+        if not (isinstance(mask, torch.Tensor) and mask.dtype is torch.bool and mask.shape == (self.num_envs,)):
+            raise ValueError(f"reset_mask must be a boolean tensor of shape ({self.num_envs},), got {short_repr(mask)}.")
+        mask = mask.to(self.device).contiguous()
+        if not mask.any():
+            raise ValueError("reset_mask must be true somewhere.")
+        if not self._begun and not mask.all():
+            raise ResetNeeded(
+                f"Environment {int(mask.int().argmin())}: call reset() for all before a reset_mask leaves it out."
+            )
+        return mask
