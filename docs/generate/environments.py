@@ -62,3 +62,4 @@ with mkdocs_gen_files.open("reference/vector_environments.md", "w") as page:
         "# Vector environments\n\nThe same ids through `gym.make_vec(ID, num_envs=N)`, compiled and with N rows.\n", file=page
     )
     print("::: turtlebot_gym.envs.navigation_vector.NavigationVectorEnv\n", file=page)
+    print("::: turtlebot_gym.envs.navigation_device.NavigationDeviceEnv\n", file=page)
