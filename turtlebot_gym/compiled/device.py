@@ -3,7 +3,8 @@
 The graphs are those of `ground`. A number of all environments is a row of the state.
 """
 
-# pyright: reportGeneralTypeIssues=false  # a struct of Warp is a value to it, and no type
+# A struct of Warp is a value to pyright, and no type.
+# pyright: reportGeneralTypeIssues=false
 
 from collections.abc import Mapping
 from functools import cache
