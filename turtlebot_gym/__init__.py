@@ -2,7 +2,7 @@
 
 Importing this package registers the environments' ids where gymnasium is installed, as by the extra ``gym``, and changes
 nothing else in the process.
-Without it and numba, as on a robot, the filter, the models and the tasks still work.
+Without it and a compiler, as on a robot, the filter, the models and the tasks still work.
 """
 
 from importlib.util import find_spec

@@ -1,56 +1,35 @@
 """The decorator for equations: one source that runs as plain Python and inside a compiled loop.
 
 Decorated functions are pure: they take and return scalars and (nested) ``NamedTuple``s of scalars; noise draws are arguments;
-there are no clocks and no generators. Without numba, or with numba's own ``NUMBA_DISABLE_JIT=1``, the decorator returns the
-function unchanged: a robot needs neither numba nor a compiler, and a debugger can enter the loops.
-
-numba is imported by `load_compiler`, before the first loop is compiled: a process that compiles none is smaller by 60 MB.
+there are no clocks and no generators. They are ordinary functions of Python, which `turtlebot_gym.compiled` translates from
+their source: a robot needs no compiler, and a debugger can enter the loops.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib.util import find_spec
-from threading import Lock
 from typing import Any, TypeVar
 
 F = TypeVar("F", bound=Callable)
 
 
-def _compiles_with(library: str) -> bool:
-    """Return whether a compiler's library is installed, and nobody has asked for plain Python."""
+def _has_compiler() -> bool:
+    """Return whether llvmlite is installed, and nobody has asked for plain Python."""
     try:
-        return find_spec(library) is not None and not int(os.environ.get("NUMBA_DISABLE_JIT") or 0)
+        return find_spec("llvmlite") is not None and not int(os.environ.get("NUMBA_DISABLE_JIT") or 0)
     except ValueError:  # sys.modules holds None
         return False
 
 
-HAS_NUMBA, HAS_LLVM = _compiles_with("numba"), _compiles_with("llvmlite")
-"""Whether loops are compiled: those of rooms by numba, those of open ground by llvmlite."""
-_registrations: list[Callable[[Any], object]] = []
-"""What numba still has to know of kernels: functions of the module `intrinsics`."""
-_registering = Lock()
-
-
-def _register(registration: Callable[[Any], object]) -> None:
-    if HAS_NUMBA:
-        _registrations.append(registration)
-
-
-def load_compiler() -> None:
-    """Import numba and register all kernels; call this before a function that uses kernels is compiled."""
-    from turtlebot_gym import intrinsics
-
-    with _registering:
-        while _registrations:
-            _registrations.pop(0)(intrinsics)
+HAS_LLVM = _has_compiler()
+"""Whether loops are compiled."""
 
 
 def kernel(function: F) -> F:
     """Let a compiled loop inline this function; calling it from Python runs it as plain Python."""
-    _register(lambda compiler: compiler.inline(function))
     return function
 
 
@@ -60,7 +39,6 @@ def algebra(function: F) -> F:
     The compiler can then omit products with a constant zero. No other result changes, not even in the last bit.
     """
     vars(function)["is_algebra"] = True
-    _register(lambda compiler: compiler.inline(function, fastmath={"nnan", "nsz"}))
     return function
 
 
@@ -117,14 +95,6 @@ def fetch(array: Any, index: int) -> None:
     """Ask for the cache line of a number that will be read soon; in plain Python do nothing."""
 
 
-def borrowed(array: Any) -> Any:
-    """Return an array without reference counting in a compiled loop; its owner must outlive the loop.
-
-    Each count is an atomic operation on a counter that all threads share for all views of an array.
-    """
-    return array
-
-
 def prefer_wide() -> None:
     """Ask for the widest vectors in the loops of the compiled function that calls this, and of the kernels that it inlines.
 
@@ -137,59 +107,17 @@ def compiled_scratch(size: int) -> Any:
     raise NotImplementedError("compiled_scratch is for compiled loops: plain Python makes an array.")
 
 
-def access(load: Callable, store: Callable, example: Any, places: Sequence[int]) -> None:
-    """Let a compiled loop inline two functions that load and store a value.
-
-    To compile them from their Python would take numba longer than a whole step.
-
-    Args:
-        load: ``load(buffer, at)``, as plain Python.
-        store: ``store(buffer, at, value)``, as plain Python.
-        example: A nested tuple of floats and bools.
-        places: The place of each number relative to ``at``.
-    """
-
-    def register(compiler: Any) -> None:
-        load_numbers, store_numbers = compiler.loading(example, places), compiler.storing(places)
-        compiler.overload(load, lambda buffer, at: lambda buffer, at: load_numbers(buffer, at))
-        compiler.overload(store, lambda buffer, at, value: lambda buffer, at, value: store_numbers(buffer, at, value))
-
-    _register(register)
-
-
 def in_loops(loop: Callable[..., Any]) -> Callable[[F], F]:
     """Decorate a function of whole arrays that compiled loops replace by one of loops, with the same results to the last bit.
 
-    Whole arrays are fast in plain Python; compiled, they bring numpy's checks of shapes with them, which take long to compile.
+    Whole arrays are fast in plain Python; the compiler knows loops only.
 
     Args:
-        loop: The function in loops. It has no types, as numba wants of what stands for another function.
+        loop: The function in loops.
     """
 
     def decorate(function: F) -> F:
-        vars(function)["in_loops"] = loop  # a part of the fingerprint of machine code
-        _register(lambda compiler: compiler.overload(function, lambda *arguments: loop, strict=False))
+        vars(function)["in_loops"] = loop
         return function
 
     return decorate
-
-
-def _register_primitives(compiler: Any) -> None:
-    overload, int64 = compiler.overload, compiler.int64
-    root, multiply, add, split_bits = compiler.square_root, compiler.multiply, compiler.add, compiler.split_bits
-    whole, exact, without_owner, fetch_line = compiler.floor, compiler.exactly, compiler.without_owner, compiler.fetch
-    # Compiled math.sqrt is a call that may set errno, which prevents vectorization; this is a single instruction.
-    overload(sqrt, lambda x: lambda x: root(x))
-    overload(floor, lambda x: lambda x: whole(x))
-    overload(exactly, lambda n: lambda n: exact(int64(n)))
-    overload(times, lambda a, b: lambda a, b: multiply(int64(a), int64(b)))
-    overload(plus, lambda a, b: lambda a, b: add(int64(a), int64(b)))
-    overload(split, lambda x: lambda x: split_bits(x))
-    overload(fetch, lambda array, index: lambda array, index: fetch_line(array, int64(index)))
-    overload(is_plain, lambda: lambda: False)
-    overload(borrowed, lambda array: lambda array: without_owner(array))
-    compiler.replace(prefer_wide, compiler.emit_wide)
-    compiler.replace(compiled_scratch, compiler.emit_scratch)
-
-
-_register(_register_primitives)

@@ -76,7 +76,7 @@ def declared(extra=None):
 def test_a_plain_installation_is_thin_and_the_extras_bring_the_rest():
     assert declared() == {"numpy", "pyyaml"}
     assert declared("deploy") == {"onnxruntime", "rosbags"}
-    assert {"numba", "scipy", "gymnasium", "matplotlib", "pygame", "tyro", "rich"} <= declared("gym")
+    assert {"llvmlite", "scipy", "gymnasium", "matplotlib", "pygame", "tyro", "rich"} <= declared("gym")
     for extra in ("agents", "ros", "ros-kilted"):
         assert "turtlebot-gym" in declared(extra)  # each with [gym]
 
@@ -132,9 +132,9 @@ def test_the_command_line_says_what_to_install():
 
 
 def compilers_in(process):
-    """Return which of numba, llvmlite and SciPy a process has loaded, by the libraries in its memory."""
+    """Return which of llvmlite and SciPy a process has loaded, by the libraries in its memory."""
     files = [Path(mapped.path).parts for mapped in psutil.Process(process.pid).memory_maps()]
-    return {name for name in ("numba", "llvmlite", "scipy") if any(name in parts for parts in files)}
+    return {name for name in ("llvmlite", "scipy") if any(name in parts for parts in files)}
 
 
 def test_nodes_load_no_compiler_where_one_is_installed(launch, peer, wait_for):
@@ -146,8 +146,9 @@ def test_nodes_load_no_compiler_where_one_is_installed(launch, peer, wait_for):
 
 
 def test_a_process_with_a_compiled_loop_has_a_compiler(launch, wait_for):
-    pytest.importorskip("numba")
-    loop = "from turtlebot_gym.kernel import load_compiler; load_compiler(); import signal, scipy.stats; signal.pause()"
+    pytest.importorskip("llvmlite")
+    loop = "from turtlebot_gym.compiled.cache import compiled; compiled(lambda x: x + 1.0, 'a loop')(1.0); "
+    loop += "import signal, scipy.stats; signal.pause()"
     process = launch("-c", loop)
-    wait_for(lambda: compilers_in(process) == {"numba", "llvmlite", "scipy"} or process.poll() is not None)
+    wait_for(lambda: compilers_in(process) == {"llvmlite", "scipy"} or process.poll() is not None)
     assert process.poll() is None, process.communicate()[1]

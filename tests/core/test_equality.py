@@ -7,13 +7,12 @@ are compared with scalar ones in `test_vector_contract`, and both with plain Pyt
 from dataclasses import replace
 from importlib.util import find_spec
 
-import numba
 import numpy as np
 import pytest
 
 from turtlebot_gym import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise, Robot
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.compiled.threads import limited
+from turtlebot_gym.compiled.threads import Threads, limited
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.plants import MujocoBurger
@@ -103,7 +102,7 @@ def test_rows_equal_plain_python_for_a_million_steps(case, in_step):
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_large_batch_equals_plain_python_on_any_number_of_threads(threads, in_step):
-    if threads > numba.config.NUMBA_NUM_THREADS:
-        pytest.skip(f"numba has {numba.config.NUMBA_NUM_THREADS} thread(s) here")
+    if threads > Threads.count():
+        pytest.skip(f"there are {Threads.count()} thread(s) here")
     with limited(threads):  # both sides of a tile's and of the threads' border
         assert ends_of(NOISY, 4096, (0, 31, 32, 2047, 2048, 4095), 200, in_step).all()

@@ -202,7 +202,7 @@ print(json.dumps(episode.observe()))
 
 
 def test_the_core_works_without_gymnasium_and_numba(run):
-    with_them = run(BARE.replace('"gymnasium", "numba", ', ""))
+    with_them = run(BARE.replace('"gymnasium", "llvmlite", ', ""))
     assert run(BARE) == with_them
     assert len(with_them) == 13
 
@@ -213,7 +213,7 @@ BLOCK
 import numpy as np
 import gymnasium as gym
 import turtlebot_gym
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 
 rng = np.random.default_rng(0)
 sums = []
@@ -228,11 +228,11 @@ for name, options in (("Nav", {"noise": "rough"}), ("Square", {"noise": "documen
             scalar.reset()
     for observation, reward, *_, info in steps:
         sums += [np.asarray(value).tobytes().hex() for value in (observation, reward, info["covariance"])]
-print(json.dumps([HAS_NUMBA, sums]))
+print(json.dumps([HAS_LLVM, sums]))
 """
 
 
-@pytest.mark.parametrize("block", ['sys.modules["numba"] = None', 'import os; os.environ["NUMBA_DISABLE_JIT"] = "1"'])
+@pytest.mark.parametrize("block", ['sys.modules["llvmlite"] = None', 'import os; os.environ["NUMBA_DISABLE_JIT"] = "1"'])
 def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bits(block, run):
     compiled, plain = run(PLAIN.replace("BLOCK", "")), run(PLAIN.replace("BLOCK", block))
     assert (compiled[0], plain[0]) == (True, False)

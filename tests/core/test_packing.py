@@ -3,12 +3,12 @@
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import pytest
 
+from turtlebot_gym.compiled.builtins import register_access
+from turtlebot_gym.compiled.cache import compiled as compiled_now
 from turtlebot_gym.compiled.packing import TILE, aligned, as_tuple, flatten, layout_of, packing
-from turtlebot_gym.kernel import access, load_compiler
 from turtlebot_gym.parameters import Kalman
 from turtlebot_gym.systems import Parameters, make_parameters, system_of
 from turtlebot_gym.values import senses_of
@@ -61,10 +61,8 @@ def test_numbers_that_are_always_equal_share_a_place():
 def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
     pack = packing(VALUE._replace(pair=(2, 3)))
     load, store = pack.load, pack.store
-    access(load, store, pack.example, [place * TILE for place in pack.places])
-    load_compiler()
+    register_access(load, store, pack.example, [place * TILE for place in pack.places])
 
-    @numba.njit
     def copied(source, target):
         loaded = load(source, 1)
         store(target, 2, loaded)
@@ -72,7 +70,7 @@ def test_compiled_access_is_the_plain_one_and_whole_numbers_become_floats():
 
     source, plain, compiled = np.random.default_rng(0).random(pack.size * TILE), *np.zeros((2, pack.size * TILE))
     pack.store(plain, 2, pack.load(source.tolist(), 1))
-    assert copied(source, compiled) == pack.load(source.tolist(), 1)
+    assert compiled_now(copied, "values in tests")(source, compiled) == pack.load(source.tolist(), 1)
     np.testing.assert_array_equal(compiled, plain)
 
 

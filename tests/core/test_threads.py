@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 
@@ -35,19 +34,18 @@ def test_the_limit_changes_no_bit(monkeypatch, threads, task):
         assert driven(task=task) == serial
 
 
-def test_one_thread_never_runs_in_parallel_and_more_are_numbas_for_as_long_as_they_run():
-    before, most = numba.get_num_threads(), numba.config.NUMBA_NUM_THREADS
+def test_one_thread_never_runs_in_parallel_and_more_are_used_by_one_at_a_time():
+    most = Threads.count()
     with limited(1):
         assert not Threads.acquire()
     with limited(2):
         assert Threads.acquire()
-        assert numba.get_num_threads() == min(2, most)
+        assert Threads.count() == min(2, most)
         assert not Threads.acquire()
         Threads.release()
-    assert numba.get_num_threads() == before
+    assert Threads.count() == most
     assert Threads.acquire()
     Threads.release()
-    assert numba.get_num_threads() == before
 
 
 def test_the_limit_ends_with_its_block():
@@ -140,12 +138,12 @@ def test_a_batch_tells_whether_any_episode_ended_however_many_threads_made_the_s
     assert flagged == [False, True, True]
 
 
-@pytest.mark.parametrize("why", ["the pace chose it", "numba has one"])
+@pytest.mark.parametrize("why", ["the pace chose it", "there is one"])
 def test_one_thread_runs_the_serial_loop(monkeypatch, why):
     serial = driven()
     monkeypatch.setattr(module, "PARALLEL_FROM", TILE)
-    monkeypatch.setattr(module, "parallel_loop", lambda name, sizes: pytest.fail("one thread needs no parallel loop"))
-    if why == "numba has one":
+    monkeypatch.setattr(Threads, "run", lambda *given: pytest.fail("one thread needs no parallel loop"))
+    if why == "there is one":
         monkeypatch.setattr(Threads, "count", lambda: 1)
     else:
         monkeypatch.setattr(Pace, "parallel", property(lambda self: False, lambda self, value: None), raising=False)

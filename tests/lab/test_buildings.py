@@ -11,7 +11,7 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 from building import chart, load
 from turtlebot_gym import make_noise
 from turtlebot_gym.drive import heading_error, position_error
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.localizer import LOST, TRACKING
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import Pose
@@ -23,7 +23,7 @@ RECORDING = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces.npz
 FRAMES, ROWS = 60, 300
 pytestmark = [
     pytest.mark.skipif(not RECORDING.exists(), reason="needs the recordings"),
-    pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python"),
+    pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python"),
 ]
 
 

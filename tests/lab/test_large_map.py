@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym_agents.commands.cli import main
 
 ROWS, COLUMNS, SIDE, HALF = 4795, 5474, 0.05, 3.0
@@ -39,7 +39,7 @@ def log(path):
 
 
 @pytest.mark.nightly
-@pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python")
+@pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
 def test_a_map_of_26_million_cells_is_localized_in_within_a_gigabyte(tmp_path, write_map):
     pixels = np.full((ROWS, COLUMNS), 205, np.uint8)
     row, column, half = ROWS // 2, COLUMNS // 2, round(HALF / SIDE)

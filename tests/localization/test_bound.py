@@ -7,7 +7,7 @@ from localization_rooms import Room, hall, make_room, scan_of, sight
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.information import Guess, ScanPoints, information
 from turtlebot_gym.localization.localizer import locate, scan
 from turtlebot_gym.localization.tuning import LocalizerTuning
@@ -54,7 +54,7 @@ def drawn(world):
         yield Room(None, field.copy(), frame.copy()), tuple(state[:3].tolist())
 
 
-@pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python")
+@pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
 def test_at_rest_the_error_is_near_the_bound_of_the_scan():
     """With 300 scans, a standard deviation is within 15 % of its true value for all but one seed in 5,000."""
     in_hall = ratio_at(make_room(hall()), (1.7, 2.1, 0.4), 3)

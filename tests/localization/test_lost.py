@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from localization_rooms import hall, make_room, scan_of, sight
 
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.bank import COLUMNS, ROWS
 from turtlebot_gym.localization.hypotheses import CYCLE, ENOUGH, look, nowhere
 from turtlebot_gym.localization.information import Guess
@@ -91,7 +91,7 @@ def test_a_belief_that_has_left_the_map_is_lost_after_its_patience_and_found_by_
     assert off(located, HERE) < 0.02
 
 
-@pytest.mark.skipif(not HAS_NUMBA, reason="takes a minute in plain Python")
+@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
 @pytest.mark.parametrize("unknown", [True, False])
 def test_among_people_a_robot_is_found_and_its_own_place_not_given_up_before(room, unknown, in_machine_code):
     """Without a place of its own it may take one that nearly all beams of a scan fit by luck."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from localization_rooms import hall, make_room, scan_of, sight
 
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.bank import COLUMNS, LOG_WEIGHT, MOST, NONE, ROWS, exp
 from turtlebot_gym.localization.hypotheses import CYCLE, look, nowhere
 from turtlebot_gym.localization.localizer import LOST, SURE, TRACKING, locate, move, state_of
@@ -129,7 +129,7 @@ def test_weights_are_exponentials():
     np.testing.assert_allclose([exp(number) for number in x], np.exp(x), rtol=0.05)
 
 
-@pytest.mark.skipif(not HAS_NUMBA, reason="needs numba")
+@pytest.mark.skipif(not HAS_LLVM, reason="needs numba")
 def test_the_whole_map_is_searched_the_same_in_loops_and_in_arrays(in_hall):
     from turtlebot_gym.compiled.cache import compiled
 

@@ -16,10 +16,11 @@ from turtlebot_gym.compiled.ground import Case
 from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.memory import FIRST_SHARE
 from turtlebot_gym.compiled.packing import TILE, Packing, aligned, as_tuple, flatten, layout_of, packing
+from turtlebot_gym.compiled.program import caller_of
 from turtlebot_gym.compiled.running import FEW, GroundTracks, find_ground
-from turtlebot_gym.compiled.threads import Pace, Threads, address_of, parallel_loop, sizes_of
+from turtlebot_gym.compiled.threads import Pace, Threads
 from turtlebot_gym.heart import begin_at
-from turtlebot_gym.kernel import HAS_LLVM, HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.observations import History, size_of
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scene import arrays_of
@@ -70,13 +71,13 @@ class Batch:
         self._is_traced = self._around is None and self.system.compiled and HAS_LLVM
         """Whether the loops are those of `ground`."""
         is_large = num_envs >= (ROOMS_PARALLEL_FROM if self._around else PARALLEL_FROM)
-        self._parallel = is_large and self.system.compiled and (self._is_traced or HAS_NUMBA)
-        self._addresses: dict[str, int] = {}
-        """Of the loops that a parallel loop calls, for the present scenes and this process."""
+        self._parallel = is_large and self.system.compiled and HAS_LLVM
+        self._callers: dict[str, list[Any]] = {}
+        """Callers of the loops, one for each thread."""
         self._pace = Pace()
         self._parts = 1
         """Parts of the last step's tiles, each for a thread."""
-        self.scenes: Any = np.zeros(1)  # numba takes longer to know the type of a tuple, even of an empty one
+        self.scenes: Any = ()
         rows = self.layout.outcome.size - (0 if shares else len(self.system.rewards))
         self._shapes = (num_envs, size_of(self.system.terms)), (rows, num_envs)
         history = History(self.system.terms, num_envs)
@@ -99,7 +100,7 @@ class Batch:
         kernels = {"system", "layout", "_around", "_loops", "_first", "_world", "_tracks", "_few"}
         places = None if self._world is None else self._world.places
         return {name: value for name, value in self.__dict__.items() if name not in kernels} | {
-            "_addresses": {},
+            "_callers": {},
             "_world": places,
         }
 
@@ -131,7 +132,7 @@ class Batch:
         if not same and len(rows) != self.num_envs:
             raise ValueError(f"parameters must be one or {self.num_envs}, got {len(rows)}.")
         self.parameters = parameters
-        self._addresses = {}
+        self._callers = {}
         if self._around:
             self._make_room_for(self._around, rows * self.num_envs if same else rows)
         numbers = np.array([list(flatten(as_tuple(row))) for row in rows], np.float64)
@@ -158,8 +159,8 @@ class Batch:
         try:
             ground, case = find_ground(self.system, self.num_envs, numbers, self.waypoints.shape[1], self._case, self._begun)
         except Untraceable as error:
-            warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=5)
-            self._is_traced, self._tracks, self._case, self._parallel = False, None, None, False
+            self._warn(error)
+            self._is_traced, self._tracks, self._case = False, None, None
             return None
         self._lay_out(ground.world, ground.constants)
         self._case = case
@@ -267,14 +268,31 @@ class Batch:
                 Threads.release()
 
     def _run(self, name: str, parts: int, *arguments: Any) -> None:
-        """Run a loop over all tiles in some parts, each on a thread."""
-        loop = getattr(self._loops, name)
-        if parts > 1 and name not in self._addresses:
-            self._addresses[name] = address_of(loop, *arguments)
-        if parts == 1 or not self._addresses[name]:
-            loop(*arguments)
+        """Run a loop over all tiles in some parts, each on a thread; as plain Python, after a warning, if it is untraceable."""
+        callers = self._callers.setdefault(name, [])
+        while len(callers) < parts:
+            callers.append(caller_of(getattr(self._loops, name)))
+        try:
+            if parts == 1:
+                callers[0](*arguments)
+                return
+            calls = [caller.prepared(*self._share(arguments, part, parts)) for part, caller in enumerate(callers[:parts])]
+        except Untraceable as error:
+            self._warn(error)
+            self._loops, self._callers, self._parts = loops_of(self.system._replace(compiled=False)), {}, 1
+            getattr(self._loops, name)(*arguments)
             return
-        parallel_loop(name, sizes_of(self.scenes))(self._addresses[name], parts, *arguments)
+        Threads.run(calls[0][0], [address for _, address in calls])
+
+    def _share(self, arguments: tuple[Any, ...], part: int, parts: int) -> list[Any]:
+        """Return the arguments of a loop over one of some parts of the tiles."""
+        number = len(self._keys)
+        some = slice(part * number // parts, (part + 1) * number // parts)
+        return [value[some] if value is self._tiles or value is self._keys else value for value in arguments]
+
+    def _warn(self, error: Untraceable) -> None:
+        warnings.warn(f"turtlebot_gym: environments run as plain Python, since {error}.", RuntimeWarning, stacklevel=6)
+        self._parallel = False
 
     def empty(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Return uninitialized observations and outcomes, in the shapes of `step`, that nobody else holds."""
@@ -302,7 +320,7 @@ class Batch:
                 self._tracks.step(1, actions, observations, outcomes)
             else:  # a debugger finds the plant four calls below a step of the environment
                 state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-                self._loops.step(actions, *state)
+                self._run("step", 1, actions, *state)
         else:
             self._step_at_pace(actions, observations, outcomes)
         if self._history is not None:

@@ -1,15 +1,12 @@
 """Compile a function once for this machine, and find it again by a hash of everything that its machine code is made of.
 
-That is the function, what it calls and the numbers it uses, the compilers and the processor. numba's own cache looks neither at
-helpers in other files nor at compiler flags.
+That is the function, what it calls and the numbers it uses, the compiler and the processor.
 """
 
 from __future__ import annotations
 
 import hashlib
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -17,15 +14,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from turtlebot_gym import kernel
-from turtlebot_gym.kernel import HAS_NUMBA, load_compiler
+from turtlebot_gym.kernel import HAS_LLVM
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-_LLVM_OPTIONS = ("-memory-check-merge-threshold=4000",)
-"""LLVM proves with one check per group of addresses that a tile does not overlap the parameters, but stops grouping
-after 100 comparisons, and a step has more numbers than that. It then counts too many checks and gives up vectorizing,
-and a step takes four times as long."""
 
 
 def fingerprint(*functions: Callable[..., Any]) -> str:
@@ -69,23 +60,6 @@ def _parts(value: Any, seen: set[int]) -> Iterator[str]:
 
 
 @cache
-def _compilers() -> str:
-    """Set the options of the compilers, and return what machine code depends on besides the function and the processor."""
-    import llvmlite
-    import numba
-    from llvmlite import binding as llvm
-    from numba.core import config
-
-    for option in _LLVM_OPTIONS:
-        llvm.set_option("", option)
-    options: Any = config
-    below = Path(kernel.__file__ or "").parent  # nobody calls these
-    sources = [(below / f"{name}.py").read_text("utf-8") for name in ("kernel", "intrinsics", "inlining")]
-    parts = (*_LLVM_OPTIONS, options.OPT, options.LOOP_VECTORIZE, options.SLP_VECTORIZE, options.BOUNDSCHECK, *sources)
-    return f"{numba.__version__} {llvmlite.__version__} {sys.implementation.cache_tag} {parts}"
-
-
-@cache
 def sources_of(*modules: str) -> str:
     """Return a hash of the sources of some modules of this package."""
     sources = [Path(__file__).with_name(f"{module}.py").read_bytes() for module in modules]
@@ -93,7 +67,7 @@ def sources_of(*modules: str) -> str:
 
 
 def in_machine_code(name: str) -> Callable[[F], F]:
-    """Decorate a function that is `compiled` at its first call: numba is not imported before."""
+    """Decorate a function that is `compiled` at its first call: llvmlite is not imported before."""
 
     def decorate(function: F) -> F:
         make = cache(lambda: compiled(function, name))
@@ -102,25 +76,15 @@ def in_machine_code(name: str) -> Callable[[F], F]:
     return decorate
 
 
-def compiled(function: Callable[..., Any], name: str, *, parallel: bool = False) -> Callable[..., Any]:
-    """Compile a function at its first call, unless the cache holds it.
+def compiled(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """Return a function as machine code, which is made at its first call, unless the cache holds it.
 
     Args:
         function: Its globals and its closure hold kernels and numbers, which become a part of it.
         name: What it does, for the notice on a terminal and the name of its file.
-        parallel: Whether its ``prange`` runs on all threads.
     """
-    if not HAS_NUMBA:  # it runs as plain Python
+    if not HAS_LLVM:  # it runs as plain Python
         return function
-    load_compiler()
-    from numba import njit
+    from turtlebot_gym.compiled.program import MAKERS, Program
 
-    identity = hashlib.sha256(f"{name} {fingerprint(function)} {parallel} {_compilers()}".encode()).hexdigest()
-    # numba numbers functions in each process anew: two from different processes could share a symbol, and so an address
-    function.__qualname__ = f"{function.__name__}_{identity}"
-    dispatcher: Any = njit(function, error_model="numpy", parallel=parallel)
-    with suppress(ImportError, AttributeError):  # a numba whose insides differ: each process compiles for itself
-        from turtlebot_gym.compiled.numba_store import keep
-
-        keep(dispatcher, name, identity)
-    return dispatcher
+    return Program(function, name, f"{name} {fingerprint(function)} {sources_of(*MAKERS)}")

@@ -12,7 +12,7 @@ import numpy as np
 
 from turtlebot_gym.compiled.batch import PARALLEL_FROM, ROOMS_PARALLEL_FROM, Batch
 from turtlebot_gym.extras import installing
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.systems import Options
 from turtlebot_gym.validation import as_int, choose
 
@@ -58,15 +58,15 @@ def fill_all(
 
     Raises:
         ValueError: If a name is unknown.
-        ImportError: If numba is missing or disabled.
+        ImportError: If llvmlite is missing, or compilation is disabled.
     """
     for name in names:
         choose("system", name, SYSTEMS)
-    if not HAS_NUMBA:
-        raise ImportError(f"Nothing can be compiled without numba: {installing('gym')}, and unset NUMBA_DISABLE_JIT.")
+    if not HAS_LLVM:
+        raise ImportError(f"Nothing can be compiled without llvmlite: {installing('gym')}, and unset NUMBA_DISABLE_JIT.")
     times: dict[str, float] = {}
     order = sorted(names, key=lambda name: not name.startswith("rooms"))  # the longest first
-    context = multiprocessing.get_context("spawn")  # a forked process would inherit numba's threads
+    context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(as_int("processes", processes, 1), context, _in_silence) as pool:
         running = {pool.submit(_fill, name): name for name in order}
         for done, future in enumerate(as_completed(running), 1):

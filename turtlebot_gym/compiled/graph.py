@@ -85,7 +85,7 @@ class Node:
     def __pow__(self, power: Any) -> Any:
         if not (isinstance(power, int) and 0 < power < 5):
             return make("call", "pow", self, float(power))
-        square = make("mul", self, self)  # the products that numba makes
+        square = make("mul", self, self)  # the products of the other compiler, see `code`
         return {1: self, 2: square, 3: make("mul", square, self), 4: make("mul", square, square)}[power]
 
 

@@ -11,11 +11,12 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
+from turtlebot_gym.compiled.builtins import register_access
 from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.compiled.packing import TILE, Packing, layout_of
 from turtlebot_gym.compiled.plain import plain_loops
 from turtlebot_gym.compiled.step import step_of
-from turtlebot_gym.kernel import HAS_NUMBA, access, compiled_scratch, kernel, prefer_wide
+from turtlebot_gym.kernel import HAS_LLVM, compiled_scratch, kernel, prefer_wide
 from turtlebot_gym.models.random import episode_key
 from turtlebot_gym.models.unicycle import command_of
 from turtlebot_gym.observations import ColumnRun, SceneColumns, observing, runs_of
@@ -54,7 +55,7 @@ class _Access(NamedTuple):
 
 def _inline(pack: Packing) -> Packing:
     """Let compiled loops inline a packing's load and store."""
-    access(pack.load, pack.store, pack.example, [place * TILE for place in pack.places])
+    register_access(pack.load, pack.store, pack.example, [place * TILE for place in pack.places])
     return pack
 
 
@@ -211,7 +212,7 @@ def _reset_lane_of(system: System) -> Callable[..., None]:
 def loops_of(system: System) -> Loops:
     """Return the loops of a system in rooms, compiled, or of any in plain Python; processes share them through the cache."""
     world = layout_of(system).world
-    if not (HAS_NUMBA and system.compiled and system.surroundings):
+    if not (HAS_LLVM and system.compiled and system.surroundings):
         return Loops(world, *plain_loops(system))
     step_tile, reset_lane = _step_tile_of(system), _reset_lane_of(system)
     width = layout_of(system).parameters.size * TILE

@@ -35,13 +35,14 @@ def _machine() -> Any:
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2, jit=True)
 
 
-def code_of(name: str, identity: str, make: Callable[[], tuple[str, Any]]) -> Code:
+def code_of(name: str, identity: str, make: Callable[[], tuple[str, Any]], *, optimized: bool = False) -> Code:
     """Return machine code from its file, or make it.
 
     Args:
         name: What it does, for the notice on a terminal and the name of its file.
         identity: Everything that it is made of, except for processor and compiler.
         make: ``make()`` returns the text for LLVM, and what to keep beside the machine code.
+        optimized: Whether LLVM has to optimize it: functions, variables in memory and loops.
     """
     import llvmlite
     from llvmlite import binding as llvm
@@ -54,9 +55,20 @@ def code_of(name: str, identity: str, make: Callable[[], tuple[str, Any]]) -> Co
         text, notes = make()
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
+        if optimized:
+            _optimize(module, machine)
         return pickle.dumps(Code(machine.emit_object(module), notes))
 
     return store.kept(name, hashlib.sha256(key.encode()).hexdigest(), pickle.loads, compile_now)
+
+
+def _optimize(module: Any, machine: Any) -> None:
+    from llvmlite import binding as llvm
+
+    llvm.set_option("", "-memory-check-merge-threshold=4000")
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
 
 
 _engines: list[Any] = []

@@ -44,8 +44,7 @@ def _numbers_of(dataclass_type: type) -> tuple[str, ...]:
 def _tuple_type(dataclass_type: type) -> type:
     """Return a NamedTuple with a dataclass's fields, since compiled code does not support dataclasses.
 
-    It has a name in this module, by which pickled machine code finds it. A copy of it would be another type to numba, which
-    would then load the code anew at each call.
+    It has a name in this module, by which a pickle finds it.
     """
     name = f"{dataclass_type.__module__}.{dataclass_type.__qualname__}".replace(".", "_")
     kind: Any = namedtuple(name, _numbers_of(dataclass_type))  # noqa: PYI024

@@ -1,4 +1,4 @@
-"""The loops of environments in plain Python: without numba, in a debugger, and for plants that are no kernels.
+"""The loops of environments in plain Python: without a compiler, in a debugger, and for plants that are no kernels.
 
 They take the arguments of the compiled loops (`compiled.loop`), and run `turtlebot_gym.heart` for each environment in turn.
 """

@@ -7,6 +7,7 @@ kernel is rewritten for that. Any other branch on a number, such as a ``return``
 from __future__ import annotations
 
 import ast
+import copy
 import inspect
 import math
 from collections.abc import Callable, Sequence
@@ -272,7 +273,7 @@ def _code_of(node: ast.Lambda, like: CodeType) -> bytes:
 
 def _program(function: FunctionType) -> CodeType:
     """Return code that defines ``outer``, which takes what the rewritten kernel refers to, and returns the kernel."""
-    code, inner = function.__code__, _Rewriting().visit(_syntax(function))
+    code, inner = function.__code__, _Rewriting().visit(copy.deepcopy(_syntax(function)))
     arguments = ast.arguments([], [ast.arg(name) for name in (*_HELPERS, *code.co_freevars)], None, [], [], None, [])
     outer = ast.FunctionDef("outer", arguments, [inner, ast.Return(ast.Name("function", ast.Load()))], [])
     for part in ast.walk(outer):

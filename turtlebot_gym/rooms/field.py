@@ -99,7 +99,7 @@ def _squares_to_nearest(marked: Any, value: bool, reach: int) -> Any:
     """Return the squared distance from each cell to the nearest with a value, in cells; (reach + 1)^2 or more beyond the reach.
 
     First along columns, then along rows: since only distances up to the reach count, the lower envelope of parabolas is the
-    minimum over that many shifts, in whole numbers and a row at a time, which is fast with and without numba.
+    minimum over that many shifts, in whole numbers and a row at a time, which is fast with and without a compiler.
     """
     rows, columns = marked.shape
     squares, nearest = np.empty((rows, columns), np.int32), np.empty((rows, columns), np.int32)
@@ -146,8 +146,8 @@ def field_of_hits(occupied: Any, side: float, out: Any) -> None:
 
 @kernel
 def at_cell(field: Any, row: int, column: int) -> float:
-    """Return a cell's distance in double precision; numba's ``float`` alone would leave it in single."""
-    return 1.0 * float(field[row, column])
+    """Return a cell's distance in double precision."""
+    return float(field[row, column])
 
 
 class Place(NamedTuple):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.kernel import borrowed, kernel
+from turtlebot_gym.kernel import kernel
 from turtlebot_gym.rooms.lidar import SECTORS
 
 RESOLUTION = 0.1
@@ -114,27 +114,27 @@ def scene_at(scenes: Scene, index: int) -> Scene:
     room, lidar, memory = scenes.room, scenes.lidar, scenes.memory
     return Scene(
         RoomShape(
-            borrowed(room.walls)[index],
-            borrowed(room.counts)[index],
-            borrowed(room.circles)[index],
-            borrowed(room.boxes)[index],
-            borrowed(room.people)[index],
-            borrowed(room.ways)[index],
-            borrowed(room.squares),
-            borrowed(room.known),
-            borrowed(room.frame),
+            room.walls[index],
+            room.counts[index],
+            room.circles[index],
+            room.boxes[index],
+            room.people[index],
+            room.ways[index],
+            room.squares,
+            room.known,
+            room.frame,
         ),
         LidarBuffers(
-            borrowed(lidar.beams)[min(index, len(lidar.beams) - 1)],
-            borrowed(lidar.spans)[index],
-            borrowed(lidar.ranges)[index],
-            borrowed(lidar.sectors)[index],
+            lidar.beams[min(index, len(lidar.beams) - 1)],
+            lidar.spans[index],
+            lidar.ranges[index],
+            lidar.sectors[index],
         ),
         LocalizerMemory(
-            borrowed(memory.field)[min(index, len(memory.field) - 1)],
-            borrowed(memory.field_frame)[min(index, len(memory.field_frame) - 1)],
-            borrowed(memory.trail)[index],
-            borrowed(memory.bank)[index],
+            memory.field[min(index, len(memory.field) - 1)],
+            memory.field_frame[min(index, len(memory.field_frame) - 1)],
+            memory.trail[index],
+            memory.bank[index],
         ),
     )
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from turtlebot_gym.kernel import borrowed, compiled_scratch, exactly, is_plain, kernel
+from turtlebot_gym.kernel import compiled_scratch, exactly, is_plain, kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.rooms.cells import distance_to_cells, ray_to_cells, to_cells
 from turtlebot_gym.rooms.lidar import Lidar, bias_of, is_drawn, reading, reading_of, time_of_beam
@@ -154,7 +154,7 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
                 rays[_PAST + group] = _past_circle(rays, group, at_x, at_y) - radius
             first, end = _next_run(rays, 0, groups, apart)
             while first < end:
-                some = borrowed(rays)[first * GROUP :]
+                some = rays[first * GROUP :]
                 for ray in range((end - first) * GROUP):
                     to_x, to_y, dx, dy = at_x - some[_X + ray], at_y - some[_Y + ray], some[_DX + ray], some[_DY + ray]
                     some[_LENGTH + ray] = min(some[_LENGTH + ray], ray_to_circle(to_x, to_y, dx, dy, radius * radius))
@@ -173,7 +173,7 @@ def cast(scene: Scene, rays, n: int, reach: float, sweep: float, drift: float) -
                 rays[_PAST + group] = _past_box(rays, group, scene.room.boxes[k])
             first, end = _next_run(rays, 0, groups, apart)
             while first < end:
-                some = borrowed(rays)[first * GROUP :]
+                some = rays[first * GROUP :]
                 for ray in range((end - first) * GROUP):
                     to_x, to_y, dx, dy = at_x - some[_X + ray], at_y - some[_Y + ray], some[_DX + ray], some[_DY + ray]
                     ahead, aside = inverse(dx * cosine + dy * sine), inverse(dy * cosine - dx * sine)
@@ -260,7 +260,7 @@ def measure(
     drift = share * (abs(now.x - before.x) + abs(now.y - before.y) + arm * abs(turn))
     while first < last:  # in parts within one revolution
         begin = first % revolution
-        beams = borrowed(scene.lidar.beams)
+        beams = scene.lidar.beams
         cosines, sines, least = beams[0, begin:], beams[1, begin:], beams[2, begin:]
         n, is_blind = _next_part(least, min(min(last - first, revolution - begin), BLOCK))
         if is_blind:
@@ -276,7 +276,7 @@ def measure(
             rays[_DY + ray] = sine * cosines[ray] + cosine * sines[ray]
         if not is_blind:
             cast(scene, rays, n, lidar.range_max + 1.0, sweep, drift)
-        lengths = borrowed(rays)[_LENGTH:]
+        lengths = rays[_LENGTH:]
         if is_drawn(lidar):
             for ray in range(padded):
                 lengths[ray] = reading(lengths[ray], least[ray], first + ray, bias, key, lidar)

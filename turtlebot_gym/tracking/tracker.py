@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.kernel import borrowed, kernel, sqrt
+from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.points import remember, rest
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
@@ -76,14 +76,14 @@ def poses_for(revolution: float, dt: float) -> int:
 def memory_at(memories: TrackerMemory, index: int) -> TrackerMemory:
     """Return the memory of one robot of many, as views."""
     return TrackerMemory(
-        borrowed(memories.trail)[index],
-        borrowed(memories.past)[index],
-        borrowed(memories.tail)[index],
-        borrowed(memories.returns)[index],
-        borrowed(memories.bodies)[index],
-        borrowed(memories.tracks)[index],
-        borrowed(memories.clock)[index],
-        borrowed(memories.seen)[index],
+        memories.trail[index],
+        memories.past[index],
+        memories.tail[index],
+        memories.returns[index],
+        memories.bodies[index],
+        memories.tracks[index],
+        memories.clock[index],
+        memories.seen[index],
     )
 
 

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.tuning import matched
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.rooms.lidar import LIDARS
@@ -16,7 +16,7 @@ from turtlebot_gym_lab.evaluation.by_map import by_map, calibrate_by_map, correc
 from turtlebot_gym_lab.evaluation.localize import KnownPlace
 from turtlebot_gym_lab.evaluation.tours import simulated_tour
 
-pytestmark = pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python")
+pytestmark = pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym.drive import Drive, Seen
-from turtlebot_gym.kernel import HAS_NUMBA
+from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.models.angles import TWO_PI, wrap, wrap_all
 from turtlebot_gym.presets import WHEEL
@@ -27,7 +27,7 @@ from turtlebot_gym_lab.scans.mapping import map_of
 from turtlebot_gym_lab.scans.pairs import paired
 from turtlebot_gym_lab.scans.turning import gyro_by_scans
 
-pytestmark = pytest.mark.skipif(not HAS_NUMBA, reason="takes minutes in plain Python")
+pytestmark = pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
 
 BEAMS, TAKEN = 180, Pose(-0.032, 0.0, 0.0)
 BOX = (3.0, 2.0)

@@ -1,0 +1,77 @@
+"""Kernels with loops and arrays as machine code: the results of plain Python, to the bit."""
+
+import numpy as np
+import pytest
+
+from turtlebot_gym.compiled.cache import compiled
+from turtlebot_gym.compiled.graph import Untraceable
+from turtlebot_gym.kernel import HAS_LLVM, kernel
+from turtlebot_gym.values import Pose
+
+pytestmark = pytest.mark.skipif(not HAS_LLVM, reason="needs llvmlite")
+
+
+@kernel
+def first_above(numbers, least):
+    for k in range(len(numbers)):
+        if numbers[k] > least:
+            return k, numbers[k]
+    return -1, 0.0
+
+
+@kernel
+def swapped(numbers):
+    now, then = numbers.copy(), np.zeros(len(numbers))
+    for _ in range(3):
+        for k in range(len(now)):
+            then[k] = now[k - 1] + 0.1 * now[(k + 1) % len(now)]
+        now, then = then, now
+    return now
+
+
+def search(numbers, least):
+    at, found = first_above(numbers, least)
+    return Pose(float(at), found, 1.0 if found > 0.5 and at != 2 else -1.0)
+
+
+def count(numbers, least):
+    total, k = 0, 0
+    while True:
+        k += 1
+        if k >= len(numbers):
+            break
+        if numbers[k] < least:
+            continue
+        total = total + 0.5 if k % 3 == 0 else total + k // 2 - (-k) // 3
+    return total
+
+
+def turned(numbers, least):
+    numbers[2:5] = swapped(numbers)[1:4]
+    table = np.full((2, 3), least)
+    table[1] = numbers[:3]
+    rows, columns = table.T.shape
+    return table.T[2, 1] + rows - columns, min(max(numbers[-1], least), 0.7)
+
+
+@pytest.mark.parametrize("function", [search, count, turned])
+@pytest.mark.parametrize("least", [-1.0, 0.3, 2.0])
+def test_machine_code_gives_the_bits_of_plain_python(function, least):
+    numbers = np.random.default_rng(0).random(9)
+    own, others = numbers.copy(), numbers.copy()
+    assert compiled(function, "a function in tests")(own, least) == function(others, least)
+    np.testing.assert_array_equal(own, others)
+
+
+def test_the_comparison_notices_another_function():
+    numbers = np.random.default_rng(0).random(9)
+    assert compiled(count, "a function in tests")(numbers, 0.3) != count(numbers, 0.9)
+
+
+def described(numbers, least):
+    return {"least": least}
+
+
+def test_what_cannot_be_translated_is_named_with_its_place():
+    with pytest.raises(Untraceable, match=r"of the kernel 'described', .*cannot be compiled: Dict"):
+        compiled(described, "a function in tests")(np.zeros(2), 0.0)

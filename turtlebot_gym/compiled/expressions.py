@@ -1,0 +1,225 @@
+"""Expressions of translated kernels; ``body`` is the `translate.Body` that they belong to."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Sequence
+from functools import partial
+from types import FunctionType, MethodType
+from typing import Any, NamedTuple
+
+from turtlebot_gym.compiled.graph import Untraceable
+from turtlebot_gym.compiled.values import (
+    Array,
+    Number,
+    as_runtime,
+    is_number,
+    kinds_of,
+    leaves,
+    merged_form,
+    rebuilt,
+)
+
+OPERATORS = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.FloorDiv: "//", ast.Mod: "%", ast.Pow: "**",
+    ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^", ast.LShift: "<<", ast.RShift: ">>",
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
+}  # fmt: skip
+IN_PLACE: dict[Any, Callable[..., Any]] = {}
+"""What stands for a function: ``f(body, *arguments)`` writes its instructions. See `builtins`."""
+
+
+class Span(NamedTuple):
+    """What `range` returns."""
+
+    start: Any
+    stop: Any
+    step: Any
+
+
+def of_Constant(body: Any, node: ast.Constant) -> Any:
+    return node.value
+
+
+def of_Name(body: Any, node: ast.Name) -> Any:
+    return body.name(node.id)
+
+
+def of_Tuple(body: Any, node: ast.Tuple) -> Any:
+    return tuple(each(body, node.elts))
+
+
+of_List = of_Tuple
+
+
+def each(body: Any, nodes: Sequence[ast.expr]) -> list[Any]:
+    values: list[Any] = []
+    for node in nodes:
+        if isinstance(node, ast.Starred):
+            values += body.of(node.value)
+        else:
+            values.append(body.of(node))
+    return values
+
+
+def of_Attribute(body: Any, node: ast.Attribute) -> Any:
+    value = body.of(node.value)
+    if not isinstance(value, Array):
+        return getattr(value, node.attr)
+    if node.attr == "shape":
+        return value.shape
+    if node.attr == "T":
+        return Array(value.element, value.address, value.shape[::-1], value.strides[::-1])
+    if node.attr == "size":
+        size = value.shape[0]
+        for length in value.shape[1:]:
+            size = body.code.binary("*", size, length)
+        return size
+    return MethodType(IN_PLACE[node.attr], value)
+
+
+def of_Slice(body: Any, node: ast.Slice) -> Any:
+    return slice(*(body.of(part) if part else None for part in (node.lower, node.upper, node.step)))
+
+
+def place(body: Any, node: ast.Subscript) -> Array:
+    """Return a part of an array."""
+    array, index = body.of(node.value), body.of(node.slice)
+    if not isinstance(array, Array):
+        body.refuse(node)
+    return body.code.item(array, index if isinstance(index, tuple) and not isinstance(index, Number) else (index,))
+
+
+def of_Subscript(body: Any, node: ast.Subscript) -> Any:
+    value = body.of(node.value)
+    if isinstance(value, Array):
+        index = body.of(node.slice)
+        return body.whole(
+            body.code.item(value, index if isinstance(index, tuple) and not isinstance(index, Number) else (index,))
+        )
+    index = body.of(node.slice)
+    if not isinstance(index, Number):
+        return value[index]
+    chosen = value[-1]  # a tuple of equal forms
+    for at in range(len(value) - 1):
+        is_this = body.code.compare("==", index, at, "i")
+        names = body.as_form(value[at], as_runtime(chosen))
+        given = iter(names)
+        chosen = rebuilt(
+            body.held(chosen),
+            lambda leaf, is_this=is_this, given=given: body.code.select(is_this, Number(leaf.kind, next(given)), leaf),
+        )
+    return chosen
+
+
+def of_BinOp(body: Any, node: ast.BinOp) -> Any:
+    a, b, op = body.of(node.left), body.of(node.right), OPERATORS[type(node.op)]
+    if is_number(a) and is_number(b):
+        return body.code.binary(op, a, b)
+    if op == "+" and isinstance(a, tuple) and isinstance(b, tuple):
+        return (*a, *b)
+    return body.refuse(node)
+
+
+def of_UnaryOp(body: Any, node: ast.UnaryOp) -> Any:
+    if isinstance(node.op, ast.Not):
+        return body.code.inverted(body.truth(node.operand))
+    value = body.of(node.operand)
+    if isinstance(node.op, ast.Invert):
+        return body.code.binary("^", value, -1)
+    return value if isinstance(node.op, ast.UAdd) else body.code.negative(value)
+
+
+def of_Compare(body: Any, node: ast.Compare) -> Any:
+    left, result = body.of(node.left), True
+    for op, right in zip(node.ops, map(body.of, node.comparators), strict=True):
+        if isinstance(op, (ast.Is, ast.IsNot)):
+            one: Any = (left is right) == isinstance(op, ast.Is)
+        elif is_number(left) and is_number(right):
+            one = body.code.binary(OPERATORS[type(op)], left, right)
+        else:
+            one = (left == right) == isinstance(op, ast.Eq)
+        result = one if result is True else body.code.binary("&", result, one)
+        left = right
+    return result
+
+
+def of_BoolOp(body: Any, node: ast.BoolOp) -> Any:
+    is_and = isinstance(node.op, ast.And)
+    value = body.truth(node.values[0])
+    for rest in node.values[1:]:
+        if not isinstance(value, Number):
+            value = body.truth(rest) if value == is_and else value
+        else:
+            ways: list[Callable[[], Any]] = [partial(body.truth, rest), lambda: not is_and]
+            value = either(body, value, *(ways if is_and else ways[::-1]))
+    return value
+
+
+def of_IfExp(body: Any, node: ast.IfExp) -> Any:
+    condition = body.truth(node.test)
+    if not isinstance(condition, Number):
+        return body.of(node.body if condition else node.orelse)
+    return either(body, condition, lambda: body.of(node.body), lambda: body.of(node.orelse))
+
+
+def either(body: Any, condition: Number, then: Callable[[], Any], other: Callable[[], Any]) -> Any:
+    """Return one of two values, and work out only that one."""
+    code = body.code
+    labels, after = [code.module.fresh(name) for name in ("yes", "no")], code.module.fresh("both")
+    code.fork(condition, *labels)
+    ways = []
+    for label, way in zip(labels, (then, other), strict=True):
+        with code.aside() as lines:
+            code.label(label)
+            value = way()
+        ways.append((lines, value, code.block))
+    form = merged_form(as_runtime(ways[0][1]), as_runtime(ways[1][1]))
+    names = []
+    for lines, value, block in ways:
+        code.lines, before, code.block, code.alive = lines, code.lines, block, True
+        names.append(body.as_form(value, form))
+        code.jump(after)
+        code.lines = before
+        code.lines += lines
+    code.label(after)
+    chosen = iter(
+        code.put(f"phi {kind} [ {a}, %{ways[0][2]} ], [ {b}, %{ways[1][2]} ]")
+        for kind, a, b in zip(kinds_of(form), *names, strict=True)
+    )
+    return rebuilt(form, lambda leaf: leaf._replace(name=next(chosen)))
+
+
+def of_Call(body: Any, node: ast.Call) -> Any:
+    function, arguments = body.of(node.func), each(body, node.args)
+    named = {word.arg: body.of(word.value) for word in node.keywords}
+    if isinstance(function, MethodType) and isinstance(function.__self__, Array):
+        return function.__func__(body, function.__self__, *arguments)
+    try:
+        emit = IN_PLACE.get(function)
+    except TypeError:
+        emit = None
+    if emit is not None:
+        return emit(body, *arguments, **named)
+    if isinstance(function, FunctionType):
+        result, owners = body.translator.call(body.code, function, given(body, function, arguments, named))
+        for owner in owners:
+            body.own(owner.name)
+        return result
+    if isinstance(function, type) and issubclass(function, tuple):
+        return function(*arguments, **named)
+    if not any(True for _ in leaves((*arguments, *named.values()))):
+        return function(*arguments, **named)
+    return body.refuse(node, Untraceable(f"the function {function!r}"))
+
+
+def given(body: Any, function: FunctionType, arguments: list[Any], named: dict[str | None, Any]) -> list[Any]:
+    """Return the arguments of a kernel in order, numbers in place of constants."""
+    code = function.__code__
+    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+    defaults = dict(zip(names[: code.co_argcount][::-1], (function.__defaults__ or ())[::-1], strict=False))
+    defaults |= function.__kwdefaults__ or {}
+    values = list(arguments)
+    for name in names[len(arguments) :]:
+        values.append(named[name] if name in named else defaults[name])
+    return [body.held(value) for value in values]

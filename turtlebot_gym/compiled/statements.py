@@ -1,0 +1,203 @@
+"""Statements of translated kernels; ``body`` is the `translate.Body` that they belong to."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from turtlebot_gym.compiled.expressions import OPERATORS, Span, place
+from turtlebot_gym.compiled.values import Array, Number, is_constant
+
+
+class Loop(NamedTuple):
+    """Where to go on."""
+
+    after: str
+    following: str
+
+
+def on_Pass(body: Any, node: ast.Pass) -> None:
+    pass
+
+
+def on_Expr(body: Any, node: ast.Expr) -> None:
+    if not isinstance(node.value, ast.Constant):
+        body.of(node.value)
+
+
+def on_Assign(body: Any, node: ast.Assign) -> None:
+    value = body.of(node.value)
+    for target in node.targets:
+        assign(body, target, value)
+
+
+def on_AnnAssign(body: Any, node: ast.AnnAssign) -> None:
+    if node.value:
+        assign(body, node.target, body.of(node.value))
+
+
+def on_AugAssign(body: Any, node: ast.AugAssign) -> None:
+    op = OPERATORS[type(node.op)]
+    if isinstance(node.target, ast.Subscript):
+        there = place(body, node.target)
+        body.code.store(there, body.code.binary(op, body.code.load(there), body.of(node.value)))
+    else:
+        assert isinstance(node.target, ast.Name)
+        body.bind(node.target.id, body.code.binary(op, body.name(node.target.id), body.of(node.value)))
+
+
+def assign(body: Any, target: ast.expr, value: Any) -> None:
+    if isinstance(target, ast.Name):
+        body.bind(target.id, value)
+    elif isinstance(target, (ast.Tuple, ast.List)):
+        unpack(body, target.elts, value)
+    elif isinstance(target, ast.Subscript):
+        put(body, place(body, target), value)
+    else:
+        body.refuse(target)
+
+
+def unpack(body: Any, targets: Sequence[ast.expr], value: Any) -> None:
+    if isinstance(value, Array):
+        value = tuple(items(body, value, len(targets)))
+    starred = [at for at, target in enumerate(targets) if isinstance(target, ast.Starred)]
+    if starred:
+        (at,), rest = starred, len(targets) - 1
+        value = (*value[:at], tuple(value[at : len(value) - rest + at]), *value[len(value) - rest + at :])
+    for target, item in zip(targets, value, strict=True):
+        assign(body, target.value if isinstance(target, ast.Starred) else target, item)
+
+
+def items(body: Any, array: Array, count: int) -> list[Any]:
+    return [body.whole(body.code.item(array, (at,))) for at in range(count)]
+
+
+def put(body: Any, place: Array, value: Any) -> None:
+    """Write a number, or another array, to a part of an array."""
+    if not place.shape:
+        body.code.store(place, value)
+        return
+    length = place.shape[0]
+    with Counting(body, length) as at:
+        item = body.whole(body.code.item(value, (at,))) if isinstance(value, Array) else value
+        put(body, body.code.item(place, (at,)), item)
+
+
+def on_Return(body: Any, node: ast.Return) -> None:
+    leave(body, body.of(node.value) if node.value else None)
+
+
+def leave(body: Any, value: Any) -> None:
+    if value is not None:
+        body.write("return", value)
+    body.code.jump(body.exit)
+
+
+def on_Break(body: Any, node: ast.Break) -> None:
+    body.code.jump(body.loops[-1].after)
+
+
+def on_Continue(body: Any, node: ast.Continue) -> None:
+    body.code.jump(body.loops[-1].following)
+
+
+def on_If(body: Any, node: ast.If) -> None:
+    condition, code = body.truth(node.test), body.code
+    if not isinstance(condition, Number):
+        body.run(node.body if condition else node.orelse)
+        return
+    then, other, after = (code.module.fresh(name) for name in ("then", "else", "after"))
+    code.fork(condition, then, other if node.orelse else after)
+    goes_on = not node.orelse
+    for label, block in ((then, node.body), (other, node.orelse)):
+        if block:
+            code.label(label)
+            body.run(block)
+            goes_on = goes_on or code.alive
+            code.jump(after)
+    if goes_on:
+        code.label(after)
+
+
+def on_While(body: Any, node: ast.While) -> None:
+    code = body.code
+    head, inner, after = (code.module.fresh(name) for name in ("head", "body", "after"))
+    code.jump(head)
+    code.label(head)
+    code.fork(body.truth(node.test), inner, after)
+    code.label(inner)
+    body.loops.append(Loop(after, head))
+    body.run(node.body)
+    body.loops.pop()
+    code.jump(head)
+    code.label(after)
+    if node.orelse:
+        body.refuse(node)
+
+
+def on_For(body: Any, node: ast.For) -> None:
+    if node.orelse:
+        body.refuse(node)
+    items, code = body.of(node.iter), body.code
+    if isinstance(items, tuple) and not isinstance(items, (Array, Span)):
+        after = code.module.fresh("after")
+        for item in items:
+            following = code.module.fresh("next")
+            body.loops.append(Loop(after, following))
+            assign(body, node.target, item)
+            body.run(node.body)
+            body.loops.pop()
+            code.jump(following)
+            code.label(following)
+        code.jump(after)
+        code.label(after)
+        return
+    if isinstance(items, Array):
+        with Counting(body, items.shape[0]) as at:
+            assign(body, node.target, body.whole(code.item(items, (at,))))
+            body.run(node.body)
+        return
+    assert isinstance(items, Span)
+    with Counting(body, items.stop, items.start, items.step) as at:
+        assign(body, node.target, at)
+        body.run(node.body)
+
+
+class Counting:
+    """A loop over whole numbers."""
+
+    def __init__(self, body: Any, stop: Any, start: Any = 0, step: Any = 1) -> None:
+        self._body, self._span = body, Span(start, stop, step)
+
+    def __enter__(self) -> Number:
+        code, (start, stop, step) = self._body.code, self._span
+        names = [code.module.fresh(name) for name in ("head", "body", "next", "after")]
+        self._labels = head, inner, following, after = names[0], names[1], names[2], names[3]
+        self._room = code.room("i")
+        code.do(f"store i64 {code.as_kind(start, 'i')}, ptr {self._room}, align 8")
+        self._stop, self._step = code.as_kind(stop, "i"), code.as_kind(step, "i")
+        code.jump(head)
+        code.label(head)
+        at = code.number("i", f"load i64, ptr {self._room}, align 8")
+        if is_constant(step):
+            goes_on = code.compare("<" if step > 0 else ">", at, Number("i", self._stop), "i")
+        else:
+            up, down = (code.compare(op, at, Number("i", self._stop), "i") for op in "<>")
+            goes_on = code.select(code.compare(">", step, 0, "i"), up, down)
+        code.fork(goes_on, inner, after)
+        code.label(inner)
+        self._body.loops.append(Loop(after, following))
+        return at
+
+    def __exit__(self, *error: object) -> None:
+        if error[0] is not None:
+            return
+        code, (head, _, following, after) = self._body.code, self._labels
+        self._body.loops.pop()
+        code.jump(following)
+        code.label(following)
+        now = code.put(f"load i64, ptr {self._room}, align 8")
+        code.do(f"store i64 {code.put(f'add nsw i64 {now}, {self._step}')}, ptr {self._room}, align 8")
+        code.jump(head)
+        code.label(after)

@@ -1,0 +1,294 @@
+"""Kernels with loops and arrays, translated from their syntax into instructions for LLVM.
+
+Each kernel becomes a function, once for each form of its arguments: nested tuples exist only while it is translated.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+from collections.abc import Callable, Sequence
+from functools import cache
+from types import FunctionType
+from typing import Any, NamedTuple
+
+from turtlebot_gym.compiled import expressions, statements
+from turtlebot_gym.compiled.code import Code, Module
+from turtlebot_gym.compiled.graph import Untraceable
+from turtlebot_gym.compiled.scopes import has_loops, in_memory
+from turtlebot_gym.compiled.trace import _syntax
+from turtlebot_gym.compiled.values import (
+    LLVM,
+    Address,
+    Array,
+    Number,
+    as_runtime,
+    is_number,
+    key_of,
+    kind_of,
+    kinds_of,
+    leaves,
+    merged_form,
+    rebuilt,
+)
+
+_NOTHING: Any = object()
+
+
+class Room(NamedTuple):
+    """A variable in memory."""
+
+    form: Any
+    names: tuple[str, ...]
+    """The address of each of its numbers."""
+
+
+class _Again(Exception):
+    """A variable holds values of another form than was known: the function is translated again."""
+
+
+class _Placed(Untraceable):
+    """What cannot be translated, with its place."""
+
+
+class Made(NamedTuple):
+    """A function of the module, and the form of its result."""
+
+    name: str
+    result: Any
+    owners: Any = ()
+    """Of each array in the result, what the caller must free; null for a view of another one."""
+
+
+@cache
+def _tree(function: FunctionType) -> tuple[ast.FunctionDef, frozenset[str], bool]:
+    tree = copy.deepcopy(_syntax(function))
+    return tree, frozenset(in_memory(tree)), has_loops(tree)
+
+
+class Translator:
+    """Translates kernels into a module."""
+
+    def __init__(self) -> None:
+        self.module = Module()
+        self._made: dict[Any, Made] = {}
+        self._held: list[Any] = []
+
+    def call(self, code: Code, function: FunctionType, arguments: Sequence[Any]) -> tuple[Any, Any]:
+        """Write the call of a kernel, and return its result and what the caller must free."""
+        function = vars(function).get("in_loops", function)
+        made = self.function(function, arguments)
+        both = made.result, made.owners
+        given = [f"{kind} {leaf.name}" for kind, leaf in zip(kinds_of(tuple(arguments)), leaves(tuple(arguments)), strict=True)]
+        kinds = kinds_of(both)
+        result = f"{{ {', '.join(kinds)} }}" if kinds else "void"
+        text = f"call {result} @{made.name}({', '.join(given)})"
+        if not kinds:
+            code.do(text)
+            return both
+        whole = code.put(text)
+        numbers = iter(range(len(kinds)))
+        return rebuilt(both, lambda leaf: leaf._replace(name=code.put(f"extractvalue {result} {whole}, {next(numbers)}")))
+
+    def function(self, function: FunctionType, arguments: Sequence[Any]) -> Made:
+        """Return the translation of a kernel for arguments of some form."""
+        key = (id(function), tuple(map(key_of, arguments)))
+        if key not in self._made:
+            self._held.append(function)
+            forms: dict[str, Any] = {}
+            while True:
+                try:
+                    self._made[key] = Body(self, function, arguments, forms).made()
+                    break
+                except _Again:
+                    pass
+        return self._made[key]
+
+
+class Body:
+    """A kernel that is translated."""
+
+    def __init__(self, translator: Translator, function: FunctionType, arguments: Sequence[Any], forms: dict[str, Any]) -> None:
+        self.translator, self.function, self.forms = translator, function, forms
+        self.tree, self.in_memory, self.has_loops = _tree(function)
+        self.code = Code(translator.module, loose=getattr(function, "is_algebra", False))
+        self.loops: list[statements.Loop] = []
+        self.names: dict[str, Any] = {}
+        self.owned: list[str] = []
+        """Where the addresses of arrays stand that this function makes."""
+        self.parameters = [rebuilt(value, lambda leaf: leaf._replace(name=self.code.module.fresh("%a"))) for value in arguments]
+        cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+        self.closure = {name: cell.cell_contents for name, cell in cells}
+
+    def made(self) -> Made:
+        """Write the function."""
+        code, tree = self.code, self.tree
+        names = [argument.arg for argument in (*tree.args.posonlyargs, *tree.args.args, *tree.args.kwonlyargs)]
+        if tree.args.vararg:
+            count = len(names)
+            self.parameters[count:] = [tuple(self.parameters[count:])]
+            names.append(tree.args.vararg.arg)
+        for name, value in zip(names, self.parameters, strict=True):
+            self.bind(name, value)
+        body = tree.body
+        simple = isinstance(body[-1], ast.Return) and sum(isinstance(node, ast.Return) for node in ast.walk(tree)) == 1
+        self.exit = "" if simple else code.module.fresh("exit")
+        result: Any = None
+        if simple:
+            self.run(body[:-1])
+            last = body[-1]
+            assert isinstance(last, ast.Return)
+            result = self.placed(last, lambda: self.of(last.value) if last.value else None)
+        else:
+            self.run(body)
+            if code.alive:
+                statements.leave(self, None)
+            code.label(self.exit)
+            result = self.read("return") if "return" in self.names else None
+        owners = self.free_all_but([leaf for leaf in leaves(result) if isinstance(leaf, Address)])
+        found, kinds = list(leaves((result, owners))), kinds_of((result, owners))
+        whole = f"{{ {', '.join(kinds)} }}" if kinds else "void"
+        value = "poison"
+        for at, (kind, leaf) in enumerate(zip(kinds, found, strict=True)):
+            value = code.put(f"insertvalue {whole} {value}, {kind} {leaf.name}, {at}")
+        code.do(f"ret {whole} {value}" if kinds else "ret void")
+        name = code.module.fresh(f"{self.function.__name__.strip('<>')}.")
+        given = ", ".join(
+            f"{kind} {leaf.name}"
+            for value in self.parameters
+            for kind, leaf in zip(kinds_of(value), leaves(value), strict=True)
+        )
+        inline = "" if self.has_loops else "alwaysinline "
+        lines = ["entry:", *code.entry, "  br label %start", "start:", *code.lines]
+        code.module.functions.append(f"define internal {whole} @{name}({given}) {inline}#0 {{\n" + "\n".join(lines) + "\n}")
+        return Made(name, *rebuilt((result, owners), lambda leaf: leaf._replace(name="")))
+
+    # Memory
+
+    def own(self, address: str) -> None:
+        """Free what stands at an address when the function returns, or when this instruction runs again."""
+        code = self.code
+        code.module.declared.add("declare void @free(ptr)")
+        room = code.room("ptr")
+        code.entry.append(f"  store ptr null, ptr {room}, align 8")
+        code.do(f"call void @free(ptr {code.put(f'load ptr, ptr {room}')})")
+        code.do(f"store ptr {address}, ptr {room}, align 8")
+        self.owned.append(room)
+
+    def free_all_but(self, returned: list[Address]) -> tuple[Address, ...]:
+        """Free what the function owns and does not return; return what the caller must free."""
+        code, owners = self.code, ["null"] * len(returned)
+        for room in self.owned:
+            address = code.put(f"load ptr, ptr {room}")
+            for at, leaf in enumerate(returned):
+                is_returned = code.put(f"icmp eq ptr {address}, {leaf.name}")
+                owners[at] = code.put(f"select i1 {is_returned}, ptr {address}, ptr {owners[at]}")
+                address = code.put(f"select i1 {is_returned}, ptr null, ptr {address}")
+            code.do(f"call void @free(ptr {address})")
+        return tuple(map(Address, owners)) if self.owned else ()
+
+    # Variables
+
+    def bind(self, name: str, value: Any) -> None:
+        """Assign a variable."""
+        if name in self.in_memory:
+            self.write(name, value)
+        else:
+            self.names[name] = value
+
+    def write(self, name: str, value: Any) -> None:
+        """Write a variable to its room in memory."""
+        code, form = self.code, as_runtime(value)
+        room = self.names.get(name)
+        if not isinstance(room, Room):
+            form = self.forms.get(name, form)
+            kinds = [LLVM["p" if isinstance(leaf, Address) else leaf.kind] for leaf in leaves(form)]
+            room = self.names[name] = Room(form, tuple(code.room(kind) for kind in kinds))
+        merged = merged_form(room.form, as_runtime(value))
+        if key_of(merged) != key_of(room.form):
+            self.forms[name] = merged
+            raise _Again
+        for kind, leaf, place in zip(kinds_of(room.form), self.as_form(value, room.form), room.names, strict=True):
+            code.do(f"store {kind} {leaf}, ptr {place}, align {1 if kind == 'i1' else 8}")
+
+    def as_form(self, value: Any, form: Any) -> list[str]:
+        """Return the names of a value's leaves in a form."""
+        if isinstance(form, Number):
+            return [self.code.as_kind(value, form.kind)]
+        if isinstance(form, Address):
+            return [value.name]
+        if isinstance(form, tuple):
+            return [name for item, like in zip(value, form, strict=True) for name in self.as_form(item, like)]
+        return []
+
+    def read(self, name: str) -> Any:
+        """Return the value of a variable in memory."""
+        room, code = self.names[name], self.code
+        kinds, places = iter(kinds_of(room.form)), iter(room.names)
+        return rebuilt(room.form, lambda leaf: leaf._replace(name=code.put(f"load {next(kinds)}, ptr {next(places)}")))
+
+    def name(self, name: str) -> Any:
+        """Return what a name stands for."""
+        if name in self.names:
+            value = self.names[name]
+            return self.read(name) if isinstance(value, Room) else value
+        if name in self.closure:
+            return self.closure[name]
+        scope = self.function.__globals__
+        if name in scope:
+            return scope[name]
+        builtins = scope["__builtins__"]
+        found = builtins.get(name, _NOTHING) if isinstance(builtins, dict) else getattr(builtins, name, _NOTHING)
+        if found is _NOTHING:
+            raise Untraceable(f"the name {name!r} in the kernel {self.function.__name__!r}")
+        return found
+
+    # Statements
+
+    def run(self, block: Sequence[ast.stmt]) -> None:
+        for statement in block:
+            if self.code.alive:
+                method = getattr(statements, f"on_{type(statement).__name__}", Body.refuse)
+                self.placed(statement, lambda statement=statement, method=method: method(self, statement))
+
+    def placed(self, node: ast.stmt, translate: Callable[[], Any]) -> Any:
+        """Return what a statement gives; say where it stands if it cannot be translated."""
+        try:
+            return translate()
+        except (Untraceable, TypeError, AttributeError, ValueError, LookupError) as error:
+            return self.refuse(node, error)
+
+    def refuse(self, node: Any, error: Exception | None = None) -> Any:
+        """Say what cannot be translated, and where."""
+        if isinstance(error, _Placed):
+            raise error
+        where = f"line {node.lineno} of the kernel {self.function.__name__!r}"
+        raise _Placed(
+            f"{where}, {ast.unparse(node).splitlines()[0]!r}, cannot be compiled: {error or type(node).__name__}"
+        ) from error
+
+    def whole(self, array: Array) -> Any:
+        """Return a number in place of an array without axes."""
+        return array if array.shape else self.code.load(array)
+
+    def truth(self, node: ast.expr) -> Any:
+        """Return whether a condition holds."""
+        value = self.of(node)
+        if isinstance(value, Number):
+            return self.code.converted(value, "b")
+        return bool(value)
+
+    # Expressions
+
+    def of(self, node: ast.expr) -> Any:
+        """Return the value of an expression."""
+        return getattr(expressions, f"of_{type(node).__name__}", Body.refuse)(self, node)
+
+    def held(self, value: Any) -> Any:
+        """Return a value with numbers in place of constants."""
+        if is_number(value):
+            return self.code.converted(value, kind_of(value))
+        if isinstance(value, tuple) and not isinstance(value, (Number, Array, Address)):
+            items = [self.held(item) for item in value]
+            return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+        return value

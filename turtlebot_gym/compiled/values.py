@@ -1,0 +1,178 @@
+"""What the compiler of loops works on: numbers of machine code, arrays, and nested tuples of both and of constants.
+
+Kinds of numbers are "f" (double), "s" (float), "i" (64-bit integer) and "b" (truth). A Python number is a constant.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from turtlebot_gym.compiled.graph import Untraceable
+
+LLVM = {"f": "double", "s": "float", "i": "i64", "b": "i1", "p": "ptr"}
+"""LLVM's types; "p" is an address."""
+
+
+class Number(NamedTuple):
+    """A number that is known when the code runs."""
+
+    kind: str
+    name: str
+
+
+class Address(NamedTuple):
+    """Where an array begins."""
+
+    name: str
+
+
+class Array(NamedTuple):
+    """A strided array."""
+
+    element: str
+    """numpy's name of the type of its elements."""
+    address: Any
+    shape: tuple[Any, ...]
+    strides: tuple[Any, ...]
+    """In bytes."""
+
+
+MEMORY = {
+    "float64": ("double", 8, "f"),
+    "float32": ("float", 4, "s"),
+    "int64": ("i64", 8, "i"),
+    "int32": ("i32", 4, "i"),
+    "int16": ("i16", 2, "i"),
+    "int8": ("i8", 1, "i"),
+    "uint64": ("i64", 8, "i"),
+    "uint32": ("i32", 4, "i"),
+    "uint16": ("i16", 2, "i"),
+    "uint8": ("i8", 1, "i"),
+    "bool": ("i8", 1, "b"),
+}
+"""LLVM's type of an array's element, its size in bytes, and the kind of number that it is loaded as."""
+
+
+def kind_of(value: Any) -> str:
+    """Return the kind of a number or a constant."""
+    if isinstance(value, Number):
+        return value.kind
+    if isinstance(value, (bool, np.bool_)):
+        return "b"
+    if isinstance(value, (int, np.integer)):
+        return "i"
+    if isinstance(value, np.float32):
+        return "s"
+    if isinstance(value, float):
+        return "f"
+    raise Untraceable(f"a value of the type {type(value).__name__} among numbers")
+
+
+def is_number(value: Any) -> bool:
+    return isinstance(value, (Number, bool, int, float, np.generic))
+
+
+def is_constant(value: Any) -> bool:
+    return is_number(value) and not isinstance(value, Number)
+
+
+def signed(value: int) -> int:
+    """Return an integer modulo 2^64, from -2^63 on."""
+    return (value + (1 << 63)) % (1 << 64) - (1 << 63)
+
+
+def constant(value: Any, kind: str) -> str:
+    """Return LLVM's text of a constant."""
+    if kind == "i":
+        return str(signed(int(value)))
+    if kind == "b":
+        return "true" if value else "false"
+    number = float(np.float32(value)) if kind == "s" else float(value)
+    return f"0x{struct.unpack('<Q', struct.pack('<d', number))[0]:016X}"
+
+
+def wider(a: str, b: str) -> str:
+    """Return the kind that holds numbers of two kinds."""
+    if a == b:
+        return a
+    return "f" if "f" in (a, b) or "s" in (a, b) else "i"
+
+
+def leaves(value: Any) -> Iterator[Any]:
+    """Yield what is known when the code runs: numbers and addresses, in order."""
+    if isinstance(value, (Number, Address)):
+        yield value
+    elif isinstance(value, Array):
+        for part in value[1:]:
+            yield from leaves(part)
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from leaves(item)
+
+
+def kinds_of(value: Any) -> list[str]:
+    """Return LLVM's types of the leaves of a value."""
+    return [LLVM["p" if isinstance(leaf, Address) else leaf.kind] for leaf in leaves(value)]
+
+
+def rebuilt(value: Any, leaf: Callable[[Any], Any]) -> Any:
+    """Return a value with others for its leaves."""
+    if isinstance(value, (Number, Address)):
+        return leaf(value)
+    if isinstance(value, Array):
+        return Array(value.element, *(rebuilt(part, leaf) for part in value[1:]))
+    if isinstance(value, tuple):
+        items = [rebuilt(item, leaf) for item in value]
+        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+    return value
+
+
+def as_runtime(value: Any) -> Any:
+    """Return a value with numbers in place of its constants, without names: what a variable can hold."""
+    if isinstance(value, Address):
+        return Address("")
+    if isinstance(value, Array):
+        strides = tuple(part if isinstance(part, int) else Number("i", "") for part in value.strides)
+        return Array(value.element, Address(""), (Number("i", ""),) * len(value.shape), strides)
+    if isinstance(value, tuple) and not isinstance(value, Number):
+        items = [as_runtime(item) for item in value]
+        return type(value)(*items) if hasattr(value, "_fields") else tuple(items)
+    return Number(kind_of(value), "") if is_number(value) else value
+
+
+def key_of(value: Any) -> Any:
+    """Return what tells the form of a value from all others."""
+    if isinstance(value, Number):
+        return value.kind
+    if isinstance(value, Address):
+        return "p"
+    if isinstance(value, Array):
+        return ("array", value.element, *(key_of(part) for part in value[2:]))
+    if isinstance(value, tuple):
+        return (type(value), *map(key_of, value))
+    if isinstance(value, float):
+        return ("float", struct.pack("d", value))
+    try:
+        hash(value)
+    except TypeError:
+        return id(value)
+    return (type(value), value)
+
+
+def merged_form(a: Any, b: Any) -> Any:
+    """Return the form of a variable that holds values of two forms, see `as_runtime`."""
+    if isinstance(a, Number) and isinstance(b, Number):
+        return Number(wider(a.kind, b.kind), "")
+    if isinstance(a, Array) and isinstance(b, Array) and a.element == b.element and len(a.shape) == len(b.shape):
+        strides = tuple(x if x == y else Number("i", "") for x, y in zip(a.strides, b.strides, strict=True))
+        return Array(a.element, Address(""), a.shape, strides)
+    if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b) and not isinstance(a, (Number, Address, Array)):
+        items = [merged_form(x, y) for x, y in zip(a, b, strict=True)]
+        return type(a)(*items) if hasattr(a, "_fields") else tuple(items)
+    if key_of(a) == key_of(b):
+        return a
+    raise Untraceable(f"a variable that holds {type(a).__name__} and {type(b).__name__}")
