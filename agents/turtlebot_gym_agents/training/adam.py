@@ -42,20 +42,24 @@ class Adam:
         """Update the parameters by their gradients."""
         group = self.param_groups[0]
         rate, (first, second), eps = group["lr"], group["betas"], group["eps"]
-        for number, parameter in enumerate(group["params"]):
-            gradient = parameter.grad
-            if gradient is None:
-                continue
+        updated = [(number, one) for number, one in enumerate(group["params"]) if one.grad is not None]
+        for number, parameter in updated:
             if number not in self._state:
                 means = {name: torch.zeros_like(parameter) for name in ("exp_avg", "exp_avg_sq")}
                 self._state[number] = {"step": torch.zeros(()), **means}
-            state = self._state[number]
-            state["step"] += 1
-            count, mean, square = state["step"].item(), state["exp_avg"], state["exp_avg_sq"]
-            mean.lerp_(gradient, 1 - first)
-            square.mul_(second).addcmul_(gradient, gradient, value=1 - second)
-            spread = (square.sqrt() / sqrt(1 - second**count)).add_(eps)
-            parameter.addcdiv_(mean, spread, value=-rate / (1 - first**count))
+        states = [self._state[number] for number, _ in updated]
+        torch._foreach_add_([state["step"] for state in states], 1.0)
+        counts = [state["step"].item() for state in states]
+        means, squares = ([state[name] for state in states] for name in ("exp_avg", "exp_avg_sq"))
+        gradients = [parameter.grad for _, parameter in updated]
+        torch._foreach_lerp_(means, gradients, 1 - first)
+        torch._foreach_mul_(squares, second)
+        torch._foreach_addcmul_(squares, gradients, gradients, 1 - second)
+        spreads = torch._foreach_sqrt(squares)
+        torch._foreach_div_(spreads, [sqrt(1 - second**count) for count in counts])
+        torch._foreach_add_(spreads, eps)
+        steps = [-rate / (1 - first**count) for count in counts]
+        torch._foreach_addcdiv_([parameter for _, parameter in updated], means, spreads, steps)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the state, in the form of torch's optimizers."""
