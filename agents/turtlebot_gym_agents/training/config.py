@@ -31,8 +31,8 @@ NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
 """Algorithms of Stable-Baselines3 that train here, in lower case."""
 ON_POLICY = ("ppo", "a2c")
 """Algorithms with a critic of the current policy, which can begin with the network of a known policy."""
-ROWS = 64
-"""Environments of an evaluation."""
+ROWS = 128
+"""Most environments of an evaluation."""
 _RANDOMIZED = ("speed_error", "turn_error", "veer")
 """Fields that ``randomize`` reads."""
 _FREE = ("steps", "until", "seconds", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
