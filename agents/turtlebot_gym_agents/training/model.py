@@ -36,9 +36,12 @@ from turtlebot_gym_agents.training.config import ON_POLICY, TrainingConfig
 from turtlebot_gym_agents.training.gaussian import GaussianPolicy
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
+from turtlebot_gym_agents.training.staggering import Staggered
 
 MEASURED = 76_800
 """Most steps of all environments together from which the observations' normalization is measured."""
+STAGGER = 300
+"""Steps within which the environments of a training begin."""
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this, separate from others."""
@@ -109,7 +112,7 @@ def make_model(
     ours: dict[str, Any] = (
         {"optimizer_class": Adam} if config.algo == "ppo" and "optimizer_kwargs" not in keywords[NETWORK] else {}
     )
-    adapter = Sb3VecEnv(envs, reward_scale=config.hyper.get("reward_scale", 1.0))
+    adapter = Sb3VecEnv(Staggered(envs, driver, STAGGER), reward_scale=config.hyper.get("reward_scale", 1.0))
     try:
         model = ALGORITHMS[config.algo](
             GaussianPolicy if _is_gaussian(config) else config.hyper["policy"],
