@@ -1,4 +1,4 @@
-"""CPU seconds from command to policy: the shipped recipes of open ground beside the limit, a process for each seed.
+"""CPU seconds from command to policy: the shipped recipes beside the limit, a process for each seed.
 
 The trainings of a seed follow one another, so that a busy machine meets all of them. Each policy drives unseen episodes, and
 its mean time to the goal is divided by the baseline's where both arrive.
@@ -43,6 +43,8 @@ class Recipe(NamedTuple):
     """Policy without learning."""
 
 
+ROOMS = "262144"
+"""Steps in rooms, of a training that begins with a known policy."""
 RECIPES = {
     "Nav": Recipe(()),
     "Nav, 40,960 steps": Recipe(("--steps", "40960")),
@@ -50,6 +52,7 @@ RECIPES = {
     "Square": Recipe((), "square", "corner"),
     "Pose": Recipe((), "pose", "rotate-drive-rotate"),
     "Nav, SAC": Recipe(("--algo", "sac")),
+    "Rooms, from vfh": Recipe(("--from", "vfh", "--steps", ROOMS), "rooms", "vfh"),
 }
 """Trainings by name; "limit" is `limit.py`."""
 IMPORTS, COMPILE, LEARNING = ("imports", "start and imports"), ("compile", "compiled loops"), ("setup", "rollouts", "updates")

@@ -198,7 +198,7 @@ def test_few_steps_are_divided_among_fewer_environments_in_smaller_batches():
         for steps in (1, 5_000, 20_000, 40_960, 300_000, whole["n_timesteps"]):
             hyper = TrainingConfig(env=env, steps=steps).hyper
             rollout = hyper["n_envs"] * hyper["n_steps"]
-            assert hyper["n_envs"] == 8 or steps // rollout >= 20
+            assert hyper["n_envs"] == 8 or steps // rollout >= hyperparameters.ROLLOUTS
             assert rollout // hyper["batch_size"] == whole["n_envs"] * whole["n_steps"] // whole["batch_size"]
             assert {**hyper, "n_envs": whole["n_envs"], "batch_size": whole["batch_size"]} == whole
         assert TrainingConfig(env=env, steps=whole["n_timesteps"]).hyper == TrainingConfig(env=env).hyper == whole

@@ -158,7 +158,7 @@ class Learning:
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package."""
     steps: int | None = None
     """Environment steps; by default n_timesteps of the hyper-parameters."""
-    evaluations: int = 8
+    evaluations: int = 5
     """Number of evaluations during training."""
     episodes: int = 500
     """Episodes of the evaluation at the end; those during training have the first 100."""

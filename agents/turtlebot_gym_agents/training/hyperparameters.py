@@ -15,7 +15,7 @@ from turtlebot_gym import files
 from turtlebot_gym.validation import Range, refusal
 from turtlebot_gym_agents.policies.named import shipped_folder
 
-ROLLOUTS = 20
+ROLLOUTS = 40
 """Fewest rollouts from which a training with the package's own hyper-parameters learns."""
 FEWEST_ENVS = 8
 """Fewest environments of such a training."""
@@ -53,8 +53,8 @@ def for_steps(hyper: Mapping[str, Any], steps: int) -> dict[str, Any]:
     """Return hyper-parameters for fewer steps than they were made for.
 
     An algorithm that learns from rollouts of ``n_steps`` then has fewer environments, and smaller batches in proportion, and
-    still `ROLLOUTS` rollouts to learn from: 40,960 steps are five rollouts of 256 environments, and twenty of 64, after which
-    a policy on Nav reaches all of its goals.
+    still `ROLLOUTS` rollouts to learn from: 40,960 steps on Nav are ten rollouts of 256 environments, and forty of 64, after
+    which a policy reaches all of its goals.
     """
     if "n_steps" not in hyper:
         return dict(hyper)
