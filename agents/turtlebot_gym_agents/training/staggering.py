@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from turtlebot_gym_agents.policies import Policy
 
 GROUPS = 16
-"""Number of different times."""
+"""Most different times."""
 
 
 class Staggered(VectorWrapper):
@@ -32,14 +32,15 @@ class Staggered(VectorWrapper):
         self._policy, self._steps = policy, steps
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Reset all rows and drive them; rows that ``reset_mask`` chooses begin at once."""
         observations, infos = self.env.reset(seed=seed, options=options)
         if options is None or "reset_mask" not in options:
-            group = np.arange(self.num_envs) % GROUPS
-            for number in range(GROUPS):
-                for _ in range(self._steps // GROUPS):
+            groups = min(GROUPS, self.num_envs)
+            group = np.arange(self.num_envs) % groups
+            for number in range(groups):
+                for _ in range(self._steps // groups):
                     observations, *_ = self.env.step(self._policy(observations))
                 observations, infos = self.env.reset(options={"reset_mask": group == number})
         return observations, infos
