@@ -4,6 +4,9 @@ References:
     Kingma, Ba, "Adam: a method for stochastic optimization" (2015), arXiv:1412.6980, algorithm 1.
 """
 
+# pyright: reportPrivateImportUsage=false
+# Torch documents its functions of several tensors, "foreach functions", under these names.
+
 from __future__ import annotations
 
 from collections.abc import Iterable
