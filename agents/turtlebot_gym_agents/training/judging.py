@@ -52,7 +52,8 @@ def judge(envs: VectorEnv, policy: Policy, *, seed: int, episodes: int) -> Judge
         judged.success[number[over]] = infos["final_info"]["is_success"][over]
         number[over] = np.arange(begun, begun + len(over))
         begun += len(over)
-        again = np.isin(np.arange(envs.num_envs), over) & (number < episodes)
+        again = np.zeros(envs.num_envs, np.bool_)
+        again[over] = number[over] < episodes
         if again.any():
             seeds: Any = [seed + int(at) if begins else None for at, begins in zip(number, again, strict=True)]
             observations, _ = envs.reset(seed=seeds, options={"reset_mask": again})
