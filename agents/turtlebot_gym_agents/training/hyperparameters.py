@@ -53,7 +53,7 @@ def for_steps(hyper: Mapping[str, Any], steps: int) -> dict[str, Any]:
     """Return hyper-parameters for fewer steps than they were made for.
 
     An algorithm that learns from rollouts of ``n_steps`` then has fewer environments, and smaller batches in proportion, and
-    still `ROLLOUTS` rollouts to learn from: 40,960 steps on Nav are ten rollouts of 256 environments, and forty of 64, after
+    still `ROLLOUTS` rollouts to learn from: 40,960 steps on Nav are ten rollouts of 512 environments, and forty of 128, after
     which a policy reaches all of its goals.
     """
     if "n_steps" not in hyper:
