@@ -11,7 +11,6 @@ import pytest
 from turtlebot_gym.extras import installing
 
 ABSENT = (
-    "numba",
     "llvmlite",
     "scipy",
     "matplotlib",
@@ -145,10 +144,13 @@ def test_nodes_load_no_compiler_where_one_is_installed(launch, peer, wait_for):
     assert not compilers_in(process)
 
 
-def test_a_process_with_a_compiled_loop_has_a_compiler(launch, wait_for):
+def test_a_process_with_a_compiled_loop_has_a_compiler(launch, wait_for, tmp_path):
     pytest.importorskip("llvmlite")
-    loop = "from turtlebot_gym.compiled.cache import compiled; compiled(lambda x: x + 1.0, 'a loop')(1.0); "
-    loop += "import signal, scipy.stats; signal.pause()"
-    process = launch("-c", loop)
+    program = tmp_path / "loop.py"  # what is compiled is read from its file
+    program.write_text(
+        "import scipy.stats, signal\nfrom turtlebot_gym.compiled.cache import compiled\n"
+        "def loop(x):\n    return x + 1.0\n\ncompiled(loop, 'a loop')(1.0)\nsignal.pause()\n"
+    )
+    process = launch(str(program))
     wait_for(lambda: compilers_in(process) == {"llvmlite", "scipy"} or process.poll() is not None)
     assert process.poll() is None, process.communicate()[1]

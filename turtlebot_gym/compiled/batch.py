@@ -16,7 +16,7 @@ from turtlebot_gym.compiled.ground import Case
 from turtlebot_gym.compiled.loop import loops_of
 from turtlebot_gym.compiled.memory import FIRST_SHARE
 from turtlebot_gym.compiled.packing import TILE, Packing, aligned, as_tuple, flatten, layout_of, packing
-from turtlebot_gym.compiled.program import caller_of
+from turtlebot_gym.compiled.program import Program, caller_of
 from turtlebot_gym.compiled.running import FEW, GroundTracks, find_ground
 from turtlebot_gym.compiled.threads import Pace, Threads
 from turtlebot_gym.heart import begin_at
@@ -320,7 +320,10 @@ class Batch:
                 self._tracks.step(1, actions, observations, outcomes)
             else:  # a debugger finds the plant four calls below a step of the environment
                 state = self._tiles, self._keys, self._parameters, self.waypoints, observations, outcomes, self.scenes
-                self._run("step", 1, actions, *state)
+                if isinstance(self._loops.step, Program):
+                    self._run("step", 1, actions, *state)
+                else:  # a debugger finds the plant four calls below a step of the environment
+                    self._loops.step(actions, *state)
         else:
             self._step_at_pace(actions, observations, outcomes)
         if self._history is not None:

@@ -82,7 +82,7 @@ def _rounded(name: str) -> Callable[..., Any]:
 IN_PLACE[math.floor], IN_PLACE[math.ceil] = _rounded("floor"), _rounded("ceil")
 
 
-@_stands_for(kernel.floor)
+@_stands_for(kernel.floor, np.floor)
 def _floor(body: Any, x: Any) -> Any:
     return body.code.binary("+", body.code.intrinsic("floor", x), 0.0)
 
@@ -107,6 +107,7 @@ for _name in (
     *("sinh", "cosh", "tanh", "fmod", "pow", "copysign", "hypot"),
 ):
     IN_PLACE[getattr(math, _name)] = lambda body, *values, name=_name: body.code.library(name, *values)
+IN_PLACE[np.hypot] = IN_PLACE[math.hypot]
 
 
 @_stands_for(kernel.times)
@@ -190,18 +191,23 @@ def _element(kind: Any) -> str:
     return name
 
 
+def _strides(code: Any, sizes: tuple[Any, ...], element: str) -> tuple[Any, ...]:
+    """Return the distances along the axes of adjacent numbers, and the size of all, in bytes."""
+    strides = [MEMORY[element][1]]
+    for size in sizes[::-1]:
+        strides.append(code.binary("*", size, strides[-1]))
+    return (*strides[-2::-1], strides[-1])
+
+
 def _new(body: Any, shape: Any, element: str) -> Array:
     """Return an array that lives until the function returns."""
     code = body.code
     sizes = tuple(shape) if isinstance(shape, (tuple, list)) and not isinstance(shape, Number) else (shape,)
-    strides, stride = [], MEMORY[element][1]
-    for size in sizes[::-1]:
-        strides.append(stride)
-        stride = code.binary("*", size, stride)
+    *strides, size = _strides(code, sizes, element)
     code.module.declared.add("declare ptr @malloc(i64)")
-    address = code.put(f"call ptr @malloc(i64 {code.as_kind(stride, 'i')})")
+    address = code.put(f"call ptr @malloc(i64 {code.as_kind(size, 'i')})")
     body.own(address)
-    return Array(element, Address(address), sizes, tuple(strides[::-1]))
+    return Array(element, Address(address), sizes, tuple(strides))
 
 
 @_stands_for(np.empty)
@@ -239,7 +245,15 @@ def _fill(body: Any, array: Array, value: Any) -> None:
     put(body, array, value)
 
 
-IN_PLACE["copy"], IN_PLACE["fill"] = _copy, _fill
+def _reshape(body: Any, array: Array, *lengths: Any) -> Array:
+    """Return a row of adjacent numbers as a table, or as an array of more axes, of as many numbers."""
+    if array.strides != (MEMORY[array.element][1],):
+        raise Untraceable("another shape of what is not one row of adjacent numbers")
+    shape = lengths[0] if isinstance(lengths[0], tuple) and not isinstance(lengths[0], Number) else lengths
+    return Array(array.element, array.address, tuple(shape), _strides(body.code, tuple(shape), array.element)[:-1])
+
+
+IN_PLACE["copy"], IN_PLACE["fill"], IN_PLACE["reshape"] = _copy, _fill, _reshape
 
 
 def register_access(load: Callable[..., Any], store: Callable[..., Any], example: Any, places: Sequence[int]) -> None:

@@ -110,6 +110,11 @@ class Program:
     def __call__(self, *arguments: Any) -> Any:
         return Caller(self)(*arguments)
 
+    @property
+    def signatures(self) -> list[Any]:
+        """The forms of arguments for which there is machine code."""
+        return [*self._made]
+
     def code_for(self, arguments: tuple[Any, ...]) -> tuple[Callable[[int], None], Any]:
         """Return the machine code for arguments of some form, and the form of its result."""
         signature = _signature(arguments)

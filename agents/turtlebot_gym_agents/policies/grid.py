@@ -1,7 +1,7 @@
 """A grid of what a robot has seen, and the cheapest path over it; unknown cells are free, but may cost more.
 
 A scan is entered sector by sector: free along three lines, occupied at the sector's range. Places that later beams pass become
-free again. The functions are compiled where numba is; without it they run as plain Python, with the same results to the bit.
+free again. The functions are compiled where llvmlite is; without it they run as plain Python, with the same results to the bit.
 Places are in the grid's frame, m, with the origin in its middle.
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import cache
-from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
@@ -93,6 +92,31 @@ def _steps(here: int, there: int, width: int) -> int:
 
 
 @kernel
+def _push(heap, size: int, item: int) -> None:
+    """Add an item to the first ``size`` items of a binary heap."""
+    at = size
+    while at > 0 and heap[(at - 1) // 2] > item:
+        heap[at] = heap[(at - 1) // 2]
+        at = (at - 1) // 2
+    heap[at] = item
+
+
+@kernel
+def _pop(heap, size: int) -> int:
+    """Take the least of the first ``size + 1`` items of a binary heap."""
+    least, item, at, below = heap[0], heap[size], 0, 1
+    while below < size:
+        if below + 1 < size and heap[below + 1] < heap[below]:
+            below += 1
+        if heap[below] >= item:
+            break
+        heap[at] = heap[below]
+        at, below = below, 2 * below + 1
+    heap[at] = item
+    return least
+
+
+@kernel
 def cheapest_way(weights, width: int, start: int, goal: int):
     """Return the cost from each visited cell to the goal, and the cell that follows it; A*, from the goal.
 
@@ -102,21 +126,26 @@ def cheapest_way(weights, width: int, start: int, goal: int):
         start: A cell inside the border.
         goal: Another, or the same one.
     """
-    costs, following = np.full(len(weights), 2**30, np.int64), np.full(len(weights), goal, np.int64)
+    cells = len(weights)
+    costs, following = np.full(cells, 2**30, np.int64), np.full(cells, goal, np.int64)
     costs[goal] = 0
-    queue = [(FREE * _steps(goal, start, width), goal)]
+    queue, queued = np.empty(8 * cells + 1, np.int64), 1  # a cell is left once, to eight neighbours
+    queue[0] = FREE * _steps(goal, start, width) * cells + goal  # the least cost first, and then the first cell
     while True:
-        least, cell = heappop(queue)
+        queued -= 1
+        least = _pop(queue, queued)
+        cell = least % cells
         if cell == start:
             return costs, following
         cost = costs[cell]
-        if least == cost + FREE * _steps(cell, start, width):  # otherwise a cheaper path to it was found since
+        if least // cells == cost + FREE * _steps(cell, start, width):  # otherwise a cheaper path to it was found since
             for k in range(9):
                 neighbour = cell + (k // 3 - 1) * width + k % 3 - 1
                 new = cost + (_DIAGONAL if k % 2 == 0 else _STRAIGHT) * weights[neighbour]
                 if weights[neighbour] > 0 and new < costs[neighbour]:
                     costs[neighbour], following[neighbour] = new, cell
-                    heappush(queue, (new + FREE * _steps(neighbour, start, width), neighbour))
+                    _push(queue, queued, (new + FREE * _steps(neighbour, start, width)) * cells + neighbour)
+                    queued += 1
 
 
 @kernel
@@ -167,6 +196,16 @@ def _avoid(weights: Any, failed_attempts: Any) -> None:
 
 
 @kernel
+def _is_any(marks) -> bool:
+    """Return whether any number of a table is not 0."""
+    for a in range(marks.shape[0]):
+        for b in range(marks.shape[1]):
+            if marks[a, b] != 0:
+                return True
+    return False
+
+
+@kernel
 def plan(
     grid,
     failed_attempts,
@@ -203,24 +242,28 @@ def plan(
     """
     i, j = min(max(_cell(y), 0), SIDE - 1), min(max(_cell(x), 0), SIDE - 1)
     goal_i, goal_j = min(max(_cell(goal_y), 0), SIDE - 1), min(max(_cell(goal_x), 0), SIDE - 1)
-    down, along = np.nonzero(grid >= OCCUPIED)
     top, left, bottom, right = min(i, goal_i), min(j, goal_j), max(i, goal_i), max(j, goal_j)
-    if len(down) > 0:
-        top, bottom = min(top, down.min()), max(bottom, down.max())
-        left, right = min(left, along.min()), max(right, along.max())
+    for a in range(SIDE):
+        for b in range(SIDE):
+            if grid[a, b] >= OCCUPIED:
+                top, left, bottom, right = min(top, a), min(left, b), max(bottom, a), max(right, b)
     top, left = top - _PAD, left - _PAD
-    weights = np.full((bottom - top + _PAD + 1, right - left + _PAD + 1), np.int32(unknown))
+    height, width = bottom - top + _PAD + 1, right - left + _PAD + 1
+    cells = np.full(height * width, unknown, np.int32)
+    weights = cells.reshape((height, width))
     a, b = max(top, 0), max(left, 0)
     seen = grid[a : bottom + _PAD + 1, b : right + _PAD + 1]
     inside = weights[a - top : a - top + seen.shape[0], b - left : b - left + seen.shape[1]]
     _weigh(inside, seen, unknown)
     side = len(stamp)
-    for n in range(len(down)):
-        a, b = down[n] - top - side // 2, along[n] - left - side // 2
-        _raise(weights[a : a + side, b : b + side], stamp)
+    for a in range(SIDE):
+        for b in range(SIDE):
+            if grid[a, b] >= OCCUPIED:
+                down, along = a - top - side // 2, b - left - side // 2
+                _raise(weights[down : down + side, along : along + side], stamp)
     _avoid(inside, failed_attempts[max(top, 0) : bottom + 1, max(left, 0) : right + 1])
     # Cells off the last path cost more, unless it has led nowhere.
-    if not stuck and ways.any():
+    if not stuck and _is_any(ways):
         for a in range(top, bottom + _PAD + 1):
             for b in range(left, right + _PAD + 1):
                 if not (0 <= a < SIDE and 0 <= b < SIDE and ways[a, b] > 0):
@@ -228,13 +271,13 @@ def plan(
     ways[:] = 0
     # A closed border, so that the search need not check where rows end.
     weights[0], weights[-1], weights[:, 0], weights[:, -1] = 0, 0, 0, 0
-    width, cells = weights.shape[1], int(preview / CELL) + 1
+    longest = int(preview / CELL) + 1
     start, goal = (i - top) * width + j - left, (goal_i - top) * width + goal_j - left
-    costs, following = cheapest_way(weights.ravel(), width, start, goal)
-    way, cell, n = np.empty(cells, np.int64), start, 0
+    costs, following = cheapest_way(cells, width, start, goal)
+    way, cell, n = np.empty(longest, np.int64), start, 0
     while cell != goal:
         cell = following[cell]
-        if n < cells:
+        if n < longest:
             way[n] = cell
             n += 1
         a, b = cell // width + top, cell % width + left

@@ -112,8 +112,10 @@ def _follow(
     trail, bank = np.empty((TRAIL, 4)), np.zeros((ROWS, COLUMNS))
     now = Pose(odometry[first, 0], odometry[first, 1], odometry[first, 2])
     rest(trail, time[first], now)
-    # As if the robot had driven far, so that the first scan is used.
-    at, way, turn, left_out = int(np.searchsorted(rows, first)), 1.0, 0.0, 0
+    at = 0
+    while at < len(rows) and rows[at] < first:
+        at += 1
+    way, turn, left_out = 1.0, 0.0, 0  # as if the robot had driven far, so that the first scan is used
     for row in range(first, len(odometry)):
         if row > first:
             before, now = now, Pose(odometry[row, 0], odometry[row, 1], odometry[row, 2])
