@@ -65,4 +65,4 @@ def test_a_resumed_training_does_not_begin_again(tmp_path, monkeypatch):
 )
 def test_what_cannot_be_cloned_is_refused(changed, message):
     with pytest.raises(ValueError, match=message):
-        learn(replace(small, config=None, **changed), small.make(64), [])
+        learn(replace(small, config=None, **changed), small.make(512), [])

@@ -68,7 +68,7 @@ def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
     assert compared["compared_with"] == scenarios.best_baseline(tmp_path, small, **options) == "corner"
     gap = compared["ppo"]["time"]["value"] - compared["baselines"][0]["time"]["value"]
     assert compared["ppo"]["difference"]["value"] == pytest.approx(gap)
-    assert compared["ppo"]["success"]["value"] == 0.0  # after a thousand steps
+    assert compared["ppo"]["success"]["value"] < 0.5  # after a thousand steps
     files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.glob("*/*.json"))
     assert [path for path in files if path.startswith("tuned")] == [
         "tuned/bearing-TurtleBotSquare-v0-ekf-tutorial.json",

@@ -42,7 +42,7 @@ _NETWORK: dict[str, BaseDistribution] = {
     "policy_kwargs.activation_fn": CategoricalDistribution(("ReLU", "Tanh")),
 }
 _COMMON: dict[str, BaseDistribution] = {
-    "learning_rate": FloatDistribution(1e-4, 1e-2, log=True),
+    "learning_rate": FloatDistribution(1e-4, 3e-2, log=True),
     "gamma": CategoricalDistribution((0.95, 0.97, 0.98, 0.99, 0.995)),
 }
 _OFF_POLICY: dict[str, BaseDistribution] = {
@@ -54,9 +54,9 @@ SPACES: dict[str, dict[str, BaseDistribution]] = {
     "ppo": {
         **_COMMON,
         **_NETWORK,
-        "n_steps": CategoricalDistribution((16, 32, 64, 128)),
+        "n_steps": CategoricalDistribution((8, 16, 32, 64, 128)),
         "batch_size": CategoricalDistribution((1024, 2048, 4096)),
-        "n_epochs": CategoricalDistribution((2, 4, 8)),
+        "n_epochs": CategoricalDistribution((1, 2, 4, 8)),
         "gae_lambda": CategoricalDistribution((0.9, 0.95, 0.98)),
         "ent_coef": FloatDistribution(0.0, 0.01),
         "policy_kwargs.log_std_init": FloatDistribution(-2.0, 0.0),
