@@ -20,6 +20,7 @@ from turtlebot_gym_lab.field.session import COMMANDS, Part, TopicListener, _runn
 QUICK = ["--seconds", "1", "--distance", "0.3", "--turn", "40", "--side", "0.2", "--duration", "0"]
 
 
+@pytest.mark.nightly
 def test_an_afternoon_with_a_robot_that_speaks_as_a_recorded_one(launch, tmp_path):
     """Its wheels turn less than they say; the test finds that, and writes it into the noise file."""
     (tmp_path / "wheels.yaml").write_text("process: {scale: 0.9, alpha1: 0.0003, alpha4: 0.0003}\nodometry: {wheel: true}\n")
