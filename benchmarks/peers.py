@@ -3,7 +3,7 @@
 The projects come from PyPI, in the versions of `peers.txt`, into an environment of their own. Each contender runs in a process
 of its own, see `harness.peer`. Ours and its peers take turns, forwards and backwards, so other programs disturb all alike. A
 project that cannot be installed or run is named with the cause. Our loops are compiled
-into an empty cache, or into that of NUMBA_CACHE_DIR.
+into an empty cache, or into that of TURTLEBOT_GYM_CACHE_DIR.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def compared(
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         variables = environment_of(HERE)
         variables["PYTHONPATH"] += os.pathsep + str(HERE / "benchmarks")
-        variables.setdefault("NUMBA_CACHE_DIR", str(folder / "cache"))
+        variables.setdefault("TURTLEBOT_GYM_CACHE_DIR", str(folder / "cache"))
         variables |= {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": XLA_FLAGS, "MPLBACKEND": "Agg"}
         started: dict[str, Process] = {}
         for name in (ours[0], *(peer.name for peer in peers if peer.project not in failed)):
@@ -158,7 +158,7 @@ def median_of(values: Any) -> dict[str, float]:
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     """Return the rows of all peers, those that are faster than ours first, and their table."""
     failed = install(config.environment)
-    result: dict[str, Any] = {"machine": machine(), "cache": "given" if "NUMBA_CACHE_DIR" in os.environ else "empty"}
+    result: dict[str, Any] = {"machine": machine(), "cache": "given" if "TURTLEBOT_GYM_CACHE_DIR" in os.environ else "empty"}
     result |= {"projects": versions(config.environment / "bin" / "python")}
     rows, others = [], []
     for ours, peers in each(PEERS.items(), "peers"):

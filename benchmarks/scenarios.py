@@ -133,7 +133,7 @@ def run_all(jobs: Iterable[Callable[[], Any]], label: str, processes: int) -> li
     """Call functions in separate processes, or here if it is to be one; return their results in order."""
     if processes == 1:
         return [job() for job in each(list(jobs), label)]
-    one_thread = patch.dict(os.environ, NUMBA_NUM_THREADS="1", OMP_NUM_THREADS="1")  # for the processes: each has one core
+    one_thread = patch.dict(os.environ, TURTLEBOT_GYM_THREADS="1", OMP_NUM_THREADS="1")  # for the processes: each has one core
     with one_thread, ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         futures = list(map(pool.submit, jobs))
         try:

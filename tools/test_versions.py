@@ -21,7 +21,7 @@ else:
     raise SystemExit("test_versions.py needs Python 3.11 or newer.")
 
 ROOT = Path(__file__).parents[1]
-LIBRARIES = ("numba", "gymnasium", "stable-baselines3", "torch", "numpy")
+LIBRARIES = ("llvmlite", "gymnasium", "stable-baselines3", "torch", "numpy")
 """The libraries whose bounds are tested."""
 TESTS = (
     "tests/core/test_cache.py",

@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable)
 def _has_compiler() -> bool:
     """Return whether llvmlite is installed, and nobody has asked for plain Python."""
     try:
-        return find_spec("llvmlite") is not None and not int(os.environ.get("NUMBA_DISABLE_JIT") or 0)
+        return find_spec("llvmlite") is not None and not int(os.environ.get("TURTLEBOT_GYM_PLAIN") or 0)
     except ValueError:  # sys.modules holds None
         return False
 

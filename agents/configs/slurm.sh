@@ -15,8 +15,8 @@ TRIALS=${TRIALS:-200}
 STEPS=${STEPS:-500000}
 
 # numba's cache: one for each node and user, which the node's first job fills
-export NUMBA_CACHE_DIR=${NUMBA_CACHE_DIR:-/tmp/numba-$(id -u)}
-export OMP_NUM_THREADS=${SLURM_CPUS_PER_TASK:-1} NUMBA_NUM_THREADS=${SLURM_CPUS_PER_TASK:-1}
+export TURTLEBOT_GYM_CACHE_DIR=${TURTLEBOT_GYM_CACHE_DIR:-/tmp/turtlebot_gym-$(id -u)}
+export OMP_NUM_THREADS=${SLURM_CPUS_PER_TASK:-1} TURTLEBOT_GYM_THREADS=${SLURM_CPUS_PER_TASK:-1}
 
 mkdir -p "$SHARED"
 echo "job ${SLURM_ARRAY_TASK_ID:-0} on $(hostname)"

@@ -15,7 +15,7 @@ P = ParamSpec("P")
 def let_threads_sleep() -> None:
     """Let idle threads of OpenMP and OpenBLAS sleep instead of spin, unless the environment says otherwise.
 
-    Call it before numpy, numba or torch is imported: the libraries read these variables when they are loaded. A thread that
+    Call it before numpy or torch is imported: the libraries read these variables when they are loaded. A thread that
     spins takes a core from other programs: on a busy machine a step of 512 environments took 5 ms of CPU instead of 0.06.
     Threads that sleep lengthen a parallel loop by at most 5 microseconds.
     """

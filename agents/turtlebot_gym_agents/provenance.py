@@ -17,7 +17,7 @@ import numpy as np
 import turtlebot_gym
 from turtlebot_gym.files import write_text
 
-LIBRARIES = ("numpy", "scipy", "gymnasium", "numba", "stable-baselines3", "torch", "onnxruntime")
+LIBRARIES = ("numpy", "scipy", "gymnasium", "llvmlite", "stable-baselines3", "torch", "onnxruntime")
 """Libraries whose versions are recorded if they are installed."""
 
 

@@ -103,6 +103,6 @@ def read(path: Path) -> dict[str, Any]:
 
 def elsewhere(before: Mapping[str, Any], now: Mapping[str, Any]) -> str | None:
     """Describe differences between a file's machine and this one that may affect ratios; None if there are none."""
-    differing = [key for key in ("cpu", "cores", "numba", "numpy", "gymnasium") if before.get(key) != now.get(key)]
+    differing = [key for key in ("cpu", "cores", "llvmlite", "numpy", "gymnasium") if before.get(key) != now.get(key)]
     differences = ", ".join(f"{key} {before.get(key)} there and {now.get(key)} here" for key in differing)
     return f"The file comes from elsewhere, and ratios differ between machines: {differences}." if differences else None

@@ -44,7 +44,7 @@ def clone_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
 
 def versions() -> dict[str, str]:
     """Return the versions of the libraries, and the file from which ``turtlebot_gym`` was imported."""
-    found = {"python": platform.python_version(), **{name: version(name) for name in ("gymnasium", "numba", "numpy")}}
+    found = {"python": platform.python_version(), **{name: version(name) for name in ("gymnasium", "llvmlite", "numpy")}}
     return found | {"file": str(sys.modules["turtlebot_gym"].__file__)}
 
 

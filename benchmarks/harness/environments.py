@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from typing import Any
 
 import gymnasium as gym
-import numba
 
 from harness.turns import Contender, timed
+from turtlebot_gym.compiled.threads import limited
 from turtlebot_gym_agents.training.randomization import randomized
 
 NAV = "turtlebot_gym/TurtleBotNav-v0"
@@ -34,12 +34,8 @@ _MORE: dict[str, dict[str, Any]] = {
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Let compiled loops use one thread."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
+    with limited(1):
         yield
-    finally:
-        numba.set_num_threads(before)
 
 
 def base_of(size: int) -> str:

@@ -20,16 +20,17 @@ _BUSY = "import os, sys\nwhile os.getppid() == int(sys.argv[1]):\n    for _ in r
 def machine() -> dict[str, Any]:
     """Return the description of this machine, with None for values that the system does not report."""
     from llvmlite import binding
-    from numba import get_num_threads
+
+    from turtlebot_gym.compiled.threads import Threads
 
     return {
         "cpu": _cpu(),
         "llvm_cpu": binding.get_host_cpu_name(),
         "cores": cores(),
-        "numba_threads": get_num_threads(),
+        "threads": Threads.count(),
         "system": f"{platform.system()} {platform.release()}",
         "python": f"{platform.python_implementation()} {platform.python_version()}",
-        **{name: version(name) for name in ("numba", "llvmlite", "numpy", "gymnasium")},
+        **{name: version(name) for name in ("llvmlite", "numpy", "gymnasium")},
         "load_before": os.getloadavg()[0],
     }
 

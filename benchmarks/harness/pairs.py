@@ -111,9 +111,10 @@ class Process:
 
 
 def environment_of(folder: Path) -> dict[str, str]:
-    """Return the environment variables with which Python imports a clone's packages, on one thread."""
+    """Return the environment variables with which Python imports a clone's packages, on one thread; earlier ones have numba."""
     paths = os.pathsep.join(str(folder / package) for package in PACKAGES)
-    return {**os.environ, "PYTHONPATH": paths, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    one = dict.fromkeys(("TURTLEBOT_GYM_THREADS", "NUMBA_NUM_THREADS", "OMP_NUM_THREADS"), "1")
+    return {**os.environ, "PYTHONPATH": paths, **one}
 
 
 def start(folder: Path, entry: Entry, log: Path) -> Process:

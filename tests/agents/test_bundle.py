@@ -99,7 +99,7 @@ def test_refuses_every_damaged_byte(bundle):
 def test_a_policy_needs_neither_torch_nor_threads(bundle):
     program = f"""
 import os, sys
-for name in ("torch", "stable_baselines3", "onnx", "gymnasium", "numba"):
+for name in ("torch", "stable_baselines3", "onnx", "gymnasium", "llvmlite"):
     sys.modules[name] = None  # importing it raises
 import numpy as np, onnxruntime
 from turtlebot_gym_agents.policies.bundle import BundlePolicy

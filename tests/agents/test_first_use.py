@@ -6,7 +6,19 @@ import sys
 
 import pytest
 
-HEAVY = "torch", "stable_baselines3", "numba", "scipy", "matplotlib", "rich", "yaml", "onnx", "onnxruntime", "optuna", "mujoco"
+HEAVY = [
+    "torch",
+    "stable_baselines3",
+    "llvmlite",
+    "scipy",
+    "matplotlib",
+    "rich",
+    "yaml",
+    "onnx",
+    "onnxruntime",
+    "optuna",
+    "mujoco",
+]
 
 
 def loaded(script, heavy=HEAVY):

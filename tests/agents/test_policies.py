@@ -174,8 +174,8 @@ def test_bearing_policy_reaches_its_goals_and_the_tutorials_law_does_not(policy,
         assert summary["time"].value < longest
 
 
-def test_policies_need_neither_gymnasium_nor_numba_nor_torch():
-    heavy = ("gymnasium", "numba", "torch", "scipy", "matplotlib", "stable_baselines3")
+def test_policies_need_neither_gymnasium_nor_llvmlite_nor_torch():
+    heavy = ("gymnasium", "llvmlite", "torch", "scipy", "matplotlib", "stable_baselines3")
     program = (
         f"import sys\nfor name in {heavy}: sys.modules[name] = None\n"
         "import numpy, turtlebot_gym_agents as a\n"

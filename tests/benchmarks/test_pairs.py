@@ -217,7 +217,7 @@ def test_a_file_of_the_benchmark_is_read_and_another_one_is_refused(tmp_path, te
 
 
 def test_another_machine_is_named():
-    here = {"cpu": "A", "cores": 2, "numba": "1"}
+    here = {"cpu": "A", "cores": 2, "llvmlite": "1"}
     assert check.elsewhere(here, here) is None
     assert check.elsewhere(here, here | {"load_before": 3.0}) is None
     assert "cores 2 there and 8 here" in str(check.elsewhere(here, here | {"cores": 8}))

@@ -19,7 +19,7 @@ class StandIn:
 
     def __init__(self, command, log, **options):
         self.name, size = command[-2:]
-        assert options["env"]["NUMBA_NUM_THREADS"] == "1"
+        assert options["env"]["TURTLEBOT_GYM_THREADS"] == "1"
         if self.name == "JaxNav":
             raise ChildProcessError("The process has ended with status 1: no such module")
         self.ready = {"steps": 2 * int(size), "start": 3.0}

@@ -9,12 +9,13 @@ import time
 from contextlib import nullcontext
 from pathlib import Path
 
-import numba
+import llvmlite
 import pytest
 
 from harness import environments, machine, report
 from harness.environments import contenders, one_thread
 from harness.turns import Contender, Turn, calls_for, rows_of, take_turns, timed
+from turtlebot_gym.compiled.threads import Threads
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_agents.provenance import plain
 
@@ -107,14 +108,14 @@ def broken():
 
 
 def test_calls_are_made_and_counted_with_one_thread_where_asked_and_others_come_back():
-    before, made = numba.get_num_threads(), []
-    turn = timed(lambda k: made.append((k, numba.get_num_threads())), one_thread)(3)
+    before, made = Threads.count(), []
+    turn = timed(lambda k: made.append((k, Threads.count())), one_thread)(3)
     assert made == [(0, 1), (1, 1), (2, 1)]
     assert turn.wall > 0.0 <= turn.cpu
-    assert numba.get_num_threads() == before
+    assert Threads.count() == before
     with pytest.raises(RuntimeError, match="it broke"):
         timed(lambda k: broken(), one_thread)(1)
-    assert numba.get_num_threads() == before
+    assert Threads.count() == before
 
 
 def test_the_threads_of_a_contender_are_limited_while_it_runs(monkeypatch):
@@ -127,10 +128,10 @@ def test_the_threads_of_a_contender_are_limited_while_it_runs(monkeypatch):
             pass
 
         def step(self, actions):
-            seen.append(numba.get_num_threads())
+            seen.append(Threads.count())
 
     monkeypatch.setattr(environments.gym, "make_vec", lambda *given, **options: Envs())
-    before = numba.get_num_threads()
+    before = Threads.count()
     for threads in (None, 1):
         environments._vector("made up", 4, by="turtlebot_gym", threads=threads).run(2)
     assert seen == [before, before, 1, 1]
@@ -140,7 +141,7 @@ def test_the_machine_is_described():
     described = machine.machine()
     assert json.loads(json.dumps(described)) == described
     assert described["cores"] == machine.cores() > 0
-    assert described["numba"] == numba.__version__
+    assert described["llvmlite"] == llvmlite.__version__
     if sys.platform == "linux":
         assert described["cpu"]
 

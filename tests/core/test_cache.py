@@ -126,7 +126,7 @@ def filed(folder, program):
 @pytest.fixture
 def here(tmp_path, monkeypatch, capsys):
     """Return a function that runs a program in this process, with a cache of its own, and returns what it prints."""
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("TURTLEBOT_GYM_CACHE_DIR", str(tmp_path))
 
     def run(program=FUNCTION):
         runpy.run_path(str(filed(tmp_path, program)), run_name=__name__)
@@ -137,7 +137,7 @@ def here(tmp_path, monkeypatch, capsys):
 
 def start(folder, program=FUNCTION, **options):
     """Start a process that runs a program with its cache in a folder."""
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(folder)} | options.pop("environment", {})
+    environment = os.environ | {"TURTLEBOT_GYM_CACHE_DIR": str(folder)} | options.pop("environment", {})
     return subprocess.Popen(
         [sys.executable, filed(folder, program)], stdout=subprocess.PIPE, env=environment, text=True, **options
     )

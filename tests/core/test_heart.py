@@ -36,7 +36,7 @@ print(json.dumps(above))
 
 @pytest.mark.parametrize("task", ["Nav", "Rooms"])
 def test_in_plain_python_the_plant_moves_four_calls_below_a_step_of_the_environment(task):
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
+    environment = {**os.environ, "TURTLEBOT_GYM_PLAIN": "1"}
     script = TRACE.format(task=task)
     run = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
     calls = json.loads(run.stdout)

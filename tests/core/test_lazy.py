@@ -7,7 +7,7 @@ import pytest
 
 import turtlebot_gym
 
-HEAVY = ("numba", "scipy", "matplotlib", "filterpy", "pygame", "torch", "rich", "yaml", "turtlebot_gym.systems")
+HEAVY = ("llvmlite", "scipy", "matplotlib", "filterpy", "pygame", "torch", "rich", "yaml", "turtlebot_gym.systems")
 IMPORT = f"""
 import sys, turtlebot_gym, gymnasium
 loaded = [name for name in {HEAVY} if name in sys.modules]

@@ -1,4 +1,4 @@
-"""The compiled loop: its rows, threads, forks, and life without numba or Gymnasium."""
+"""The compiled loop: its rows, threads, forks, and life without llvmlite or Gymnasium."""
 
 import os
 
@@ -166,10 +166,8 @@ print(json.dumps([len(sums), len(set(sums))]))
 """
 
 
-@pytest.mark.parametrize("layer", ["default", "workqueue"])
-def test_threads_of_python_may_step_batches_at_the_same_time(layer, run):
-    # The workqueue layer, which numba takes where there is neither OpenMP nor TBB, aborts on concurrent parallel loops.
-    assert run(BATCH + THREADS, NUMBA_THREADING_LAYER=layer) == [3, 1]
+def test_threads_of_python_may_step_batches_at_the_same_time(run):
+    assert run(BATCH + THREADS) == [3, 1]
 
 
 FORK = f"""
@@ -185,12 +183,12 @@ print(json.dumps([os.waitstatus_to_exitcode(status), stepped({MANY}) == expected
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_child_lives_after_its_parent_ran_in_parallel(run):
-    assert run(BATCH + FORK) == [0, True]  # a signal's number, negative, if OpenMP killed it
+    assert run(BATCH + FORK) == [0, True]  # a signal's number, negative, if a thread's lock killed it
 
 
 BARE = """
 import json, math, sys
-for blocked in ("gymnasium", "numba", "filterpy", "scipy", "matplotlib", "pygame"):
+for blocked in ("gymnasium", "llvmlite", "filterpy", "scipy", "matplotlib", "pygame"):
     sys.modules[blocked] = None
 import turtlebot_gym as tb
 
@@ -201,7 +199,7 @@ print(json.dumps(episode.observe()))
 """
 
 
-def test_the_core_works_without_gymnasium_and_numba(run):
+def test_the_core_works_without_gymnasium_and_llvmlite(run):
     with_them = run(BARE.replace('"gymnasium", "llvmlite", ', ""))
     assert run(BARE) == with_them
     assert len(with_them) == 13
@@ -232,8 +230,8 @@ print(json.dumps([HAS_LLVM, sums]))
 """
 
 
-@pytest.mark.parametrize("block", ['sys.modules["llvmlite"] = None', 'import os; os.environ["NUMBA_DISABLE_JIT"] = "1"'])
-def test_without_numba_the_environments_run_in_plain_python_and_give_the_same_bits(block, run):
+@pytest.mark.parametrize("block", ['sys.modules["llvmlite"] = None', 'import os; os.environ["TURTLEBOT_GYM_PLAIN"] = "1"'])
+def test_without_llvmlite_the_environments_run_in_plain_python_and_give_the_same_bits(block, run):
     compiled, plain = run(PLAIN.replace("BLOCK", "")), run(PLAIN.replace("BLOCK", block))
     assert (compiled[0], plain[0]) == (True, False)
     assert plain[1] == compiled[1]

@@ -104,7 +104,7 @@ COURSE = [(0.3, 0.0, 0.0), (0.4, 0.1, 1.0), (0.0, 0.3, -2.0)]
 
 
 def test_the_law_of_test_equality_notices_a_single_wrong_operation(in_step, monkeypatch, tmp_path):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setenv("TURTLEBOT_GYM_CACHE_DIR", str(tmp_path))
     ground.ground_of.cache_clear()
     step = ground.heart.step
     monkeypatch.setattr(ground, "make_graphs", _with_one_sum_for_a_difference(ground.make_graphs))

@@ -49,7 +49,7 @@ def follow(headings, folder, *, plain):
     return subprocess.run(
         [sys.executable, "-W", "error", "-c", script],
         cwd=ROOT,
-        env={**os.environ, "NUMBA_DISABLE_JIT": str(int(plain))},
+        env={**os.environ, "TURTLEBOT_GYM_PLAIN": str(int(plain))},
         capture_output=True,
         text=True,
     )

@@ -98,7 +98,7 @@ IN_ROOMS = st.fixed_dictionaries(
 )
 
 ASIDE = ThreadPoolExecutor(1)
-"""A thread whose stack is empty: numba compiles deep in the stack, and hypothesis allows little of it."""
+"""A thread whose stack is empty: the compiler goes deep into the stack, and hypothesis allows little of it."""
 
 
 def driven(kind, id, arguments):

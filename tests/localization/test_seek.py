@@ -129,7 +129,7 @@ def test_weights_are_exponentials():
     np.testing.assert_allclose([exp(number) for number in x], np.exp(x), rtol=0.05)
 
 
-@pytest.mark.skipif(not HAS_LLVM, reason="needs numba")
+@pytest.mark.skipif(not HAS_LLVM, reason="needs llvmlite")
 def test_the_whole_map_is_searched_the_same_in_loops_and_in_arrays(in_hall):
     from turtlebot_gym.compiled.cache import compiled
 

@@ -63,7 +63,7 @@ def fill_all(
     for name in names:
         choose("system", name, SYSTEMS)
     if not HAS_LLVM:
-        raise ImportError(f"Nothing can be compiled without llvmlite: {installing('gym')}, and unset NUMBA_DISABLE_JIT.")
+        raise ImportError(f"Nothing can be compiled without llvmlite: {installing('gym')}, and unset TURTLEBOT_GYM_PLAIN.")
     times: dict[str, float] = {}
     order = sorted(names, key=lambda name: not name.startswith("rooms"))  # the longest first
     context = multiprocessing.get_context("spawn")

@@ -26,8 +26,8 @@ LONGEST_WAIT = 300.0
 
 
 def folder() -> Path:
-    """Return the folder of the cache: in NUMBA_CACHE_DIR if that is set, otherwise in the user's folder for caches."""
-    if parent := os.environ.get("NUMBA_CACHE_DIR"):
+    """Return the folder of the cache: in TURTLEBOT_GYM_CACHE_DIR if that is set, otherwise in the user's folder for caches."""
+    if parent := os.environ.get("TURTLEBOT_GYM_CACHE_DIR"):
         return Path(parent, "turtlebot_gym")
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local", "turtlebot_gym", "Cache")

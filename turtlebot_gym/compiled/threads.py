@@ -22,15 +22,8 @@ end it."""
 
 @cache
 def _cores() -> int:
-    """Return the number of threads: as many as the process may use cores, unless the environment says another."""
-    given = os.environ.get("NUMBA_NUM_THREADS", "")
-    return (
-        int(given)
-        if given.isdecimal()
-        else len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count() or 1
-    )
+    """Return the number of cores that the process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Threads:

@@ -106,7 +106,7 @@ def _on_ray(jobs: Jobs[T], address: str) -> Iterator[tuple[str, T]]:
         raise ImportError(f"The cluster {address!r} needs ray: {installing('cluster')}.") from error
     if address != "auto":
         _require_listening(address)  # Ray itself would wait for minutes
-    ray.init(address, log_to_driver=False, logging_level="ERROR", runtime_env={"env_vars": {"NUMBA_NUM_THREADS": "1"}})
+    ray.init(address, log_to_driver=False, logging_level="ERROR", runtime_env={"env_vars": {"TURTLEBOT_GYM_THREADS": "1"}})
     try:
         task = ray.remote(_run_the_same).options(max_retries=RETRIES)
         waiting = {task.remote(name, job, origin()): name for name, job in jobs.items()}

@@ -87,7 +87,7 @@ class Compile:
     """Compile the loops of environments ahead of their first use: on a robot, in a container, before tests.
 
     All processes, clones and virtual environments of a user share them, in the user's folder for caches or in
-    NUMBA_CACHE_DIR. Without this command each is compiled when it is first used.
+    TURTLEBOT_GYM_CACHE_DIR. Without this command each is compiled when it is first used.
     """
 
     system: tuple[str, ...] = _USUAL

@@ -1,6 +1,6 @@
 """Flags that several commands share: options of environments and of trainings, with a text for the command line.
 
-Importing `turtlebot_gym.Options` takes numba, which ``--help`` need not wait for; a test compares names and defaults.
+Importing `turtlebot_gym.Options` takes gymnasium, which ``--help`` need not wait for; a test compares names and defaults.
 """
 
 from __future__ import annotations

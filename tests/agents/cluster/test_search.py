@@ -219,7 +219,7 @@ def test_two_jobs_of_the_script_share_a_journal(tmp_path):
     command.write_text(f'#!/bin/sh\nexec {sys.executable} -m turtlebot_gym_agents "$@"\n')
     command.chmod(0o755)
     variables = {**os.environ, "PATH": path, "SHARED": str(tmp_path / "shared"), "TRIALS": "4", "STEPS": "512"}
-    variables["NUMBA_CACHE_DIR"] = os.environ.get("NUMBA_CACHE_DIR", "")  # the package's own
+    variables["TURTLEBOT_GYM_CACHE_DIR"] = os.environ.get("TURTLEBOT_GYM_CACHE_DIR", "")  # the package's own
     hyperparameters.save(tmp_path / "tiny.yaml", "default", TINY)
     script = ["bash", str(ROOT / "agents" / "configs" / "slurm.sh"), "--config", str(tmp_path / "tiny.yaml")]
     jobs = [subprocess.Popen(script, env={**variables, "SLURM_ARRAY_TASK_ID": str(job)}, cwd=tmp_path) for job in range(2)]

@@ -211,7 +211,7 @@ def test_a_scan_is_read_as_it_was_sent(drive):
 @pytest.mark.nightly
 @pytest.mark.parametrize("localizer", ["match", "robot"])
 def test_it_takes_a_twentieth_of_a_core(drive, localizer):
-    """With ten scans a second, numba or not: 1.0 % with 20 beams, 3.1 % with 60. The least of ten parts counts.
+    """With ten scans a second, compiled or not: 1.0 % with 20 beams, 3.1 % with 60. The least of ten parts counts.
 
     Other programs only add to it: 5.6 % were measured over all of them beside two busy processes.
     """
