@@ -28,8 +28,8 @@ def _stands_for(*functions: Any) -> Callable[[Callable[..., Any]], Callable[...,
 
 
 def _extreme(op: str) -> Callable[..., Any]:
-    def emit(body: Any, *values: Any) -> Any:
-        items = values if len(values) > 1 else values[0]
+    def emit(body: Any, first: Any, *others: Any) -> Any:
+        items = (first, *others) if others else first
         code = body.code
 
         def one(a: Any, b: Any) -> Any:

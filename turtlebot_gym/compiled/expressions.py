@@ -192,7 +192,9 @@ def either(body: Any, condition: Number, then: Callable[[], Any], other: Callabl
 
 def of_Call(body: Any, node: ast.Call) -> Any:
     function, arguments = body.of(node.func), each(body, node.args)
-    named = {word.arg: body.of(word.value) for word in node.keywords}
+    named = {word.arg: body.of(word.value) for word in node.keywords if word.arg is not None}
+    if len(named) < len(node.keywords):
+        return body.refuse(node)
     if isinstance(function, MethodType) and isinstance(function.__self__, Array):
         return function.__func__(body, function.__self__, *arguments)
     try:
@@ -213,7 +215,7 @@ def of_Call(body: Any, node: ast.Call) -> Any:
     return body.refuse(node, Untraceable(f"the function {function!r}"))
 
 
-def given(body: Any, function: FunctionType, arguments: list[Any], named: dict[str | None, Any]) -> list[Any]:
+def given(body: Any, function: FunctionType, arguments: list[Any], named: dict[str, Any]) -> list[Any]:
     """Return the arguments of a kernel in order, numbers in place of constants."""
     code = function.__code__
     names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]

@@ -65,7 +65,7 @@ def kind_of(value: Any) -> str:
         return "b"
     if isinstance(value, (int, np.integer)):
         return "i"
-    if isinstance(value, np.float32):
+    if getattr(value, "dtype", None) == np.float32:
         return "s"
     if isinstance(value, float):
         return "f"
