@@ -14,7 +14,7 @@ SHARED=${SHARED:-$PWD/runs/tune}  # on a file system that all nodes see
 TRIALS=${TRIALS:-200}
 STEPS=${STEPS:-500000}
 
-# numba's cache: one for each node and user, which the node's first job fills
+# The cache of machine code: one for each node and user, which the node's first job fills
 export TURTLEBOT_GYM_CACHE_DIR=${TURTLEBOT_GYM_CACHE_DIR:-/tmp/turtlebot_gym-$(id -u)}
 export OMP_NUM_THREADS=${SLURM_CPUS_PER_TASK:-1} TURTLEBOT_GYM_THREADS=${SLURM_CPUS_PER_TASK:-1}
 
