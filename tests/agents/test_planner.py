@@ -10,6 +10,7 @@ import sights
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import grid, make_policy
+from turtlebot_gym_agents.policies.cheapest_way import cheapest_way
 from turtlebot_gym_agents.policies.grid import CELL, OCCUPIED, SIDE
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import ShrinkingPolicy
@@ -45,7 +46,7 @@ def test_the_cheapest_path_is_dijkstras():
                 for step in (-13, -12, -11, -1, 1, 11, 12, 13):
                     if weight := int(weights.ravel()[cell + step]):
                         heapq.heappush(queue, (cost + (5 if abs(step) in (1, 12) else 7) * weight, cell + step))
-        costs, following = grid.cheapest_way(weights.ravel(), 12, start, goal)
+        costs, following = cheapest_way(weights.ravel(), 12, start, goal)
         assert costs[start] == best[start]
         while start != goal:
             assert costs[start] == best[start]

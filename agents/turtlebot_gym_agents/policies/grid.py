@@ -1,4 +1,4 @@
-"""A grid of what a robot has seen, and the cheapest path over it; unknown cells are free, but may cost more.
+"""A grid of what a robot has seen, and the path over it; unknown cells are free, but may cost more.
 
 A scan is entered sector by sector: free along three lines, occupied at the sector's range. Places that later beams pass become
 free again. The functions are compiled where llvmlite is; without it they run as plain Python, with the same results to the bit.
@@ -19,6 +19,7 @@ from turtlebot_gym.compiled.cache import compiled
 from turtlebot_gym.kernel import in_loops, kernel, sqrt
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
+from turtlebot_gym_agents.policies.cheapest_way import FREE, STRAIGHT, cheapest_way
 
 CELL = 0.1
 """Side of a cell, m."""
@@ -36,10 +37,8 @@ _TOWARDS = 0.4
 """Where ranges rise from sector to sector, an obstacle is this share of a sector off the middle, towards the shorter range."""
 _PAD = 8
 """Cells around the known area over which paths may lead."""
-FREE, _VAIN = 4, 200
-"""Weight of a free cell far from obstacles, and its increase by each failed attempt to enter it."""
-_STRAIGHT, _DIAGONAL = 5, 7
-"""Lengths of the steps, as in `turtlebot_gym.rooms.geodesic`."""
+_VAIN = 200
+"""Increase of a cell's weight by each failed attempt to enter it."""
 
 
 @kernel
@@ -85,70 +84,6 @@ def see(grid, x: float, y: float, theta: float, shares, reach: float) -> None:
 
 
 @kernel
-def _steps(here: int, there: int, width: int) -> int:
-    """Return the length of the shortest path between two cells if all are free, in fifths of a cell."""
-    down, along = abs(here // width - there // width), abs(here % width - there % width)
-    return _STRAIGHT * max(down, along) + (_DIAGONAL - _STRAIGHT) * min(down, along)
-
-
-@kernel
-def _push(heap, size: int, item: int) -> None:
-    """Add an item to the first ``size`` items of a binary heap."""
-    at = size
-    while at > 0 and heap[(at - 1) // 2] > item:
-        heap[at] = heap[(at - 1) // 2]
-        at = (at - 1) // 2
-    heap[at] = item
-
-
-@kernel
-def _pop(heap, size: int) -> int:
-    """Take the least of the first ``size + 1`` items of a binary heap."""
-    least, item, at, below = heap[0], heap[size], 0, 1
-    while below < size:
-        if below + 1 < size and heap[below + 1] < heap[below]:
-            below += 1
-        if heap[below] >= item:
-            break
-        heap[at] = heap[below]
-        at, below = below, 2 * below + 1
-    heap[at] = item
-    return least
-
-
-@kernel
-def cheapest_way(weights, width: int, start: int, goal: int):
-    """Return the cost from each visited cell to the goal, and the cell that follows it; A*, from the goal.
-
-    Args:
-        weights: Cost of each cell, at least `FREE`, row by row, shape (cells,), int32; 0 for the cells of a closed border.
-        width: Number of cells in a row.
-        start: A cell inside the border.
-        goal: Another, or the same one.
-    """
-    cells = len(weights)
-    costs, following = np.full(cells, 2**30, np.int64), np.full(cells, goal, np.int64)
-    costs[goal] = 0
-    queue, queued = np.empty(8 * cells + 1, np.int64), 1  # a cell is left once, to eight neighbours
-    queue[0] = FREE * _steps(goal, start, width) * cells + goal  # the least cost first, and then the first cell
-    while True:
-        queued -= 1
-        least = _pop(queue, queued)
-        cell = least % cells
-        if cell == start:
-            return costs, following
-        cost = costs[cell]
-        if least // cells == cost + FREE * _steps(cell, start, width):  # otherwise a cheaper path to it was found since
-            for k in range(9):
-                neighbour = cell + (k // 3 - 1) * width + k % 3 - 1
-                new = cost + (_DIAGONAL if k % 2 == 0 else _STRAIGHT) * weights[neighbour]
-                if weights[neighbour] > 0 and new < costs[neighbour]:
-                    costs[neighbour], following[neighbour] = new, cell
-                    _push(queue, queued, (new + FREE * _steps(neighbour, start, width)) * cells + neighbour)
-                    queued += 1
-
-
-@kernel
 def _line_costs(weights, row: float, column: float, to_row: float, to_column: float) -> float:
     """Return the cost of the straight line between two places, in cells."""
     down, along, total = to_row - row, to_column - column, 0
@@ -156,7 +91,7 @@ def _line_costs(weights, row: float, column: float, to_row: float, to_column: fl
     for point in range(points):
         share = (point + 0.5) / points
         total += weights[math.floor(row + down * share), math.floor(column + along * share)]
-    return _STRAIGHT * total / points * sqrt(down * down + along * along)
+    return STRAIGHT * total / points * sqrt(down * down + along * along)
 
 
 def _weigh_each(weights, seen, unknown):
@@ -293,7 +228,7 @@ def plan(
     # From the farthest cell back, until a straight line costs little more than the path.
     for k in range(n - 1, -1, -1):
         a, b = way[k] // width, way[k] % width
-        allowed = detour * (costs[start] - costs[way[k]]) + _STRAIGHT * FREE
+        allowed = detour * (costs[start] - costs[way[k]]) + STRAIGHT * FREE
         if k <= 2 or _line_costs(weights, row, column, a + 0.5, b + 0.5) <= allowed:
             if way[k] != goal:
                 target[0], target[1] = (b + left - SIDE // 2 + 0.5) * CELL, (a + top - SIDE // 2 + 0.5) * CELL
