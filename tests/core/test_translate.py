@@ -75,3 +75,8 @@ def described(numbers, least):
 def test_what_cannot_be_translated_is_named_with_its_place():
     with pytest.raises(Untraceable, match=r"of the kernel 'described', .*cannot be compiled: Dict"):
         compiled(described, "a function in tests")(np.zeros(2), 0.0)
+
+
+def test_the_same_of_a_lambda():
+    with pytest.raises(Untraceable, match=r"line \d+ of the kernel '<lambda>', .*cannot be compiled: Dict"):
+        compiled(lambda least: {"least": least}, "a function in tests")(0.0)

@@ -241,8 +241,12 @@ def _tree(file: str, source: str) -> dict[int, list[Any]]:
     return found
 
 
-def _syntax(function: FunctionType) -> ast.FunctionDef:
-    """Return the syntax of a function, or of a lambda as one that returns its value."""
+def syntax_of(function: FunctionType) -> ast.FunctionDef:
+    """Return the syntax of a function, or of a lambda as one that returns its value: not to be changed, since others share it.
+
+    Raises:
+        Untraceable: If the source is not there, or has changed.
+    """
     code = function.__code__
     try:
         lines, _ = inspect.findsource(function)
@@ -255,7 +259,9 @@ def _syntax(function: FunctionType) -> ast.FunctionDef:
     if not named:
         raise Untraceable(f"the kernel {function.__name__!r}, whose source has changed")
     node = named[0]
-    body: list[ast.stmt] = [ast.Return(node.body)] if isinstance(node, ast.Lambda) else node.body
+    body: list[ast.stmt] = node.body
+    if isinstance(node, ast.Lambda):
+        body = [ast.copy_location(ast.Return(node.body), node.body)]
     for argument in ast.walk(node.args):
         if isinstance(argument, ast.arg):
             argument.annotation = None
@@ -273,7 +279,7 @@ def _code_of(node: ast.Lambda, like: CodeType) -> bytes:
 
 def _program(function: FunctionType) -> CodeType:
     """Return code that defines ``outer``, which takes what the rewritten kernel refers to, and returns the kernel."""
-    code, inner = function.__code__, _Rewriting().visit(copy.deepcopy(_syntax(function)))
+    code, inner = function.__code__, _Rewriting().visit(copy.deepcopy(syntax_of(function)))
     arguments = ast.arguments([], [ast.arg(name) for name in (*_HELPERS, *code.co_freevars)], None, [], [], None, [])
     outer = ast.FunctionDef("outer", arguments, [inner, ast.Return(ast.Name("function", ast.Load()))], [])
     for part in ast.walk(outer):

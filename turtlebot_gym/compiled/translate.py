@@ -6,7 +6,6 @@ Each kernel becomes a function, once for each form of its arguments: nested tupl
 from __future__ import annotations
 
 import ast
-import copy
 from collections.abc import Callable, Sequence
 from functools import cache
 from types import FunctionType
@@ -16,9 +15,8 @@ from turtlebot_gym.compiled import expressions, statements
 from turtlebot_gym.compiled.code import Code, Module
 from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.compiled.scopes import has_loops, in_memory
-from turtlebot_gym.compiled.trace import _syntax
+from turtlebot_gym.compiled.trace import syntax_of
 from turtlebot_gym.compiled.values import (
-    LLVM,
     Address,
     Array,
     Number,
@@ -62,7 +60,7 @@ class Made(NamedTuple):
 
 @cache
 def _tree(function: FunctionType) -> tuple[ast.FunctionDef, frozenset[str], bool]:
-    tree = copy.deepcopy(_syntax(function))
+    tree = syntax_of(function)
     return tree, frozenset(in_memory(tree)), has_loops(tree)
 
 
@@ -202,8 +200,7 @@ class Body:
         room = self.names.get(name)
         if not isinstance(room, Room):
             form = self.forms.get(name, form)
-            kinds = [LLVM["p" if isinstance(leaf, Address) else leaf.kind] for leaf in leaves(form)]
-            room = self.names[name] = Room(form, tuple(code.room(kind) for kind in kinds))
+            room = self.names[name] = Room(form, tuple(code.room(kind) for kind in kinds_of(form)))
         merged = merged_form(room.form, as_runtime(value))
         if key_of(merged) != key_of(room.form):
             self.forms[name] = merged
