@@ -13,9 +13,7 @@ from turtlebot_gym import kernel
 from turtlebot_gym.compiled.expressions import IN_PLACE, Span
 from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.compiled.statements import put
-from turtlebot_gym.compiled.values import MEMORY, Address, Array, Number, is_constant, kind_of
-
-_LOW, _HALF, _MAGIC = 0x000FFFFFFFFFFFFF, 0x3FE0000000000000, 0x4330000000000000
+from turtlebot_gym.compiled.values import HALF, LOW, MAGIC, MEMORY, Address, Array, Number, is_constant, kind_of
 
 
 def _stands_for(*functions: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -121,7 +119,7 @@ def _plus(body: Any, a: Any, b: Any) -> Any:
 
 
 def _exact(code: Any, bits: str, less: int) -> Number:
-    number = code.put(f"bitcast i64 {code.put(f'or i64 {bits}, {_MAGIC}')} to double")
+    number = code.put(f"bitcast i64 {code.put(f'or i64 {bits}, {MAGIC}')} to double")
     return code.binary("-", Number("f", number), float((1 << 52) + less))
 
 
@@ -134,7 +132,7 @@ def _exactly(body: Any, n: Any) -> Any:
 def _split(body: Any, x: Any) -> Any:
     code = body.code
     bits = code.put(f"bitcast double {code.as_kind(x, 'f')} to i64")
-    half = code.put(f"or i64 {code.put(f'and i64 {bits}, {_LOW}')}, {_HALF}")
+    half = code.put(f"or i64 {code.put(f'and i64 {bits}, {LOW}')}, {HALF}")
     return code.number("f", f"bitcast i64 {half} to double"), _exact(code, code.put(f"lshr i64 {bits}, 52"), 1022)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from turtlebot_gym.compiled.graph import Node, Untraceable, kind_of, live
 from turtlebot_gym.compiled.regions import BLOCKS, ROOT, Region, block_of, homes_of
+from turtlebot_gym.compiled.values import signed
 
 _TYPES = {"f": "double", "i": "long long", "b": "bool"}
 _SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "and": "&", "or": "|", "xor": "^", "shr": ">>"}
@@ -41,7 +42,7 @@ def constant(value: float, kind: str) -> str:
         return str(bool(value)).lower()
     if kind == "f" and math.isfinite(value):
         return f"({value!r})"
-    bits = struct.unpack("<q", struct.pack("<d", value))[0] if kind == "f" else (int(value) + 2**63) % 2**64 - 2**63
+    bits = struct.unpack("<q", struct.pack("<d", value))[0] if kind == "f" else signed(int(value))
     text = "(-0x7FFFFFFFFFFFFFFFLL - 1)" if bits == -(2**63) else f"({bits}LL)"
     return f"of_bits({text})" if kind == "f" else text
 

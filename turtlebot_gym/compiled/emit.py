@@ -7,15 +7,14 @@ Nothing is reordered or contracted: LLVM keeps the bits of each operation.
 from __future__ import annotations
 
 import itertools
-import struct
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from turtlebot_gym.compiled.graph import Node, kind_of, live
 from turtlebot_gym.compiled.packing import TILE
 from turtlebot_gym.compiled.regions import BLOCKS, ROOT, Region, around, block_of, blocks_around, homes_of
+from turtlebot_gym.compiled.values import HALF, LLVM, LOW, MAGIC, constant
 
-_KINDS = {"f": "double", "i": "i64", "b": "i1"}
 _COMPARED = ("lt", "le", "eq", "ne")
 _BINARY = {
     "f": {op: f"f{op}" for op in ("add", "sub", "mul", "div")}
@@ -25,13 +24,11 @@ _BINARY = {
     | dict(zip(_COMPARED, ("icmp slt", "icmp sle", "icmp eq", "icmp ne"), strict=True)),
     "b": {op: op for op in ("and", "or", "xor")},
 }
-_HALF, _LOW = 0x3FE0000000000000, 0x000FFFFFFFFFFFFF
-_MAGIC = 0x4330000000000000  # the bits of 2^52, in whose last places a whole number stands
 
 
 def vector(kind: str) -> str:
     """Return the type of a number of all lanes."""
-    return f"<{TILE} x {_KINDS.get(kind, kind)}>"
+    return f"<{TILE} x {LLVM.get(kind, kind)}>"
 
 
 class Writer:
@@ -78,11 +75,7 @@ class Writer:
 
     def constant(self, value: float, kind: str) -> str:
         """Return a constant in all lanes."""
-        if kind == "f":
-            text = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
-        else:
-            text = str(int(value)) if kind == "i" else str(bool(value)).lower()
-        return f"<{', '.join([f'{_KINDS[kind]} {text}'] * TILE)}>"
+        return f"<{', '.join([f'{LLVM[kind]} {constant(value, kind)}'] * TILE)}>"
 
     def value(self, value: Any) -> str:
         """Return the name of a node that has been written, or a constant."""
@@ -226,20 +219,20 @@ class Writer:
         if kind == "f":
             return self.put(f"fptosi {given} {name} to {own}")
         masks = [x for x in source.args if isinstance(x, int)] if source.op == "and" else []
-        if not (masks and 0 <= masks[0] <= _LOW):
+        if not (masks and 0 <= masks[0] <= LOW):
             return self.put(f"sitofp {given} {name} to {own}")
-        bits = self.put(f"or {given} {name}, {self.constant(_MAGIC, 'i')}")  # a whole number below 2^52: exact
+        bits = self.put(f"or {given} {name}, {self.constant(MAGIC, 'i')}")  # a whole number below 2^52: exact
         return self.put(f"fsub {own} {self.put(f'bitcast {given} {bits} to {own}')}, {self.constant(2.0**52, 'f')}")
 
     def _part(self, op: str, name: str) -> str:
         whole, own = vector("i"), vector("f")
         bits = self.put(f"bitcast {own} {name} to {whole}")
         if op == "mantissa":
-            low = self.put(f"and {whole} {bits}, {self.constant(_LOW, 'i')}")
-            half = self.put(f"or {whole} {low}, {self.constant(_HALF, 'i')}")
+            low = self.put(f"and {whole} {bits}, {self.constant(LOW, 'i')}")
+            half = self.put(f"or {whole} {low}, {self.constant(HALF, 'i')}")
             return self.put(f"bitcast {whole} {half} to {own}")
         exponent = self.put(f"lshr {whole} {bits}, {self.constant(52, 'i')}")
-        shown = self.put(f"or {whole} {exponent}, {self.constant(_MAGIC, 'i')}")
+        shown = self.put(f"or {whole} {exponent}, {self.constant(MAGIC, 'i')}")
         return self.put(f"fsub {own} {self.put(f'bitcast {whole} {shown} to {own}')}, {self.constant(2.0**52 + 1022.0, 'f')}")
 
     def _called(self, name: str, arguments: list[str]) -> str:

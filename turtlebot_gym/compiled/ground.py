@@ -28,7 +28,7 @@ from turtlebot_gym.values import Pose
 
 one_at_a_time = threading.Lock()
 """Held while a graph is made, since its nodes are numbered."""
-_MAKERS = ("graph", "trace", "invariants", "ground", "regions", "emit", "memory", "native", "packing")
+_MAKERS = ("graph", "trace", "invariants", "ground", "regions", "emit", "memory", "native", "packing", "values")
 """Modules that make the machine code."""
 
 

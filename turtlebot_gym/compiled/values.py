@@ -15,6 +15,10 @@ from turtlebot_gym.compiled.graph import Untraceable
 
 LLVM = {"f": "double", "s": "float", "i": "i64", "b": "i1", "p": "ptr"}
 """LLVM's types; "p" is an address."""
+LOW, HALF = 0x000FFFFFFFFFFFFF, 0x3FE0000000000000
+"""The bits of a double's mantissa, and those of 0.5."""
+MAGIC = 0x4330000000000000
+"""The bits of 2^52, in whose last places a whole number stands."""
 
 
 class Number(NamedTuple):
