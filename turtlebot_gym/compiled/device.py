@@ -19,20 +19,31 @@ from turtlebot_gym.observations import runs_of, size_of
 from turtlebot_gym.systems import System
 from turtlebot_gym.values import Pose
 
-OUTCOMES = ("reward", "distance", "is_success", "terminated", "truncated")
-"""Rows of the outcomes of a step."""
+NUMBERS = ("reward", "distance")
+"""Rows of the numbers of a step."""
+FLAGS = ("is_success", "terminated", "truncated", "ended")
+"""Rows of the truths of a step; the last is that the episode was terminated or truncated."""
 EXACT = {"fuse_fp": False, "fast_math": False, "enable_backward": False}
 """Options of Warp that keep the bits of each operation."""
-_AT = "auto at = [=](long long row) { return row * environments + environment; };"
+_ROWS = """
+auto row = [=](long long number) { return number * environments; };
+auto at = [=](long long number) { return row(number) + environment; };
+"""
+_SUCCESS, _TERMINATED, _TRUNCATED, _ENDED = (f"flag[row({at})]" for at in range(len(FLAGS)))
+_DISTANCE = f"number[row({NUMBERS.index('distance')})]"
 
 
 class Kernels(NamedTuple):
-    """Kernels of a case."""
+    """Kernels of a case; their last arguments are observations (c, N, K), numbers (c, 2, N) and flags (c, 4, N) to write."""
 
     step: Any
-    """Takes the number of environments, the memory, actions (N, 2), observations (N, K) and outcomes (m, N)."""
+    """Takes the number of environments, the memory, a mask (N,), whether episodes begin at once, and actions (N, 2).
+
+    If so, the next episode begins where one has ended, and c is 2: the results of now, and the last of the episode. Otherwise
+    it begins where the mask is true.
+    """
     reset: Any
-    """Takes the number of environments, the memory, a mask (N,), whether episodes begin, observations and outcomes."""
+    """Takes the number of environments, the memory, a mask (N,) of what to write, and whether episodes begin there."""
     memory: Any
     """A struct of arrays that stay: state, keys, waypoints, seeds, episodes, and the number of an environment, from 1, whose
     action was not finite."""
@@ -51,6 +62,14 @@ class _Places(NamedTuple):
     """Columns of an observation."""
     waypoints: int
     """Number of waypoints."""
+
+    @property
+    def arrays(self) -> str:
+        """The statement that finds where to write results."""
+        return (
+            f"float *shown = observations.data + {self.width}LL * environment;\n"
+            "double *number = numbers.data + environment; bool *flag = flags.data + environment;"
+        )
 
     def load(self, node: Node) -> str:
         """Return the expression of a number in memory."""
@@ -71,22 +90,51 @@ class _Places(NamedTuple):
         """Return where a number is kept, an empty text if nowhere."""
         part, _, rest = name.partition(".")
         if part == "shown":
-            return f"observations.data[{self.width}LL * environment + {self.columns[rest]}]"
+            return f"shown[{self.columns[rest]}]"
         if part == "outcome":
-            return f"outcomes.data[at({OUTCOMES.index(rest)})]" if rest in OUTCOMES else ""
+            places = {"number": NUMBERS, "flag": FLAGS}
+            return "".join(f"{array}[row({names.index(rest)})]" for array, names in places.items() if rest in names)
         if part == "world":
             return f"memory.state.data[at({self.world[name]})]" if name in self.world else ""
         return "memory.keys.data[environment]" if part == "key" else f"memory.waypoints.data[at({Pose._fields.index(rest)})]"
 
-    def program(self, first: str, numbers: Mapping[str, Any]) -> str:
-        """Return the text of a kernel: a statement, all numbers, and the statements that keep those that change."""
+    def block(self, numbers: Mapping[str, Any]) -> str:
+        """Return a block of statements: all numbers, and what keeps those that change."""
         kept = {
             self.target(name): value
             for name, value in numbers.items()
             if self.target(name) and not (isinstance(value, Node) and is_load(value, name))
         }
         stores = [f"{target} = {value_of(value)};" for target, value in kept.items()]
-        return "\n".join([HELPERS, _AT, first, *text_of(list(kept.values()), self.load), *stores])
+        ended = f"{_ENDED} = {_TERMINATED} || {_TRUNCATED};"
+        return "\n".join(["{", *text_of(list(kept.values()), self.load), *stores, ended, "}"])
+
+    def step(self, advance: str, begin: str) -> str:
+        """Return the text of the kernel of a step, from the blocks of a step and of a reset."""
+        return f"""
+{HELPERS} {_ROWS} {self.arrays}
+const long long last = at_once;
+shown += last * row({self.width}); number += last * row({len(NUMBERS)}); flag += last * row({len(FLAGS)});
+if (!isfinite(actions.data[2LL * environment]) || !isfinite(actions.data[2LL * environment + 1]))
+    memory.wrong.data[0] = environment + 1;
+{advance}
+const bool begins = at_once ? {_ENDED} : mask.data[environment];
+const double distance = {_DISTANCE};
+const bool success = {_SUCCESS};
+const float *seen = shown;
+if (at_once && !begins) {{ {_DISTANCE} = 0.0; {_SUCCESS} = false; }}
+shown -= last * row({self.width}); number -= last * row({len(NUMBERS)}); flag -= last * row({len(FLAGS)});
+if (begins) {{
+    memory.episodes.data[environment] += 1;
+    {begin}
+}} else if (at_once) {{
+    for (int column = 0; column < {self.width}; column++) shown[column] = seen[column];
+    {_DISTANCE} = distance; {_SUCCESS} = success;
+}}"""
+
+    def reset(self, begin: str) -> str:
+        """Return the text of the kernel of a reset, from its block."""
+        return f"if (!mask.data[environment]) return;\n{HELPERS} {_ROWS} {self.arrays}\n{begin}"
 
 
 def texts_of(system: System, case: Case) -> tuple[str, str, int]:
@@ -102,12 +150,8 @@ def texts_of(system: System, case: Case) -> tuple[str, str, int]:
         columns = [run.column + at - run.start for run in runs for at in range(run.start, run.stop)]
         shown = dict(zip(layout_of(system).observation.names, columns, strict=True))
         places = _Places({name: at for at, name in enumerate(world)}, shown, size_of(system.terms), case.waypoints)
-        finite = "if (!isfinite(actions.data[2LL * environment]) || !isfinite(actions.data[2LL * environment + 1]))"
-        return (
-            places.program(f"{finite} memory.wrong.data[0] = environment + 1;", step),
-            places.program("if (!mask.data[environment]) return;", reset),
-            len(world),
-        )
+        begin = places.block(reset)
+        return places.step(places.block(step), begin), places.reset(begin), len(world)
 
 
 @cache
@@ -135,9 +179,12 @@ def kernels_of(system: System, case: Case) -> Kernels:
         environment: int,
         environments: int,
         memory: Memory,
+        mask: wp.array[wp.bool],
+        at_once: bool,
         actions: wp.array2d[wp.float32],
-        observations: wp.array2d[wp.float32],
-        outcomes: wp.array2d[wp.float64],
+        observations: wp.array3d[wp.float32],
+        numbers: wp.array3d[wp.float64],
+        flags: wp.array3d[wp.bool],
     ): ...
 
     @wp.func_native(on_reset)
@@ -147,19 +194,23 @@ def kernels_of(system: System, case: Case) -> Kernels:
         memory: Memory,
         mask: wp.array[wp.bool],
         begins: bool,
-        observations: wp.array2d[wp.float32],
-        outcomes: wp.array2d[wp.float64],
+        observations: wp.array3d[wp.float32],
+        numbers: wp.array3d[wp.float64],
+        flags: wp.array3d[wp.bool],
     ): ...
 
     @wp.kernel(name="turtlebot_gym_step", module="unique", module_options=EXACT)
     def step(
         environments: int,
         memory: Memory,
+        mask: wp.array[wp.bool],
+        at_once: bool,
         actions: wp.array2d[wp.float32],
-        observations: wp.array2d[wp.float32],
-        outcomes: wp.array2d[wp.float64],
+        observations: wp.array3d[wp.float32],
+        numbers: wp.array3d[wp.float64],
+        flags: wp.array3d[wp.bool],
     ):
-        advance(wp.tid(), environments, memory, actions, observations, outcomes)
+        advance(wp.tid(), environments, memory, mask, at_once, actions, observations, numbers, flags)
 
     @wp.kernel(name="turtlebot_gym_reset", module="unique", module_options=EXACT)
     def reset(
@@ -167,9 +218,10 @@ def kernels_of(system: System, case: Case) -> Kernels:
         memory: Memory,
         mask: wp.array[wp.bool],
         begins: bool,
-        observations: wp.array2d[wp.float32],
-        outcomes: wp.array2d[wp.float64],
+        observations: wp.array3d[wp.float32],
+        numbers: wp.array3d[wp.float64],
+        flags: wp.array3d[wp.bool],
     ):
-        begin(wp.tid(), environments, memory, mask, begins, observations, outcomes)
+        begin(wp.tid(), environments, memory, mask, begins, observations, numbers, flags)
 
     return Kernels(step, reset, Memory, size)

@@ -11,8 +11,8 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from turtlebot_gym.compiled.device import OUTCOMES
-from turtlebot_gym.compiled.device_batch import DeviceBatch
+from turtlebot_gym.compiled.device import FLAGS, NUMBERS
+from turtlebot_gym.compiled.device_batch import DeviceBatch, Results
 from turtlebot_gym.compiled.graph import Untraceable
 from turtlebot_gym.envs.common import read_options, read_seeds, spaces_of, with_limit
 from turtlebot_gym.extras import installing
@@ -29,7 +29,8 @@ WARP_ON_CPU = "warp-cpu"
 """Name of the device on which Warp runs the kernels of a GPU on this processor."""
 CHECKED = 100
 """Steps after which the device is asked whether all actions were finite."""
-_REWARD, _DISTANCE, _SUCCESS, _TERMINATED, _TRUNCATED = range(len(OUTCOMES))
+_REWARD, _DISTANCE = range(len(NUMBERS))
+_SUCCESS, _TERMINATED, _TRUNCATED, _ENDED = range(len(FLAGS))
 
 
 def find_device(device: str) -> str:
@@ -176,12 +177,14 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
         numbers = self._tensor(np.array([(given or 0) & MAX_SEED for given in seeds], np.int64))
         batch.seeds.copy_(numbers.where(seeded, batch.seeds))
         batch.episodes.copy_((batch.episodes + mask) * ~seeded)
-        observations, outcomes = batch.empty()
-        batch.reset(self._everywhere, observations, outcomes, begins=False)
-        batch.reset(mask, observations, outcomes)
+        results = batch.empty()
+        batch.reset(self._everywhere, results, begins=False)
+        batch.reset(mask, results)
         self._begun = True
         self._done = self._done & ~mask
-        return observations, self._info(outcomes, mask)
+        info = self._info(results, 0, mask)
+        distance, is_success = info["distance"].masked_fill(~mask, 0.0), info["is_success"] & mask
+        return results.observations[0], info | {"distance": distance, "is_success": is_success}
 
     def step(  # pyright: ignore[reportIncompatibleMethodOverride]  # tensors
         self, actions: Tensor
@@ -201,41 +204,24 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
         self._steps += 1
         if self._steps % CHECKED == 0:
             self._check_actions()
-        observations, outcomes = self._batch.step(values)
-        if self._mode is AutoresetMode.NEXT_STEP:
-            self._begin_next(self._done, observations, outcomes)
-        rewards, terminated, truncated = outcomes[_REWARD], outcomes[_TERMINATED] != 0.0, outcomes[_TRUNCATED] != 0.0
-        self._done = terminated | truncated
-        if self._mode is AutoresetMode.NEXT_STEP:
-            return observations, rewards, terminated, truncated, self._info(outcomes)
-        final = {"final_obs": observations.clone(), "_final_obs": self._done}
-        final |= {"final_info": self._info(outcomes.clone(), self._done), "_final_info": self._done}
-        rewards = rewards.clone()
-        self._begin_next(self._done, observations, outcomes)
-        return observations, rewards, terminated, truncated, self._info(outcomes) | final
-
-    def _begin_next(self, mask: Tensor, observations: Tensor, outcomes: Tensor) -> None:
-        """Begin the next episode of some environments, and overwrite their values."""
-        self._batch.episodes += mask
-        self._batch.reset(mask, observations, outcomes)
+        at_once = self._mode is AutoresetMode.SAME_STEP
+        results = self._batch.step(values, None if at_once else self._done)
+        numbers, flags = results.numbers[-1], results.flags[-1]
+        self._done = flags[_ENDED]
+        info = self._info(results, 0, self._everywhere)
+        if at_once:
+            info |= {"final_obs": results.observations[1], "_final_obs": self._done}
+            info |= {"final_info": self._info(results, 1, self._done), "_final_info": self._done}
+        return results.observations[0], numbers[_REWARD], flags[_TERMINATED], flags[_TRUNCATED], info
 
     def _tensor(self, array: Any) -> Tensor:
         import torch
 
         return torch.as_tensor(array, device=self.device)
 
-    def _info(self, outcomes: Tensor, mask: Tensor | None = None) -> dict[str, Any]:
-        distance, is_success = outcomes[_DISTANCE], outcomes[_SUCCESS] != 0.0
-        if mask is None:
-            return {"distance": distance, "is_success": is_success} | dict.fromkeys(
-                ("_distance", "_is_success"), self._everywhere
-            )
-        return {
-            "distance": distance.masked_fill(~mask, 0.0),
-            "is_success": is_success & mask,
-            "_distance": mask,
-            "_is_success": mask,
-        }
+    def _info(self, results: Results, copy: int, mask: Tensor) -> dict[str, Any]:
+        distance, is_success = results.numbers[copy, _DISTANCE], results.flags[copy, _SUCCESS]
+        return {"distance": distance, "is_success": is_success, "_distance": mask, "_is_success": mask}
 
     def _read_actions(self, actions: Any) -> Tensor:
         import torch
