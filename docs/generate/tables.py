@@ -288,6 +288,10 @@ TABLES = {
         {"part": "{part}", "figure": "{name}", "measured": "{value:.3g} {unit}", "limit": "{limit:g}"},
     ),
     "speed": lambda: table(named(read("speed")["environments"]), SPEED),
+    "gpu": lambda: table(
+        read("gpu")["rates"],
+        {"environments": "{environments:,}", "steps/s": "{steps_per_second:,.0f}", "memory, bytes": "{memory_bytes:,}"},
+    ),
     "training": lambda: table(
         named(read("training")["recipes"]),
         {
