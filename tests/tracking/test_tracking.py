@@ -106,6 +106,17 @@ def test_who_stops_is_forgotten_and_who_was_hidden_is_not_there():
     assert seen[-1] == 0
 
 
+@pytest.mark.parametrize("omega", [0.0, 0.3, -0.3, 1.0, -1.0])
+@pytest.mark.parametrize("ahead", [-0.05, 0.0, 0.05])
+def test_who_comes_where_a_revolution_begins_and_ends_is_a_track(omega, ahead):
+    def person(time):  # always where the LiDAR begins and ends
+        away, at = 2.6 - 0.6 * time, omega * time + ahead
+        return [(away * math.cos(at), away * math.sin(at), 0.25)]
+
+    seen = [len(rows_of(memory)) for time, memory, _ in drive(person, 3.2, omega=omega) if time > 1.2]
+    assert np.mean(seen) >= 0.9
+
+
 def test_bearing_is_the_direction_of_a_vector():
     angles = np.linspace(-math.pi + 1e-9, math.pi, 1001)
     assert max(abs(bearing(math.cos(a), math.sin(a)) - a) for a in angles) < 2e-5

@@ -139,13 +139,18 @@ def _passed(row: Any, returns: Any, x: float, y: float, sweep: Sweep, trail: Any
         sine, cosine = sincos(at.theta)
         dx, dy = x - at.x - sweep.x * cosine + sweep.y * sine, y - at.y - sweep.x * sine - sweep.y * cosine
         length = sqrt(dx * dx + dy * dy)
-        around = (bearing(dx, dy) - at.theta - row[FIRST]) / row[STEP]
+        ahead = (bearing(dx, dy) - at.theta - row[FIRST]) / row[STEP]
         turn = TWO_PI / abs(row[STEP])
-        before, beam = beam, around - turn * math.floor((around + 0.5) / turn)
+        before, beam = beam, ahead - turn * math.floor((ahead + 0.5) / turn)
     middle, beside = int(beam + 0.5), 1 + int(2.0 * TURN_SHARE * (turned - row[TURNED]) / abs(row[STEP]))
     far = length + max(LEAST_MARGIN, MARGIN * deviation_at(length, sweep))
     passed = abs(beam - before) < 1.0  # a robot that turns may leave a gap between the ends of a revolution
-    for near in range(middle - beside, middle + beside + 1):
+    around = number  # beams from an end of a revolution to where the other end looks in the same direction
+    if abs(row[STEP]) * (number + 1) >= TWO_PI and (middle < beside or middle + beside >= number):
+        turned_by = pose_at(then, row[LAST]).theta - pose_at(then, row[LAST] - row[INTERVAL] * (number - 1)).theta
+        around = int(number + 0.5 - turned_by / row[STEP])
+    for side in range(middle - beside, middle + beside + 1):
+        near = side - around if side >= number else (side + around if side < 0 else side)
         inside = 0 <= near < number
         beam_length = row[first + near] if inside else 0.0
         empty = beam_length == math.inf and far <= sweep.range_max and returns[bin_of(near, number)] > 0.0
