@@ -51,6 +51,30 @@ def pytest_collection():
         gc.freeze()
 
 
+def are_touched(paths, root=Path(__file__).parent.parent):
+    """Return whether the last commit, or a change since, is in one of some paths; also true where git cannot say."""
+    command = ["git", "-C", str(root), "diff", "--quiet", "HEAD~1", "--", *paths]
+    return subprocess.run(command, capture_output=True, check=False).returncode != 0
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Leave to `make test-all` the cases beyond a sample, and long tests of a part that no change touches."""
+    cases, touched = {}, {}
+    for item in items:
+        if mark := item.get_closest_marker("sample"):
+            cases.setdefault((item.path, item.originalname, mark.args[0]), []).append(item)
+        if mark := item.get_closest_marker("touched"):
+            touched[mark.args] = touched[mark.args] if mark.args in touched else are_touched(mark.args)
+            if not touched[mark.args]:
+                item.add_marker(pytest.mark.nightly)
+    for (*_, number), found in cases.items():
+        chosen = {len(found) * at // number for at in range(number)}
+        for at, item in enumerate(found):
+            if at not in chosen:
+                item.add_marker(pytest.mark.nightly)
+
+
 def _in_step(batch, plain, low=-1.0, high=1.0, steps=100, *, policy=None):
     from turtlebot_gym.compiled.packing import flatten
 

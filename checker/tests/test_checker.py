@@ -10,6 +10,8 @@ from walk import Walk
 
 from gymnasium_vector_checker import ContractError, check_vector_env
 
+pytestmark = pytest.mark.touched("checker")
+
 NEXT_STEP, SAME_STEP, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
 
 
@@ -349,6 +351,7 @@ def test_the_error_says_what_the_rule_is_and_what_was_seen():
         check_vector_env(PoppedMask, modes=[NEXT_STEP])
 
 
+@pytest.mark.sample(9)
 @pytest.mark.parametrize("cls", broken(), ids=lambda cls: cls.__name__)
 def test_broken_environments_are_caught(cls):
     """Each class's docstring is the rule that it breaks."""

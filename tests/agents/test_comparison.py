@@ -110,6 +110,7 @@ SPREADS = [
 ]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("parts", SPREADS)
 def test_intervals_over_trainings_have_the_stated_coverage(parts):
     errors = missed(comparison.spread(table).interval() for table in tables(np.random.default_rng(6), **parts))
@@ -127,6 +128,7 @@ def test_intervals_over_trainings_are_no_wider_than_necessary():
     assert width < 1.1 * least
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("wrong", "parts"),
     [
@@ -162,6 +164,7 @@ def test_by_hand():
     assert spread.margin() == pytest.approx(math.sqrt(12.706**2 + 4.303**2 * 4.0 / 3.0), rel=1e-4)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("share", "differ"), [(0.5, 0.0), (0.9, 20.0), (0.98, 60.0)])
 def test_shares_over_trainings_have_the_stated_coverage(share, differ):
     # All trainings drove the same 100 episodes: Wilson's limit is 100 / (100 + 1.96^2).

@@ -94,6 +94,7 @@ def by_hand(policy: str, seed: int, *, env: str, **options) -> dict[str, float]:
     return numbers
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("policy", "options"),
     [

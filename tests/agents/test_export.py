@@ -35,6 +35,7 @@ def model(request):
     return model.learn(1024)
 
 
+@pytest.mark.sample(2)
 def test_bundle_equals_model_on_10000_observations(model, tmp_path):
     path = tmp_path / "new" / "policy.onnx"
     assert export(model, path, steps=100) <= TOLERANCE
@@ -52,6 +53,7 @@ def test_bundle_equals_model_on_10000_observations(model, tmp_path):
     assert [file.name for file in path.parent.iterdir()] == ["policy.onnx"]
 
 
+@pytest.mark.sample(2)
 def test_a_saved_model_is_loaded_as_what_it_is(model, tmp_path):
     model.save(tmp_path / "model.zip")
     loaded = load_model(tmp_path / "model.zip", allow_pickle=True)
@@ -91,6 +93,7 @@ def without_torchs_exporter(monkeypatch):
     monkeypatch.setattr(module, "program_of", lambda *_: pytest.fail("the graph was not written directly"))
 
 
+@pytest.mark.nightly
 def test_the_graph_is_that_of_torchs_exporter(tmp_path, monkeypatch):
     model, seen = untrained(activation_fn="ReLU", net_arch=[32, 16, 8]), np.random.default_rng(3).normal(size=(5000, 13))
     with monkeypatch.context() as patch:
@@ -122,6 +125,7 @@ def test_only_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkey
     assert export(plain, tmp_path / "policy.onnx", steps=20) <= TOLERANCE
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("terms", [ROOM, LOCATED_ROOM])
 def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch, terms):
     without_torchs_exporter(monkeypatch)

@@ -38,6 +38,7 @@ def close(actions, expected):
     assert np.std(expected, axis=0).min() > 1e-3  # a constant would be easy to equal
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", [kind if kind in DAILY else pytest.param(kind, marks=pytest.mark.nightly) for kind in KINDS])
 def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, kind):
     model = trained(kind, tmp_path)
@@ -137,6 +138,7 @@ FILES = {
 }
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_networks_file_acts_in_its_bundle_as_in_torch(tmp_path, capsys, name):

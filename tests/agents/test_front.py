@@ -196,6 +196,7 @@ def test_a_drive_in_a_room_has_its_walls_in_arrays_and_in_its_plot(in_a_room, tm
     assert not without.patches
 
 
+@pytest.mark.nightly
 def test_a_film_shows_the_whole_drive_and_is_small(in_a_room, tmp_path):
     film = in_a_room.film(seconds=2.0)
     film.save(tmp_path / "drive.gif")

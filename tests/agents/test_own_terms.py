@@ -32,6 +32,7 @@ def trained(request, tmp_path_factory):
     return request.param, env, observation, folder / "run" / "policy.onnx"
 
 
+@pytest.mark.sample(1)
 def test_the_card_names_the_terms_and_a_bundle_drives_where_they_are_observed(trained):
     name, env, observation, bundle = trained
     term = BundlePolicy(bundle).card.terms[-1]
@@ -97,6 +98,7 @@ def remembers(observations):
 remembers.terms = ("twist*2",)
 
 
+@pytest.mark.nightly
 def test_rules_and_their_safety_layer_read_their_terms_in_any_observation():
     options = {"env": ROOMS, "episodes": 6, "seed": 3}
     for name in ("vfh", "vfh+safety", "bearing+safety", "vfh+yield"):

@@ -155,6 +155,7 @@ def test_a_robot_whose_arrival_does_not_count_comes_ever_nearer_to_the_waypoint(
 NOISY = ("tutorial", "documented")
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("policy", "robot", "noise", "longest"),
     [

@@ -173,6 +173,7 @@ def test_a_number_that_breaks_its_rule_is_refused_by_name(name):
         POLICIES[name]()(np.zeros((3, 12)))
 
 
+@pytest.mark.nightly
 def test_geometry_finds_its_way_and_the_oracle_bounds_it():
     """60 dense rooms. With the rates that 1000 had, a bound is missed by fewer than one seed in a thousand."""
     summaries = {

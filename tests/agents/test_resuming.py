@@ -132,6 +132,7 @@ def test_off_policy_checkpoints_have_their_replay_buffer(tmp_path):
         train(replace(config, steps=700), tmp_path / "run", resume=True, progress=False)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.slow)])
 def test_resumes_after_kills(kills, tmp_path):
     """It saves and evaluates as often as possible, so that many kills occur while it writes."""

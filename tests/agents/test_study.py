@@ -56,6 +56,7 @@ def small(tmp_path):
     return robustness.Config(seeds=2, steps=1024, episodes=12, tries=2, processes=1, out=tmp_path)
 
 
+@pytest.mark.nightly
 def test_a_scenario_is_trained_tuned_and_compared_once(small, tmp_path):
     name = "Square, tutorial"
     options = robustness.SCENARIOS[name]

@@ -60,6 +60,7 @@ def test_a_tuned_baseline_is_refused_for_another_robot_or_rate(tuned):
             make_policy(str(tuned), **options)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(
     ("change", "message"),
     [

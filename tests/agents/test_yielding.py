@@ -76,6 +76,7 @@ def test_a_robot_sees_the_same_alone_and_in_a_batch_and_forgets_at_a_reset():
     assert np.abs(judges[0].seen[-1][:, -BEFORE * SECTORS :]).max() < 0.5
 
 
+@pytest.mark.nightly
 def test_the_shipped_network_lets_more_robots_reach_their_goals_among_people():
     """The difference of the shares is over six standard errors here; without a network it is 0."""
     shares = [evaluate(name, env=ROOMS, world="people", episodes=120).summary()["success"] for name in ("vfh", "vfh+yield")]

@@ -79,6 +79,7 @@ def few():
     return contenders((8, 16))
 
 
+@pytest.mark.nightly
 def test_ours_are_compared_with_cartpole_of_the_same_size(few):
     bases = [name for name, contender in few.items() if contender.base == name]
     assert bases == ["scalar, CartPole-v1", "vector of 8, CartPole-v1", "vector of 16, CartPole-v1"]

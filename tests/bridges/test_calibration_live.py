@@ -2,6 +2,7 @@
 
 import time
 
+import pytest
 from bench import node
 from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Bool, String
@@ -10,6 +11,7 @@ from std_srvs.srv import SetBool
 from turtlebot_gym_ros.base.qos import LATCHED
 
 
+@pytest.mark.nightly
 def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(launch, peer, wait_for):
     launch(*node("turtlebot_simulator"))
     launch(*node("cmd_vel_guard", "robot:=burger"))

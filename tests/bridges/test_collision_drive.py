@@ -176,6 +176,7 @@ def test_narrow_gaps_and_people_who_wait_are_not_touched_either(world):
     assert (Drive(100, [world], seed=3, collision_monitor=False).run(4.0).batch.numbers("room.least") < 0.0).mean() > 0.25
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("beams", [1, 2, 4, 6, 8, 10])
 @pytest.mark.parametrize("off", [0.25, 0.5])
 def test_what_hides_between_beams_that_are_wider_apart_than_the_robot_is_not_hit(beams, off):

@@ -31,6 +31,7 @@ def clock(tmp_path):
         pytest.skip(str(missing))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("way", [way if way in DAILY else pytest.param(way, marks=pytest.mark.nightly) for way in endings.WAYS])
 def test_a_motion_is_in_force_for_half_a_second_at_most_after_every_end(way, wheels, clock, tmp_path):
     row = endings.end(way, wheels, tmp_path, clock=clock, wait=0.5, commands=True)

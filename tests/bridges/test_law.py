@@ -339,6 +339,7 @@ CLAUSES = {
 }
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.nightly] * (name in LATE)) for name in DEFECTS])
 def test_a_planted_defect_is_found(monkeypatch, name):
     owner, attribute, defect = DEFECTS[name]

@@ -151,6 +151,7 @@ def end(process):
     return stderr
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
 def test_holds_every_message_that_another_subscriber_saw(start, peer, listener, matched, wait_for, tmp_path, storage, read_bag):
     process = start(f"storage:={storage}")
@@ -217,6 +218,7 @@ def test_a_kill_without_commits_is_noticed(start, peer, matched, wait_for, tmp_p
         assert reader.message_count == 0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
 def test_a_recorder_on_a_full_disk_says_so_once_and_keeps_what_it_has(
     start, peer, matched, wait_for, tmp_path, storage, read_bag

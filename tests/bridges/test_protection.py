@@ -225,6 +225,7 @@ PROTECTIONS = {
 CASES = [pytest.param(law, *how, id=f"{law.__name__}{at}") for at, (law, how) in enumerate(PROTECTIONS.items())]
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize(("law", "owner", "name", "sabotage"), CASES)
 def test_protection(make_bench, law, owner, name, sabotage):
     law(make_bench, 30.0)

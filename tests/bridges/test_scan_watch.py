@@ -165,6 +165,7 @@ class Drives:
         return times
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("number", [10, pytest.param(25, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("lidar", LIDARS)
 def test_a_mount_that_contradicts_the_motion_is_refused_and_a_right_one_is_not(lidar, number):
@@ -179,6 +180,7 @@ def test_a_mount_that_contradicts_the_motion_is_refused_and_a_right_one_is_not(l
         assert np.median(times[quarter][caught]) < 3.0
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("number", "refused"), [(10, {1.6: 0.7}), pytest.param(25, {0.8: 0.2, 1.2: 0.7, 1.6: 0.9}, marks=pytest.mark.nightly)]
 )

@@ -108,6 +108,7 @@ ROBOTS_THAT_ARE_SLOW = {
 }
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", ROBOTS_THAT_ARE_SLOW)
 def test_a_robot_that_is_only_slow_is_never_refused(kind):
     assert driven(Driver(**ROBOTS_THAT_ARE_SLOW[kind]), random.Random(kind), 0.25) == []

@@ -133,6 +133,7 @@ def scaled(factor):
     return {"process": replace(EXECUTION, **alphas)}
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "wrong",
     [

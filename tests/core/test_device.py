@@ -118,6 +118,7 @@ def pair(device, name, rows, **options):
     return NavigationVectorEnv(rows, **options), NavigationDeviceEnv(rows, device=device, **options)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("name", ["default", "tutorial"])
 def test_a_device_has_the_bits_of_the_engine(device, name, mode):

@@ -21,6 +21,7 @@ def headless(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("id", IDS)
 @pytest.mark.parametrize("options", [{"render_mode": "rgb_array"}, {"noise": "wheel"}, {"observation": "truth", "dt": 0.02}])
 def test_the_checkers_of_gymnasium_and_stable_baselines3_are_content(id, options):

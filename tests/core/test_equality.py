@@ -87,6 +87,7 @@ SLOW = ("a class as filter", "physics")
 SIZES = [*((case, 2 if case in SLOW else 35) for case in CASES), ("nav", 1), (NOISY, 1)]
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(("case", "number"), SIZES)
 def test_rows_equal_plain_python(case, number, in_step):
     terminated, truncated = ends_of(case, number, (0, 1, 31, 34)[:number], 500, in_step)

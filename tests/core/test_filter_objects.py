@@ -61,6 +61,7 @@ def test_an_extended_filter_of_filterpy_is_the_packages_own_with_the_same_number
     np.testing.assert_allclose(theirs, ours, atol=1e-6)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("fix", [None, "beacons", "markers"])
 @pytest.mark.parametrize(
     "make",

@@ -48,6 +48,7 @@ def test_poses_that_the_task_would_draw_change_no_bit(name):
         assert driven(make(name, **OPEN[name]), seed=3, options=given) == usual
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("name", OPEN)
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_each_row_begins_where_its_scalar_environment_does_and_once(name, mode):
@@ -87,6 +88,7 @@ def test_poses_are_for_the_rows_in_the_mask():
     np.testing.assert_array_equal(infos["reference"][[0, 2]], before["reference"][[0, 2]])
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["Nav", "Pose", "Rooms", "Missions"])
 def test_a_heading_that_is_left_out_is_0(name):
     env = make(name)

@@ -230,6 +230,7 @@ print(json.dumps([HAS_LLVM, sums]))
 """
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("block", ['sys.modules["llvmlite"] = None', 'import os; os.environ["TURTLEBOT_GYM_PLAIN"] = "1"'])
 def test_without_llvmlite_the_environments_run_in_plain_python_and_give_the_same_bits(block, run):
     compiled, plain = run(PLAIN.replace("BLOCK", "")), run(PLAIN.replace("BLOCK", block))

@@ -24,6 +24,7 @@ OBSERVED = {
 }
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("case", OBSERVED)
 def test_an_observation_is_the_same_in_scalar_vector_and_plain_environments(case):
     """Through an episode's end and the next one's start, where a history begins anew."""
@@ -126,6 +127,7 @@ def test_a_term_that_cannot_be_is_refused(arguments, message):
         ObservationTerm("bumper", len, 0.0, 1.0, topic="bumper")
 
 
+@pytest.mark.nightly
 def test_an_environment_with_own_terms_is_pickled_as_it_is():
     for made in (
         gym.make(ROOMS, observation="ekf,scan*2,own_terms:BUMPER"),

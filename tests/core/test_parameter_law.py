@@ -229,6 +229,7 @@ def rollout(p):
     return log
 
 
+@pytest.mark.sample(22)
 @pytest.mark.parametrize(("owner", "name"), CASES, ids=lambda value: value if isinstance(value, str) else value.__name__)
 def test_each_field_changes_a_rollout(owner, name):
     base, place, changes = LAW[owner]
@@ -315,6 +316,7 @@ def vector(**options):
     return NavigationVectorEnv(2, **options)
 
 
+@pytest.mark.sample(12)
 @pytest.mark.parametrize("name", ARGUMENTS)
 @pytest.mark.parametrize("make", [scalar, vector])
 def test_each_option_changes_a_rollout_of_either_environment(make, name):

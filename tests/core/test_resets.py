@@ -156,6 +156,7 @@ def pickled(env):
     return pickle.loads(pickle.dumps(env))
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("copied", [pickled, copy.deepcopy])
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("maker", [gym.make, vector_of_copies])

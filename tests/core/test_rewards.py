@@ -44,6 +44,7 @@ def test_the_shares_add_up_to_the_reward_in_the_order_of_the_terms(task):
         assert reward == total
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("task", ["Nav", "Rooms", "Missions"])
 def test_a_term_of_ones_own_adds_its_share_and_nothing_else(task):
     spun = 0.0

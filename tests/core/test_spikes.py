@@ -52,12 +52,14 @@ def holds(name, spike, drives, peers, **rules):
     return position <= 1.1 * peers[spike][0] and heading <= 1.1 * peers[spike][1] and nees <= 4.0
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("spike", SPIKES)
 @pytest.mark.parametrize("name", FILTERS)
 def test_a_spike_costs_no_more_than_a_plain_gated_filter_of_filterpy(name, spike, drives, peers):
     assert holds(name, spike, drives, peers)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("spike", SPIKES)
 @pytest.mark.parametrize("name", ["matched", "mixture", "scale"])
 def test_without_the_gate_for_the_pose_it_does(name, spike, drives, peers):

@@ -56,6 +56,7 @@ def assert_same(x, P, book, *, rtol=1e-8, atol=1e-10):
     np.testing.assert_allclose(P, book.P, rtol=rtol, atol=atol)
 
 
+@pytest.mark.sample(9)
 @pytest.mark.parametrize(("integrator", "dt"), [("euler", 0.1), ("midpoint", 0.25)])
 @pytest.mark.parametrize("name", TUNINGS)
 @pytest.mark.parametrize("change", CHANGES, ids=str)
@@ -127,6 +128,7 @@ def ours(tuning, seed):
         yield estimate, command, gyro.omega, z
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "modes"), [("mixture", None), ("slip", MODES)])
 @pytest.mark.parametrize("seed", range(4))
 def test_mixtures_are_those_of_the_textbook(kind, modes, seed):

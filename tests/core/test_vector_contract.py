@@ -96,6 +96,7 @@ def compare(values, expected):
     return count
 
 
+@pytest.mark.sample(18)
 @pytest.mark.parametrize("mode", AutoresetMode)
 @pytest.mark.parametrize("name", WRAPPERS)
 def test_within_gymnasiums_wrappers_ours_is_sync_vector_env(name, mode):
@@ -129,6 +130,7 @@ def test_every_environment_is_sync_vector_env(id, mode):
         assert compare(seen[-1], expected[-1]) > 0
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("info", ["default", "full"])
 @pytest.mark.parametrize("name", ["Nav", "Pose", "Square"])
 def test_every_id_keeps_the_contract_in_every_mode(name, info):
@@ -136,5 +138,6 @@ def test_every_id_keeps_the_contract_in_every_mode(name, info):
     assert check_vector_env(make) == tuple(AutoresetMode)
 
 
+@pytest.mark.nightly
 def test_a_batch_of_several_tiles_keeps_the_contract():
     check_vector_env(partial(gym.make_vec, "turtlebot_gym/TurtleBotNav-v0", info="full"), num_envs=35, steps=16)

@@ -93,6 +93,7 @@ def test_rooms_are_wrapped_too(name):
     same(play(partial(native, many, id=ROOMS), AutoresetMode.SAME_STEP), expected)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("names", [*((name,) for name in PAIRS), ("smooth", "reward", "stack")], ids=str)
 def test_wrapped_environments_keep_the_contract_each_and_all_together(names):
     def make(num_envs, **options):

@@ -89,6 +89,7 @@ def write_drive(path):
     path.write_text("\n".join(["t,vx,gyro,px,py,theta", *rows]))
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize(
     "path",
     [pytest.param(path, marks=[pytest.mark.nightly] * (path.stem in LONG), id=path.stem) for path in PAGES if blocks_of(path)],

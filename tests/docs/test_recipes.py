@@ -67,6 +67,7 @@ def test_each_extension_has_a_recipe():
         assert any("assert " in block.text for block in recipe(heading) if not block.title), heading
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("headings", "plain"),
     [

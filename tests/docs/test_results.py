@@ -56,6 +56,7 @@ def test_every_table_of_the_pages_can_be_made(generate):
     assert "<!--" not in tables.filled("\n".join(pages))
 
 
+@pytest.mark.nightly
 def test_every_figure_of_the_pages_can_be_drawn(generate):
     pytest.importorskip("mkdocs_gen_files")
     figures, drawn = import_module("figures"), set()

@@ -164,6 +164,7 @@ def test_its_programs_are_left_out_of_the_help_and_say_what_to_install(copy):
             assert copy.said("turtlebot_gym_ros", name).startswith(f"error: {name} needs the extra [{extra}]: pip install")
 
 
+@pytest.mark.nightly
 def test_a_viewer_that_is_missing_is_named_with_the_remedy(copy):
     if "turtlebot_gym_view" not in copy.missing:
         pytest.skip("has its viewer")
@@ -171,6 +172,7 @@ def test_a_viewer_that_is_missing_is_named_with_the_remedy(copy):
     assert line.startswith("turtlebot-gym: watch-training needs the extra [view]: pip install")
 
 
+@pytest.mark.nightly
 def test_quick_tests_of_the_product_pass_without_all_satellites(copy):
     if len(copy.missing) == 1:
         pytest.skip("the nightly test runs all tests without each")

@@ -7,6 +7,7 @@ from typing import get_type_hints
 
 import gymnasium as gym
 import numpy as np
+import pytest
 from fuzzing import answered, fuzzed
 from hypothesis import strategies as st
 
@@ -138,6 +139,7 @@ def with_one_wrong(draw, arguments):
     return {**arguments, name: draw(WRONG)}
 
 
+@pytest.mark.nightly
 @fuzzed(80, 3000, arguments=GROUND)
 def test_accepted_arguments_on_open_ground_give_finite_numbers(arguments):
     driven("arguments", SQUARE, arguments)

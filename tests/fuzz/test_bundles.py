@@ -53,11 +53,13 @@ def test_the_bundle_itself_drives():
     assert _verified_hash("a", hashed(CONTENT))
 
 
+@pytest.mark.nightly
 @fuzzed(120, 1800, content=st.one_of(st.binary(max_size=300), mutated(CONTENT)), sealed=st.booleans())
 def test_damaged_bundles_also_with_the_right_hash(content, sealed):
     answered("damaged bundles", lambda: drives(hashed(content) if sealed else content))
 
 
+@pytest.mark.nightly
 @fuzzed(30, 1200, data=st.data())
 def test_other_cards(data):
     answered("cards", lambda: drives(with_card(replaced(data.draw, CARD, VALUES))))
@@ -100,6 +102,7 @@ def with_other_model(draw):
     return hashed(model.SerializeToString())
 
 
+@pytest.mark.nightly
 @fuzzed(25, 600, data=st.data())
 def test_other_models(data):
     answered("models", lambda: drives(with_other_model(data.draw)))

@@ -174,6 +174,7 @@ def test_every_command_is_tried():
     assert said(["evaluate", *BASES["evaluate"]])
 
 
+@pytest.mark.nightly
 @fuzzed(60, 2000, name=st.sampled_from(sorted(BASES)), data=st.data())
 def test_command_lines(name, data):
     argv = [name, *BASES[name]]

@@ -177,6 +177,7 @@ SDF = """<sdf version="1.6"><world name="w"><model name="m"><static>1</static><p
 NUMBERS = st.sampled_from(["nan", "inf", "-1", "0", "1e300", "1e9", "-1e9", "1e-300", "x", "", "1 2", "1e5", "30"])
 
 
+@pytest.mark.nightly
 @fuzzed(20, 500, number=st.sampled_from(["0.2", "0.4", "-1", "0.5", "0.3", "1"]), other=NUMBERS, damage=mutated(SDF.encode()))
 def test_gazebo_worlds_are_driven_in(number, other, damage):
     for content in (SDF.replace(number, other, 1), damage):

@@ -103,6 +103,7 @@ KINDS = {
 """Of each block and node: the classes of its parameters, and what makes it of the last one."""
 
 
+@pytest.mark.nightly
 @fuzzed(120, 1700, name=st.sampled_from(sorted(KINDS)), data=st.data())
 def test_parameters(name, data):
     classes, make = KINDS[name]

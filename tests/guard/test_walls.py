@@ -123,6 +123,7 @@ DEFECTS = {
 }
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("defect", DEFECTS, ids=lambda defect: defect.__name__)
 def test_a_planted_defect_is_found(monkeypatch, defect):
     monkeypatch.setattr(ScanWatch, "trouble", lambda self: "")

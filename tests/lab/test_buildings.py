@@ -22,6 +22,7 @@ from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace, errors_of, 
 RECORDING = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces.npz"
 FRAMES, ROWS = 60, 300
 pytestmark = [
+    pytest.mark.touched("lab", "tests/lab"),
     pytest.mark.skipif(not RECORDING.exists(), reason="needs the recordings"),
     pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python"),
 ]
@@ -116,6 +117,7 @@ def files(stretch, tmp_path, write_map):
     return columns, write_map(tmp_path, shades[::-1], resolution=side, origin=corner, free_thresh=0.196)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("start", [("500", "500", "0"), ("unknown",)])
 def test_without_truth_the_command_says_how_sure_it_is_and_a_lost_robot_is_found(stretch, files, tmp_path, capsys, start):
     """Within 5 s, and it is lost after 2 s at most; no row is tracking while it is wrong."""
@@ -135,6 +137,7 @@ def test_without_truth_the_command_says_how_sure_it_is_and_a_lost_robot_is_found
     assert content["evidence"]["leaps"] <= 1
 
 
+@pytest.mark.nightly
 def test_the_commands_localize_and_calibrate_by_a_log_in_a_map_file(stretch, files, tmp_path, capsys):
     (columns, map_file), (drive, _) = files, stretch
     log, result = tmp_path / "log.npz", tmp_path / "result.json"

@@ -16,6 +16,8 @@ from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.evaluation.calibration import judge, simulated_log
 from turtlebot_gym_lab.evaluation.replay import replay
 
+pytestmark = pytest.mark.touched("lab", "tests/lab")
+
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 MINE = Noise(
     process=ProcessNoise(alpha1=0.006, alpha2=0.005, alpha3=0.004, alpha4=0.007, scale=0.97),

@@ -14,7 +14,10 @@ from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_lab.evaluation import estimation
 from turtlebot_gym_lab.evaluation.estimation import estimate, in_force, innovations
 
+pytestmark = pytest.mark.touched("lab", "tests/lab")
 
+
+@pytest.mark.nightly
 def test_a_matched_filter_reaches_the_bound_and_is_consistent_and_a_wrong_one_is_not():
     result = estimate(["matched", "tutorial"], noise="tutorial", runs=1500)
     right, wrong = result.filters["matched"], result.filters["tutorial"]
@@ -35,6 +38,7 @@ def test_a_matched_filter_reaches_the_bound_and_is_consistent_and_a_wrong_one_is
     assert right.ratio[0].value == pytest.approx(right.rmse[-1, 0] / result.bound[-1, 0])
 
 
+@pytest.mark.nightly
 def test_filters_that_model_spikes_and_slip_come_nearer_to_the_bound():
     def tunings(*names):
         model = in_force("rough", slip=names[-1] == "slip")
@@ -68,6 +72,7 @@ def test_wheels_alone_drift_as_the_filter_says():
     assert (np.diff(result.bound[2:], axis=0) > 0.0).all()  # nothing corrects it
 
 
+@pytest.mark.nightly
 def test_drives_depend_neither_on_the_filter_nor_on_the_batch(monkeypatch):
     alone = estimate(["matched"], runs=30, seconds=1.0)
     both = estimate(["mixture", "matched"], runs=30, seconds=1.0)

@@ -24,6 +24,8 @@ from turtlebot_gym_lab.evaluation.replay import (
     replayable,
 )
 
+pytestmark = pytest.mark.touched("lab", "tests/lab")
+
 RECORDED = ("wifibot1.txt", "wifibot2.txt")
 PER_METRE = {"wifibot1.txt": 0.016, "wifibot2.txt": 0.027}
 
@@ -255,6 +257,7 @@ def replayed(capsys, tmp_path, folder, *options):
     return run, capsys.readouterr()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("frame", [(0.0, 0.0, 0.0), (3.0, -1.0, 2.0)])
 def test_a_recorded_pose_sensor_corrects_the_filter_and_its_nees_is_that_of_its_noise(tmp_path, capsys, frame):
     folder = sensed(tmp_path / "bag", frame=frame)
@@ -271,6 +274,7 @@ def test_a_recorded_pose_sensor_corrects_the_filter_and_its_nees_is_that_of_its_
     assert sure["nees"] > 3.0 * run["nees"]  # the number shows a filter that is too sure
 
 
+@pytest.mark.nightly
 def test_measurements_are_generated_where_none_are_recorded_or_where_that_is_asked_for(tmp_path, capsys):
     folder = sensed(tmp_path / "bag")
     run, _ = replayed(capsys, tmp_path, folder, "--measured", "generated", "--seeds", "2")
@@ -288,6 +292,7 @@ def test_of_several_pose_sensors_one_must_be_named(tmp_path, capsys):
     assert run["measured"] == "/right"
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("options", "said"),
     [

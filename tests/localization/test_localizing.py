@@ -35,6 +35,7 @@ def errors(batch, steps, drives):
     return np.hypot(*np.moveaxis(off, 2, 0))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("world", "lidar", "start", "observation"),
     [

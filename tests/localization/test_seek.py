@@ -37,6 +37,7 @@ def empty_hall():
     return make_room(occupied)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("yaw", [0.0, 1.0])
 def test_an_unknown_start_is_found(pose, yaw):
@@ -58,6 +59,7 @@ def test_a_kidnapped_robot_is_found_after_its_patience():
     assert max(off(located, POSES[1])) < 0.03
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("usually", "now", "doubts"), [(0, 0, False), (0, 4, True), (4, 4, False), (4, 24, True)])
 def test_more_misfits_than_usual_put_the_place_in_doubt(usually, now, doubts):
     """Of 40 beams so many end short, at what is not on the map; the first doubt of these is confirmed to be none."""
@@ -74,6 +76,7 @@ def test_more_misfits_than_usual_put_the_place_in_doubt(usually, now, doubts):
     assert max(off(located, POSES[0])) < 0.03
 
 
+@pytest.mark.nightly
 def test_a_place_that_fits_one_scan_does_not_take_over():
     """Before, it fits somewhat better than the belief, as some other place does where people hide the true one."""
     room, bank, located = make_room(hall()), np.zeros((ROWS, COLUMNS)), locate(Pose(*POSES[0]), (1e-4, 1e-4, 1e-4), Q)

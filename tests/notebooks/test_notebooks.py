@@ -100,6 +100,7 @@ def executed(name, folder, monkeypatch):
     return client.execute(cleanup_kc=True)  # raises CellExecutionError where a cell fails
 
 
+@pytest.mark.nightly
 @needs_extras
 def test_the_first_runs_in_its_short_form(tmp_path, monkeypatch):
     monkeypatch.setenv("TURTLEBOT_GYM_QUICK", "1")

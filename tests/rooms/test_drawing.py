@@ -18,6 +18,7 @@ from turtlebot_gym.rooms.scene import arrays_of
 from turtlebot_gym.rooms.sensing import clearance
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", ROOMS)
 def test_a_way_leads_through_each_of_500_rooms(empty_scene, name):
     rules, counts, rooms = ROOMS[name], [], set()

@@ -53,6 +53,7 @@ def starts(plan, seeds=50):
     return np.array([info[key][:2] for info in infos for key in ("true_state", "reference")])
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(
     ("shape", "pose", "expected"),
     [
@@ -155,6 +156,7 @@ def library(folder, name="shelf", geometry=PILLAR, more=""):
     return home
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("where", ["models", "../models", "../../elsewhere"])
 @pytest.mark.parametrize(
     ("include", "place"),

@@ -241,6 +241,7 @@ def by_scan(parameters):
     return system_of(parameters)._replace(estimate=estimate_by_the_wall_ahead, reads_scan=True)
 
 
+@pytest.mark.nightly
 def test_a_filter_that_reads_the_scan_is_the_same_compiled_and_in_plain_python(parameters, by_scan, in_step):
     batch = Batch(35, parameters, (GOAL,), system=by_scan, plan=HALL)
     plain = {i: Episode(parameters, seed=i, system=by_scan, plan=HALL) for i in (0, 33)}

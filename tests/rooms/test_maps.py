@@ -102,6 +102,7 @@ def lengths_to_cells(grid, x, y, dx, dy):
     return grid.resolution * np.fmin(to_cells, np.fmin(out_x, out_y)[:, 0])
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("at", range(len(GRIDS)))
 def test_10_000_rays_on_each_map_agree_with_brute_force_and_some_with_shapely(at, cast_all):
     """At random, along the rows, and a hair beside the corners of cells."""
@@ -264,6 +265,7 @@ def test_a_map_is_shown_by_its_cells_and_not_by_what_follows_from_them():
     assert not any(name in shown for name in ("squares", "known", "frame"))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("draw", range(6))
 def test_cells_of_the_path_grid_are_blocked_as_one_by_one(draw):
     chance = np.random.default_rng(draw)

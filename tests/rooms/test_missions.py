@@ -23,6 +23,7 @@ def mission(**options):
     return p, waypoints
 
 
+@pytest.mark.nightly
 def test_missions_are_the_same_compiled_and_in_plain_python(in_step):
     from turtlebot_gym.compiled.batch import Batch
 

@@ -47,6 +47,7 @@ def lengths_to_circles(scene, x, y, dx, dy):
     return shortest
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("rooms", [60, pytest.param(250, marks=pytest.mark.nightly)])
 def test_rays_agree_with_shapely(rooms, empty_scene, cast_all):
     """Rooms of all kinds; rays at random, along the axes, at corners, and a hair beside tangents."""

@@ -28,6 +28,7 @@ HALL = FloorPlan(walls=(0.0, 0.0, 3.0, 3.0), start=Pose(0.0, 0.0, 0.0), goal=Pos
 room, rooms = partial(NavigationEnv, task="room"), partial(NavigationVectorEnv, task="room")
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("world", "lidar"), [*zip(ROOMS, ["lds01", "a1", "ideal", "lds02", "lds01", "a1", "lds01"], strict=True)]
 )

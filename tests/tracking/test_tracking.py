@@ -123,6 +123,7 @@ def test_bearing_is_the_direction_of_a_vector():
     assert bearing(0.0, 0.0) == 0.0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("lidar", ["lds01", "a1"])
 def test_it_is_the_same_compiled_and_in_plain_python(lidar, in_step):
     options = Options(world="people", lidar=lidar, noise="wheel", observation="ekf,tracks")

@@ -28,6 +28,8 @@ from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.server import Server
 from turtlebot_gym_view.view import fill
 
+pytestmark = pytest.mark.touched("lab/turtlebot_gym_view", "tests/view")
+
 LIMIT = 3_000_000
 """Largest file of a drive of 60 s, bytes."""
 
@@ -278,6 +280,7 @@ def status(server, **headers):
     return statuses
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("host", ["localhost", "0.0.0.0"])
 def test_requests_to_another_name_than_this_machines_are_refused(host):
     with Server([DriveBuffer(make_drive(5, scans=1))], title="", live=False, host=host, port=0) as server:

@@ -9,6 +9,8 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
 from turtlebot_gym_view.training import WatchCallback
 
+pytestmark = pytest.mark.touched("lab/turtlebot_gym_view", "tests/view")
+
 
 def test_the_current_policy_is_shown_while_it_learns(tmp_path, capsys):
     class Visit(WatchCallback):

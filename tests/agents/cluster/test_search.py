@@ -119,6 +119,7 @@ def trials_of(study):
     return [(trial.number, trial.state.name, trial.value, trial.params) for trial in finished]
 
 
+@pytest.mark.nightly
 def test_a_search_depends_neither_on_the_order_of_results_nor_on_an_interruption(tmp_path):
     common = {"trials": 14, "generation": 4}
     expected = trials_of(tune(config, tmp_path / "one", **common, run=Imagined()))

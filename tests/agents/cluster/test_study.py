@@ -194,6 +194,7 @@ def drive(observations):
 """
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "group", [pytest.param(False, marks=pytest.mark.nightly, id="one process"), pytest.param(True, id="all")]
 )
@@ -227,6 +228,7 @@ def test_an_interrupt_ends_all_processes_and_the_study_resumes(group, tmp_path, 
     assert (tmp_path / "out.json").read_bytes() == (tmp_path / "plain.json").read_bytes()
 
 
+@pytest.mark.nightly
 def test_trainings_of_several_seeds_are_kept_and_unfinished_ones_begin_anew(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hyper.yaml").write_text(HYPER)

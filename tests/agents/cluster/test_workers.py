@@ -65,12 +65,14 @@ def written(command, folder, monkeypatch, *options):
     return json.dumps(content, indent=1)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("command", ["evaluate", *(pytest.param(name, marks=pytest.mark.nightly) for name in COMMANDS)])
 def test_two_workers_write_the_same_file_as_none(command, tmp_path, monkeypatch):
     expected = written(command, tmp_path / "plain", monkeypatch)
     assert written(command, tmp_path / "two", monkeypatch, "--cluster", "local", "--workers", "2") == expected
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "request_",
     [

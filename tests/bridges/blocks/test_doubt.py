@@ -89,6 +89,7 @@ def driven(noise, seconds, *, fault=None, filter="matched", seed=0, folder=None)
     return said - {""}
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("noise", ["documented", "wheel"])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_named_within_ten_seconds_of_driving(noise, fault, tmp_path):
@@ -102,6 +103,7 @@ def test_a_fault_is_named_within_ten_seconds_of_driving(noise, fault, tmp_path):
 SUITED = [("wheel", "matched"), ("documented", "matched"), ("tutorial", "matched"), ("rough", "mixture"), ("rough", "slip")]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("seconds", [120.0, pytest.param(600.0, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize(("noise", "filter"), SUITED)
 def test_simulated_noise_is_no_fault(noise, filter, seconds):

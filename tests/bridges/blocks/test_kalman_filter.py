@@ -32,6 +32,7 @@ def seen(x, y, theta, twist=STOP, measured=True):
     return Odometry(Pose(x, y, theta), twist, measured)
 
 
+@pytest.mark.sample(10)
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("filter", [name for name in FILTERS if name != "gyro"])
 def test_its_estimates_are_the_environments(noise, filter):
@@ -44,6 +45,7 @@ def test_its_estimates_are_the_environments(noise, filter):
         assert node.step(0.1, plant.step(0.1, COMMAND)["odometry"])["estimate"] == episode.world.estimate
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("fix", FIXES)
 @pytest.mark.parametrize("filter", ["matched", "slip"])
 def test_with_fixes_too_its_estimates_are_the_environments(filter, fix):
@@ -363,6 +365,7 @@ def test_a_consistent_filter_exceeds_the_gates_bound_once_in_a_million():
     assert [chi2.sf(bound, degrees) for degrees, bound in CERTAIN.items()] == pytest.approx([1e-6, 1e-6], rel=0.01)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("noise", ["clean", "wheel", "documented"])
 def test_a_consistent_filter_refuses_hardly_any_fix_and_the_gate_notices_one_that_is_off(noise):
     """Once in a million; partner: fixes that are off by 1 m from one moment on are refused."""

@@ -129,6 +129,7 @@ def nonsense(seed):
     return lambda scan: scan._replace(ranges=rng.uniform(0.2, 3.0, 360).astype(np.float32))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("when_lost", ["stop", "drive"])
 def test_a_lost_robot_stops_unless_told_otherwise(drive, when_lost):
     loop = drive(when_lost=when_lost)
@@ -154,6 +155,7 @@ def test_after_most_draws_of_nonsense_a_standing_robot_finds_itself_within_five_
     assert right >= 12
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("localizer", ["match", "robot"])
 @pytest.mark.parametrize("beside", [(500.0, 500.0, 0.0), (-3.0, 2.0, 1.0)])
 def test_a_pose_beside_the_map_is_not_believed_for_longer_than_two_seconds(drive, localizer, beside):

@@ -68,6 +68,7 @@ def differences(loop, env, steps, policy, noise):
     return info
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("world", "lidar", "noise", "policy"),
     [

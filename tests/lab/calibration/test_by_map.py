@@ -31,6 +31,7 @@ def tour():
     return drive, KnownPlace(driven.field, driven.frame, matched(LIDARS["lds01"]), driven.start), wheels
 
 
+@pytest.mark.nightly
 def test_intervals_hold_the_wheels_that_the_localizer_does_not_know(tour):
     drive, place, wheels = tour
     calibration = calibrate_by_map(drive, place)

@@ -10,6 +10,8 @@ from calibration_intervals import CERTAIN, RADIUS, SETTINGS, TRACK, simulated, s
 from turtlebot_gym_lab.calibration import calibrate, detect_kind
 from turtlebot_gym_lab.calibration.coordinates import value_of
 
+pytestmark = pytest.mark.touched("lab", "tests/lab")
+
 ALPHAS = {"alpha1": 0.004, "alpha2": 0.003, "alpha3": 0.006, "alpha4": 0.005}
 USUAL = {"left": RADIUS, "right": RADIUS, "track": TRACK, "drift": 0.0, **ALPHAS}
 USUAL |= dict.fromkeys(("marker_x", "marker_y", "marker_theta"), 0.0)
@@ -30,6 +32,7 @@ def fits():
     return np.array(shares)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (0.5, False)])
 def test_intervals_hold_the_truth_in_95_of_100_cases_and_others_do_not(fits, factor, holds):
     # A correct interval fails this for one set of drives in 10^4; the seeds are fixed. Intervals half as wide fail it.
@@ -59,6 +62,7 @@ def drawn(truth="noisy", seed=2, **given):
     return simulated(seed, "midpoint", "wheel", truth, rate=20, **USUAL | given)[0]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("truth", ["exact", "noisy"])
 @pytest.mark.parametrize(
     ("given", "name", "value", "tolerance"),

@@ -79,6 +79,7 @@ def fits():
     return np.abs(shares)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (0.7, False)])
 def test_intervals_hold_the_truth_in_95_of_100_cases_and_narrower_ones_do_not(fits, factor, holds):
     # A correct interval fails this for one set of robots in 10^4; the seeds are fixed.

@@ -95,6 +95,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.sample(16)
 @pytest.mark.parametrize("rate", [50.0, 5.0])
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_is_named_by_its_cause(name, rate):
@@ -106,6 +107,7 @@ def test_a_mistake_is_named_by_its_cause(name, rate):
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.sample(28)
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_has_its_own_cause_or_none_where_noise_hides_it(name, noise):

@@ -48,6 +48,7 @@ def require_clean(folder, noise, rate, kind, seed):
     assert known(again.truth).mean() > 0.95
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("noise", "rate", "kind"), [("wheel", 50.0, "capture"), ("rough", 5.0, "chain"), ("documented", 20.0, "topic")]
 )

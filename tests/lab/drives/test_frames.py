@@ -51,6 +51,7 @@ MAP = "/tf", "map", "odom", CORRECTION
 BODY = "/tf_static", "base_footprint", "base_link", (0.03, 0.0, 0.0)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("edges", "truth", "offset"),
     [
@@ -81,6 +82,7 @@ def test_a_correction_that_is_stamped_ahead_is_no_other_clock(tmp_path):
 FIXED = "/tf_static", "map", "odom", (1.0, 0.0, 0.0)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(
     ("edges", "truth", "message"),
     [

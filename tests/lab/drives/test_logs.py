@@ -73,6 +73,7 @@ def test_the_arrays_of_a_log(tmp_path):
         read(path)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "left_out"), [("aces", 0), ("intel", 1612)])
 def test_a_real_building_is_read_and_replayed(name, left_out):
     drive = read(recorded(f"carmen/{name}.npz"), mount=(0.0, 0.0, 0.0))

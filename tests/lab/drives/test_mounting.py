@@ -13,6 +13,8 @@ from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.messages import DriveListener
 
+pytestmark = pytest.mark.touched("lab", "tests/lab")
+
 START, ROWS = 1e9, 12
 SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 RANGES = np.array([1.0, 2.0, 1.5, 0.5], np.float32)
@@ -77,6 +79,7 @@ INVERTED = st.sampled_from([0.0, math.pi])
 LEVEL = st.tuples(st.tuples(COORDINATE, COORDINATE, COORDINATE), st.tuples(INVERTED, st.just(0.0), ANGLE))
 
 
+@pytest.mark.nightly
 @settings(max_examples=12, phases=(Phase.generate,))
 @given(
     places=st.lists(LEVEL, min_size=1, max_size=3),
@@ -97,6 +100,7 @@ def test_beams_end_where_the_chain_of_transforms_says(tmp_path_factory, places, 
     assert not any("assumed" in remark for remark in drive.remarks)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("edges", "said"),
     [
@@ -146,6 +150,7 @@ def test_a_mount_without_scans_is_refused(tmp_path):
         read(tmp_path / "table.csv", mount=(0.0, 0.0, 0.0))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("topic", ["/tf_static", "/tf"])
 @pytest.mark.parametrize("angles", [(math.pi, 0.0, 0.4), (0.5 * math.pi, 0.0, 0.0), (0.3, -1.0, 2.0), (0.0, 0.0, 1.0)])
 def test_the_rate_of_an_imu_is_turned_into_the_robots_frame(tmp_path, topic, angles):

@@ -10,6 +10,8 @@ from rosbag_messages import ODOMETRY, POSE, TF, header, make, odometry, pose, tr
 from turtlebot_gym_lab.drives import bags, laser, read, tables
 from turtlebot_gym_lab.drives.clocks import continued, strays
 
+pytestmark = pytest.mark.touched("lab", "tests/lab")
+
 START = 1.7e9
 DRAWN = draw(240)
 EXACT = ("time", "twist", "odometry", "true_state", "joined")
@@ -61,6 +63,7 @@ def clean():
 FORMS = {"table": table, "arrays": arrays, "bag": bag}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("form", FORMS)
 @settings(max_examples=4, phases=(Phase.generate,))
 @given(inserted=st.lists(st.tuples(st.integers(0, len(DRAWN)), FAR), min_size=1, max_size=8))

@@ -176,6 +176,7 @@ def test_the_recorders_snapshots_are_read_from_odometry_to_odometry(tmp_path):
         read(tmp_path / "snapshots.csv")
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(
     ("names", "factor", "message"),
     [

@@ -15,6 +15,8 @@ from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.reading import pose_sensors
 from turtlebot_gym_lab.evaluation.replay import dead_reckoning
 
+pytestmark = pytest.mark.touched("lab", "tests/lab")
+
 START = 1.7e9
 DRAWN = draw(900, scale=0.9, deviations=(0.0, 0.0, 0.0), alphas=(0.002, 0.0, 0.0, 0.002))
 
@@ -34,6 +36,7 @@ def messages(*, wheels=True, truth: str | None = "/ground_truth", tree=False, co
     return said
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("truth", [None, "/mocap/robot", "/tf:map.base"])
 def test_the_truth_gives_the_rows_and_the_commands_the_twist(tmp_path, truth):
     topic = {None: "/ground_truth", "/tf:map.base": ""}.get(truth, truth)

@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import pytest
 from fuzzing import FOLDER, answered, fuzzed, mutated
 from hypothesis import strategies as st
 from rosbag_messages import ODOMETRY, Plugin, make, odometry, write_bag
@@ -50,6 +51,7 @@ def test_the_bags_are_read():
         assert len(read(path)) == len(ROWS)
 
 
+@pytest.mark.nightly
 @fuzzed(25, 400, data=st.data())
 def test_damaged_bags(data):
     plugin = data.draw(st.sampled_from([Plugin.MCAP, Plugin.MCAP, Plugin.SQLITE3]))
@@ -58,6 +60,7 @@ def test_damaged_bags(data):
     read_it(path)
 
 
+@pytest.mark.nightly
 @fuzzed(15, 200, data=st.data())
 def test_bags_whose_messages_say_anything(data):
     rows = [list(row) for row in ROWS]

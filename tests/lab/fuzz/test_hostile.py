@@ -8,6 +8,8 @@ for needed in ("stable_baselines3", "onnx", "onnxruntime", "rosbags", "PIL", "lz
 from bounds import require_bounded, require_many_bounded
 from hostile_recordings import KINDS
 
+pytestmark = pytest.mark.touched("lab", "tests/lab")
+
 NAMED = (
     "bag_with_a_map_of_many_cells",
     "npz_of_zeros",
@@ -19,6 +21,7 @@ NAMED = (
 """Kinds of which one file each is tried in every run."""
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", NAMED)
 def test_a_hostile_file_is_read_or_refused_within_bounds(name, tmp_path):
     require_bounded(KINDS, name, 0, tmp_path)

@@ -72,6 +72,7 @@ def test_the_tables_are_read(name):
     assert read_as(name, written("i.csv", TABLES[name]))
 
 
+@pytest.mark.nightly
 @fuzzed(100, 3700, name=st.sampled_from(sorted(TABLES)), damaged=st.booleans(), data=st.data())
 def test_tables(name, damaged, data):
     content = data.draw(mutated(TABLES[name].encode())) if damaged else other_cells(data.draw, TABLES[name])

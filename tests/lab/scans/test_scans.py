@@ -27,7 +27,7 @@ from turtlebot_gym_lab.scans.mapping import map_of
 from turtlebot_gym_lab.scans.pairs import paired
 from turtlebot_gym_lab.scans.turning import gyro_by_scans
 
-pytestmark = pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
+pytestmark = [pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python"), pytest.mark.touched("lab", "tests/lab")]
 
 BEAMS, TAKEN = 180, Pose(-0.032, 0.0, 0.0)
 BOX = (3.0, 2.0)
@@ -157,6 +157,7 @@ def tour():
     return simulated_tour("office", seed=1, wheels=wheels, lidar=lidar, time=300.0).drive
 
 
+@pytest.mark.nightly
 def test_intervals_hold_the_wheels_and_the_mount_of_a_simulated_robot(tour):
     found = by_scans(replace(tour, scans=tuple(seen._replace(mount=TAKEN) for seen in tour.scans)))
     estimates = estimates_of(found)
@@ -183,6 +184,7 @@ def mapped(world, seed, time):
     return drawn, errors_of(course, where, truth)
 
 
+@pytest.mark.nightly
 def test_the_next_drive_is_localized_in_the_map_of_one_drive(tmp_path):
     drawn, errors = mapped("office", 1, 300.0)
     assert errors["median"] < 0.05

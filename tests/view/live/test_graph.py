@@ -21,6 +21,8 @@ from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.graph.graph import Graph
 from turtlebot_gym_view.graph import LAG, View, Watcher
 
+pytestmark = pytest.mark.touched("lab/turtlebot_gym_view", "tests/view")
+
 
 @pytest.fixture
 def watcher(another_runner):
@@ -163,6 +165,7 @@ def test_the_command_serves_what_it_hears_and_ends(launch, robot):
     assert errors.strip() == "waiting for /odom ..."
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("words", [["--namespace", "a-b"], ["--host", "203.0.113.1"]])
 def test_the_command_refuses_with_one_line(launch, robot, words):
     process = launch("-m", "turtlebot_gym_ros", "watch", "--port", "0", *words)
