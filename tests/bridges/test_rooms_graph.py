@@ -11,11 +11,11 @@ from turtlebot_gym_ros.graph.bringup import room_metrics
 LOGGED = """
 import os
 import numpy as np
-from turtlebot_gym.observations import LOCATED_ROOM, ROOM
+from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS
 from turtlebot_gym_agents.policies import make_policy
 
 class Logged:
-    terms = ROOM
+    terms, columns = ROOM, None
 
     def __init__(self, *, robot, dt):
         self._policy = make_policy("vfh", robot=robot, dt=dt)
@@ -24,15 +24,18 @@ class Logged:
         self._policy.reset(mask)
 
     def __call__(self, observation):
-        action = np.asarray(self._policy(observation), np.float32)
+        action = np.asarray(self._policy(observation[..., : self.columns]), np.float32)
         with open(os.environ["LOGGED_IN"], "ab") as log:
             log.write(np.asarray(observation, np.float32).tobytes() + action.tobytes())
         return action
 
 class Located(Logged):
     terms = LOCATED_ROOM
+
+class Tracking(Logged):
+    terms, columns = (*ROOM, TRACKS), 50
 """
-"""VFH+, a policy with memory, which keeps what it is given and answers; also as one that observes a localizer's evidence."""
+"""VFH+, a policy with memory, which keeps what it is given and answers; also with a localizer's evidence, or with tracks."""
 
 
 @pytest.fixture(autouse=True)
@@ -96,3 +99,17 @@ def test_a_robot_with_an_unknown_start_is_the_environments_with_its_localizers_e
     assert len(given) == 100 <= len(seen)
     np.testing.assert_array_equal(seen[:100], given)  # each observation of 54 numbers, and each action
     assert {0.0, 1.0} < {*given[:, 16].tolist()}  # the weight of the best hypothesis: lost, in doubt, sure
+
+
+@pytest.mark.parametrize("lidar", ["lds01", pytest.param("a1", marks=pytest.mark.nightly)])
+def test_tracks_of_people_are_those_of_the_environment(compare, logged, lidar):
+    drive = compare.RoomDrive(
+        "logged_policy:Tracking", world="people", lidar=lidar, noise="wheel", observation="ekf,tracks", seed=2
+    )
+    expected, given = logged(compare.room_episode, drive, 60, shown=85)
+    live, seen = logged(compare.room_live, drive, 60, shown=85)
+    differ = compare.room_differences(expected, live)
+    assert max(differ.values()) == 0.0, differ
+    assert len(given) == 60 <= len(seen)
+    np.testing.assert_array_equal(seen[:60], given)  # each observation of 85 numbers, and each action
+    assert given[:, 56].any(), "nobody was tracked: the test saw too little"

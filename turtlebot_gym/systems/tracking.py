@@ -65,7 +65,7 @@ def _follow(world, p, scene):
         on_odometry(tracker, at * p.dt, odometry.pose)
     beams, done = int(lidar.beams), beams_by(at, lidar, p.dt)
     if done // beams > beams_by(at - 1, lidar, p.dt) // beams:
-        last = time_of_beam(done // beams * beams - 1.0, lidar)
+        last = math.floor(time_of_beam(done // beams * beams - 1.0, lidar) * 1e9 + 0.5) / 1e9  # as a stamp says
         on_scan(tracker, scene.lidar.ranges[1], sweep_of(lidar, last, p.dt))
     look(tracker, at * p.dt, odometry.pose, odometry.twist, UNIFORM * lidar.accuracy)
 

@@ -53,6 +53,7 @@ NODES = {
     "localizer": Entry(
         "blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate and /amcl_pose"
     ),
+    "people_tracker": Entry("blocks.people_tracker:PeopleTracker", "tracks people: /odom and /scan to /tracks and /people"),
     "simulated_teleop": Entry("blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
     "calibration_drive": Entry(
         "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel"

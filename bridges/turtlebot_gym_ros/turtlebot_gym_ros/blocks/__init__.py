@@ -4,6 +4,7 @@ from turtlebot_gym_ros.blocks.calibration_drive import CalibrationDrive
 from turtlebot_gym_ros.blocks.controller import VelocityController
 from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
 from turtlebot_gym_ros.blocks.localizer import Localizer
+from turtlebot_gym_ros.blocks.people_tracker import PeopleTracker
 from turtlebot_gym_ros.blocks.simulator import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.teleop import SimulatedTeleop
 from turtlebot_gym_ros.blocks.waypoints import WaypointGenerator
@@ -12,6 +13,7 @@ __all__ = [
     "CalibrationDrive",
     "KalmanFilter",
     "Localizer",
+    "PeopleTracker",
     "SimulatedTeleop",
     "TurtlebotSimulator",
     "VelocityController",

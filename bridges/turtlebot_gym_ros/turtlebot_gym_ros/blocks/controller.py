@@ -14,7 +14,7 @@ from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.mounts import SAME_WAY
-from turtlebot_gym.observations import TERMS, ObservationTerm, own_term
+from turtlebot_gym.observations import TRACKS, ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import NAV, believed_to_arrive
@@ -23,7 +23,7 @@ from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents.policies.belief_driver import BeliefDriver
 from turtlebot_gym_ros.base.live import Live
 from turtlebot_gym_ros.base.scan_watch import ScanWatch
-from turtlebot_gym_ros.node.block import HALT, Input, Nis, On, Output, Stamped
+from turtlebot_gym_ros.node.block import HALT, Input, Nis, On, Output, Stamped, Tracks
 
 PLACE, AT_PLACE = (-0.032, 0.0), 0.05
 """Place of the LiDAR that policies are trained with, and distance up to which another is taken for it, m: in training the
@@ -54,8 +54,8 @@ def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> In
     Raises:
         ValueError: If no topic brings it, or it has other numbers than the policy was made for.
     """
-    if term.name in TERMS:
-        raise ValueError(f"the policy reads {term.name!r}, which no node publishes: use turtlebot_gym_agents.Deployment.")
+    if term.name == TRACKS.name:
+        return Input(topic="tracks", type=Tracks, lock_step="same", reliable=False)
     here = term if term.convert else named.get(term.name)
     if here is None:
         made_with = f", such as {term.source}" if term.source else ""
@@ -90,7 +90,8 @@ def _shifted(mount: Pose | None) -> Pose | None:
 
 class VelocityController:
     """Drive to the reference with a policy. One that reads the term "scan" sees the room by LiDAR, one that reads "evidence"
-    needs a localizer; others see only poses. A term of its own comes on the topic that the term names.
+    needs a localizer, one that reads "tracks" a `PeopleTracker`; others see only poses. A term of its own comes on the topic
+    that the term names.
 
     It steps with each estimate, decimated to the policy's period. Within ``goal_tolerance`` of a last waypoint it is done: it
     stops and releases the robot until the reference changes. With a LiDAR that is frozen, covered or mounted otherwise, by the
@@ -210,7 +211,7 @@ class VelocityController:
         following: Pose | None,
         scan: Stamped | None = None,
         nis: Nis | None = None,
-        **own: tuple[float, ...],
+        **own: tuple[float, ...] | Tracks,
     ) -> dict[str, Any]:
         """Return the command, or nothing if the robot is done; ``own`` are the numbers of the policy's own terms.
 
@@ -245,7 +246,7 @@ class VelocityController:
         surprise = estimate.nis if nis is None else nis.value
         seen = ((), 0.0) if scan is None else (self.driver.pool(scan.value, _shifted(scan.mount)), scan.age)
         after = following or reference
-        terms = {name.removeprefix(OWN): numbers for name, numbers in own.items()}
+        terms = {name.removeprefix(OWN): value.numbers if isinstance(value, Tracks) else value for name, value in own.items()}
         command = self.driver.command(mean, P, surprise, reference, after, *seen, evidence, terms, self._time)
         self.notice = self.driver.seen_space.notice or None
         return {"command": command}

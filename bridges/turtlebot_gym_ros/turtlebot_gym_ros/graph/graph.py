@@ -12,7 +12,7 @@ from typing import Any
 from std_srvs.srv import SetBool, Trigger
 
 from turtlebot_gym.drive import Drive
-from turtlebot_gym.observations import EVIDENCE, SCAN
+from turtlebot_gym.observations import EVIDENCE, SCAN, TRACKS
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.validation import Range, choose
 from turtlebot_gym_agents.policies import make_policy, terms_of
@@ -102,6 +102,8 @@ class Graph:
             parameters = {"lidar_beams": 0, "own_clock": not self._lock_step, **parameters, "lidar": speech.lidar}
         if self._autonomous:
             parameters = _fit_room(parameters, allow_mismatch=allow_mismatch)
+        if "tick" in parameters:
+            self._names = (*self._names, "people_tracker")
         if parameters.get("fix", "none") not in NO_FIX:
             parameters = {"takes_fixes": True, **parameters}
         self._parameters = {name: self._for_node(name, pace, parameters) for name in self._names}
@@ -289,4 +291,6 @@ def _fit_room(parameters: Mapping[str, Any], *, allow_mismatch: bool = False) ->
     if world in OPEN_GROUND:
         return dict(parameters)
     lidar = find_lidar(parameters.get("lidar", TurtlebotSimulator.Params().lidar))
+    if TRACKS.name in names:  # a person of the simulation moves once in each of its steps
+        parameters = {"tick": parameters.get("period", 0.1), **parameters}
     return {"waypoints": "room", "lidar_yaw": lidar.yaw, "lidar_beams": lidar.beams, **parameters}

@@ -138,6 +138,34 @@ class PoseCandidates(NamedTuple):
     poses: tuple[Pose, ...]
 
 
+class Tracks(NamedTuple):
+    """What the term `turtlebot_gym.observations.TRACKS` shows: the nearest tracks, seen from the robot."""
+
+    numbers: tuple[float, ...]
+    """`turtlebot_gym.observations.NEAREST` times the seven numbers of a track."""
+
+
+class Person(NamedTuple):
+    """Something that moves."""
+
+    x: float
+    """Position, m."""
+    y: float
+    vx: float
+    """Velocity, m/s."""
+    vy: float
+    deviation: float
+    """Standard deviation of the position along each axis, m."""
+    radius: float
+    """Mean radius, m."""
+
+
+class People(NamedTuple):
+    """What moves, in the frame of the odometry."""
+
+    persons: tuple[Person, ...]
+
+
 class Correction(NamedTuple):
     """The transform from the world frame to that of the odometry, which drifts in it."""
 

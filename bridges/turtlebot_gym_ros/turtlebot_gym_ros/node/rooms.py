@@ -18,14 +18,15 @@ from geometry_msgs.msg import Point, PoseArray, Vector3
 from geometry_msgs.msg import Pose as RosPose
 from nav_msgs.msg import OccupancyGrid
 from rclpy.duration import Duration
-from sensor_msgs.msg import LaserScan, Range
+from sensor_msgs.msg import LaserScan, PointCloud2, PointField, Range
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from turtlebot_gym.beams import TURN
+from turtlebot_gym.observations import NEAREST
 from turtlebot_gym.rooms.grid import GridMap, grid_of
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
-from turtlebot_gym_ros.node.block import Correction, PoseCandidates
+from turtlebot_gym_ros.node.block import Correction, People, PoseCandidates, Tracks
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, transform_to, unread, write_pose
 
 HEIGHT = 0.3
@@ -34,7 +35,7 @@ LINE = 0.05
 """Width of the line that represents the walls, m."""
 LIFETIME = 3.0
 """Time after which a viewer removes a marker without an update, s, by the viewer's clock."""
-_GREY = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0)
+_GREY, _ORANGE = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0), ColorRGBA(r=0.9, g=0.6, b=0.0, a=0.7)
 
 
 def _read_scan(message: LaserScan) -> Scan:
@@ -125,12 +126,55 @@ def _write_places(places: PoseCandidates, header: Header) -> PoseArray:
     return message
 
 
+_TRACK = ("x", "y", "vx", "vy", "position_deviation", "velocity_deviation", "is_track", "z")
+"""Fields of a track as a point: the numbers of the term "tracks", and a height of zero, without which viewers show nothing."""
+
+
+def _write_tracks(tracks: Tracks, header: Header) -> PointCloud2:
+    rows = np.asarray(tracks.numbers, np.float32).reshape(-1, len(_TRACK) - 1)
+    data = np.column_stack([rows, np.zeros(len(rows), np.float32)]).astype("<f4")
+    message = PointCloud2(header=header, height=1, width=len(rows), point_step=4 * len(_TRACK), is_dense=True)
+    message.fields = [
+        PointField(name=name, offset=4 * at, datatype=PointField.FLOAT32, count=1) for at, name in enumerate(_TRACK)
+    ]
+    message.row_step, message.data = data.nbytes, array("B", data.tobytes())
+    return message
+
+
+def _read_tracks(message: PointCloud2) -> Tracks:
+    fields = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
+    expected = [(name, 4 * at, PointField.FLOAT32, 1) for at, name in enumerate(_TRACK)]
+    size = NEAREST * 4 * len(_TRACK)
+    if fields != expected or message.is_bigendian or len(message.data) != size:
+        raise ValueError(f"tracks must be {NEAREST} points of the fields {', '.join(_TRACK)} in float32")
+    rows = np.frombuffer(bytes(message.data), "<f4").reshape(NEAREST, -1)[:, :-1]
+    if not np.isfinite(rows).all():
+        raise ValueError("a track is not finite")
+    return Tracks(tuple(rows.ravel().tolist()))
+
+
+def _write_people(people: People, header: Header) -> MarkerArray:
+    """Return for each person a disc as wide as two standard deviations more than the body, and the way of the next second."""
+    markers = [Marker(header=header, action=Marker.DELETEALL)]
+    for number, person in enumerate(people.persons):
+        width = 2.0 * (person.radius + 2.0 * person.deviation)
+        disc = marker(header, "people", Marker.CYLINDER, (width, width, LINE), _ORANGE, lifetime=LIFETIME)
+        disc.id, disc.pose.position = number, Point(x=person.x, y=person.y, z=0.0)
+        way = marker(header, "ways", Marker.ARROW, (LINE, 2.0 * LINE, 0.0), _ORANGE, lifetime=LIFETIME)
+        way.id = number
+        way.points = [Point(x=person.x, y=person.y), Point(x=person.x + person.vx, y=person.y + person.vy)]
+        markers += [disc, way]
+    return MarkerArray(markers=markers)
+
+
 ROOM_CONVERSIONS: dict[type, Conversion] = {
     Scan: Conversion(LaserScan, _read_scan, _write_scan, False),
     Obstacles: Conversion(MarkerArray, _read_obstacles, _write_obstacles, True),
     Clearance: Conversion(Range, _read_clearance, _write_clearance, False),
     GridMap: Conversion(OccupancyGrid, _read_grid, _write_grid, True),
     PoseCandidates: Conversion(PoseArray, unread, _write_places, True),
+    Tracks: Conversion(PointCloud2, _read_tracks, _write_tracks, False),
+    People: Conversion(MarkerArray, unread, _write_people, False),
 }
 """The conversions of this module, by the type of the value; that of a `Correction` only where its message is installed."""
 try:  # it comes with a ROS installation, and is not on PyPI

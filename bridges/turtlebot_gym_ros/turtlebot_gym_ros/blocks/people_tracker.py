@@ -1,0 +1,141 @@
+"""The tracker of what moves: the environment's own, on a robot, from wheel odometry and LiDAR scans."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.rooms.sectors import EDGE
+from turtlebot_gym.rooms.worlds import find_lidar
+from turtlebot_gym.systems.tracking import UNIFORM, sweep_of
+from turtlebot_gym.tracking.sweep import Sweep
+from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan
+from turtlebot_gym.tracking.tracks import FRESH, MOVES, PX, PY, SIZE, STATE, TIME, VX, VY, predicted
+from turtlebot_gym.validation import Range, check_fields
+from turtlebot_gym.values import Odometry
+from turtlebot_gym_ros.node.block import Input, On, Output, People, Person, Stamped, Tracks
+
+TRAIL = 64
+"""Number of odometry poses that reach back to the first beam of a scan and of the one before: 1 s at 50 Hz."""
+MOST_BEAMS = 4096
+"""Most beams of a scan; one that has more is left out."""
+
+
+class PeopleTracker:
+    """Track what moves, such as people, in the frame of the odometry.
+
+    With each odometry it publishes the nearest tracks, which a policy reads as the term "tracks", and with each scan all,
+    for viewers. A scan counts as soon as the odometry reaches its last beam. It is as the LiDAR's preset says if it agrees with
+    that to single precision; otherwise as the message says. Its mount is that of ``/tf_static``, or the preset's.
+
+    Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``).
+    Outputs: ``nearest`` (`Tracks`, on ``tracks``, in the robot's frame, at odometry's stamp) and ``people`` (`People`, on
+    ``people``, in the frame ``odom_frame``).
+    Parameters: those of `Params`.
+    """
+
+    @dataclass(frozen=True, slots=True, kw_only=True)
+    class Params:
+        """Parameters of the tracker."""
+
+        odom_frame: str = ""
+        """Frame of the odometry; if empty, that of the estimate."""
+        lidar: str = "lds01"
+        """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`. It says its noise and timing, and its mount if
+        ``/tf_static`` states none."""
+        max_gap: Annotated[float, Range(0.0, 3600.0, open_low=True, unit="s")] = 10.0
+        """Gap in the odometry after which it starts anew, s."""
+        tick: Annotated[float, Range(0.0, 1.0, unit="s")] = 0.0
+        """Interval in which what is seen moves at once, as in a simulation, s; 0 on a robot."""
+
+        def __post_init__(self) -> None:
+            check_fields(self, "")
+
+    inputs = {
+        "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
+        "scan": Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, wakes=False),
+    }
+    outputs = {"nearest": Output(topic="tracks", type=Tracks), "people": Output(topic="people", type=People)}
+    trigger = On("odometry")
+
+    def __init__(self, params: Params) -> None:
+        self._lidar, self._tick = find_lidar(params.lidar), params.tick
+        self.trigger = replace(self.trigger, max_gap=params.max_gap)
+        self.inputs = {**self.inputs, "odometry": replace(self.inputs["odometry"], frame=params.odom_frame or None)}
+        self.outputs = {**self.outputs, "people": replace(self.outputs["people"], frame=params.odom_frame or None)}
+        self.figures: dict[str, Any] = {}
+        """What is tracked."""
+        self.reset()
+
+    def reset(self) -> None:
+        """Start anew with the next odometry."""
+        self._memory = memory_at(make_memory(1, beams=MOST_BEAMS, poses=TRAIL), 0)
+        self._time, self._since, self._dt, self._ticks, self._measured = 0.0, 0.0, 0.0, 0, -math.inf
+        self._begun = False
+        self.notice: str | None = None
+        """Why scans are left out, if so."""
+
+    def step(self, dt: float, odometry: Odometry, scan: Stamped) -> dict[str, Any]:
+        """Return the tracks after odometry that is ``dt`` later than the one before, s."""
+        if not self._begun:
+            begin(self._memory, 0.0, odometry.pose)
+            self._measured, self._begun = -scan.age, True
+        else:
+            self._pass(dt)
+        if odometry.measured and self._time > self._memory.trail[0, 0]:
+            on_odometry(self._memory, self._time, odometry.pose)
+        is_new = self._look_at(scan)
+        look(self._memory, self._time, odometry.pose, odometry.twist, UNIFORM * self._lidar.accuracy)
+        nearest = {"nearest": Tracks(tuple(self._memory.seen.tolist()))}
+        return {**nearest, "people": self._people()} if is_new else nearest
+
+    def _pass(self, dt: float) -> None:
+        """Advance the time; by equal steps it is a multiple of them, as in the environment, and not their sum."""
+        if dt != self._dt:
+            self._since, self._ticks, self._dt = self._time, 0, dt
+        self._ticks += 1
+        self._time = self._since + self._ticks * dt
+
+    def _look_at(self, scan: Stamped) -> bool:
+        """Update the tracks by a scan, if it is new and the odometry has reached its last beam; return whether it was so."""
+        stamp = self._time - scan.age
+        if stamp <= self._measured + 1e-6:
+            return False
+        if len(scan.value.ranges) > MOST_BEAMS:
+            self.notice = f"scans of {len(scan.value.ranges)} beams are left out: {MOST_BEAMS} are the most"
+            return False
+        sweep = self._sweep_of(scan, stamp)
+        if sweep.last > self._time + 1e-6:
+            return False
+        self._measured = stamp
+        on_scan(self._memory, scan.value.ranges, sweep)
+        return True
+
+    def _sweep_of(self, scan: Stamped, stamp: float) -> Sweep:
+        """Return how a scan was measured."""
+        lidar, sent, mount = self._lidar, scan.value, scan.mount
+        number, turn = len(sent.ranges), sent.increment * len(sent.ranges)
+        sweep = sweep_of(lidar, 0.0, self._tick)
+        if number != lidar.beams or abs(sent.first) > EDGE or abs(turn - TWO_PI) > EDGE:
+            interval = sent.beam_period or (1.0 / (lidar.rate * number) if lidar.turning else 0.0)
+            first = lidar.yaw + sent.first
+            sweep = sweep._replace(number=number, first=first, step=sent.increment, interval=interval, range_max=sent.range_max)
+        if mount is not None and max(map(abs, (mount.theta - lidar.yaw, mount.x - lidar.x, mount.y - lidar.y))) > EDGE:
+            sweep = sweep._replace(first=sweep.first + mount.theta - lidar.yaw, x=mount.x, y=mount.y)
+        last = stamp if lidar.stamped_at_end else stamp + sweep.interval * number
+        return sweep._replace(last=round(last, 9))
+
+    def _people(self) -> People:
+        """Return all fresh tracks at the present time, and count them in the diagnostics."""
+        persons = []
+        for track in self._memory.tracks:
+            dt = self._time - track[TIME]
+            if track[STATE] == MOVES and dt <= FRESH:
+                x, y = track[PX] + dt * track[VX], track[PY] + dt * track[VY]
+                numbers = (x, y, track[VX], track[VY], math.sqrt(predicted(track, dt).pp), track[SIZE])
+                persons.append(Person(*map(float, numbers)))
+        self.figures = {"tracks": len(persons)}
+        return People(tuple(persons))

@@ -1,0 +1,94 @@
+"""The node that tracks people: a real scan of another mount and direction says the same, and its messages keep every bit."""
+
+import math
+
+import numpy as np
+import pytest
+from std_msgs.msg import Header
+
+from turtlebot_gym import Episode
+from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.systems import Options
+from turtlebot_gym.values import ORIGIN, STOP, Odometry, Pose
+from turtlebot_gym_ros.blocks import PeopleTracker
+from turtlebot_gym_ros.node.block import People, Person, Stamped, Tracks
+from turtlebot_gym_ros.node.convert import conversion
+
+NOBODY = Tracks((0.0,) * 35)
+
+
+def drive(change=lambda scan: (scan, None), steps=60, **parameters):
+    """Return what the node publishes as the environment's robot stands among people, and what the environment shows."""
+    setup = Options(world="people", lidar="lds01", noise="wheel", observation="ekf,tracks").setup()
+    episode, block = Episode(setup.parameters, setup.waypoints, seed=2, system=setup.system), None
+    block = PeopleTracker(PeopleTracker.Params(tick=0.1, **parameters))
+    lidar, found = setup.parameters.room.lidar, []
+    for step in range(steps + 1):
+        if step:
+            episode.act((0.0, 0.2))
+        world, scene = episode.world, episode.scene
+        step_of = math.tau / int(lidar.beams)
+        scan = Scan(scene.lidar.ranges[1].copy(), 0.0, step_of, lidar.range_min, lidar.range_max)
+        scan, mount = change(scan)
+        found.append(
+            (block.step(0.1, world.senses.odometry, Stamped(scan, world.room.scan_age, mount)), scene.tracker.seen.copy())
+        )
+    return found
+
+
+def test_it_shows_what_the_environment_does():
+    found = drive()
+    for answer, expected in found:
+        np.testing.assert_array_equal(np.float32(answer["nearest"].numbers), expected)
+    assert any(answer["nearest"] != NOBODY for answer, _ in found)
+    people = [answer["people"] for answer, _ in found if "people" in answer]
+    assert len(people) > 20
+    assert max(len(these.persons) for these in people) > 0
+
+
+def test_a_lidar_that_is_mounted_backwards_sees_the_same():
+    def turned(scan):  # the same beams, in the same order, from a LiDAR whose zero is behind
+        return scan._replace(first=math.pi), Pose(-0.032, 0.0, -math.pi)
+
+    for (answer, expected), (other, _) in zip(drive(), drive(turned), strict=True):
+        np.testing.assert_array_equal(np.float32(answer["nearest"].numbers), expected)
+        np.testing.assert_allclose(other["nearest"].numbers, expected, atol=2e-3)
+
+
+def test_a_mount_that_is_wrong_shows_people_elsewhere():
+    def turned(scan):
+        return scan, Pose(-0.032, 0.0, math.pi)
+
+    far = [np.abs(np.subtract(other["nearest"].numbers, expected)).max() for other, expected in drive(turned)]
+    assert max(far) > 0.5
+
+
+def test_a_scan_of_too_many_beams_is_left_out_and_named():
+    block = PeopleTracker(PeopleTracker.Params())
+    scan = Scan(np.full(5000, 2.0, np.float32), 0.0, math.tau / 5000, 0.1, 3.5)
+    odometry = Odometry(ORIGIN, STOP, True)
+    block.step(0.0, odometry, Stamped(scan, 0.0))
+    assert block.step(0.5, odometry, Stamped(scan, 0.0)) == {"nearest": NOBODY}
+    assert block.notice == "scans of 5000 beams are left out: 4096 are the most"
+
+
+def test_tracks_keep_every_bit_as_points():
+    rng = np.random.default_rng(0)
+    tracks = Tracks(tuple(rng.normal(size=35).astype(np.float32).tolist()))
+    to = conversion(Tracks)
+    message = to.write(tracks, Header())
+    assert [field.name for field in message.fields][:4] == ["x", "y", "vx", "vy"]
+    assert to.read(message) == tracks
+    message.fields[0].name = "X"
+    with pytest.raises(ValueError, match="tracks must be 5 points of the fields x, y, vx"):
+        to.read(message)
+    with pytest.raises(ValueError, match="not finite"):
+        to.read(to.write(Tracks((math.nan,) * 35), Header()))
+
+
+def test_people_are_discs_and_ways():
+    message = conversion(People).write(People((Person(1.0, 2.0, 0.5, 0.0, 0.1, 0.25),)), Header())
+    clear, disc, way = message.markers
+    assert clear.action == clear.DELETEALL
+    assert disc.scale.x == pytest.approx(2.0 * (0.25 + 2.0 * 0.1))
+    assert (way.points[1].x, way.points[1].y) == (1.5, 2.0)
