@@ -115,6 +115,7 @@ def test_files_that_are_no_models_and_models_of_other_sizes_are_refused(tmp_path
             load_model(tmp_path / "model.zip", allow_pickle=True)
 
 
+@pytest.mark.nightly
 def test_only_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkeypatch):
     model = untrained(activation_fn="ELU")
     assert export(model, tmp_path / "policy.onnx", steps=20) <= TOLERANCE

@@ -56,6 +56,7 @@ def test_the_names_of_the_agents_package_are_found():
         turtlebot_gym_agents.Nothing  # noqa: B018
 
 
+@pytest.mark.nightly
 def test_training_imports_neither_torchs_exporter_nor_its_compiler(tmp_path):
     script = f"""
 from pathlib import Path

@@ -55,6 +55,7 @@ def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, k
 # Folders and command lines.
 
 
+@pytest.mark.nightly
 def test_the_best_model_of_a_training_in_rooms_is_exported_by_its_folder(tmp_path, capsys):
     hyper = {"n_envs": 8, "n_timesteps": 256, "n_steps": 16, "batch_size": 64, "policy_kwargs": SMALL}
     config = TrainingConfig(env=ROOMS, world="office", config=hyper, evaluations=1, episodes=4, steps=256, randomize=True)
@@ -96,6 +97,7 @@ def zoo_run(folder, *, hyper=None, **env_kwargs):
     return model, run
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("named", ["folder", pytest.param("zip", marks=pytest.mark.nightly)])
 def test_a_run_of_rl_baselines3_zoo(tmp_path, capsys, named):
     model, run = zoo_run(tmp_path, robot="waffle")
@@ -154,6 +156,7 @@ def test_a_networks_file_acts_in_its_bundle_as_in_torch(tmp_path, capsys, name):
     close(actions, torch_actions(network, observations))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["module.pt", "one.onnx"])
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_statistics_beside_a_network_must_be_named_or_denied(tmp_path, capsys, name):

@@ -58,6 +58,7 @@ def refused(name, option, value, capsys, *more):
     return line
 
 
+@pytest.mark.sample(7)
 @pytest.mark.parametrize(("name", "option"), WRITTEN)
 def test_an_output_that_cannot_be_written_is_refused_before_the_work(name, option, untouched, capsys, folder):
     kind = _kinds_of(COMMANDS[name])[option]

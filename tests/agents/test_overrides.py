@@ -192,6 +192,7 @@ LOCALIZED = ("env=rooms", "noise=wheel", "localizer=match")
 CONTEXTS = [(), ("env=square",), ("env=rooms",), ("env=missions",), LOCALIZED[:2], LOCALIZED, ("imu=mpu9250", "filter=gyro")]
 
 
+@pytest.mark.sample(12)
 @pytest.mark.parametrize("learning", [False, True])
 @pytest.mark.parametrize("name", [item.name for item in fields(Options)])
 def test_each_option_changes_the_environment_or_is_refused(name, learning):
@@ -226,6 +227,7 @@ def made(command):
     return Options.of({"task": registered(command.env), **request}).setup()
 
 
+@pytest.mark.sample(12)
 @pytest.mark.parametrize(
     ("words", "message"),
     [

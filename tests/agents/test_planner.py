@@ -208,6 +208,7 @@ def test_a_batch_that_keeps_some_rows_equals_these_rows(name):
         np.testing.assert_allclose(whole(step[kept]), part(step[kept]), rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.nightly
 def test_episodes_do_not_depend_on_whether_a_batch_drops_finished_rows():
     class Whole:
         def __init__(self, policy):
@@ -224,6 +225,7 @@ def test_episodes_do_not_depend_on_whether_a_batch_drops_finished_rows():
     np.testing.assert_array_equal(shrunk.episodes.path, whole.episodes.path)
 
 
+@pytest.mark.nightly
 def test_in_an_office_memory_finds_the_doors():
     """40 offices. With a success of 0.985 and 0.8, a bound is missed by fewer than one seed in a thousand."""
     names = "vfh", "planner+safety"

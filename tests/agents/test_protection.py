@@ -125,6 +125,7 @@ def reckless(seed):
     return drive
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("delay", [1, 2])
 def test_within_the_layer_no_robot_touches_a_post_if_a_stop_was_possible(delay):
     """150 reckless robots among posts that stand still, with a perfect LiDAR, whose commands are a step late or two."""
@@ -182,6 +183,7 @@ def test_every_number_of_the_safety_layer_matters_and_is_checked(number):
         layered(1.0, 0.5, rows, **{number: -1.0})
 
 
+@pytest.mark.nightly
 def test_the_safety_layer_prevents_most_collisions_of_a_policy_that_sees_nothing():
     blind, layered = (evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("bearing", "bearing+safety"))
     assert blind["collision"].value > 0.3

@@ -37,6 +37,7 @@ def test_a_defect_whose_text_is_not_there_once_counts_as_not_found(monkeypatch, 
     assert row["why"] == f"not planted: 'x = 1' occurs {times} times in part/module.py"
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("test", "found"), [("assert x == 1", True), ("assert x", False), ("1 / 0 ; broken(", False)])
 def test_a_test_finds_a_defect_if_it_fails_and_not_if_it_passes_or_cannot_run(monkeypatch, tmp_path, test, found):
     (tmp_path / "part").mkdir()

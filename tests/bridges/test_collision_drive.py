@@ -157,6 +157,7 @@ def test_a_footprint_behind_the_axle_touches_nothing_by_turning(footprint_x):
     assert drive.turned[is_there].mean() > 0.5
 
 
+@pytest.mark.nightly
 def test_a_monitor_that_takes_old_scans_for_new_ones_is_noticed():
     """The partner: with no account of the robot's motion since the scan, and no margin, robots touch something."""
     careless = {"collision_margin": 0.0, "collision_time": 0.5, "reaction": 0.0, "scan_period": 0.0, "scan_error": 0.0}

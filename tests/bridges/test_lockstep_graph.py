@@ -63,6 +63,7 @@ DRIVES = [
 ]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("parameters", "processes", "otherwise"), DRIVES)
 def test_the_graph_is_the_environment(compare, tmp_path, parameters, processes, otherwise):
     policy, noise, switch, filter, fix = parameters

@@ -33,6 +33,7 @@ def test_a_localizer_takes_the_place_of_the_filter():
     assert {*_expected("autonomous", {"localizer": (0, "runs")})} ^ {*MODES["autonomous"]} == {"localizer", "kalman_filter"}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("stamped", [True, False], ids=["TwistStamped", "Twist"])
 def test_no_node_reports_a_fault_because_somebody_looks(launch, stamped):
     texts = set()

@@ -176,6 +176,7 @@ def graph(runner):
     return shells
 
 
+@pytest.mark.nightly
 def test_topics_parameters_and_services_of_a_live_graph(ask, graph):
     controller = graph[0]
     code, out, _ = ask("topics", "cmd_vel", "--verbose")
@@ -206,7 +207,6 @@ def test_topics_parameters_and_services_of_a_live_graph(ask, graph):
     assert "Did you mean '/velocity_controller/enable'?" in error
 
 
-@pytest.mark.nightly
 def test_messages_are_heard_and_told(ask, graph, peer):
     heard = peer.hear("said", Bool)
     assert ask("pub", "said", "std_msgs/msg/Bool", "{data: true}", "--once")[0] == 0

@@ -43,6 +43,7 @@ def test_a_known_component_measured_without_noise_stays_and_nothing_divides_by_z
     assert nis == pytest.approx(0.25e12)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_covariance_stays_positive_under_fuzzing(integrator):
     """Scales over twelve decades, missing ranks, drop-outs, gates and restarts: never a negative variance or eigenvalue.

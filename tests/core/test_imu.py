@@ -49,6 +49,7 @@ def readings(seeds=400, steps=50, **noise):
     return np.array(rows)
 
 
+@pytest.mark.nightly
 def test_readings_have_the_stated_noise_bias_and_drift():
     """Standard errors are 3.5 % for 400 seeds: 18 % is more than five of them, a false alarm in a million."""
     assert readings(seeds=40, variance=0.04).std() == pytest.approx(0.2, rel=0.09)

@@ -70,6 +70,7 @@ def test_an_extra_is_installed_from_where_the_package_came(noted, command, monke
     assert extras.installing("gym") == command
 
 
+@pytest.mark.sample(1)
 @pytest.mark.skipif(find_spec("tyro") is None, reason="needs the extra [gym]")
 @pytest.mark.parametrize("asked", ["turtlebot_gym evaluate --episodes 2", "turtlebot_gym --help", "turtlebot_gym_ros --help"])
 def test_a_command_ends_quietly_if_nobody_reads_on(asked):

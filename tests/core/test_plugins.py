@@ -42,6 +42,7 @@ def test_a_module_in_the_working_folder_is_found_with_those_beside_it(load):
     assert load("good:drive").startswith("<function drive")
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(
     ("name", "cause"),
     [

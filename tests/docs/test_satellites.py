@@ -130,6 +130,7 @@ for package in sys.argv[1:]:
 """
 
 
+@pytest.mark.nightly
 def test_every_module_of_the_product_is_imported_without_it(copy):
     packages = ["turtlebot_gym", "turtlebot_gym_agents", *(["turtlebot_gym_ros"] if find_spec("rclpy") else [])]
     done = copy.run("-c", IMPORT_ALL, *packages)

@@ -143,6 +143,7 @@ def check(line, ros):
             pytest.fail(f"this command is neither run nor checked: {line}")
 
 
+@pytest.mark.sample(14)
 def test_commands_of_the_pages_name_what_exists(page, ros):
     for block in blocks_of(page):
         for line in block.text.replace("\\\n", " ").splitlines():

@@ -56,6 +56,7 @@ def test_trials_do_not_end_early(ends, tmp_path):
         tune(replace(config, **ends), tmp_path / "study")
 
 
+@pytest.mark.nightly
 def test_a_search_continues_with_a_third_trial(tmp_path):
     falling, counts = replace(config, config=TINY | {"learning_rate": "lin_0.001"}), []
     study = tune(falling, tmp_path / "study", trials=2, progress=counts.append)

@@ -63,6 +63,7 @@ def test_an_invalid_study_is_refused_with_the_files_name(text, message, tmp_path
     assert str(tmp_path / "study.yaml") in str(refusal.value)
 
 
+@pytest.mark.nightly
 def test_the_command_reports_the_evaluations_and_resumes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "hyper.yaml").write_text(HYPER)

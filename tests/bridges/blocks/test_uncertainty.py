@@ -39,6 +39,7 @@ def normalized(noise, factor=1.0):
     return total
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("noise", ["tutorial", "wheel"])
 def test_errors_are_as_large_as_stated(noise):
     """White noise, and drift that grows: the sum is chi-square with 3 degrees of freedom for each drive."""
@@ -46,6 +47,7 @@ def test_errors_are_as_large_as_stated(noise):
     assert low < normalized(noise) < high
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("factor", [0.6, 1.6])
 def test_a_covariance_of_another_size_would_be_noticed(factor):
     low, high = stats.chi2.interval(1.0 - ALARM, 3 * RUNS)
