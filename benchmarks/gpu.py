@@ -1,8 +1,8 @@
 """Steps per second of open ground on a GPU, and whether each step has the bits of the engine: two minutes of a GPU.
 
-``python benchmarks/gpu.py --json benchmarks/gpu.json`` measures on a CUDA device. ``--device warp-cpu --sizes 8 10 --seconds 0.2``
-tries the script, on this processor. Times are those of the wall, from a device that has nothing to do to one
-that has done all.
+``python benchmarks/gpu.py --json benchmarks/gpu.json`` measures on a CUDA device.
+``--device warp-cpu --sizes 8 10 --seconds 0.2`` tries the script, on this processor. Times are those of the wall, from a
+device that has nothing to do to one that has done all.
 """
 
 from __future__ import annotations

@@ -1,0 +1,258 @@
+"""Who reaches the goal among people: stops by tracks, by what was learned, and by the truth, at once or some tenths later.
+
+All drive VFH+, and stand while somebody is about to come near. The one who knows has the true positions and velocities; with a
+delay, those of some steps ago, moved on straight. A rule does the same with the tracks, tuned on the trainings' rooms. The
+learned stop imitates the one who knows, from three scans, the tracks and VFH+'s action (DAgger). Odometry is the wheels',
+without noise of the motion: with it the robot does not find its goal, whoever walks there.
+
+References:
+    Ross, Gordon, Bagnell, "A reduction of imitation learning and structured prediction to no-regret online learning" (2011).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import NDArray
+from rich.table import Table
+
+from harness.study import Study, each, run
+from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
+from turtlebot_gym.parameters import ProcessNoise
+from turtlebot_gym.presets import make_noise, make_robot
+from turtlebot_gym_agents import make_policy
+from turtlebot_gym_agents.evaluation import comparison, metrics
+from turtlebot_gym_agents.policies.fit import ROOMS
+from turtlebot_gym_agents.policies.yielding import Scans
+
+Flags = NDArray[np.bool_]
+WIDTH = NEAREST * len(TRACK_BOUNDS[0])
+PERIOD, HORIZON, GAP = 0.1, 1.0, 0.1
+"""Control period, s; and the stop: somebody who walks on straight would come nearer than this, m, within this time, s."""
+TRAINING_SEED = 2**40
+RULES = list(itertools.product((0.7, 1.0, 1.5), (0.35, 0.45, 0.55), (0.0, 0.5)))
+"""Tries of the rule: time, s; distance of the middles, m; and how many standard deviations nearer a person may be."""
+BATCH, EPOCHS, FOUND = 2048, 3, 0.45
+"""Samples of an update, passes over all in a round, and probability from which the learned stop stands."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(Study):
+    """Train and drive."""
+
+    lidars: tuple[str, ...] = ("lds01", "lds02", "a1")
+    """LiDARs."""
+    episodes: int = 1000
+    """Number of held-out rooms."""
+    seed: int = 5_000_000
+    """Their first seed."""
+    trainings: int = 3
+    """Number of trainings of the stop."""
+    rounds: int = 12
+    """Rounds of collecting and learning in each."""
+    late: tuple[int, ...] = (0, 2, 4)
+    """Delays of the one who knows, steps."""
+
+
+def rooms(number: int, lidar: str, **options: Any) -> VectorEnv:
+    """Return rooms with people."""
+    noise = replace(make_noise("wheel"), process=ProcessNoise())
+    options |= {"world": "people", "observation": "ekf,tracks", "info": "full", "vectorization_mode": "vector_entry_point"}
+    return gym.make_vec(ROOMS, num_envs=number, lidar=lidar, noise=noise, **options)
+
+
+def comes_near(to: NDArray, walks: NDArray, horizon: float, near: NDArray | float) -> Flags:
+    """Return which persons at a place relative to the robot come near, if they walk on straight."""
+    until = np.clip(-(to * walks).sum(axis=-1) / np.maximum((walks**2).sum(axis=-1), 1e-9), 0.0, horizon)
+    return np.asarray(np.linalg.norm(to + walks * until[..., None], axis=-1) < near)
+
+
+class Driver:
+    """A policy, by default VFH+, that stands where ``stops(envs, observations, actions)`` says so."""
+
+    def __init__(
+        self,
+        stops: Callable[[VectorEnv, NDArray, NDArray], Flags] = lambda envs, observations, actions: np.zeros(
+            len(actions), bool
+        ),
+        begin: Callable[[Flags], None] = lambda mask: None,
+        *,
+        policy: str = "vfh",
+    ) -> None:
+        self.policy: Any = make_policy(policy)
+        self.stops, self._begin = stops, begin
+
+    def reset(self, mask: Flags) -> None:
+        self.policy.reset(mask)
+        self._begin(mask)
+
+    def __call__(self, envs: VectorEnv, observations: NDArray) -> NDArray:
+        actions = np.array(self.policy(observations[:, :-WIDTH]))
+        actions[self.stops(envs, observations, actions)] = 0.0
+        return actions
+
+
+class Knowing:
+    """Stops by the truth as it was some steps ago."""
+
+    def __init__(self, late: int = 0) -> None:
+        self._late, self._past = late, list[tuple[NDArray, NDArray]]()
+
+    def __call__(self, envs: VectorEnv, *_: Any) -> Flags:
+        around: Any = envs.unwrapped
+        scenes, states, _ = around.truth()
+        circles, there = scenes.room.circles, np.arange(scenes.room.circles.shape[1]) < scenes.room.counts[:, :1]
+        self._past = [*self._past[-self._late :], (circles[..., :2].copy(), circles[..., 3:5].copy())][-self._late - 1 :]
+        at, walks = self._past[0]
+        to = at + walks * PERIOD * (len(self._past) - 1) - states[:, None, :2]
+        near = GAP + circles[..., 2] + around.parameters.robot.radius
+        return np.asarray((comes_near(to, walks, HORIZON, near) & there).any(axis=1))
+
+
+def by_tracks(horizon: float, near: float, deviations: float) -> Driver:
+    """Return a driver that stops by the tracks."""
+
+    def stops(envs: VectorEnv, observations: NDArray, actions: NDArray) -> Flags:
+        rows = observations[:, -WIDTH:].reshape(len(observations), NEAREST, -1).astype(float)
+        margin = near + deviations * rows[..., 4]
+        near_ones = comes_near(rows[..., :2], rows[..., 2:4], horizon, margin) & (rows[..., 6] > 0.0)
+        return np.asarray(near_ones.any(axis=1))
+
+    return Driver(stops)
+
+
+class Learned:
+    """A network, and what it sees: three scans, VFH+'s action, and of each track place, velocity, deviations and way."""
+
+    def __init__(self, net: torch.nn.Sequential | None = None, mean: Any = None, std: Any = None) -> None:
+        self.net, self.mean, self.std = net, mean, std
+        self.scans = Scans(make_robot("burger"), PERIOD, -0.032, 0.1)
+
+    def features(self, observations: NDArray, actions: NDArray) -> torch.Tensor:
+        rows = observations[:, -WIDTH:].reshape(len(observations), NEAREST, -1).astype(float)
+        to, walks = rows[..., :2], rows[..., 2:4]
+        until = np.clip(-(to * walks).sum(axis=-1) / np.maximum((walks**2).sum(axis=-1), 1e-9), 0.0, 2.0)
+        least = np.linalg.norm(to + walks * until[..., None], axis=-1)
+        tracks = np.concatenate([rows[..., :6], np.linalg.norm(to, axis=-1)[..., None], until[..., None], least[..., None]], -1)
+        nobody = np.array([3.0, 3.0, 0.0, 0.0, 1.0, 1.0, 3.0, 2.0, 3.0])
+        tracks = np.where(rows[..., 6:] > 0.0, np.minimum(tracks, np.maximum(nobody, 1.0)), nobody)
+        scans = self.scans.features(observations[:, :-WIDTH].astype(float))
+        return torch.from_numpy(np.concatenate([scans, actions, tracks.reshape(len(rows), -1)], 1).astype(np.float32))
+
+    def normal(self, features: torch.Tensor) -> torch.Tensor:
+        return ((features - self.mean) / self.std).clamp(-10.0, 10.0)
+
+    def __call__(self, envs: VectorEnv, observations: NDArray, actions: NDArray) -> Flags:
+        with torch.no_grad():
+            assert self.net is not None
+            return (self.net(self.normal(self.features(observations, actions)))[:, 0].sigmoid() >= FOUND).numpy()
+
+
+def collect(learned: Learned, seed: int, lidar: str) -> Iterator[tuple[torch.Tensor, Flags]]:
+    """Drive 256 rooms for 400 steps, and yield features and whether the one who knows would stop."""
+    envs, knows, random = rooms(256, lidar, autoreset_mode=AutoresetMode.SAME_STEP), Knowing(), np.random.default_rng(seed)
+    driver, last = Driver(learned, learned.scans.reset), [torch.empty(0), np.empty(0, np.bool_)]
+
+    def stops(envs: VectorEnv, observations: NDArray, actions: NDArray) -> Flags:
+        last[:] = learned.features(observations, actions), knows(envs)
+        if learned.net is None:
+            return np.asarray(np.where(random.random(256) < 0.8, last[1], random.random(256) < 0.5))
+        with torch.no_grad():
+            return (learned.net(learned.normal(last[0]))[:, 0] >= 0.0).numpy()
+
+    driver.stops = stops
+    observations, _ = envs.reset(seed=seed)
+    driver.reset(np.ones(256, np.bool_))
+    for step in range(400):
+        observations, _, terminated, truncated, _ = envs.step(driver(envs, observations))
+        if step % 2 == 0:
+            yield last[0], last[1]
+        if (over := terminated | truncated).any():
+            driver.reset(over)
+    envs.close()
+
+
+def train(seed: int, config: Config) -> Learned:
+    """Return a stop that imitates the one who knows."""
+    torch.manual_seed(seed)
+    torch.set_num_threads(1)
+    learned, parts = Learned(), list[tuple[torch.Tensor, Flags]]()
+    for number in each(range(config.rounds), f"training {seed}"):
+        first = TRAINING_SEED * (1 + seed) + 256 * number
+        parts += collect(learned, first, config.lidars[number % len(config.lidars)])
+        x, y = torch.cat([x for x, _ in parts]), torch.from_numpy(np.concatenate([y for _, y in parts])).float()
+        if learned.net is None:
+            learned.mean, learned.std = x.mean(dim=0), x.std(dim=0).clamp_min(1e-3)
+            sizes, relu = (x.shape[1], 128, 128, 1), torch.nn.ReLU
+            first_layer, second, third = (torch.nn.Linear(a, b) for a, b in itertools.pairwise(sizes))
+            learned.net = torch.nn.Sequential(first_layer, relu(), second, relu(), third)
+        z, optimizer = learned.normal(x), torch.optim.Adam(learned.net.parameters(), 1e-3)
+        loss_of = torch.nn.BCEWithLogitsLoss(pos_weight=torch.tensor(3.0))  # a stop that is missed is worse
+        for batch in (part for _ in range(EPOCHS) for part in torch.randperm(len(z)).split(BATCH)):
+            optimizer.zero_grad()
+            loss_of(learned.net(z[batch])[:, 0], y[batch]).backward()
+            optimizer.step()
+    return learned
+
+
+def driven(driver: Driver, lidar: str, episodes: int, seed: int) -> dict[str, NDArray]:
+    """Return which rooms' goals were reached, and in which the robot touched something, and the times of all, s."""
+    envs = rooms(episodes, lidar)
+    observations, _ = envs.reset(seed=seed)
+    driver.reset(np.ones(episodes, np.bool_))
+    over, reached, touched, steps = (np.zeros(episodes, kind) for kind in (np.bool_, np.bool_, np.bool_, float))
+    for step in itertools.count(1):
+        observations, _, terminated, truncated, info = envs.step(driver(envs, observations))
+        new = (terminated | truncated) & ~over
+        reached[new], touched[new], steps[new] = info["is_success"][new], terminated[new] & ~info["is_success"][new], step
+        over |= new
+        if over.all():
+            break
+    envs.close()
+    return {"success": reached, "collision": touched, "time": steps * PERIOD}
+
+
+def tuned() -> tuple[float, float, float]:
+    """Return the numbers of the rule with which most goals are reached in rooms of the trainings."""
+    goals = {rule: driven(by_tracks(*rule), "lds01", 200, TRAINING_SEED)["success"].mean() for rule in each(RULES, "rules")}
+    return max(goals, key=lambda rule: goals[rule])
+
+
+def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
+    """Return the results and their table."""
+    rule, learned = tuned(), [train(seed, config) for seed in range(config.trainings)]
+    drivers: dict[str, Callable[[], list[Driver]]] = {
+        "vfh": lambda: [Driver()],
+        "vfh+yield": lambda: [Driver(policy="vfh+yield")],
+        "stop by tracks": lambda: [by_tracks(*rule)],
+        "stop learned on scans and tracks": lambda: [Driver(one, one.scans.reset) for one in learned],
+    }
+    for late in config.late:
+        name = "stop that knows" + (f", {late * PERIOD:.1f} s late" if late else "")
+        drivers[name] = lambda late=late: [Driver(Knowing(late))]
+    rows, table = [], Table("LiDAR", "policy", "goals, %", "collisions, %", "to goal, s")
+    for lidar, name in each(list(itertools.product(config.lidars, drivers)), "drives"):
+        parts = [driven(driver, lidar, config.episodes, config.seed) for driver in drivers[name]()]
+        share = comparison.share if len(parts) > 1 else lambda flags: metrics.share(flags[0])
+        row = {key: share(np.array([part[key] for part in parts])) for key in ("success", "collision")}
+        time = metrics.mean(np.concatenate([part["time"][part["success"]] for part in parts]))
+        rows.append({"lidar": lidar, "policy": name, **row, "time_to_goal": time})
+        shown = ("{:.1f} ({:.1f}, {:.1f})".format(*(100.0 * bound for bound in share)) for share in row.values())
+        table.add_row(lidar, name, *shown, f"{time.value:.1f}")
+    return {"rule": rule, "rows": rows}, [table]
+
+
+def main() -> None:
+    """Train, drive, print a table and write the results."""
+    run(Config, measure, beside=__file__)
+
+
+if __name__ == "__main__":
+    main()
