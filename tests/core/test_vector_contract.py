@@ -108,7 +108,11 @@ def test_within_gymnasiums_wrappers_ours_is_sync_vector_env(name, mode):
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
     compared = 0
-    for seen, expected in zip(drive(ours, mode), drive(theirs, mode), strict=True):
+    try:
+        all_expected = list(drive(theirs, mode))
+    except KeyError as error:
+        pytest.skip(f"these wrappers of Gymnasium {gym.__version__} do not fit together: no {error}")
+    for seen, expected in zip(drive(ours, mode), all_expected, strict=True):
         assert len(seen) == len(expected)
         for outcome, other in zip(seen[:-1], expected[:-1], strict=True):
             np.testing.assert_array_equal(outcome, other)
