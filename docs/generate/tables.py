@@ -288,6 +288,18 @@ TABLES = {
         {"part": "{part}", "figure": "{name}", "measured": "{value:.3g} {unit}", "limit": "{limit:g}"},
     ),
     "speed": lambda: table(named(read("speed")["environments"]), SPEED),
+    "peers": lambda: table(
+        read("peers")["rows"],
+        {
+            "environment": "{peer}",
+            "number": "{size}",
+            "ns a step": "{peer_ns[cpu].value:,.0f}",
+            "ours": "{ours}",
+            "its ns a step": "{ours_ns[cpu].value:,.0f}",
+            "times ours": "{ratio.value:.1f}",
+            "in the rounds": "{ratio.low:.1f} to {ratio.high:.1f}",
+        },
+    ),
     "gpu": lambda: table(
         read("gpu")["rates"],
         {"environments": "{environments:,}", "steps/s": "{steps_per_second:,.0f}", "memory, bytes": "{memory_bytes:,}"},
