@@ -72,6 +72,16 @@ def test_a_scan_of_too_many_beams_is_left_out_and_named():
     assert block.notice == "scans of 5000 beams are left out: 4096 are the most"
 
 
+def test_odometry_that_begins_elsewhere_moves_nobody():
+    block, scan = PeopleTracker(PeopleTracker.Params()), Scan(np.full(360, 2.0, np.float32), 0.0, math.tau / 360, 0.1, 3.5)
+    for step in range(60):
+        pose = Pose(5.0 * (step > 30), 0.0, 0.0)
+        scan = scan._replace(ranges=np.full(360, 2.0 - 1.5 * (step > 30), np.float32))
+        answer = block.step(0.1, Odometry(pose, STOP, True), Stamped(scan, 0.0))
+        assert answer["nearest"] == NOBODY
+        assert (block.notice is not None) == (step == 31)
+
+
 def test_tracks_keep_every_bit_as_points():
     rng = np.random.default_rng(0)
     tracks = Tracks(tuple(rng.normal(size=35).astype(np.float32).tolist()))

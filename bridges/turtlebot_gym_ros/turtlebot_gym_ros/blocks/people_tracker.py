@@ -20,6 +20,8 @@ from turtlebot_gym_ros.node.block import Input, On, Output, People, Person, Stam
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan and of the one before: 1 s at 50 Hz."""
+LEAP, FASTEST = 0.2, 3.0
+"""Way from which on odometry has begun elsewhere, m, and what is added to it for each second, m/s."""
 MOST_BEAMS = 4096
 """Most beams of a scan; one that has more is left out."""
 
@@ -29,7 +31,8 @@ class PeopleTracker:
 
     With each odometry it publishes the nearest tracks, which a policy reads as the term "tracks", and with each scan all,
     for viewers. A scan counts as soon as the odometry reaches its last beam. It is as the LiDAR's preset says if it agrees with
-    that to single precision; otherwise as the message says. Its mount is that of ``/tf_static``, or the preset's.
+    that to single precision; otherwise as the message says. Its mount is that of ``/tf_static``, or the preset's. Where
+    odometry begins elsewhere, the tracker begins anew.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``).
     Outputs: ``nearest`` (`Tracks`, on ``tracks``, in the robot's frame, at odometry's stamp) and ``people`` (`People`, on
@@ -80,6 +83,11 @@ class PeopleTracker:
 
     def step(self, dt: float, odometry: Odometry, scan: Stamped) -> dict[str, Any]:
         """Return the tracks after odometry that is ``dt`` later than the one before, s."""
+        (x, y, _), (_, last_x, last_y, _) = odometry.pose, self._memory.trail[0]
+        leaps = self._begun and math.hypot(x - last_x, y - last_y) > LEAP + FASTEST * dt
+        if leaps:
+            self.reset()
+        self.notice = "odometry began elsewhere: what was seen before is forgotten" if leaps else None
         if not self._begun:
             begin(self._memory, 0.0, odometry.pose)
             self._measured, self._begun = -scan.age, True
