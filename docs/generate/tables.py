@@ -126,6 +126,10 @@ TABLES = {
             "to goal, s": "{time_to_goal.value:.1f}",
         },
     ),
+    "late": lambda: table(
+        read("among_people")["rows"],
+        {"LiDAR": "{lidar}", "policy": "{policy}", **SHARES, "to goal, s": "{time_to_goal.value:.1f}"},
+    ),
     "barn": lambda: table(
         barn(),
         {"policy": "{name}", **SHARES, "time-outs, %": "{timeout:.1%}", "score, at most 0.5": "{barn:.3f}"},

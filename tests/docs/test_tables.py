@@ -110,6 +110,17 @@ def test_findings_among_people_are_what_was_measured():
     ):
         chosen = [row for row in results if (row["policy"].endswith(part) if part != "vfh" else "stop" not in row["policy"])]
         assert words.format(span([row["success"]["value"] for row in chosen])) in ROOMS
+    late = measured("among_people")["rows"]
+    for part, words in (("0.2 s late", "0.2 s late it reaches {}"), ("0.4 s late", "0.4 s late {}")):
+        reached = {round(100.0 * row["success"]["value"]) for row in late if row["policy"].endswith(part)}
+        assert words.format(f"{reached.pop()} %") in ROOMS
+        assert not reached, "the LiDARs differ"
+    for lidar in ("lds01", "lds02", "a1"):
+        before, *others = (
+            next(row["success"] for row in late if row["lidar"] == lidar and row["policy"].endswith(part))
+            for part in ("vfh+yield", "by tracks", "scans and tracks")
+        )
+        assert all(other["low"] < before["high"] for other in others), "one of them gains"
     gains = {row["lidar"]: row["success_minus_rule"] for row in results if "success_minus_rule" in row}
     for lidar, words in (
         ("lds01", "{} points ({}, {}) with `lds01`"),
