@@ -143,6 +143,13 @@ def healthy(message_type):
     if message_type.__name__ == "LaserScan":
         message.angle_increment, message.range_min, message.range_max = 0.0174, 0.12, 3.5
         message.ranges = [1.0] * 360
+    if message_type.__name__ == "PointCloud2":
+        from turtlebot_gym_ros.node.block import Tracks
+        from turtlebot_gym_ros.node.convert import conversion
+
+        tracks = conversion(Tracks).write(Tracks((0.5,) * 35), message.header)
+        for name in message.get_fields_and_field_types():
+            setattr(message, name, getattr(tracks, name))
     if message_type.__name__ == "OccupancyGrid":
         message.info.resolution, message.info.width, message.info.height, message.data = 0.05, 20, 20, [0] * 400
     if message_type.__name__ == "DiagnosticArray":

@@ -23,7 +23,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from turtlebot_gym.beams import TURN
-from turtlebot_gym.observations import NEAREST
+from turtlebot_gym.observations import NEAREST, TRACKS
 from turtlebot_gym.rooms.grid import GridMap, grid_of
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
 from turtlebot_gym_ros.node.block import Correction, People, PoseCandidates, Tracks
@@ -148,9 +148,7 @@ def _read_tracks(message: PointCloud2) -> Tracks:
     if fields != expected or message.is_bigendian or len(message.data) != size:
         raise ValueError(f"tracks must be {NEAREST} points of the fields {', '.join(_TRACK)} in float32")
     rows = np.frombuffer(bytes(message.data), "<f4").reshape(NEAREST, -1)[:, :-1]
-    if not np.isfinite(rows).all():
-        raise ValueError("a track is not finite")
-    return Tracks(tuple(rows.ravel().tolist()))
+    return Tracks(TRACKS.read(rows.ravel()))
 
 
 def _write_people(people: People, header: Header) -> MarkerArray:
