@@ -63,11 +63,11 @@ ELSEWHERE := not slow and not clients and not cluster and not browser
 # Reordered, the files of the fewest tests, which last longest, would come last.
 IN_PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
 
-test: $(READY)  ## what one runs before each commit (a quarter of an hour on two cores)
+test: $(READY)  ## before each commit: laws on a sample of their cases, and long tests of parts that the last commit touches (12 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE) and not nightly"
 
-test-all: $(READY)  ## the same, the built site, pages that train, further live graphs, and statistics of size (25 minutes)
+test-all: $(READY)  ## all of that, the built site, pages that train, further live graphs, and statistics of size (45 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE)"
 

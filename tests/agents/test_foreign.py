@@ -20,6 +20,8 @@ from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.train import train
 
+pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/training", "tests/agents")
+
 DAILY = ("ppo", "normalized", "recurrent-normalized-stack")
 """Kinds whose training and export take a second or two; the others run nightly."""
 

@@ -23,6 +23,8 @@ from turtlebot_gym_agents.training.files import read
 from turtlebot_gym_agents.training.network import TOLERANCE
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
+pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/training", "tests/agents")
+
 
 class Discrete(gym.ActionWrapper):
     def __init__(self, env):

@@ -23,6 +23,8 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.model import _replay_path, make_model
 from turtlebot_gym_agents.training.train import train
 
+pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/training", "tests/agents")
+
 NETWORK = {"n_envs": 64, "n_timesteps": 2048, "policy": "MlpPolicy", "policy_kwargs": {"net_arch": [8]}}
 SMALL = NETWORK | {"n_steps": 16, "batch_size": 1024, "n_epochs": 1}
 OFF_POLICY = NETWORK | {"learning_starts": 128, "buffer_size": 1000, "batch_size": 32}

@@ -22,6 +22,8 @@ from std_msgs.msg import String
 
 from turtlebot_gym_ros.recording.bag import Bag, rebuild
 
+pytestmark = pytest.mark.touched("bridges/turtlebot_gym_ros/turtlebot_gym_ros/recording", "tests/bridges/test_logger.py")
+
 NOW = 1_800_000_000_000_000_000  # ns
 DEEP = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -24,7 +24,10 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 
 ROOT = Path(__file__).parents[3]
 # Drawn batches may be larger than these small rollouts.
-pytestmark = pytest.mark.filterwarnings("ignore:You have specified a mini-batch size")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:You have specified a mini-batch size"),
+    pytest.mark.touched("agents/turtlebot_gym_agents/cluster", "tests/agents/cluster"),
+]
 TINY = {
     "n_envs": 32,
     "n_timesteps": 512,

@@ -22,6 +22,8 @@ from turtlebot_gym_agents.evaluation.comparison import PairedOutcome, compare
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, paired
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
+pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/cluster", "tests/agents/cluster")
+
 NAV = "turtlebot_gym/TurtleBotNav-v0"
 HYPER = """default:
   n_envs: 32

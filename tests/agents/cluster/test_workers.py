@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/cluster", "tests/agents/cluster")
+
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 HERE = Path(__file__).parent
