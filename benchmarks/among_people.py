@@ -12,6 +12,7 @@ References:
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,8 +28,10 @@ from harness.study import Study, each, run
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.parameters import ProcessNoise
 from turtlebot_gym.presets import make_noise, make_robot
-from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation import comparison, metrics
+from turtlebot_gym_agents.evaluation.episodes import Episodes
+from turtlebot_gym_agents.evaluation.evaluate import drive, driver_of
+from turtlebot_gym_agents.policies import Policy
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.yielding import Scans
 
@@ -68,79 +71,80 @@ def rooms(number: int, lidar: str, **options: Any) -> VectorEnv:
     return gym.make_vec(ROOMS, num_envs=number, lidar=lidar, noise=noise, **options)
 
 
-def comes_near(to: NDArray, walks: NDArray, horizon: float, near: NDArray | float) -> Flags:
-    """Return which persons at a place relative to the robot come near, if they walk on straight."""
+def passing(to: NDArray, walks: NDArray, horizon: float) -> tuple[NDArray, NDArray]:
+    """Return when persons at a place relative to the robot are nearest, if they walk on straight, s, and how near, m."""
     until = np.clip(-(to * walks).sum(axis=-1) / np.maximum((walks**2).sum(axis=-1), 1e-9), 0.0, horizon)
-    return np.asarray(np.linalg.norm(to + walks * until[..., None], axis=-1) < near)
+    return until, np.linalg.norm(to + walks * until[..., None], axis=-1)
+
+
+def tracks_of(observations: NDArray) -> NDArray[np.float64]:
+    """Return the tracks that are observed last, shape (n, `NEAREST`, 7)."""
+    return observations[:, -WIDTH:].reshape(len(observations), NEAREST, -1).astype(float)
 
 
 class Driver:
-    """A policy, by default VFH+, that stands where ``stops(envs, observations, actions)`` says so."""
+    """VFH+ that stands where ``stops(observations, actions)`` says so, and calls ``begin(mask)`` where an episode begins."""
 
     def __init__(
-        self,
-        stops: Callable[[VectorEnv, NDArray, NDArray], Flags] = lambda envs, observations, actions: np.zeros(
-            len(actions), bool
-        ),
-        begin: Callable[[Flags], None] = lambda mask: None,
-        *,
-        policy: str = "vfh",
+        self, envs: VectorEnv, stops: Callable[[NDArray, NDArray], Flags], begin: Callable[[Flags], None] = lambda mask: None
     ) -> None:
-        self.policy: Any = make_policy(policy)
-        self.stops, self._begin = stops, begin
+        self._policy: Any = driver_of("vfh", envs)
+        self._stops, self._begin = stops, begin
 
     def reset(self, mask: Flags) -> None:
-        self.policy.reset(mask)
+        self._policy.reset(mask)
         self._begin(mask)
 
-    def __call__(self, envs: VectorEnv, observations: NDArray) -> NDArray:
-        actions = np.array(self.policy(observations[:, :-WIDTH]))
-        actions[self.stops(envs, observations, actions)] = 0.0
+    def __call__(self, observations: NDArray) -> NDArray:
+        actions = np.array(self._policy(observations))
+        actions[self._stops(observations, actions)] = 0.0
         return actions
 
 
 class Knowing:
     """Stops by the truth as it was some steps ago."""
 
-    def __init__(self, late: int = 0) -> None:
-        self._late, self._past = late, list[tuple[NDArray, NDArray]]()
+    def __init__(self, envs: VectorEnv, late: int = 0) -> None:
+        self._envs: Any = envs.unwrapped
+        self._past = deque[tuple[NDArray, NDArray]](maxlen=late + 1)
 
-    def __call__(self, envs: VectorEnv, *_: Any) -> Flags:
-        around: Any = envs.unwrapped
-        scenes, states, _ = around.truth()
-        circles, there = scenes.room.circles, np.arange(scenes.room.circles.shape[1]) < scenes.room.counts[:, :1]
-        self._past = [*self._past[-self._late :], (circles[..., :2].copy(), circles[..., 3:5].copy())][-self._late - 1 :]
+    def __call__(self, *_: Any) -> Flags:
+        scenes, states, _ = self._envs.truth()
+        circles: NDArray[np.float64] = scenes.room.circles
+        there = np.arange(circles.shape[1]) < scenes.room.counts[:, :1]
+        self._past.append((circles[..., :2].copy(), circles[..., 3:5].copy()))
         at, walks = self._past[0]
         to = at + walks * PERIOD * (len(self._past) - 1) - states[:, None, :2]
-        near = GAP + circles[..., 2] + around.parameters.robot.radius
-        return np.asarray((comes_near(to, walks, HORIZON, near) & there).any(axis=1))
+        least = passing(to, walks, HORIZON)[1]
+        near = GAP + circles[..., 2] + self._envs.parameters.robot.radius
+        return np.asarray(((least < near) & there).any(axis=1))
 
 
-def by_tracks(horizon: float, near: float, deviations: float) -> Driver:
-    """Return a driver that stops by the tracks."""
+def by_tracks(horizon: float, near: float, deviations: float) -> Callable[[VectorEnv], Policy]:
+    """Return a maker of a driver that stops by the tracks."""
 
-    def stops(envs: VectorEnv, observations: NDArray, actions: NDArray) -> Flags:
-        rows = observations[:, -WIDTH:].reshape(len(observations), NEAREST, -1).astype(float)
-        margin = near + deviations * rows[..., 4]
-        near_ones = comes_near(rows[..., :2], rows[..., 2:4], horizon, margin) & (rows[..., 6] > 0.0)
-        return np.asarray(near_ones.any(axis=1))
+    def stops(observations: NDArray, actions: NDArray) -> Flags:
+        rows = tracks_of(observations)
+        _, least = passing(rows[..., :2], rows[..., 2:4], horizon)
+        return np.asarray(((least < near + deviations * rows[..., 4]) & (rows[..., 6] > 0.0)).any(axis=1))
 
-    return Driver(stops)
+    return lambda envs: Driver(envs, stops)
 
 
 class Learned:
     """A network, and what it sees: three scans, VFH+'s action, and of each track place, velocity, deviations and way."""
 
-    def __init__(self, net: torch.nn.Sequential | None = None, mean: Any = None, std: Any = None) -> None:
-        self.net, self.mean, self.std = net, mean, std
+    def __init__(self) -> None:
+        self.net: torch.nn.Sequential | None = None
+        self.mean = self.std = torch.empty(0)
         self.scans = Scans(make_robot("burger"), PERIOD, -0.032, 0.1)
 
     def features(self, observations: NDArray, actions: NDArray) -> torch.Tensor:
-        rows = observations[:, -WIDTH:].reshape(len(observations), NEAREST, -1).astype(float)
-        to, walks = rows[..., :2], rows[..., 2:4]
-        until = np.clip(-(to * walks).sum(axis=-1) / np.maximum((walks**2).sum(axis=-1), 1e-9), 0.0, 2.0)
-        least = np.linalg.norm(to + walks * until[..., None], axis=-1)
-        tracks = np.concatenate([rows[..., :6], np.linalg.norm(to, axis=-1)[..., None], until[..., None], least[..., None]], -1)
+        rows = tracks_of(observations)
+        until, least = passing(rows[..., :2], rows[..., 2:4], 2.0)
+        tracks = np.concatenate(
+            [rows[..., :6], *(x[..., None] for x in (np.linalg.norm(rows[..., :2], axis=-1), until, least))], -1
+        )
         nobody = np.array([3.0, 3.0, 0.0, 0.0, 1.0, 1.0, 3.0, 2.0, 3.0])
         tracks = np.where(rows[..., 6:] > 0.0, np.minimum(tracks, np.maximum(nobody, 1.0)), nobody)
         scans = self.scans.features(observations[:, :-WIDTH].astype(float))
@@ -149,33 +153,35 @@ class Learned:
     def normal(self, features: torch.Tensor) -> torch.Tensor:
         return ((features - self.mean) / self.std).clamp(-10.0, 10.0)
 
-    def __call__(self, envs: VectorEnv, observations: NDArray, actions: NDArray) -> Flags:
+    def finds(self, features: torch.Tensor, least: float) -> Flags:
+        """Return where a stop is as probable as this, at least."""
+        assert self.net is not None
         with torch.no_grad():
-            assert self.net is not None
-            return (self.net(self.normal(self.features(observations, actions)))[:, 0].sigmoid() >= FOUND).numpy()
+            return (self.net(self.normal(features))[:, 0].sigmoid() >= least).numpy()
+
+    def drive(self, envs: VectorEnv) -> Policy:
+        """Return VFH+ with this stop."""
+        return Driver(envs, lambda rows, actions: self.finds(self.features(rows, actions), FOUND), self.scans.reset)
 
 
 def collect(learned: Learned, seed: int, lidar: str) -> Iterator[tuple[torch.Tensor, Flags]]:
     """Drive 256 rooms for 400 steps, and yield features and whether the one who knows would stop."""
-    envs, knows, random = rooms(256, lidar, autoreset_mode=AutoresetMode.SAME_STEP), Knowing(), np.random.default_rng(seed)
-    driver, last = Driver(learned, learned.scans.reset), [torch.empty(0), np.empty(0, np.bool_)]
-
-    def stops(envs: VectorEnv, observations: NDArray, actions: NDArray) -> Flags:
-        last[:] = learned.features(observations, actions), knows(envs)
-        if learned.net is None:
-            return np.asarray(np.where(random.random(256) < 0.8, last[1], random.random(256) < 0.5))
-        with torch.no_grad():
-            return (learned.net(learned.normal(last[0]))[:, 0] >= 0.0).numpy()
-
-    driver.stops = stops
+    envs, random = rooms(256, lidar, autoreset_mode=AutoresetMode.SAME_STEP), np.random.default_rng(seed)
+    policy: Any = driver_of("vfh", envs)
+    knows, over = Knowing(envs), np.ones(256, np.bool_)
     observations, _ = envs.reset(seed=seed)
-    driver.reset(np.ones(256, np.bool_))
     for step in range(400):
-        observations, _, terminated, truncated, _ = envs.step(driver(envs, observations))
+        if over.any():
+            policy.reset(over)
+            learned.scans.reset(over)
+        actions, stops = np.array(policy(observations)), knows()
+        features = learned.features(observations, actions)
         if step % 2 == 0:
-            yield last[0], last[1]
-        if (over := terminated | truncated).any():
-            driver.reset(over)
+            yield features, stops
+        obeyed = np.where(random.random(256) < 0.8, stops, random.random(256) < 0.5) if learned.net is None else None
+        actions[learned.finds(features, 0.5) if obeyed is None else obeyed] = 0.0
+        observations, _, terminated, truncated, _ = envs.step(actions)
+        over = terminated | truncated
     envs.close()
 
 
@@ -202,47 +208,34 @@ def train(seed: int, config: Config) -> Learned:
     return learned
 
 
-def driven(driver: Driver, lidar: str, episodes: int, seed: int) -> dict[str, NDArray]:
-    """Return which rooms' goals were reached, and in which the robot touched something, and the times of all, s."""
+def driven(policy: str | Callable[[VectorEnv], Policy], lidar: str, episodes: int, seed: int) -> Episodes:
+    """Return the episodes of a policy, given by its name or made for the environment."""
     envs = rooms(episodes, lidar)
-    observations, _ = envs.reset(seed=seed)
-    driver.reset(np.ones(episodes, np.bool_))
-    over, reached, touched, steps = (np.zeros(episodes, kind) for kind in (np.bool_, np.bool_, np.bool_, float))
-    for step in itertools.count(1):
-        observations, _, terminated, truncated, info = envs.step(driver(envs, observations))
-        new = (terminated | truncated) & ~over
-        reached[new], touched[new], steps[new] = info["is_success"][new], terminated[new] & ~info["is_success"][new], step
-        over |= new
-        if over.all():
-            break
+    found, *_ = drive(envs, policy if isinstance(policy, str) else policy(envs), seed)
     envs.close()
-    return {"success": reached, "collision": touched, "time": steps * PERIOD}
+    return found
 
 
 def tuned() -> tuple[float, float, float]:
     """Return the numbers of the rule with which most goals are reached in rooms of the trainings."""
-    goals = {rule: driven(by_tracks(*rule), "lds01", 200, TRAINING_SEED)["success"].mean() for rule in each(RULES, "rules")}
+    goals = {rule: driven(by_tracks(*rule), "lds01", 200, TRAINING_SEED).success.mean() for rule in each(RULES, "rules")}
     return max(goals, key=lambda rule: goals[rule])
 
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     """Return the results and their table."""
     rule, learned = tuned(), [train(seed, config) for seed in range(config.trainings)]
-    drivers: dict[str, Callable[[], list[Driver]]] = {
-        "vfh": lambda: [Driver()],
-        "vfh+yield": lambda: [Driver(policy="vfh+yield")],
-        "stop by tracks": lambda: [by_tracks(*rule)],
-        "stop learned on scans and tracks": lambda: [Driver(one, one.scans.reset) for one in learned],
-    }
+    drivers: dict[str, list[Any]] = {name: [name] for name in ("vfh", "vfh+yield")}
+    drivers |= {"stop by tracks": [by_tracks(*rule)], "stop learned on scans and tracks": [one.drive for one in learned]}
     for late in config.late:
         name = "stop that knows" + (f", {late * PERIOD:.1f} s late" if late else "")
-        drivers[name] = lambda late=late: [Driver(Knowing(late))]
+        drivers[name] = [lambda envs, late=late: Driver(envs, Knowing(envs, late))]
     rows, table = [], Table("LiDAR", "policy", "goals, %", "collisions, %", "to goal, s")
     for lidar, name in each(list(itertools.product(config.lidars, drivers)), "drives"):
-        parts = [driven(driver, lidar, config.episodes, config.seed) for driver in drivers[name]()]
+        parts = [driven(driver, lidar, config.episodes, config.seed) for driver in drivers[name]]
         share = comparison.share if len(parts) > 1 else lambda flags: metrics.share(flags[0])
-        row = {key: share(np.array([part[key] for part in parts])) for key in ("success", "collision")}
-        time = metrics.mean(np.concatenate([part["time"][part["success"]] for part in parts]))
+        row = {key: share(np.array([getattr(part, key) for part in parts])) for key in ("success", "collision")}
+        time = metrics.mean(np.concatenate([part.time[part.success] for part in parts]))
         rows.append({"lidar": lidar, "policy": name, **row, "time_to_goal": time})
         shown = ("{:.1f} ({:.1f}, {:.1f})".format(*(100.0 * bound for bound in share)) for share in row.values())
         table.add_row(lidar, name, *shown, f"{time.value:.1f}")
