@@ -8,6 +8,7 @@ import os
 import socket
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 # Three test processes share the cores: threads of small products of matrices would only wait for each other.
@@ -51,23 +52,22 @@ def pytest_collection():
         gc.freeze()
 
 
-def are_touched(paths, root=Path(__file__).parent.parent):
+@cache
+def are_touched(*paths):
     """Return whether the last commit, or a change since, is in one of some paths; also true where git cannot say."""
-    command = ["git", "-C", str(root), "diff", "--quiet", "HEAD~1", "--", *paths]
+    command = ["git", "-C", str(Path(__file__).parent.parent), "diff", "--quiet", "HEAD~1", "--", *paths]
     return subprocess.run(command, capture_output=True, check=False).returncode != 0
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Leave to `make test-all` the cases beyond a sample, and long tests of a part that no change touches."""
-    cases, touched = {}, {}
+    cases = {}
     for item in items:
         if mark := item.get_closest_marker("sample"):
             cases.setdefault((item.path, item.originalname, mark.args[0]), []).append(item)
-        if mark := item.get_closest_marker("touched"):
-            touched[mark.args] = touched[mark.args] if mark.args in touched else are_touched(mark.args)
-            if not touched[mark.args]:
-                item.add_marker(pytest.mark.nightly)
+        if (mark := item.get_closest_marker("touched")) and not are_touched(*mark.args):
+            item.add_marker(pytest.mark.nightly)
     for (*_, number), found in cases.items():
         chosen = {len(found) * at // number for at in range(number)}
         for at, item in enumerate(found):

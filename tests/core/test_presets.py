@@ -212,13 +212,16 @@ DEEP, NO_TEXT = "nested deeper than 100 levels", "it is no text: invalid start b
     ],
     ids=lambda value: value[:20] if isinstance(value, str) else None,
 )
-def test_a_file_that_cannot_be_read_is_refused_soon(tmp_path, name, content, reason):
+def test_a_file_that_cannot_be_read_is_refused_within_a_second(tmp_path, name, content, reason):
     (tmp_path / name).write_bytes(content)
-    start = time.process_time()
-    with pytest.raises(ValueError, match=rf"^{re.escape(str(tmp_path / name))} is not (JSON|YAML): .*{reason}") as caught:
-        load(tmp_path / name)
+    times = []
+    while not times or (min(times) >= 1.0 and len(times) < 3):  # a busy machine has thrown out what this process had cached
+        start = time.process_time()
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(tmp_path / name))} is not (JSON|YAML): .*{reason}") as caught:
+            load(tmp_path / name)
+        times.append(time.process_time() - start)
     assert "\n" not in str(caught.value)
-    assert time.process_time() - start < 10.0, "a bomb takes minutes"
+    assert min(times) < 1.0
 
 
 def test_what_is_as_deep_and_as_large_as_allowed_is_read_and_a_missing_file_is_an_error_of_the_system(tmp_path):
