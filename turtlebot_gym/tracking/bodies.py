@@ -10,8 +10,7 @@ import math
 from typing import Any
 
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.models.angles import TWO_PI
-from turtlebot_gym.tracking.sweep import Sweep, bin_of, deviation_at, end_of, time_of, was_free
+from turtlebot_gym.tracking.sweep import Sweep, bin_of, deviation_at, end_of, goes_round, time_of, was_free
 
 MOST_BODIES, COLUMNS = 64, 10
 """Most bodies of a scan."""
@@ -112,7 +111,7 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
         bodies: Output, shape (`MOST_BODIES`, `COLUMNS`).
     """
     number, width = sweep.number, min(len(tail), sweep.number)
-    full = abs(sweep.step) * (number + 1) >= TWO_PI
+    full = goes_round(number, sweep.step)
     if sweep.interval == 0.0:
         for k in range(width):
             tail[k] = float(ranges[number - width + k])

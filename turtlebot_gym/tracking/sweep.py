@@ -100,6 +100,12 @@ def end_of(beam: float, length: float, sweep: Sweep, trail: Any) -> tuple[float,
 
 
 @kernel
+def goes_round(number: int, step: float) -> bool:
+    """Return whether beams look all around, so that the first is beside the last."""
+    return abs(step) * (number + 1) >= TWO_PI
+
+
+@kernel
 def bin_of(beam: int, number: int) -> int:
     """Return the direction of a beam in the array of those that return something."""
     return (beam % number) * BINS // number
@@ -146,7 +152,7 @@ def _passed(row: Any, returns: Any, x: float, y: float, sweep: Sweep, trail: Any
     far = length + max(LEAST_MARGIN, MARGIN * deviation_at(length, sweep))
     passed = abs(beam - before) < 1.0  # a robot that turns may leave a gap between the ends of a revolution
     around = number  # beams from an end of a revolution to where the other end looks in the same direction
-    if abs(row[STEP]) * (number + 1) >= TWO_PI and (middle < beside or middle + beside >= number):
+    if goes_round(number, row[STEP]) and (middle < beside or middle + beside >= number):
         turned_by = pose_at(then, row[LAST]).theta - pose_at(then, row[LAST] - row[INTERVAL] * (number - 1)).theta
         around = int(number + 0.5 - turned_by / row[STEP])
     for side in range(middle - beside, middle + beside + 1):
