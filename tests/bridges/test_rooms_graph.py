@@ -88,16 +88,22 @@ def test_the_graph_is_the_environment(compare, logged, world, lidar, noise, seed
     assert room_metrics(live) == room_metrics(expected)
 
 
+def given_alike(compare, logged, drive, steps, *, shown):
+    """Return the observations and actions of some steps, after it is sure that those of the graph are the environment's."""
+    expected, given = logged(compare.room_episode, drive, steps, shown=shown)
+    live, seen = logged(compare.room_live, drive, steps, shown=shown)
+    differ = compare.room_differences(expected, live)
+    assert max(differ.values()) == 0.0, differ
+    assert len(given) == steps <= len(seen)
+    np.testing.assert_array_equal(seen[:steps], given)
+    return given
+
+
 @pytest.mark.parametrize(("world", "seed"), [("office", 1), pytest.param("crowd", 3, marks=pytest.mark.nightly)])
 def test_a_robot_with_an_unknown_start_is_the_environments_with_its_localizers_evidence(compare, logged, world, seed):
     lost = {"noise": "wheel", "localizer": "match", "start": "unknown", "observation": "located"}
     drive = compare.RoomDrive("logged_policy:Located", world=world, seed=seed, **lost)
-    expected, given = logged(compare.room_episode, drive, 100, shown=54)
-    live, seen = logged(compare.room_live, drive, 100, shown=54)
-    differ = compare.room_differences(expected, live)
-    assert max(differ.values()) == 0.0, differ
-    assert len(given) == 100 <= len(seen)
-    np.testing.assert_array_equal(seen[:100], given)  # each observation of 54 numbers, and each action
+    given = given_alike(compare, logged, drive, 100, shown=54)
     assert {0.0, 1.0} < {*given[:, 16].tolist()}  # the weight of the best hypothesis: lost, in doubt, sure
 
 
@@ -106,10 +112,5 @@ def test_tracks_of_people_are_those_of_the_environment(compare, logged, lidar):
     drive = compare.RoomDrive(
         "logged_policy:Tracking", world="people", lidar=lidar, noise="wheel", observation="ekf,tracks", seed=2
     )
-    expected, given = logged(compare.room_episode, drive, 60, shown=85)
-    live, seen = logged(compare.room_live, drive, 60, shown=85)
-    differ = compare.room_differences(expected, live)
-    assert max(differ.values()) == 0.0, differ
-    assert len(given) == 60 <= len(seen)
-    np.testing.assert_array_equal(seen[:60], given)  # each observation of 85 numbers, and each action
+    given = given_alike(compare, logged, drive, 60, shown=85)
     assert given[:, 56].any(), "nobody was tracked: the test saw too little"

@@ -20,7 +20,7 @@ NOBODY = Tracks((0.0,) * 35)
 def drive(change=lambda scan: (scan, None), steps=60, **parameters):
     """Return what the node publishes as the environment's robot stands among people, and what the environment shows."""
     setup = Options(world="people", lidar="lds01", noise="wheel", observation="ekf,tracks").setup()
-    episode, block = Episode(setup.parameters, setup.waypoints, seed=2, system=setup.system), None
+    episode = Episode(setup.parameters, setup.waypoints, seed=2, system=setup.system)
     block = PeopleTracker(PeopleTracker.Params(tick=0.1, **parameters))
     lidar, found = setup.parameters.room.lidar, []
     for step in range(steps + 1):
@@ -39,7 +39,7 @@ def drive(change=lambda scan: (scan, None), steps=60, **parameters):
 def test_it_shows_what_the_environment_does():
     found = drive()
     for answer, expected in found:
-        np.testing.assert_array_equal(np.float32(answer["nearest"].numbers), expected)
+        np.testing.assert_array_equal(np.float32(answer["nearest"]), expected)
     assert any(answer["nearest"] != NOBODY for answer, _ in found)
     people = [answer["people"] for answer, _ in found if "people" in answer]
     assert len(people) > 20
@@ -50,16 +50,15 @@ def test_a_lidar_that_is_mounted_backwards_sees_the_same():
     def turned(scan):  # the same beams, in the same order, from a LiDAR whose zero is behind
         return scan._replace(first=math.pi), Pose(-0.032, 0.0, -math.pi)
 
-    for (answer, expected), (other, _) in zip(drive(), drive(turned), strict=True):
-        np.testing.assert_array_equal(np.float32(answer["nearest"].numbers), expected)
-        np.testing.assert_allclose(other["nearest"].numbers, expected, atol=2e-3)
+    for other, expected in drive(turned):
+        np.testing.assert_allclose(other["nearest"], expected, atol=2e-3)
 
 
 def test_a_mount_that_is_wrong_shows_people_elsewhere():
     def turned(scan):
         return scan, Pose(-0.032, 0.0, math.pi)
 
-    far = [np.abs(np.subtract(other["nearest"].numbers, expected)).max() for other, expected in drive(turned)]
+    far = [np.abs(np.subtract(other["nearest"], expected)).max() for other, expected in drive(turned)]
     assert max(far) > 0.5
 
 

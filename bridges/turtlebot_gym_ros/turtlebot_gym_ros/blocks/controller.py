@@ -211,7 +211,7 @@ class VelocityController:
         following: Pose | None,
         scan: Stamped | None = None,
         nis: Nis | None = None,
-        **own: tuple[float, ...] | Tracks,
+        **own: tuple[float, ...],
     ) -> dict[str, Any]:
         """Return the command, or nothing if the robot is done; ``own`` are the numbers of the policy's own terms.
 
@@ -246,7 +246,7 @@ class VelocityController:
         surprise = estimate.nis if nis is None else nis.value
         seen = ((), 0.0) if scan is None else (self.driver.pool(scan.value, _shifted(scan.mount)), scan.age)
         after = following or reference
-        terms = {name.removeprefix(OWN): value.numbers if isinstance(value, Tracks) else value for name, value in own.items()}
+        terms = {name.removeprefix(OWN): numbers for name, numbers in own.items()}
         command = self.driver.command(mean, P, surprise, reference, after, *seen, evidence, terms, self._time)
         self.notice = self.driver.seen_space.notice or None
         return {"command": command}

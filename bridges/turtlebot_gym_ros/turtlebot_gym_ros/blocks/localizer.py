@@ -32,6 +32,7 @@ from turtlebot_gym.systems.localizing import drift_of
 from turtlebot_gym.validation import Names, Range, check_fields
 from turtlebot_gym.values import ORIGIN, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility
+from turtlebot_gym_ros.blocks.ticks import Ticks
 from turtlebot_gym_ros.node.block import (
     COMMANDED,
     INITIAL_POSE,
@@ -179,9 +180,8 @@ class Localizer:
         """Start anew with the next odometry."""
         self._located: Located | None = None
         self._trail, self._bank = np.empty((TRAIL, 4)), np.zeros((ROWS, COLUMNS))
-        self._since = self._time = self._dt = 0.0
+        self._ticks = Ticks()
         self._considered: tuple[Pose, ...] = ()
-        self._ticks = 0
         self._leaps: list[float] = []
         self._agreement.begin()
         self._watch = WheelWatch()
@@ -229,15 +229,15 @@ class Localizer:
         else:
             self._odometry = odometry if displaced else self._odometry
             if dt > 0.0 and not displaced:
-                self._tick(dt)
+                self._ticks.advance(dt)
             else:  # steps were skipped: how long ago the beams of a scan were measured is not known until the next one
-                dt = self._dt or REFERENCE_PERIOD
-                rest(self._trail, self._time, odometry.pose)
-                self._measured = self._time - scan.age
+                dt = self._ticks.dt or REFERENCE_PERIOD
+                rest(self._trail, self._ticks.time, odometry.pose)
+                self._measured = self._ticks.time - scan.age
             before, drift = self._odometry, drift_of(self._odometry.twist, self._tuning, dt)
             after = move(self._located, before.pose, odometry.pose, odometry.twist, drift, dt, self._q)
             if odometry.measured:
-                remember(self._trail, self._time, odometry.pose)
+                remember(self._trail, self._ticks.time, odometry.pose)
         if initial_pose is not None:
             after = self._take_seat(after, initial_pose)
         self._located, self._odometry = self._correct(after, scan), odometry
@@ -246,7 +246,7 @@ class Localizer:
 
     def _is_displaced(self) -> bool:
         """Return whether odometry only begins elsewhere, a few times in a while; then it is read from there."""
-        self._leaps = [*(leap for leap in self._leaps if self._time - leap < LEAP_TIME), self._time][-LEAPS - 1 :]
+        self._leaps = [*(leap for leap in self._leaps if self._ticks.time - leap < LEAP_TIME), self._ticks.time][-LEAPS - 1 :]
         if displaced := self._agreement.displaced and len(self._leaps) <= LEAPS:
             self._agreement.begin()
         return displaced
@@ -260,19 +260,12 @@ class Localizer:
             return locate(odometry.pose, (x, y, heading), self._q)
         return nowhere(self._q)
 
-    def _tick(self, dt: float) -> None:
-        """Advance the time; by equal steps it is a multiple of them, as in the environment, and not their sum."""
-        if dt != self._dt:
-            self._since, self._ticks, self._dt = self._time, 0, dt
-        self._ticks += 1
-        self._time = self._since + self._ticks * dt
-
     def _take_seat(self, located: Located, initial_pose: Stamped) -> Located:
         """Return the belief where a person says that the robot is, or was at a time that its odometry still remembers."""
         pose, (x, y, heading), *_, (xy, xt, yt) = initial_pose.value
         if heading == math.inf:
             return located
-        later = np.count_nonzero(self._trail[:, 0] > self._time - initial_pose.age)
+        later = np.count_nonzero(self._trail[:, 0] > self._ticks.time - initial_pose.age)
         if 0 < later < TRAIL:
             then = Pose(*self._trail[later, 1:4].tolist())
             pose = increment(pose, then, self._wheels(), sincos(wrap(pose.theta - then.theta)))
@@ -282,11 +275,11 @@ class Localizer:
 
     def _correct(self, located: Located, scan: Stamped) -> Located:
         """Condition the belief on a scan, if it is new and the odometry has reached its last beam."""
-        stamp = self._time - scan.age
+        stamp = self._ticks.time - scan.age
         if stamp <= self._measured + 1e-6:
             return located
         beams, timing = self._seen(scan, stamp)
-        if timing.last > self._time + 1e-6:
+        if timing.last > self._ticks.time + 1e-6:
             return located  # the next odometry says from where it was seen
         assert self._grid is not None
         self._measured, ranges, q = stamp, scan.value.ranges, self._q

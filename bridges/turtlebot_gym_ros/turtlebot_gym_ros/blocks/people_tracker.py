@@ -16,6 +16,7 @@ from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, 
 from turtlebot_gym.tracking.tracks import FRESH, MOVES, PX, PY, SIZE, STATE, TIME, VX, VY, predicted
 from turtlebot_gym.validation import Range, check_fields
 from turtlebot_gym.values import Odometry
+from turtlebot_gym_ros.blocks.ticks import Ticks
 from turtlebot_gym_ros.node.block import Input, On, Output, People, Person, Stamped, Tracks
 
 TRAIL = 64
@@ -76,8 +77,7 @@ class PeopleTracker:
     def reset(self) -> None:
         """Start anew with the next odometry."""
         self._memory = memory_at(make_memory(1, beams=MOST_BEAMS, poses=TRAIL), 0)
-        self._time, self._since, self._dt, self._ticks, self._measured = 0.0, 0.0, 0.0, 0, -math.inf
-        self._begun = False
+        self._ticks, self._measured, self._begun = Ticks(), -math.inf, False
         self.notice: str | None = None
         """Why scans are left out, if so."""
 
@@ -92,31 +92,24 @@ class PeopleTracker:
             begin(self._memory, 0.0, odometry.pose)
             self._measured, self._begun = -scan.age, True
         else:
-            self._pass(dt)
-        if odometry.measured and self._time > self._memory.trail[0, 0]:
-            on_odometry(self._memory, self._time, odometry.pose)
+            self._ticks.advance(dt)
+        if odometry.measured and self._ticks.time > self._memory.trail[0, 0]:
+            on_odometry(self._memory, self._ticks.time, odometry.pose)
         is_new = self._look_at(scan)
-        look(self._memory, self._time, odometry.pose, odometry.twist, UNIFORM * self._lidar.accuracy)
-        nearest = {"nearest": Tracks(tuple(self._memory.seen.tolist()))}
+        look(self._memory, self._ticks.time, odometry.pose, odometry.twist, UNIFORM * self._lidar.accuracy)
+        nearest = {"nearest": Tracks(self._memory.seen.tolist())}
         return {**nearest, "people": self._people()} if is_new else nearest
-
-    def _pass(self, dt: float) -> None:
-        """Advance the time; by equal steps it is a multiple of them, as in the environment, and not their sum."""
-        if dt != self._dt:
-            self._since, self._ticks, self._dt = self._time, 0, dt
-        self._ticks += 1
-        self._time = self._since + self._ticks * dt
 
     def _look_at(self, scan: Stamped) -> bool:
         """Update the tracks by a scan, if it is new and the odometry has reached its last beam; return whether it was so."""
-        stamp = self._time - scan.age
+        stamp = self._ticks.time - scan.age
         if stamp <= self._measured + 1e-6:
             return False
         if len(scan.value.ranges) > MOST_BEAMS:
             self.notice = f"scans of {len(scan.value.ranges)} beams are left out: {MOST_BEAMS} are the most"
             return False
         sweep = self._sweep_of(scan, stamp)
-        if sweep.last > self._time + 1e-6:
+        if sweep.last > self._ticks.time + 1e-6:
             return False
         self._measured = stamp
         on_scan(self._memory, scan.value.ranges, sweep)
@@ -140,7 +133,7 @@ class PeopleTracker:
         """Return all fresh tracks at the present time, and count them in the diagnostics."""
         persons = []
         for track in self._memory.tracks:
-            dt = self._time - track[TIME]
+            dt = self._ticks.time - track[TIME]
             if track[STATE] == MOVES and dt <= FRESH:
                 x, y = track[PX] + dt * track[VX], track[PY] + dt * track[VY]
                 numbers = (x, y, track[VX], track[VY], math.sqrt(predicted(track, dt).pp), track[SIZE])

@@ -102,7 +102,7 @@ class Graph:
             parameters = {"lidar_beams": 0, "own_clock": not self._lock_step, **parameters, "lidar": speech.lidar}
         if self._autonomous:
             parameters = _fit_room(parameters, allow_mismatch=allow_mismatch)
-        if "tick" in parameters:
+        if "tick" in parameters:  # the tracker's parameter, which a policy that reads its tracks brings
             self._names = (*self._names, "people_tracker")
         if parameters.get("fix", "none") not in NO_FIX:
             parameters = {"takes_fixes": True, **parameters}

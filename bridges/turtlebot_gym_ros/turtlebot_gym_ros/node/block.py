@@ -138,11 +138,10 @@ class PoseCandidates(NamedTuple):
     poses: tuple[Pose, ...]
 
 
-class Tracks(NamedTuple):
-    """What the term `turtlebot_gym.observations.TRACKS` shows: the nearest tracks, seen from the robot."""
+class Tracks(tuple[float, ...]):
+    """The numbers of the term `turtlebot_gym.observations.TRACKS`: the nearest tracks, seen from the robot."""
 
-    numbers: tuple[float, ...]
-    """`turtlebot_gym.observations.NEAREST` times the seven numbers of a track."""
+    __slots__ = ()
 
 
 class Person(NamedTuple):

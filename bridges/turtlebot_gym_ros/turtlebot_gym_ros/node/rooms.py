@@ -131,7 +131,7 @@ _TRACK = ("x", "y", "vx", "vy", "position_deviation", "velocity_deviation", "is_
 
 
 def _write_tracks(tracks: Tracks, header: Header) -> PointCloud2:
-    rows = np.asarray(tracks.numbers, np.float32).reshape(-1, len(_TRACK) - 1)
+    rows = np.asarray(tracks, np.float32).reshape(-1, len(_TRACK) - 1)
     data = np.column_stack([rows, np.zeros(len(rows), np.float32)]).astype("<f4")
     message = PointCloud2(header=header, height=1, width=len(rows), point_step=4 * len(_TRACK), is_dense=True)
     message.fields = [
