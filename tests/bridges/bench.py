@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import dataclass
+from importlib.util import find_spec
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -84,6 +85,8 @@ def odometry(seconds=None, *, x=0.0, theta=0.0, frame="odom", norm=1.0):
     return message
 
 
+guarded = pytest.mark.skipif(find_spec("cmd_vel_guard") is None, reason="the guard is a satellite")
+"""Marks tests that start the guard, or a node of the guard's package."""
 PATIENCE = 30.0
 """Longest wait for a state, s: far above what it takes, so that only a missing state fails."""
 

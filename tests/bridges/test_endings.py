@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from bench import node
+from bench import guarded, node
 
 import endings
 
@@ -40,6 +40,7 @@ def test_a_motion_is_in_force_for_half_a_second_at_most_after_every_end(way, whe
     assert row["left"] == []
 
 
+@guarded
 def test_the_same_without_the_watch_on_waits_is_noticed(wheels, clock, tmp_path):
     """The emulated clock holds up a wait, as the kernel's does: else the test above would prove nothing."""
     program = f"{sys.executable} -c 'from cmd_vel_guard import executor; executor.OVERDUE = 60.0; {{main}}' --ros-args"
@@ -66,6 +67,7 @@ def test_a_node_that_runs_by_a_timer_alone_goes_on_when_the_clock_is_set_back(wh
 
 
 @pytest.mark.usefixtures("hangs_up")
+@guarded
 def test_the_standby_is_in_a_session_of_its_own_and_ends_with_the_child_that_it_left_in_the_old_one(launch, wait_for, peer):
     standby = launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
     wait_for(lambda: peer.node.count_publishers("cmd_vel_standby/alive"))
@@ -76,6 +78,7 @@ def test_the_standby_is_in_a_session_of_its_own_and_ends_with_the_child_that_it_
     assert standby.wait(30) == 0
 
 
+@guarded
 def test_the_child_of_a_standby_that_is_killed_ends_with_it(launch, wait_for, peer):
     standby = launch("-m", "turtlebot_gym_ros", "cmd_vel_standby")
     wait_for(lambda: peer.node.count_publishers("cmd_vel_standby/alive"))

@@ -9,6 +9,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from bench import guarded
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
@@ -244,7 +245,10 @@ def test_a_node_of_this_machine_that_serves_the_network_is_heard(launch, peer, w
     wait_for(lambda: heard)
 
 
-@pytest.mark.parametrize("name", [pytest.param("waypoint_generator", marks=pytest.mark.nightly), "cmd_vel_standby"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("waypoint_generator", marks=pytest.mark.nightly), pytest.param("cmd_vel_standby", marks=guarded)],
+)
 def test_who_leaves_is_gone_at_once_and_leaves_no_shared_memory(launch, peer, wait_for, name):
     """Far sooner than the 20 s after which DDS takes a silent process for dead."""
     process = launch("-m", "turtlebot_gym_ros", name)

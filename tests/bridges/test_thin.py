@@ -7,6 +7,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from bench import guarded
 
 from turtlebot_gym.extras import installing
 
@@ -51,6 +52,7 @@ def without(body):
     )
 
 
+@guarded
 def test_filter_policy_and_guard_give_the_same_bits_without_what_trains_and_draws():
     done = run(str(PROGRAM), *ABSENT, *ROS)
     assert done.returncode == 0, done.stderr
@@ -59,6 +61,7 @@ def test_filter_policy_and_guard_give_the_same_bits_without_what_trains_and_draw
     assert set(loaded.split()) <= {"numpy", "yaml"}
 
 
+@guarded
 def test_the_program_depends_on_what_it_computes():
     rows = thin().drive(5)
     assert len(set(rows)) > 15  # two of the four begin alike
@@ -91,6 +94,7 @@ print(*sorted(thin.installed()))
 """
 
 
+@guarded
 def test_the_robots_nodes_load_nothing_beside_ros_that_the_extra_deploy_does_not_bring():
     done = run(*without(NODES))
     assert done.returncode == 0, done.stderr
@@ -102,7 +106,7 @@ def test_the_robots_nodes_load_nothing_beside_ros_that_the_extra_deploy_does_not
 TOGETHER = ["kalman_filter", "localizer", "velocity_controller", "waypoint_generator"]
 
 
-@pytest.mark.parametrize("nodes", [["cmd_vel_standby"], TOGETHER], ids=" ".join)
+@pytest.mark.parametrize("nodes", [pytest.param(["cmd_vel_standby"], marks=guarded), TOGETHER], ids=" ".join)
 def test_a_robots_nodes_come_up_and_end_without_what_trains_and_draws(launch, peer, wait_for, nodes):
     body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main({nodes}))"
     process = launch(*without(body))
@@ -114,7 +118,7 @@ def test_a_robots_nodes_come_up_and_end_without_what_trains_and_draws(launch, pe
 
 @pytest.mark.parametrize(
     ("missing", "node", "extra"),
-    [("rosbags", "data_logger", "deploy"), ("rclpy", "cmd_vel_guard", "ros")],
+    [("rosbags", "data_logger", "deploy"), pytest.param("rclpy", "cmd_vel_guard", "ros", marks=guarded)],
 )
 def test_a_node_says_what_to_install(missing, node, extra):
     body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main(['{node}']))"

@@ -14,6 +14,8 @@ from std_srvs.srv import SetBool
 from turtlebot_gym_ros.__main__ import main
 from turtlebot_gym_ros.base.qos import LATCHED
 
+pytest.importorskip("cmd_vel_guard", reason="the guard is a satellite")
+
 
 @pytest.mark.parametrize(
     ("names", "said"),

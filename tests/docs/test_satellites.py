@@ -36,6 +36,8 @@ QUICK = (
     "agents/test_outputs.py",
 )
 ELSEWHERE = "not slow and not nightly and not clients and not cluster and not browser"
+IN_PARALLEL = ("-n", "3", "--dist", "loadfile", "--no-loadscope-reorder")
+"""As in the Makefile."""
 
 
 def imported(path):
@@ -187,5 +189,5 @@ def test_all_tests_of_the_product_pass_without_it(copy):
     if len(copy.missing) > 1:
         pytest.skip("without each alone")
     paths = [f"tests/{name}" for name in TESTS]
-    done = copy.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", ELSEWHERE, *paths, patience=3600.0)
+    done = copy.run("-m", "pytest", "-q", "-p", "no:cacheprovider", *IN_PARALLEL, "-m", ELSEWHERE, *paths, patience=3600.0)
     assert done.returncode == 0, done.stdout
