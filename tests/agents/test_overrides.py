@@ -290,7 +290,8 @@ def test_what_is_unknown_of_another_type_given_twice_or_changes_nothing_is_refus
     monkeypatch.chdir(tmp_path)
     name, *rest = words.split()
     if name == "watch":
-        pytest.importorskip("turtlebot_gym_view", reason="needs the extra [view]")
+        for package in ("turtlebot_gym_lab", "turtlebot_gym_view"):
+            pytest.importorskip(package, reason="needs the extra [view]")
     assert main([name, *rest]) == 2
     printed = capsys.readouterr()
     assert message in printed.err
