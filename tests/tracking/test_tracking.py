@@ -15,7 +15,7 @@ from turtlebot_gym.tracking.tracks import MOVES, STATE
 from turtlebot_gym.values import Command, Pose
 
 BEAMS, REVOLUTION, DT = 360, 0.2, 0.05
-SWEEP = Sweep(BEAMS, 0.0, math.tau / BEAMS, 0.0, REVOLUTION / BEAMS, -0.03, 0.0, 8.0, 0.005, 0.0175, 0.03)
+SWEEP = Sweep(BEAMS, 0.0, math.tau / BEAMS, 0.0, REVOLUTION / BEAMS, -0.03, 0.0, 0.12, 8.0, 0.005, 0.0175, 0.03)
 HALL = 3.0
 """Half the side of a square hall, m."""
 
@@ -33,7 +33,8 @@ def ranges_at(poses, circles_at, times, rng):
             across = (cx - at_x[beam]) * dy[beam] - (cy - at_y[beam]) * dx[beam]
             if along > 0.0 and abs(across) < radius:
                 lengths[beam] = min(lengths[beam], along - math.sqrt(radius**2 - across**2))
-    return lengths + rng.normal(size=BEAMS) * np.maximum(SWEEP.deviation, SWEEP.deviation_share * lengths)
+    lengths += rng.normal(size=BEAMS) * np.maximum(SWEEP.deviation, SWEEP.deviation_share * lengths)
+    return np.where(lengths < SWEEP.range_min, math.inf, lengths)
 
 
 def drive(circles_at, seconds, *, v=0.0, omega=0.0, seed=0):
@@ -104,6 +105,29 @@ def test_who_stops_is_forgotten_and_who_was_hidden_is_not_there():
     assert seen[8] == 1
     assert seen[20] == 1
     assert seen[-1] == 0
+
+
+@pytest.mark.parametrize("direction", np.arange(0.0, math.tau, 0.25 * math.pi))
+def test_who_comes_up_to_the_robot_is_still_a_track_where_a_part_is_too_near_to_be_measured(direction):
+    touching = 0.105 + 0.28
+
+    def person(time):
+        far = max(2.0 - 0.7 * time, touching)
+        return [(far * math.cos(direction), far * math.sin(direction), 0.28)]
+
+    for time, memory, _ in drive(person, 6.0):
+        if time > 1.5:
+            rows = rows_of(memory)
+            assert len(rows) == 1, time
+            far = math.hypot(rows[0, 0], rows[0, 1])
+            assert abs(far - max(2.0 - 0.7 * time, touching)) < 0.25, time
+
+
+def test_what_moves_to_and_fro_is_no_track_and_what_goes_away_is_one():
+    sways = [len(rows_of(memory)) for _, memory, _ in drive(lambda time: [(1.0 + 0.1 * math.sin(3.0 * time), 0.8, 0.06)], 8.0)]
+    assert not any(sways)
+    walks = [len(rows_of(memory)) for _, memory, _ in drive(lambda time: [(1.0 - 0.3 * time, 0.8, 0.25)], 6.0)]
+    assert walks[-1] == 1
 
 
 @pytest.mark.parametrize("omega", [0.0, 0.3, -0.3, 1.0, -1.0])

@@ -49,6 +49,7 @@ def sweep_of(lidar: Any, last: float, dt: float) -> Sweep:
         interval,
         lidar.x,
         lidar.y,
+        lidar.range_min,
         lidar.range_max,
         lidar.deviation,
         lidar.deviation_share,

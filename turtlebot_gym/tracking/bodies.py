@@ -21,6 +21,10 @@ GAP = 2
 """Most beams without a return inside of a run."""
 JUMP, LEAST_JUMP = 4.0, 0.15
 """Difference of neighbouring ranges that ends a run, in standard deviations of a range and at least, m."""
+TOUCH = 0.05
+"""How much farther than the least range that can be measured the edge of what is too near may be, m."""
+TOO_NEAR = 0.75
+"""Mean range of what is too near to be measured, as a share of the least that can be."""
 LEAST_BEAMS = 3
 """Fewest beams of a body."""
 LEAST_RADIUS, MOST_RADIUS, USUAL_RADIUS = 0.02, 0.45, 0.25
@@ -126,6 +130,11 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
             returns[bin_of(beam, number)] = 1.0
         noise = deviation_at(min(length, before), sweep)
         near = beam - last <= GAP + 1
+        if n > 0 and not near and max(length, before) <= sweep.range_min + max(TOUCH, JUMP * noise):
+            missing = beam - last - 1  # by what stands nearer than the LiDAR can measure
+            n, last, before, blind = n + missing + 1, beam, length, False
+            total += missing * TOO_NEAR * sweep.range_min + length
+            continue
         if n > 0 and near and abs(length - before) <= max(LEAST_JUMP, JUMP * noise):
             n, last, total, before, blind = n + 1, beam, total + length, length, False
             continue

@@ -39,8 +39,10 @@ class Sweep(NamedTuple):
     x: float
     """Position of the LiDAR in the robot's frame, m."""
     y: float
+    range_min: float
+    """Least range that is a measurement, m ..."""
     range_max: float
-    """Greatest range that is a measurement, m."""
+    """... and the greatest."""
     deviation: float
     """Standard deviation of a range, m ..."""
     deviation_share: float

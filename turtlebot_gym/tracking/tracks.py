@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.tracking.bodies import AT, DEPTH, MOVED, RADIUS, TAKEN, UX, UY, VARIANCE, WHOLE, X, Y
 
-CAPACITY, FIELDS = 12, 12
+CAPACITY, FIELDS = 12, 14
 """Most tracks."""
-STATE, TIME, PX, PY, VX, VY, PP, PV, VV, SIZE, SCORE, SEEN = range(FIELDS)
+STATE, TIME, PX, PY, VX, VY, PP, PV, VV, SIZE, SCORE, SEEN, BEGAN_X, BEGAN_Y = range(FIELDS)
 """Columns of tracks: `NONE`, `TENTATIVE` or `MOVES`; time, s; position and velocity, m and m/s; their variances and covariance;
-mean radius, m; evidence; and time at which it last was where it had been free, s."""
+mean radius, m; evidence; time at which it last was where it had been free, s; and the place where it began, m."""
 NONE, TENTATIVE, MOVES = 0.0, 1.0, 2.0
 ACCELERATION = 0.5
 """Power spectral density of the acceleration of each coordinate, m^2/s^3."""
@@ -29,14 +29,17 @@ GATE = 14.0
 """Squared distance in standard deviations up to which a body may be a track's."""
 STATIC = 4.0
 """Added to that of a body that may always have been there."""
-CONFIRMED, MOST_SCORE = 3.0, 6.0
-"""Evidence from which on a track counts, and its most: each scan in which the body moved adds one ..."""
+CONFIRMED, MOST_SCORE, LEAST_SCORE = 3.0, 6.0, -2.0
+"""Evidence from which on a track counts, its most, and its least for what seems to move fast: each scan in which the body moved
+adds one ..."""
+NARROW, CONFIRMED_NARROW = 0.1, 5.0
+"""Mean radius below which a track may be the leg of a chair, m, and the evidence from which on it counts then."""
 DOUBT = 0.5
 """... and one in which it may always have been there takes some."""
 APART = 0.4
 """Least distance of a new track from others, m: nearer bodies are a person's legs."""
-SLOW = 0.2
-"""Least speed of a track that begins to count, m/s."""
+SLOW, WAY = 0.2, 0.25
+"""Least speed of a track that begins to count, m/s, and least distance from where it began, m."""
 RESIZED, SIZES = 0.03, 0.1
 """Most by which a scan changes the mean radius, m, and its share."""
 FORGOTTEN, UNTRIED = 1.0, 0.5
@@ -75,6 +78,12 @@ def _distance(track: Any, body: Any) -> float:
 
 
 @kernel
+def _is_fast(track: Any) -> bool:
+    """Return whether a track is too fast for something that stands."""
+    return bool(track[VX] * track[VX] + track[VY] * track[VY] >= SLOW * SLOW)
+
+
+@kernel
 def _update(track: Any, body: Any) -> None:
     """Condition a track on a body.
 
@@ -93,8 +102,10 @@ def _update(track: Any, body: Any) -> None:
     track[PP], track[PV], track[VV] = k * R, j * R, P.vv - j * P.pv
     track[SCORE] = min(track[SCORE] + (1.0 if body[MOVED] > 0.0 else -DOUBT), MOST_SCORE)
     track[SEEN] = body[AT] if body[MOVED] > 0.0 else track[SEEN]
-    is_fast = track[VX] * track[VX] + track[VY] * track[VY] >= SLOW * SLOW
-    track[STATE] = MOVES if track[SCORE] >= CONFIRMED and is_fast else track[STATE]
+    needed = CONFIRMED if track[SIZE] >= NARROW else CONFIRMED_NARROW
+    way_x, way_y = track[PX] - track[BEGAN_X], track[PY] - track[BEGAN_Y]
+    walks = _is_fast(track) and way_x * way_x + way_y * way_y >= WAY * WAY
+    track[STATE] = MOVES if track[SCORE] >= needed and walks else track[STATE]
     body[TAKEN] = 1.0
 
 
@@ -120,6 +131,7 @@ def _begin(tracks: Any, body: Any) -> None:
             )
             track[PP], track[PV], track[VV] = body[VARIANCE], 0.0, FIRST_SPEED * FIRST_SPEED
             track[SIZE], track[SCORE], track[SEEN] = body[RADIUS], 1.0, body[AT]
+            track[BEGAN_X], track[BEGAN_Y] = body[X], body[Y]
             return
 
 
@@ -146,7 +158,7 @@ def follow(tracks: Any, bodies: Any, count: int, now: float) -> None:
     for k in range(len(tracks)):
         track = tracks[k]
         lasts = FORGOTTEN if track[STATE] == MOVES else UNTRIED
-        is_doubtful = track[STATE] == TENTATIVE and track[SCORE] <= 0.0
+        is_doubtful = track[SCORE] <= 0.0 if track[STATE] == TENTATIVE else track[SCORE] <= LEAST_SCORE and _is_fast(track)
         if now - track[TIME] > lasts or now - track[SEEN] > STANDS or is_doubtful:
             track[STATE] = NONE
     for b in range(count):
