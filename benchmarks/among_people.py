@@ -1,9 +1,9 @@
 """Who reaches the goal among people: stops by tracks, by what was learned, and by the truth, at once or some tenths later.
 
 All drive VFH+, and stand while somebody is about to come near. The one who knows has the true positions and velocities; with a
-delay, those of some steps ago, moved on straight. A rule does the same with the tracks, tuned on the trainings' rooms. The
-learned stop imitates the one who knows, from three scans, the tracks and VFH+'s action (DAgger). Odometry is the wheels',
-without noise of the motion: with it the robot does not find its goal, whoever walks there.
+delay, those of some steps ago, moved on straight. A rule does the same with the tracks, and `arcs` drives around them: both are
+tuned on the trainings' rooms. The learned stop imitates the one who knows, from three scans, the tracks and VFH+'s action
+(DAgger). Odometry is the wheels', without noise of the motion: with it the robot does not find its goal, whoever walks there.
 
 References:
     Ross, Gordon, Bagnell, "A reduction of imitation learning and structured prediction to no-regret online learning" (2011).
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from numpy.typing import NDArray
 from rich.table import Table
 
+import arcs
 from harness.study import Study, each, run
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.parameters import ProcessNoise
@@ -40,8 +41,10 @@ WIDTH = NEAREST * len(TRACK_BOUNDS[0])
 PERIOD, HORIZON, GAP = 0.1, 1.0, 0.1
 """Control period, s; and the stop: somebody who walks on straight would come nearer than this, m, within this time, s."""
 TRAINING_SEED = 2**40
-RULES = list(itertools.product((0.7, 1.0, 1.5), (0.35, 0.45, 0.55), (0.0, 0.5)))
+RULES = list(itertools.product((0.7, 1.0, 1.5), (0.45, 0.55, 0.6), (0.0, 0.5)))
 """Tries of the rule: time, s; distance of the middles, m; and how many standard deviations nearer a person may be."""
+ARCS = list(itertools.product((0.7, 1.0, 1.5), (0.5, 0.55, 0.6)))
+"""Tries of the arcs: time, s, and distance of the middles, m."""
 BATCH, EPOCHS, FOUND = 2048, 3, 0.45
 """Samples of an update, passes over all in a round, and probability from which the learned stop stands."""
 
@@ -216,17 +219,35 @@ def driven(policy: str | Callable[[VectorEnv], Policy], lidar: str, episodes: in
     return found
 
 
-def tuned() -> tuple[float, float, float]:
-    """Return the numbers of the rule with which most goals are reached in rooms of the trainings."""
-    goals = {rule: driven(by_tracks(*rule), "lds01", 200, TRAINING_SEED).success.mean() for rule in each(RULES, "rules")}
-    return max(goals, key=lambda rule: goals[rule])
+def by_arcs(horizon: float, near: float) -> Callable[[VectorEnv], Policy]:
+    """Return a maker of VFH+ that takes another arc where tracks come near its own."""
+
+    def make(envs: VectorEnv) -> Policy:
+        vfh: Any = driver_of("vfh", envs)
+        robot = make_robot("burger")
+
+        def drive(observations: NDArray) -> NDArray:
+            return arcs.around(np.array(vfh(observations), float), observations, tracks_of(observations), robot, horizon, near)
+
+        drive.reset = vfh.reset  # type: ignore[attr-defined]
+        return drive
+
+    return make
+
+
+def tuned(maker: Callable[..., Any], tries: Sequence[tuple[float, ...]]) -> tuple[float, ...]:
+    """Return the numbers with which a driver reaches most goals in rooms of the trainings."""
+    goals = {numbers: driven(maker(*numbers), "lds01", 200, TRAINING_SEED).success.mean() for numbers in each(tries, "tries")}
+    return max(goals, key=lambda numbers: goals[numbers])
 
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     """Return the results and their table."""
-    rule, learned = tuned(), [train(seed, config) for seed in range(config.trainings)]
+    rule, arc = tuned(by_tracks, RULES), tuned(by_arcs, ARCS)
+    learned = [train(seed, config) for seed in range(config.trainings)]
     drivers: dict[str, list[Any]] = {name: [name] for name in ("vfh", "vfh+yield")}
-    drivers |= {"stop by tracks": [by_tracks(*rule)], "stop learned on scans and tracks": [one.drive for one in learned]}
+    drivers |= {"stop by tracks": [by_tracks(*rule)], "arcs around tracks": [by_arcs(*arc)]}
+    drivers |= {"stop learned on scans and tracks": [one.drive for one in learned]}
     for late in config.late:
         name = "stop that knows" + (f", {late * PERIOD:.1f} s late" if late else "")
         drivers[name] = [lambda envs, late=late: Driver(envs, Knowing(envs, late))]
@@ -239,7 +260,7 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
         rows.append({"lidar": lidar, "policy": name, **row, "time_to_goal": time})
         shown = ("{:.1f} ({:.1f}, {:.1f})".format(*(100.0 * bound for bound in share)) for share in row.values())
         table.add_row(lidar, name, *shown, f"{time.value:.1f}")
-    return {"rule": rule, "rows": rows}, [table]
+    return {"rule": rule, "arc": arc, "rows": rows}, [table]
 
 
 def main() -> None:

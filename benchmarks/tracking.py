@@ -46,7 +46,7 @@ class Config(Study):
     """Rooms, with people or without."""
     lidars: tuple[str, ...] = ("lds01", "lds02", "a1")
     """LiDARs."""
-    robots: int = 64
+    robots: int = 192
     """Number of robots."""
     seconds: float = 120.0
     """Time that each drives, s."""
