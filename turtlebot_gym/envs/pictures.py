@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.rooms.scene import scene_at
+from turtlebot_gym.systems.tracking import TrackedScene
 from turtlebot_gym.values import Pose
 
 if TYPE_CHECKING:
@@ -62,7 +63,8 @@ class Pictures:
         if p.room:  # pygame is slow to import, and most runs draw nothing
             from turtlebot_gym.envs.rendering_rooms import RoomRenderer
 
-            return RoomRenderer(self._mode, scene=scene_at(batch.scenes, row), lidar=p.room.lidar, **options)
+            tracks = batch.scenes.tracker.seen[row] if isinstance(batch.scenes, TrackedScene) else None
+            return RoomRenderer(self._mode, scene=scene_at(batch.scenes, row), lidar=p.room.lidar, tracks=tracks, **options)
         from turtlebot_gym.envs.rendering import Renderer
 
         return Renderer(self._mode, **options)

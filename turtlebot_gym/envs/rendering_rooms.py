@@ -1,4 +1,4 @@
-"""The picture of a room: walls, a map, obstacles, and the beams of the newest scan."""
+"""The picture of a room: walls, a map, obstacles, the beams of the newest scan, and what is tracked."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.envs.rendering import _FINE, Renderer
-from turtlebot_gym.plotting import PURPLE
+from turtlebot_gym.observations import NEAREST
+from turtlebot_gym.plotting import PURPLE, SIGMAS
 from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Snapshot
+from turtlebot_gym.values import Pose
 
 if TYPE_CHECKING:
     from pygame import Surface
@@ -28,16 +30,19 @@ _CIRCLE = np.column_stack([function(np.linspace(0.0, 2.0 * np.pi, 33)[:-1]) for 
 
 
 class RoomRenderer(Renderer):
-    """Also draws a room. Static obstacles are part of the background; walkers and beams are drawn in each picture.
+    """Also draws a room. Static obstacles are part of the background; walkers, beams and tracks are drawn in each picture.
 
     Args:
         scene: The room; the environment updates its arrays.
         lidar: The LiDAR; beams of the newest scan are drawn from the robot's position.
+        tracks: The numbers of the term `observations.TRACKS`, which the environment updates; None without a tracker.
         options: See `Renderer`.
     """
 
-    def __init__(self, *arguments: Any, scene: Scene, lidar: Lidar, **options: Any) -> None:
-        self._scene, self._lidar = scene, lidar
+    def __init__(
+        self, *arguments: Any, scene: Scene, lidar: Lidar, tracks: NDArray[np.float32] | None = None, **options: Any
+    ) -> None:
+        self._scene, self._lidar, self._tracks = scene, lidar, tracks
         super().__init__(*arguments, **options)
 
     def _to_be_seen(self) -> list[tuple[float, float]]:
@@ -49,7 +54,11 @@ class RoomRenderer(Renderer):
             for beside in (-0.8, 0.0, 0.8):
                 self._disc(surface, PURPLE, (at[0] + beside * size, at[1]), 4.0)
 
-        return [*super()._legend_entries(), ("scan", dots)]
+        def ring(surface: Surface, at: tuple, size: float) -> None:
+            self._disc(surface, self._colours.estimate, at, size, 1.5)
+
+        tracks = [] if self._tracks is None else [("track", ring)]
+        return [*super()._legend_entries(), ("scan", dots), *tracks]
 
     def _draw_around(self, paper: Surface) -> None:
         self._draw_map(paper)
@@ -91,6 +100,21 @@ class RoomRenderer(Renderer):
         super()._draw_present(surface, world)
         for end in ends.values():
             self._disc(surface, PURPLE, end, 4.0)
+        if self._tracks is not None:
+            self._draw_tracks(surface, world.body.true_state, self._tracks.reshape(NEAREST, -1))
+
+    def _draw_tracks(self, surface: Surface, robot: Pose, tracks: NDArray[np.float32]) -> None:
+        """Draw each track as the robot sees it: some standard deviations around its place, and its way in a second."""
+        cosine, sine = math.cos(robot.theta), math.sin(robot.theta)
+        for x, y, vx, vy, deviation, _, there in tracks.tolist():
+            if there > 0.0:
+                foot, tip = (
+                    self._at(robot.x + cosine * a - sine * b, robot.y + sine * a + cosine * b)
+                    for a, b in ((x, y), (x + vx, y + vy))
+                )
+                # The deviation is that of both coordinates together.
+                self._disc(surface, self._colours.estimate, foot, self._length(SIGMAS * deviation / math.sqrt(2.0)), 1.5)
+                self._line(surface, self._colours.estimate, foot, tip, 2.0)
 
     def _beams(self, world: Snapshot) -> tuple[tuple[float, float], dict[int, tuple[float, float]]]:
         """Return the LiDAR's position on the map, and the end of each beam that returned."""
