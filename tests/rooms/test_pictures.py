@@ -1,5 +1,7 @@
 """The picture of a room."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 
@@ -7,6 +9,7 @@ from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.values import Pose
 
+ID = "turtlebot_gym/TurtleBotRooms-v0"
 PLAN = FloorPlan(
     walls=(0.0, 0.0, 2.0, 2.0),
     circles=((1.0, 1.0, 0.3), (-1.0, 1.0, 0.3, 0.1, 0.0)),
@@ -15,13 +18,13 @@ PLAN = FloorPlan(
     goal=Pose(0.0, 0.0, 0.0),
 )
 SOLID, WHITE, BEAM = (0x55, 0x55, 0x55), (255, 255, 255), (0xCC, 0x79, 0xA7)
-HAIR, SHOULDERS = (0x3B, 0x2F, 0x2F), (0x00, 0x72, 0xB2)
+HAIR, SHOULDERS, ESTIMATE = (0x3B, 0x2F, 0x2F), (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
 
 
 def picture(steps=0, plan=PLAN):
     """Return the picture after some steps, without its header of 64 rows: 5 m are 640 pixels."""
     lidar = Lidar(beams=4, rate=5.0, range_min=0.0, range_max=10.0)
-    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=plan, lidar=lidar, noise="clean", render_mode="rgb_array")
+    env = gym.make(ID, world=plan, lidar=lidar, noise="clean", render_mode="rgb_array")
     env.reset(seed=0)
     for _ in range(steps):
         env.step(np.zeros(2, np.float32))
@@ -49,6 +52,25 @@ def test_walkers_are_people_with_shoulders_across_their_way_and_an_arrow_along_i
         assert at(drawn, x - 0.45, 1.1) == WHITE
 
 
+def test_a_track_is_a_ring_where_the_robot_believes_somebody_and_a_line_along_the_way():
+    walker = replace(PLAN, circles=((-1.6, 1.0, 0.2, 0.5, 0.0),))
+    env = gym.make(ID, world=walker, noise="wheel", observation="ekf,tracks", render_mode="rgb_array")
+    env.reset(seed=0)
+    for _ in range(30):
+        observation, *_ = env.step(np.zeros(2, np.float32))
+    x, y, vx, vy, deviation, _, there = observation[-35:-28].tolist()
+    assert there == 1.0
+    drawn, robot = env.render()[64:], env.unwrapped.snapshot().body.true_state
+    assert abs(vx) > 0.2
+    assert at(drawn, robot.x + x + 0.8 * vx, robot.y + y + 0.8 * vy) == ESTIMATE
+    ring = [
+        (2.0 / np.sqrt(2.0) * deviation * np.cos(angle), 2.0 / np.sqrt(2.0) * deviation * np.sin(angle)) for angle in (2.0, 4.0)
+    ]
+    for a, b in ring:
+        near = [at(drawn, robot.x + x + share * a, robot.y + y + share * b) for share in np.linspace(0.93, 1.07, 15)]
+        assert max(red - blue for red, _, blue in near) > 100  # the ring is thinner than two pixels
+
+
 def test_beams_end_where_they_were_measured():
     drawn = picture()
     assert at(drawn, 0.9 + 0.0, -1.0) == BEAM  # ahead, at the box
@@ -57,7 +79,7 @@ def test_beams_end_where_they_were_measured():
 
 
 def test_a_new_room_has_a_new_picture():
-    env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world="clutter", render_mode="rgb_array")
+    env = gym.make(ID, world="clutter", render_mode="rgb_array")
     pictures = []
     for seed in (1, 2, 1):
         env.reset(seed=seed)
