@@ -30,12 +30,15 @@ RATE = 10
 SCREEN, PROMPT, WRITTEN = "#0d1117", "#7ee787", "#e6edf3"
 """Colours of the terminal."""
 EVALUATIONS, ROBOTS = 24, 12
-DRIVES = (("office", "planner+safety", 53), ("people", "vfh+yield", 3))
-"""World, policy and seed of the drives that are watched."""
+DRIVES = (
+    ("office", "planner+safety", 53, {}),
+    ("people", "vfh+yield", 0, {"noise": "wheel", "observation": "ekf,tracks"}),
+)
+"""World, policy, seed and options of the drives that are watched."""
 SECONDS = {"Train": 4.0, "Watch": 6.5, "Deploy": 4.5}
 SAID = {
     "Train": "A policy learns on what a Kalman filter believes: seconds on one core.",
-    "Watch": "It steers by the estimate (orange), which the filter makes of noisy odometry (blue).",
+    "Watch": "It steers by the estimate, made of noisy odometry (blue), and tracks people (orange rings).",
     "Deploy": "The same filter and the same policy as ROS 2 nodes, equal to the bit.",
 }
 GRAPH = (
@@ -139,8 +142,10 @@ def film(colours, history, kept, output):
     """Yield the pictures of the film."""
     scenes = {"Train": (train_scene(colours, history, kept), None)}
     number = round(SECONDS["Watch"] * RATE)
-    left, right = (drive("Rooms", policy, seed, colours, number, world=world) for world, policy, seed in DRIVES)
-    scenes["Watch"] = zip(left[0], right[0], strict=True), left[1]
+    left, right = (
+        drive("Rooms", policy, seed, colours, number, world=world, **options) for world, policy, seed, options in DRIVES
+    )
+    scenes["Watch"] = zip(left[0], right[0], strict=True), right[1]
     number = round(SECONDS["Deploy"] * RATE)
     square, _ = drive("Square", "ppo-square", 0, colours, number)
     scenes["Deploy"] = ((terminal(output, at / (0.8 * number), colours), square[at]) for at in range(number)), None
