@@ -30,12 +30,12 @@ GATE = 14.0
 STATIC = 4.0
 """Added to that of a body that may always have been there."""
 CONFIRMED, MOST_SCORE, LEAST_SCORE = 3.0, 6.0, -2.0
-"""Evidence from which on a track counts, its most, and its least for what seems to move fast: each scan in which the body moved
-adds one ..."""
-NARROW, CONFIRMED_NARROW = 0.1, 5.0
-"""Mean radius below which a track may be the leg of a chair, m, and the evidence from which on it counts then."""
+"""Evidence from which on a track counts, the most, and the least of one that is fast; a scan in which the body moved adds one
+..."""
 DOUBT = 0.5
 """... and one in which it may always have been there takes some."""
+NARROW, CONFIRMED_NARROW = 0.1, 5.0
+"""Mean radius below which a track may be the leg of a chair, m, and the evidence from which on it counts then."""
 APART = 0.4
 """Least distance of a new track from others, m: nearer bodies are a person's legs."""
 SLOW, WAY = 0.2, 0.25
