@@ -1,7 +1,7 @@
 """Who reaches the goal among people: stops by tracks, by what was learned, and by the truth, at once or some tenths later.
 
 All drive VFH+, and stand while somebody is about to come near. The one who knows has the true positions and velocities; with a
-delay, those of some steps ago, moved on straight. A rule does the same with the tracks, and `arcs` drives around them: both are
+delay, those of some steps ago, moved on straight. A rule does the same with the tracks, and `arcs` drives around them. All are
 tuned on the trainings' rooms. The learned stop imitates the one who knows, from three scans, the tracks and VFH+'s action
 (DAgger). Odometry is the wheels', without noise of the motion: with it the robot does not find its goal, whoever walks there.
 
@@ -39,7 +39,10 @@ from turtlebot_gym_agents.policies.yielding import Scans
 Flags = NDArray[np.bool_]
 WIDTH = NEAREST * len(TRACK_BOUNDS[0])
 PERIOD, HORIZON, GAP = 0.1, 1.0, 0.1
-"""Control period, s; and the stop: somebody who walks on straight would come nearer than this, m, within this time, s."""
+"""Control period, s; and the stop that is learned: somebody who walks on straight would come nearer than this, m, within this
+time, s."""
+KNOWN = list(itertools.product((0.5, 1.0, 1.5), (0.1, 0.2, 0.3)))
+"""Tries of these two for the one who knows."""
 TRAINING_SEED = 2**40
 RULES = list(itertools.product((0.7, 1.0, 1.5), (0.45, 0.55, 0.6), (0.0, 0.5)))
 """Tries of the rule: time, s; distance of the middles, m; and how many standard deviations nearer a person may be."""
@@ -107,8 +110,9 @@ class Driver:
 class Knowing:
     """Stops by the truth as it was some steps ago."""
 
-    def __init__(self, envs: VectorEnv, late: int = 0) -> None:
+    def __init__(self, envs: VectorEnv, late: int = 0, horizon: float = HORIZON, gap: float = GAP) -> None:
         self._envs: Any = envs.unwrapped
+        self._horizon, self._gap = horizon, gap
         self._past = deque[tuple[NDArray, NDArray]](maxlen=late + 1)
 
     def __call__(self, *_: Any) -> Flags:
@@ -118,9 +122,14 @@ class Knowing:
         self._past.append((circles[..., :2].copy(), circles[..., 3:5].copy()))
         at, walks = self._past[0]
         to = at + walks * PERIOD * (len(self._past) - 1) - states[:, None, :2]
-        least = passing(to, walks, HORIZON)[1]
-        near = GAP + circles[..., 2] + self._envs.parameters.robot.radius
+        least = passing(to, walks, self._horizon)[1]
+        near = self._gap + circles[..., 2] + self._envs.parameters.robot.radius
         return np.asarray(((least < near) & there).any(axis=1))
+
+
+def by_truth(late: int) -> Callable[..., Any]:
+    """Return what makes, of time and distance, a maker of a driver that knows where people were some steps ago."""
+    return lambda horizon, gap: lambda envs: Driver(envs, Knowing(envs, late, horizon, gap))
 
 
 def by_tracks(horizon: float, near: float, deviations: float) -> Callable[[VectorEnv], Policy]:
@@ -248,9 +257,10 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     drivers: dict[str, list[Any]] = {name: [name] for name in ("vfh", "vfh+yield")}
     drivers |= {"stop by tracks": [by_tracks(*rule)], "arcs around tracks": [by_arcs(*arc)]}
     drivers |= {"stop learned on scans and tracks": [one.drive for one in learned]}
-    for late in config.late:
+    known = {late: tuned(by_truth(late), KNOWN) for late in config.late}
+    for late, numbers in known.items():
         name = "stop that knows" + (f", {late * PERIOD:.1f} s late" if late else "")
-        drivers[name] = [lambda envs, late=late: Driver(envs, Knowing(envs, late))]
+        drivers[name] = [by_truth(late)(*numbers)]
     rows, table = [], Table("LiDAR", "policy", "goals, %", "collisions, %", "to goal, s")
     for lidar, name in each(list(itertools.product(config.lidars, drivers)), "drives"):
         parts = [driven(driver, lidar, config.episodes, config.seed) for driver in drivers[name]]
@@ -260,7 +270,7 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
         rows.append({"lidar": lidar, "policy": name, **row, "time_to_goal": time})
         shown = ("{:.1f} ({:.1f}, {:.1f})".format(*(100.0 * bound for bound in share)) for share in row.values())
         table.add_row(lidar, name, *shown, f"{time.value:.1f}")
-    return {"rule": rule, "arc": arc, "rows": rows}, [table]
+    return {"rule": rule, "arc": arc, "known": list(known.values()), "rows": rows}, [table]
 
 
 def main() -> None:
