@@ -63,8 +63,9 @@ class Pictures:
         if p.room:  # pygame is slow to import, and most runs draw nothing
             from turtlebot_gym.envs.rendering_rooms import RoomRenderer
 
-            tracks = batch.scenes.tracker.seen[row] if isinstance(batch.scenes, TrackedScene) else None
-            return RoomRenderer(self._mode, scene=scene_at(batch.scenes, row), lidar=p.room.lidar, tracks=tracks, **options)
+            scene, scenes = scene_at(batch.scenes, row), batch.scenes
+            tracks = scenes.tracker.seen[row] if isinstance(scenes, TrackedScene) else None
+            return RoomRenderer(self._mode, scene=scene, lidar=p.room.lidar, tracks=tracks, **options)
         from turtlebot_gym.envs.rendering import Renderer
 
         return Renderer(self._mode, **options)

@@ -16,7 +16,7 @@ from turtlebot_gym.rooms.cells import to_cells
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Snapshot
-from turtlebot_gym.values import Pose
+from turtlebot_gym.values import State
 
 if TYPE_CHECKING:
     from pygame import Surface
@@ -103,7 +103,7 @@ class RoomRenderer(Renderer):
         if self._tracks is not None:
             self._draw_tracks(surface, world.body.true_state, self._tracks.reshape(NEAREST, -1))
 
-    def _draw_tracks(self, surface: Surface, robot: Pose, tracks: NDArray[np.float32]) -> None:
+    def _draw_tracks(self, surface: Surface, robot: State, tracks: NDArray[np.float32]) -> None:
         """Draw each track as the robot sees it: some standard deviations around its place, and its way in a second."""
         cosine, sine = math.cos(robot.theta), math.sin(robot.theta)
         for x, y, vx, vy, deviation, _, there in tracks.tolist():
