@@ -89,22 +89,30 @@ def tracks_of(observations: NDArray) -> NDArray[np.float64]:
 
 
 class Driver:
-    """VFH+ that stands where ``stops(observations, actions)`` says so, and calls ``begin(mask)`` where an episode begins."""
+    """VFH+, whose actions ``revise(observations, actions)`` changes; ``begin(mask)`` is called where episodes begin."""
 
     def __init__(
-        self, envs: VectorEnv, stops: Callable[[NDArray, NDArray], Flags], begin: Callable[[Flags], None] = lambda mask: None
+        self, envs: VectorEnv, revise: Callable[[NDArray, NDArray], NDArray], begin: Callable[[Flags], None] = lambda mask: None
     ) -> None:
         self._policy: Any = driver_of("vfh", envs)
-        self._stops, self._begin = stops, begin
+        self._revise, self._begin = revise, begin
 
     def reset(self, mask: Flags) -> None:
         self._policy.reset(mask)
         self._begin(mask)
 
     def __call__(self, observations: NDArray) -> NDArray:
-        actions = np.array(self._policy(observations))
-        actions[self._stops(observations, actions)] = 0.0
+        return self._revise(observations, np.array(self._policy(observations)))
+
+
+def standing(stops: Callable[[NDArray, NDArray], Flags]) -> Callable[[NDArray, NDArray], NDArray]:
+    """Return what lets the robot stand where ``stops(observations, actions)`` says so."""
+
+    def revise(observations: NDArray, actions: NDArray) -> NDArray:
+        actions[stops(observations, actions)] = 0.0
         return actions
+
+    return revise
 
 
 class Knowing:
@@ -129,7 +137,7 @@ class Knowing:
 
 def by_truth(late: int) -> Callable[..., Any]:
     """Return what makes, of time and distance, a maker of a driver that knows where people were some steps ago."""
-    return lambda horizon, gap: lambda envs: Driver(envs, Knowing(envs, late, horizon, gap))
+    return lambda horizon, gap: lambda envs: Driver(envs, standing(Knowing(envs, late, horizon, gap)))
 
 
 def by_tracks(horizon: float, near: float, deviations: float) -> Callable[[VectorEnv], Policy]:
@@ -140,7 +148,7 @@ def by_tracks(horizon: float, near: float, deviations: float) -> Callable[[Vecto
         _, least = passing(rows[..., :2], rows[..., 2:4], horizon)
         return np.asarray(((least < near + deviations * rows[..., 4]) & (rows[..., 6] > 0.0)).any(axis=1))
 
-    return lambda envs: Driver(envs, stops)
+    return lambda envs: Driver(envs, standing(stops))
 
 
 class Learned:
@@ -173,7 +181,8 @@ class Learned:
 
     def drive(self, envs: VectorEnv) -> Policy:
         """Return VFH+ with this stop."""
-        return Driver(envs, lambda rows, actions: self.finds(self.features(rows, actions), FOUND), self.scans.reset)
+        stops = standing(lambda rows, actions: self.finds(self.features(rows, actions), FOUND))
+        return Driver(envs, stops, self.scans.reset)
 
 
 def collect(learned: Learned, seed: int, lidar: str) -> Iterator[tuple[torch.Tensor, Flags]]:
@@ -231,17 +240,10 @@ def driven(policy: str | Callable[[VectorEnv], Policy], lidar: str, episodes: in
 def by_arcs(horizon: float, near: float) -> Callable[[VectorEnv], Policy]:
     """Return a maker of VFH+ that takes another arc where tracks come near its own."""
 
-    def make(envs: VectorEnv) -> Policy:
-        vfh: Any = driver_of("vfh", envs)
-        robot = make_robot("burger")
+    def revise(observations: NDArray, actions: NDArray) -> NDArray:
+        return arcs.around(actions.astype(float), observations, tracks_of(observations), make_robot("burger"), horizon, near)
 
-        def drive(observations: NDArray) -> NDArray:
-            return arcs.around(np.array(vfh(observations), float), observations, tracks_of(observations), robot, horizon, near)
-
-        drive.reset = vfh.reset  # type: ignore[attr-defined]
-        return drive
-
-    return make
+    return lambda envs: Driver(envs, revise)
 
 
 def tuned(maker: Callable[..., Any], tries: Sequence[tuple[float, ...]]) -> tuple[float, ...]:

@@ -15,7 +15,7 @@ from turtlebot_gym.observations import ROOM
 from turtlebot_gym.observations.columns import slices_of
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SIGHT
-from turtlebot_gym_agents.policies.sight import DIRECTIONS
+from turtlebot_gym_agents.policies.sight import DIRECTIONS, arc
 
 STEP = 0.1
 """Time between the poses of an arc that are compared, s."""
@@ -26,14 +26,6 @@ ASIDE = 0.03
 TURNS = 0.05
 """Length that counts as much as a difference of 1 rad/s, m."""
 SCAN = slices_of(ROOM)["scan"]
-
-
-def poses_on(actions: NDArray[np.float64], robot: Robot, horizon: float) -> NDArray[np.complex128]:
-    """Return where arcs lead in the robot's frame, shape (n, arcs, times), for actions of shape (n, arcs, 2), m."""
-    times = STEP * np.arange(1, round(horizon / STEP) + 1)
-    v, w = actions[..., :1] * robot.max_linear, actions[..., 1:] * robot.max_angular
-    half = 0.5 * w * times
-    return np.asarray(v * times * np.sinc(half / np.pi) * np.exp(1j * half), np.complex128)
 
 
 def around(
@@ -57,8 +49,8 @@ def around(
     number = len(actions)
     own = np.stack((actions, actions * (0.5, 1.0)), 1)
     tried = np.concatenate((own, np.broadcast_to(SAMPLES, (number, *SAMPLES.shape))), 1)
-    poses = poses_on(tried, robot, horizon)
-    times = STEP * np.arange(1, poses.shape[-1] + 1)
+    times = STEP * np.arange(1, round(horizon / STEP) + 1)
+    poses, _ = arc(tried[..., :1] * robot.max_linear, tried[..., 1:] * robot.max_angular, times)
     free = np.ones(tried.shape[:2], np.bool_)
     for track in np.moveaxis(tracks, 1, 0):
         place = (track[:, 0] + 1j * track[:, 1])[:, None] + (track[:, 2] + 1j * track[:, 3])[:, None] * times
