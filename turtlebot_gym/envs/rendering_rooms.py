@@ -105,31 +105,30 @@ class RoomRenderer(Renderer):
 
     def _draw_tracks(self, surface: Surface, robot: State, tracks: NDArray[np.float32]) -> None:
         """Draw each track as the robot sees it: some standard deviations around its place, and its way in a second."""
-        cosine, sine = math.cos(robot.theta), math.sin(robot.theta)
+        place = self._placing(robot)
         for x, y, vx, vy, deviation, _, there in tracks.tolist():
             if there > 0.0:
-                foot, tip = (
-                    self._at(robot.x + cosine * a - sine * b, robot.y + sine * a + cosine * b)
-                    for a, b in ((x, y), (x + vx, y + vy))
-                )
+                foot, tip = place(x, y), place(x + vx, y + vy)
                 # The deviation is that of both coordinates together.
                 self._disc(surface, self._colours.estimate, foot, self._length(SIGMAS * deviation / math.sqrt(2.0)), 1.5)
                 self._line(surface, self._colours.estimate, foot, tip, 2.0)
 
     def _beams(self, world: Snapshot) -> tuple[tuple[float, float], dict[int, tuple[float, float]]]:
         """Return the LiDAR's position on the map, and the end of each beam that returned."""
-        truth, lidar = world.body.true_state, self._lidar
-        cosine, sine = math.cos(truth.theta), math.sin(truth.theta)
-        x = truth.x + lidar.x * cosine - lidar.y * sine
-        y = truth.y + lidar.x * sine + lidar.y * cosine
+        lidar, place = self._lidar, self._placing(world.body.true_state)
         beams = zip(
             *self._scene.lidar.beams[:2, : lidar.beams], self._scene.lidar.ranges[1, : lidar.beams].tolist(), strict=True
         )
-        return self._at(x, y), {
-            beam: self._at(x + length * (a * cosine - b * sine), y + length * (a * sine + b * cosine))
+        return place(lidar.x, lidar.y), {
+            beam: place(lidar.x + length * a, lidar.y + length * b)
             for beam, (a, b, length) in enumerate(beams)
             if math.isfinite(length)
         }
+
+    def _placing(self, robot: State) -> Callable[[float, float], tuple[float, float]]:
+        """Return what places a point of the robot's frame on the map."""
+        cosine, sine = math.cos(robot.theta), math.sin(robot.theta)
+        return lambda a, b: self._at(robot.x + cosine * a - sine * b, robot.y + sine * a + cosine * b)
 
     def _circles(self) -> list[list[float]]:
         """Return x, y, radius and velocity of each circle; m, m/s."""
