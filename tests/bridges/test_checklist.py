@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 import yaml
+from bench import guarded
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import LaserScan
 
-pytest.importorskip("cmd_vel_guard", reason="the guard is a satellite")
-pytestmark = pytest.mark.nightly
+pytestmark = [pytest.mark.nightly, guarded]
 
 ROBOT = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/config/robot.yaml"
 TOPICS = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}

@@ -12,7 +12,7 @@ import threading
 import time
 
 import pytest
-from bench import odometry
+from bench import guarded, odometry
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
@@ -23,7 +23,7 @@ import faults_robot
 from harness.ros_domain import claimed_domain
 from turtlebot_gym_ros.base.qos import LATCHED
 
-pytest.importorskip("cmd_vel_guard", reason="the guard is a satellite")
+pytestmark = guarded
 
 POLICY = """
 import time

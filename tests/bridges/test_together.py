@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from bench import POLICIES, node, odometry
+from bench import POLICIES, guarded, node, odometry
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool
 from turtlebot_gym_ros.__main__ import main
 from turtlebot_gym_ros.base.qos import LATCHED
 
-pytest.importorskip("cmd_vel_guard", reason="the guard is a satellite")
+pytestmark = guarded
 
 
 @pytest.mark.parametrize(
