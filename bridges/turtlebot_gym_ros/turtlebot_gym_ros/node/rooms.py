@@ -23,9 +23,9 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from turtlebot_gym.beams import TURN
-from turtlebot_gym.observations import NEAREST, TRACKS
 from turtlebot_gym.rooms.grid import GridMap, grid_of
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
+from turtlebot_gym.tracking.messages import FIELDS, tracks_of
 from turtlebot_gym_ros.node.block import Correction, People, PoseCandidates, Tracks
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, transform_to, unread, write_pose
 
@@ -126,29 +126,19 @@ def _write_places(places: PoseCandidates, header: Header) -> PoseArray:
     return message
 
 
-_TRACK = ("x", "y", "vx", "vy", "position_deviation", "velocity_deviation", "is_track", "z")
-"""Fields of a track as a point: the numbers of the term "tracks", and a height of zero, without which viewers show nothing."""
-
-
 def _write_tracks(tracks: Tracks, header: Header) -> PointCloud2:
-    rows = np.asarray(tracks, np.float32).reshape(-1, len(_TRACK) - 1)
+    rows = np.asarray(tracks, np.float32).reshape(-1, len(FIELDS) - 1)
     data = np.column_stack([rows, np.zeros(len(rows), np.float32)]).astype("<f4")
-    message = PointCloud2(header=header, height=1, width=len(rows), point_step=4 * len(_TRACK), is_dense=True)
+    message = PointCloud2(header=header, height=1, width=len(rows), point_step=4 * len(FIELDS), is_dense=True)
     message.fields = [
-        PointField(name=name, offset=4 * at, datatype=PointField.FLOAT32, count=1) for at, name in enumerate(_TRACK)
+        PointField(name=name, offset=4 * at, datatype=PointField.FLOAT32, count=1) for at, name in enumerate(FIELDS)
     ]
     message.row_step, message.data = data.nbytes, array("B", data.tobytes())
     return message
 
 
 def _read_tracks(message: PointCloud2) -> Tracks:
-    fields = [(field.name, field.offset, field.datatype, field.count) for field in message.fields]
-    expected = [(name, 4 * at, PointField.FLOAT32, 1) for at, name in enumerate(_TRACK)]
-    size = NEAREST * 4 * len(_TRACK)
-    if fields != expected or message.is_bigendian or len(message.data) != size:
-        raise ValueError(f"tracks must be {NEAREST} points of the fields {', '.join(_TRACK)} in float32")
-    rows = np.frombuffer(bytes(message.data), "<f4").reshape(NEAREST, -1)[:, :-1]
-    return Tracks(TRACKS.read(rows.ravel()))
+    return Tracks(tracks_of(message).ravel().tolist())
 
 
 def _write_people(people: People, header: Header) -> MarkerArray:
