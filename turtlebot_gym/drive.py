@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.values import Pose
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "level": (),
     "gyro": (),
     "fix": (),
+    "tracks": (NEAREST, len(TRACK_BOUNDS[0])),
 }
 _LISTS = ("report", "circles", "hypotheses")
 
@@ -112,6 +114,8 @@ class Drive:
     """Turning rate measured by a gyro at each row, shape (T,), rad/s."""
     fix: NDArray[np.float64] = _UNKNOWN
     """Whether a fix arrived at each row, 1 or 0, shape (T,)."""
+    tracks: NDArray[np.float64] = _UNKNOWN
+    """The nearest tracks that the robot observes, shape (T, 5, 7); m, m/s; see `turtlebot_gym.observations.TRACKS`."""
     report: tuple[str, ...] = ()
     """The guard's report at each row."""
     circles: tuple[NDArray[np.float64], ...] = ()
@@ -171,6 +175,12 @@ class Drive:
     def truth(self) -> NDArray[np.float64]:
         """True poses, shape (T, 3); m, m, rad."""
         return self.true_state[:, :3]
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """The best known poses, shape (T, 3); m, m, rad: the truth, else the estimate, else odometry."""
+        states = np.where(np.isfinite(self.truth), self.truth, self.estimate[:, :3])
+        return np.where(np.isfinite(states), states, self.odometry)
 
     @property
     def period(self) -> float:

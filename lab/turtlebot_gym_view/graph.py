@@ -35,7 +35,7 @@ from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refu
 from turtlebot_gym_ros.base.qos import LATCHED, STREAM
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 
-STEP = ("true_state", "estimate", "nis")
+STEP = ("true_state", "estimate", "nis", "tracks")
 """Topics whose values belong to the odometry of the same stamp."""
 LONGEST = 18_000
 """Rows after which another drive begins, so that browsers keep up: half an hour at 10 Hz."""

@@ -9,7 +9,10 @@ from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
 
-COLUMNS = ("true_state", "odometry", "estimate", "covariance", "reference", "command", "twist", "nis", "clearance", "level")
+COLUMNS = (
+    *("true_state", "odometry", "estimate", "covariance", "reference", "command", "twist"),
+    *("nis", "clearance", "level", "tracks"),
+)
 
 
 def recorded(name):

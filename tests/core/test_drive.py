@@ -35,6 +35,14 @@ def test_columns_that_are_not_given_are_unknown():
     assert [circles.shape for circles in drive.circles] == [(0, 3)] * 3
 
 
+def test_the_best_known_poses_are_true_else_estimated_else_measured():
+    truth, estimate, odometry = np.full((3, 5), np.nan), np.full((3, 5), np.nan), np.full((3, 3), 3.0)
+    truth[0], estimate[:2] = 1.0, 2.0
+    drive = Drive(time=[0.0, 0.1, 0.2], true_state=truth, estimate=estimate, odometry=odometry)
+    np.testing.assert_array_equal(drive.poses, [[1.0] * 3, [2.0] * 3, [3.0] * 3])
+    assert np.isnan(Drive(time=[0.0, 0.1]).poses).all()
+
+
 def test_rows_far_apart_do_not_continue_each_other():
     time = np.array([0.0, 0.1, 0.2, 0.71, 0.81])
     assert Drive(time=time).joined.tolist() == [False, True, True, False, True]

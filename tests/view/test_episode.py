@@ -94,6 +94,19 @@ def test_a_drive_records_when_fixes_arrived():
     assert not np.isfinite(record_episode("bearing", seed=2, noise="wheel").fix).any()
 
 
+def test_a_drive_has_the_tracks_that_the_policy_observes():
+    options = {"world": "people", "noise": "wheel", "observation": "ekf,tracks"}
+    recorded = record_episode(stand, env=ROOMS, seed=2, **options)
+    world = gym.make(ROOMS, **options)
+    observed = [world.reset(seed=2)[0]]
+    while len(observed) < len(recorded):
+        observed.append(world.step(np.zeros(2, np.float32))[0])
+    world.close()
+    np.testing.assert_array_equal(recorded.tracks.reshape(len(recorded), -1), np.array(observed)[:, -35:])
+    assert (recorded.tracks[:, :, -1] == 1.0).sum() > len(recorded)
+    assert np.isnan(record_episode(stand, env=ROOMS, seed=2, world="people", noise="wheel").tracks).all()
+
+
 def test_a_localizer_in_doubt_shows_its_hypotheses_and_its_map():
     drive = record_episode("vfh", env=ROOMS, seed=4, world="office", localizer="match", noise="wheel", start="unknown")
     doubts = [row for row, places in enumerate(drive.hypotheses) if len(places)]

@@ -23,7 +23,7 @@ from turtlebot_gym.systems import Parameters, Snapshot
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.episodes import ending_of
 from turtlebot_gym_agents.evaluation.evaluate import driven, driver_of, make_envs, policy_of, require_known
-from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of
+from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, tracks_of
 from turtlebot_gym_agents.front.defaults import NAV, SEED
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.ids import environment_id
@@ -90,9 +90,11 @@ def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator
         room = None if scene is None else obstacles_of(scene)
         world: Snapshot = envs.unwrapped.snapshot(0)  # pyright: ignore[reportAttributeAccessIssue]
         fix = getattr(world.senses, "fix", None)
-        arrived = {} if fix is None else {"fix": np.array([float(fix.arrived)])}
+        sensed = {} if fix is None else {"fix": np.array([float(fix.arrived)])}
+        tracks = tracks_of(envs)
+        sensed |= {} if tracks is None else {"tracks": tracks[None]}
         yield _Row(
-            info | arrived, room, None if scene is None else scene.lidar.ranges[1].copy(), _hypotheses_of(world, scene, p)
+            info | sensed, room, None if scene is None else scene.lidar.ranges[1].copy(), _hypotheses_of(world, scene, p)
         )
 
 

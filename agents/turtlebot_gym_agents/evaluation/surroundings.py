@@ -14,14 +14,27 @@ from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.scan import obstacles_of
 from turtlebot_gym.rooms.scene import Scene, scene_at
 from turtlebot_gym.systems import system_of
+from turtlebot_gym.systems.tracking import TrackedScene
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.policies.fit import parameters_of
 
 
+def _scenes_of(envs: VectorEnv) -> Any:
+    """Return the surroundings of all robots; None on open ground."""
+    env: Any = envs.unwrapped
+    return env.truth()[0] if system_of(env.parameters).surroundings else None
+
+
 def scene_of(envs: VectorEnv) -> Scene | None:
     """Return the surroundings of the first robot; None on open ground."""
-    env: Any = envs.unwrapped
-    return scene_at(env.truth()[0], 0) if system_of(env.parameters).surroundings else None
+    scenes = _scenes_of(envs)
+    return None if scenes is None else scene_at(scenes, 0)
+
+
+def tracks_of(envs: VectorEnv) -> NDArray[np.float32] | None:
+    """Return what the first robot observes by `observations.TRACKS`, shape (35,); None if it does not track."""
+    scenes = _scenes_of(envs)
+    return scenes.tracker.seen[0].copy() if isinstance(scenes, TrackedScene) else None
 
 
 def grid_of(scene: Scene | None) -> GridMap | None:

@@ -27,7 +27,7 @@ _SENSORS = ("amcl_pose", "pose", "pose_fix")
 _NO_SENSORS = ("/initialpose", *(f"/{name}" for name in _TRUTHS))
 _ASKED = ("odom", "true_state", "fix", "twist")
 """Topics whose names `Topics` holds; the others are searched beside that of the odometry, and in the root."""
-_CLOCKED = ("true_state", "fix", "twist", "scan", "estimate", "imu")
+_CLOCKED = ("true_state", "fix", "twist", "scan", "estimate", "imu", "tracks")
 """Topics that may come from another computer."""
 _UNTIMED = ("tf", "map", "obstacles", "diagnostics", "tf_static", "mounts")
 """Topics whose messages have no stamp of their own that counts; transforms are judged one by one."""

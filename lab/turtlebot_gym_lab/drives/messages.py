@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.models.angles import sincos, yaw_of_rotation
 from turtlebot_gym.models.odometry import increment
+from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.scan import Obstacles, Scan, read_scan, room_of, scan_of
+from turtlebot_gym.tracking.messages import tracks_of
 from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_lab.drives.alignment import Stream
 from turtlebot_gym_lab.drives.clocks import Stamps
@@ -63,6 +65,7 @@ TYPES: dict[str, tuple[str, ...]] = {
     "obstacles": ("visualization_msgs/msg/MarkerArray",),
     "map": ("nav_msgs/msg/OccupancyGrid",),
     "hypotheses": ("geometry_msgs/msg/PoseArray",),
+    "tracks": ("sensor_msgs/msg/PointCloud2",),
     "diagnostics": ("diagnostic_msgs/msg/DiagnosticArray",),
 }
 """Types of messages by topic, named as in this project's graph."""
@@ -111,6 +114,7 @@ _READ: dict[str, Callable[[Any], Any]] = {
     "obstacles": room_of,
     "map": grid_of,
     "hypotheses": _places,
+    "tracks": tracks_of,
 }
 
 
@@ -205,7 +209,7 @@ class DriveListener:
             time: Stamps on ``odom``, shape (T,), s.
             start: Time that counts as 0, s.
             after: Time of the row before the first one, s, whose scans are left out.
-            held: Age up to which estimate and NIS hold, s; 0 for those of the same stamp alone.
+            held: Age up to which estimate, NIS and tracks hold, s; 0 for those of the same stamp alone.
             around: Label, room and map; by default the room and the map that were heard.
         """
         odom, truth = self["odom"].held(time, 5, fresh=0.0), self["true_state"].held(time, 5)
@@ -227,6 +231,7 @@ class DriveListener:
             nis=self["nis"].held(time, fresh=held),
             clearance=self["clearance"].held(time, fresh=HELD),
             gyro=self._gyro(time),
+            tracks=self["tracks"].held(time, (NEAREST, len(TRACK_BOUNDS[0])), fresh=held),
             level=np.array([level for level, _ in reports]),
             report=tuple(text for _, text in reports),
             circles=self._walkers(time, around.room),
@@ -257,16 +262,15 @@ class DriveListener:
         return rates[:, 2] if weights[2] == 1.0 else rates @ weights
 
     def _scans(self, drive: Drive, start: float, after: float) -> tuple[Seen, ...]:
-        """Return the scans with the robot's pose at their completion: by the truth, else the estimate, else odometry."""
+        """Return the scans with the robot's pose at their completion, see `Drive.poses`."""
         scans: list[Seen] = []
         mount, is_inverted, _ = self.mount()
-        states = np.where(np.isfinite(drive.truth), drive.truth, drive.estimate[:, :3])
-        states = np.where(np.isfinite(states), states, drive.odometry)
+        poses = drive.poses
         for stamp, scan in zip(self["scan"].times, self["scan"].values, strict=True):
             complete = stamp + scan.beam_period * len(scan.ranges)
             row = int(np.searchsorted(drive.time, complete - 1e-3))
-            if complete - 1e-3 > after and row < len(drive) and np.isfinite(states[row]).all():
-                robot = Pose(*states[row].tolist())
+            if complete - 1e-3 > after and row < len(drive) and np.isfinite(poses[row]).all():
+                robot = Pose(*poses[row].tolist())
                 place = increment(robot, ORIGIN, mount, sincos(robot.theta))
                 scan = scan._replace(first=-scan.first, increment=-scan.increment) if is_inverted else scan
                 scans.append(Seen(row, place, scan, stamp - start, mount))

@@ -12,6 +12,7 @@ from drive_samples import recorded
 from rosbag_messages import ODOMETRY, POINT, POSE, TF, TRANSFORM, TWIST, Plugin, header, make, odometry, point, pose, write_bag
 
 from turtlebot_gym.rooms.grid import grid_of
+from turtlebot_gym.tracking.messages import FIELDS, FLOAT32
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.topics import Topics
 
@@ -185,7 +186,7 @@ def test_without_rosbags_the_error_names_what_to_install(bag, monkeypatch):
 # A drive of this project's graph, by hand.
 
 NIS, RANGE, SCAN = "diagnostic_msgs/msg/DiagnosticArray", "sensor_msgs/msg/Range", "sensor_msgs/msg/LaserScan"
-MARKERS = "visualization_msgs/msg/MarkerArray"
+MARKERS, CLOUD = "visualization_msgs/msg/MarkerArray", "sensor_msgs/msg/PointCloud2"
 
 
 def diagnostics(seconds, name, text, level=0, **values):
@@ -227,6 +228,14 @@ def room():
     return make(MARKERS, [walls, circle, marker(1, pose(-1.0, -1.0, 0.7), ros.vector(0.4, 0.2, 0.3))])
 
 
+def tracks(seconds, numbers):
+    """Return tracks as points, one for each row of numbers."""
+    fields = [make("sensor_msgs/msg/PointField", name, 4 * at, FLOAT32, 1) for at, name in enumerate(FIELDS)]
+    data = np.frombuffer(np.pad(numbers, ((0, 0), (0, 1))).astype("<f4").tobytes(), np.uint8)
+    number, size = len(numbers), 4 * len(FIELDS)
+    return make(CLOUD, header(seconds, "base"), 1, number, fields, False, size, number * size, data, True)
+
+
 def graph_drive():
     """Return the messages of a drive of five steps of 0.1 s along x, recorded a second late."""
     ranges = np.array([1.0, 2.0, np.inf, 0.01], np.float32)
@@ -250,6 +259,7 @@ def graph_drive():
             ),
             ("/nis", NIS, received, diagnostics(at, "innovation", "as expected", nis=1.5 + k)),
             ("/clearance", RANGE, received, make(RANGE, header(at), 0, 6.28, -math.inf, math.inf, 0.5 - 0.125 * k, 0.0)),
+            ("/tracks", CLOUD, received, tracks(at, np.full((5, 7), 0.125 * k))),
             ("/diagnostics", NIS, received, diagnostics(500.0, "/kalman_filter", "not the guard", 2)),
         ]
     messages += [("/odom", ODOMETRY, 11.41, odometry(10.4, (0.43, 0.0, 0.0), (0.2, 0.1)))]  # sent again, as in lock-step
@@ -272,6 +282,7 @@ def test_the_bag_of_a_graph_is_read_completely(tmp_path, namespace, plugin):
         (drive.command, [[0.2, 0.1]] * 5),
         (drive.nis, 1.5 + np.arange(5)),
         (drive.clearance, 0.5 - 0.125 * np.arange(5)),
+        (drive.tracks, np.full((5, 7, 5), 0.125 * np.arange(5)).transpose(2, 0, 1)),
     ):
         np.testing.assert_allclose(column, expected, atol=1e-6)
     np.testing.assert_array_equal(drive.level, [np.nan, np.nan, 1.0, 1.0, 1.0])  # by the recorder's clock

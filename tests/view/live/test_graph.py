@@ -14,11 +14,15 @@ from geometry_msgs.msg import Pose as RosPose
 from geometry_msgs.msg import PoseArray, Quaternion
 from nav_msgs.msg import Odometry
 from rclpy.time import Time
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from swallowed import require_end
 
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.graph.graph import Graph
+from turtlebot_gym_ros.node.block import Tracks
+from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_view.graph import LAG, View, Watcher
 
 pytestmark = pytest.mark.touched("lab/turtlebot_gym_view", "tests/view")
@@ -110,6 +114,19 @@ def test_it_shows_where_a_lost_robot_may_be(robot, peer, watcher, wait_for):
     drive = robot.rows(10)
     assert [len(places) for places in drive.hypotheses[:10]] == [0, *[2] * 5, *[0] * 4]
     assert drive.hypotheses[3].tolist() == [[0.0, 0.0, 0.0, 0.5]] * 2
+
+
+def test_tracks_belong_to_the_odometry_of_the_same_stamp(robot, peer, watcher, wait_for):
+    speaker, to = peer.speak("tracks", PointCloud2), conversion(Tracks)
+    wait_for(lambda: speaker.get_subscription_count() == 1)
+    for k in (1, 3):
+        stamp = Time(nanoseconds=round((100.0 + 0.1 * k) * 1e9)).to_msg()
+        speaker.publish(to.write(Tracks((0.25 * k,) * 35), Header(stamp=stamp)))
+    wait_for(lambda: len(watcher.listener["tracks"]) == 2)
+    for k in range(10 + LAG):
+        robot.at(100.0 + 0.1 * k)
+    drive = robot.rows(10)
+    np.testing.assert_array_equal(drive.tracks[:10, 4, 0], [np.nan, 0.25, np.nan, 0.75, *[np.nan] * 6])
 
 
 def test_another_drive_begins_where_time_leaps(robot, watcher, wait_for):
