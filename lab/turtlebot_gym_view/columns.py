@@ -1,7 +1,7 @@
 """A drive as tables for a browser: numbers in single precision, ranges in millimetres, one table for each kind of row.
 
-Bokeh sends each column as one compressed array. What only some rows have, or several times (scans, people, hypotheses, events,
-reports), has a table of its own, whose column ``row`` says to which row of the drive it belongs.
+Bokeh sends each column as one compressed array. What only some rows have, or several times (scans, people, tracks, hypotheses,
+events, reports), has a table of its own, whose column ``row`` says to which row of the drive it belongs.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ class Tables:
             "scans": scans,
             "beams": beams,
             "people": self._people.add(piece, self._rows),
+            "tracks": _tracks_of(piece, self._rows),
             "places": _places_of(piece, self._rows),
             "reports": self._reports_of(piece),
             "events": self._events_of(piece, is_whole),
@@ -156,6 +157,22 @@ def _scans_of(scans: tuple[Seen, ...], rows: int, beams: int) -> tuple[Table, Ta
     for at, name in enumerate(("x", "y", "theta", "first", "increment")):  # unrounded: the last beam has 359 increments
         table[name] = np.ascontiguousarray(numbers[:, at])
     return table, {"range": np.concatenate([np.empty(0, np.uint16), *ranges])}
+
+
+def _tracks_of(piece: Drive, rows: int) -> Table:
+    """Return the tracks on the map: row, x, y, x and y in a second, and radius within `SIGMAS` standard deviations."""
+    row, place = np.nonzero(piece.tracks[:, :, -1] > 0.0)
+    ahead, left, ahead_v, left_v, deviation = piece.tracks[row, place, :5].T
+    x, y, theta = piece.poses[row].T
+    cosine, sine = np.cos(theta), np.sin(theta)
+    numbers = {
+        "x": x + cosine * ahead - sine * left,
+        "y": y + sine * ahead + cosine * left,
+        "next_x": x + cosine * (ahead + ahead_v) - sine * (left + left_v),
+        "next_y": y + sine * (ahead + ahead_v) + cosine * (left + left_v),
+        "radius": SIGMAS * deviation / np.sqrt(2.0),  # the deviation is that of both coordinates together
+    }
+    return {"row": _whole(row, rows), **{name: _numbers(values) for name, values in numbers.items()}}
 
 
 def _places_of(piece: Drive, rows: int) -> Table:

@@ -62,7 +62,7 @@ function renew(run, name, key, of) {
 }
 
 function show_run(run) {
-  const {rows, moment, places} = run, {data} = rows, k = row_at(data.time, time), first = Math.min(row_at(data.time, from()), k)
+  const {rows, moment, tracks, places} = run, {data} = rows, k = row_at(data.time, time), first = Math.min(row_at(data.time, from()), k)
   const state = `${k}/${first}/${data.time.length}`
   if (run.state === state) return
   run.state = state
@@ -76,6 +76,7 @@ function show_run(run) {
   renew(run, "people", entries(run.people, k), () => people_of(run, k))
   if (!chosen(runs.indexOf(run))) return
   renew(run, "points", count(run.scans.data.row, k), () => points_of(run, k))
+  renew(run, "tracks", entries(tracks, k), () => of_row(tracks, k))
   renew(run, "places", entries(places, k), () => of_row(places, k))
 }
 

@@ -34,6 +34,8 @@ class Moment(NamedTuple):
     """Ends of the beams of the newest scan."""
     people: ColumnDataSource
     """Circles: radius of a pillar, or `PERSON` of somebody who walks."""
+    tracks: ColumnDataSource
+    """The observed tracks."""
     places: ColumnDataSource
     """The localizer's hypotheses."""
 
@@ -45,7 +47,8 @@ def make_moment(tables: dict[str, Table]) -> Moment:
         return ColumnDataSource({name: np.empty(0, np.float32) for name in names})
 
     people = ("x", "y", "heading", "pillar", *PERSON)
-    return Moment(empty([*tables["rows"]]), empty(PATH), empty(("x", "y")), empty(people), empty([*tables["places"]]))
+    now, tracks, places = (empty([*tables[name]]) for name in ("rows", "tracks", "places"))
+    return Moment(now, empty(PATH), empty(("x", "y")), empty(people), tracks, places)
 
 
 def draw_drive(
@@ -74,7 +77,7 @@ def draw_drive(
         drawn.append((renderer, layer))
         return renderer
 
-    now, trail, points, people, places = moment
+    now, trail, points, people, tracks, places = moment
     body: dict[str, Any] = {"x": "x", "y": "y"}
     whole = add("ghost", "line", rows, ink, **body, line_dash=dash, line_width=1.6, line_alpha=style.PALE)
     add("pillars", "circle", people, style.SOLID, filled=True, **body, radius="pillar", line_color=None)
@@ -87,6 +90,8 @@ def draw_drive(
     add("waypoint", "ray", now, style.GOAL, x="gx", y="gy", length=goal, angle="gtheta", line_width=2)
     add("hypotheses", "circle", places, style.ESTIMATE, **body, radius=robot, fill_alpha="alpha", line_width=1)
     add("hypotheses", "ray", places, style.ESTIMATE, **body, length=1.8 * robot, angle="theta", line_width=1.5)
+    add("tracks", "circle", tracks, style.ESTIMATE, **body, radius="radius", fill_alpha=0.0, line_width=1.5)
+    add("tracks", "segment", tracks, style.ESTIMATE, x0="x", y0="y", x1="next_x", y1="next_y", line_width=2)
     add("scan", "scatter", points, style.SCAN, filled=True, **body, size=3, line_color=None)
     add("odometry", "scatter", trail, style.ODOMETRY, filled=True, x="ox", y="oy", size=2.5, alpha=0.7, line_color=None)
     path = add("truth", "line", trail, ink, **body, line_dash=dash, line_width=2.4)

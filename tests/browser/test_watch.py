@@ -679,3 +679,22 @@ def test_a_robot_that_looks_for_itself_shows_where_it_may_be_and_its_map(visit, 
         assert np.abs(seen.picture(".map") - before).max() > 32, layer
     seen.seek(float(drive.time[-1]))
     assert "other places" not in seen.page.inner_text("#readout0")
+
+
+def test_the_tracks_of_people_are_drawn_where_there_are_any(visit, tmp_path, results):
+    tracked, plain = (
+        record_episode("vfh", env=ROOMS, seed=1, world="people", noise="wheel", observation=observation)
+        for observation in ("ekf,tracks", "ekf")
+    )
+    for name, drive in (("tracks", tracked), ("plain", plain)):
+        Page(drives=[drive], title=name).save(tmp_path / f"{name}.html")
+    seen = visit((tmp_path / "tracks.html").as_uri())
+    row = int(np.argmax((tracked.tracks[:, :, -1] > 0.0).sum(axis=1)))
+    seen.seek(float(tracked.time[row]))
+    seen.page.screenshot(path=results / "tracks.png")
+    before = seen.picture(".map")
+    seen.page.locator('.legend button[data-layer="tracks"]').click()
+    seen.page.mouse.move(700, 5)
+    seen.page.wait_for_timeout(300)
+    assert np.abs(seen.picture(".map") - before).max() > 32
+    assert visit((tmp_path / "plain.html").as_uri()).page.locator('.legend button[data-layer="tracks"]').count() == 0

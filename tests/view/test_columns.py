@@ -8,9 +8,11 @@ import pytest
 from drive_samples import random_drive
 
 from turtlebot_gym.drive import Drive, Seen
+from turtlebot_gym.models.angles import sincos
+from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.plotting import ellipse
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.values import Pose
+from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_view import columns
 from turtlebot_gym_view.columns import RESOLUTION, Tables, apart, kept_of, rows_of
 
@@ -119,6 +121,35 @@ def test_people_look_where_they_walk_and_pillars_nowhere():
     assert people["heading"][0::2] == [up, up, up, up, pytest.approx(np.pi, abs=1e-3)]
     assert np.isnan(people["heading"][1::2]).all()
     assert people["radius"][:2] == [pytest.approx(0.3, abs=1e-3), pytest.approx(0.2, abs=1e-3)]
+
+
+def placed(robot, x, y):
+    """Return where a point of the robot's frame is on the map."""
+    return increment(robot, ORIGIN, Pose(x, y, 0.0), sincos(robot.theta))[:2]
+
+
+@pytest.mark.parametrize("pose", ["true_state", "estimate", "odometry"])
+def test_a_track_is_where_the_robot_sees_it_and_goes_its_way_in_a_second(pose):
+    sample = random_drive()
+    known = {name: np.full_like(getattr(sample, name), np.nan) for name in ("true_state", "estimate", "odometry")}
+    drive = replace(sample, **{**known, pose: getattr(sample, pose)})
+    table = joined([drive])["tracks"]
+    shown = [(row, *track) for row in range(len(drive)) for track in drive.tracks[row].tolist() if track[-1] > 0.0]
+    assert table["row"] == [row for row, *_ in shown]
+    assert 0 < len(shown) < 5 * len(drive)
+    for at, (row, x, y, vx, vy, deviation, _, _) in enumerate(shown):
+        robot = Pose(*getattr(drive, pose)[row, :3].tolist())
+        assert (table["x"][at], table["y"][at]) == pytest.approx(placed(robot, x, y), abs=RESOLUTION)
+        assert (table["next_x"][at], table["next_y"][at]) == pytest.approx(placed(robot, x + vx, y + vy), abs=RESOLUTION)
+        assert table["radius"][at] == pytest.approx(2.0 * deviation / np.sqrt(2.0), abs=RESOLUTION)
+
+
+def test_where_there_is_no_track_nothing_is_drawn():
+    tracks = np.zeros((4, 5, 7))
+    tracks[1], tracks[2, 1, -1] = np.nan, 1.0
+    table = joined([Drive(time=0.1 * np.arange(4), tracks=tracks)])["tracks"]
+    assert table["row"] == [2]
+    assert np.isnan(table["x"]).all()  # nobody knows where the robot is
 
 
 def test_two_drives_are_apart_as_far_as_their_robots_at_the_same_time():
