@@ -19,6 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from harness.study import Study, each, run
 from turtlebot_gym import Episode
 from turtlebot_gym.models.angles import TWO_PI
+from turtlebot_gym.observations import ROOM, size_of
 from turtlebot_gym.rooms.lidar import Lidar, beams_by
 from turtlebot_gym.systems import Options
 from turtlebot_gym.systems.tracking import UNIFORM, sweep_of
@@ -90,7 +91,7 @@ def cell_of(config: Config, world: str, lidar: str) -> dict[str, Any]:
     observations, _ = env.reset(seed=config.seed)
     watches = [Watch(rooms.parameters.room.lidar) for _ in range(config.robots)]
     for _ in range(round(config.seconds / PERIOD)):
-        observations, *_ = env.step(np.asarray(policy(observations[:, :-35]), np.float32))
+        observations, *_ = env.step(np.asarray(policy(observations[:, : size_of(ROOM)]), np.float32))
         scenes = rooms.truth()[0]
         for row, watch in enumerate(watches):
             watch.look(rooms.snapshot(row), scenes, row)

@@ -115,7 +115,7 @@ class Drive:
     fix: NDArray[np.float64] = _UNKNOWN
     """Whether a fix arrived at each row, 1 or 0, shape (T,)."""
     tracks: NDArray[np.float64] = _UNKNOWN
-    """The nearest tracks that the robot observes, shape (T, 5, 7); m, m/s; see `turtlebot_gym.observations.TRACKS`."""
+    """The nearest tracks that the robot observes, shape (T, 5, 8); m, m/s; see `turtlebot_gym.observations.TRACKS`."""
     report: tuple[str, ...] = ()
     """The guard's report at each row."""
     circles: tuple[NDArray[np.float64], ...] = ()

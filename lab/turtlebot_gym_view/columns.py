@@ -161,7 +161,7 @@ def _scans_of(scans: tuple[Seen, ...], rows: int, beams: int) -> tuple[Table, Ta
 
 def _tracks_of(piece: Drive, rows: int) -> Table:
     """Return the tracks on the map: row, x, y, x and y in a second, and radius within `SIGMAS` standard deviations."""
-    row, place = np.nonzero(piece.tracks[:, :, -1] > 0.0)
+    row, place = np.nonzero(piece.tracks[:, :, -1] == 1.0)
     ahead, left, ahead_v, left_v, deviation = piece.tracks[row, place, :5].T
     x, y, theta = piece.poses[row].T
     cosine, sine = np.cos(theta), np.sin(theta)

@@ -207,7 +207,7 @@ def _variables(
         ("waypoint", "waypoint", style.GOAL, "ring", True),
         ("scan", f"scan (1 of {kept})" if kept > 1 and not live else "scan", style.SCAN, "dots", scans or live),
         ("people", "people", style.PERSON, "person", people),
-        ("tracks", "tracks", style.ESTIMATE, "ring", any((drive.tracks[:, :, -1] > 0.0).any() for drive in drives)),
+        ("tracks", "tracks", style.ESTIMATE, "ring", any((drive.tracks[:, :, -1] == 1.0).any() for drive in drives)),
         ("hypotheses", "hypotheses", style.ESTIMATE, "dots", any(len(row) for drive in drives for row in drive.hypotheses)),
         ("map", "localizer's map", style.CHART, "line", any(drive.around.chart for drive in drives)),
         ("command", "command", style.COMMAND, "line", not several),

@@ -112,5 +112,5 @@ def test_tracks_of_people_are_those_of_the_environment(compare, logged, lidar):
     drive = compare.RoomDrive(
         "logged_policy:Tracking", world="people", lidar=lidar, noise="wheel", observation="ekf,tracks", seed=2
     )
-    given = given_alike(compare, logged, drive, 60, shown=85)
+    given = given_alike(compare, logged, drive, 60, shown=90)
     assert given[:, 56].any(), "nobody was tracked: the test saw too little"

@@ -689,7 +689,7 @@ def test_the_tracks_of_people_are_drawn_where_there_are_any(visit, tmp_path, res
     for name, drive in (("tracks", tracked), ("plain", plain)):
         Page(drives=[drive], title=name).save(tmp_path / f"{name}.html")
     seen = visit((tmp_path / "tracks.html").as_uri())
-    row = int(np.argmax((tracked.tracks[:, :, -1] > 0.0).sum(axis=1)))
+    row = int(np.argmax((tracked.tracks[:, :, -1] == 1.0).sum(axis=1)))
     seen.seek(float(tracked.time[row]))
     seen.page.screenshot(path=results / "tracks.png")
     before = seen.picture(".map")

@@ -28,6 +28,7 @@ def random_drive(rows=8, *, seed=0):
     random = np.random.default_rng(seed)
     columns = {name: random.normal(size=getattr(Drive(time=np.arange(rows)), name).shape) for name in COLUMNS}
     columns["covariance"] = columns["covariance"] @ columns["covariance"].transpose(0, 2, 1)
+    columns["tracks"][..., -1] = random.choice((0.0, 0.5, 1.0), (rows, 5))
     ranges = random.uniform(0.1, 3.0, (rows, 36)).astype(np.float32)
     return Drive(
         time=0.1 * np.arange(rows),

@@ -147,7 +147,7 @@ def healthy(message_type):
         from turtlebot_gym_ros.node.block import Tracks
         from turtlebot_gym_ros.node.convert import conversion
 
-        tracks = conversion(Tracks).write(Tracks((0.5,) * 35), message.header)
+        tracks = conversion(Tracks).write(Tracks((0.5,) * 40), message.header)
         for name in message.get_fields_and_field_types():
             setattr(message, name, getattr(tracks, name))
     if message_type.__name__ == "OccupancyGrid":

@@ -58,8 +58,8 @@ def test_a_track_is_a_ring_where_the_robot_believes_somebody_and_a_line_along_th
     env.reset(seed=0)
     for _ in range(30):
         observation, *_ = env.step(np.zeros(2, np.float32))
-    x, y, vx, vy, deviation, _, there = observation[-35:-28].tolist()
-    assert there == 1.0
+    x, y, vx, vy, deviation, *_, certainty = observation[-40:-32].tolist()
+    assert certainty == 1.0
     drawn, robot = env.render()[64:], env.unwrapped.snapshot().body.true_state
     assert abs(vx) > 0.2
     assert at(drawn, robot.x + x + 0.8 * vx, robot.y + y + 0.8 * vy) == ESTIMATE

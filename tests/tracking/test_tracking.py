@@ -62,9 +62,9 @@ def drive(circles_at, seconds, *, v=0.0, omega=0.0, seed=0):
 
 
 def rows_of(memory):
-    """Return the tracks that a policy sees, shape (n, 7)."""
-    rows = memory.seen.reshape(NEAREST, 7)
-    return rows[rows[:, -1] > 0.0]
+    """Return the tracks of what moves that a policy sees, shape (n, 8)."""
+    rows = memory.seen.reshape(NEAREST, 8)
+    return rows[rows[:, -1] == 1.0]
 
 
 @pytest.mark.parametrize(("v", "omega"), [(0.0, 0.0), (0.2, 0.8)])

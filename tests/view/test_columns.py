@@ -134,10 +134,10 @@ def test_a_track_is_where_the_robot_sees_it_and_goes_its_way_in_a_second(pose):
     known = {name: np.full_like(getattr(sample, name), np.nan) for name in ("true_state", "estimate", "odometry")}
     drive = replace(sample, **{**known, pose: getattr(sample, pose)})
     table = joined([drive])["tracks"]
-    shown = [(row, *track) for row in range(len(drive)) for track in drive.tracks[row].tolist() if track[-1] > 0.0]
+    shown = [(row, *track) for row in range(len(drive)) for track in drive.tracks[row].tolist() if track[-1] == 1.0]
     assert table["row"] == [row for row, *_ in shown]
     assert 0 < len(shown) < 5 * len(drive)
-    for at, (row, x, y, vx, vy, deviation, _, _) in enumerate(shown):
+    for at, (row, x, y, vx, vy, deviation, *_) in enumerate(shown):
         robot = Pose(*getattr(drive, pose)[row, :3].tolist())
         assert (table["x"][at], table["y"][at]) == pytest.approx(placed(robot, x, y), abs=RESOLUTION)
         assert (table["next_x"][at], table["next_y"][at]) == pytest.approx(placed(robot, x + vx, y + vy), abs=RESOLUTION)
@@ -145,8 +145,8 @@ def test_a_track_is_where_the_robot_sees_it_and_goes_its_way_in_a_second(pose):
 
 
 def test_where_there_is_no_track_nothing_is_drawn():
-    tracks = np.zeros((4, 5, 7))
-    tracks[1], tracks[2, 1, -1] = np.nan, 1.0
+    tracks = np.zeros((4, 5, 8))
+    tracks[1], tracks[2, :2, -1] = np.nan, (0.5, 1.0)
     table = joined([Drive(time=0.1 * np.arange(4), tracks=tracks)])["tracks"]
     assert table["row"] == [2]
     assert np.isnan(table["x"]).all()  # nobody knows where the robot is

@@ -102,7 +102,7 @@ def test_a_drive_has_the_tracks_that_the_policy_observes():
     while len(observed) < len(recorded):
         observed.append(world.step(np.zeros(2, np.float32))[0])
     world.close()
-    np.testing.assert_array_equal(recorded.tracks.reshape(len(recorded), -1), np.array(observed)[:, -35:])
+    np.testing.assert_array_equal(recorded.tracks.reshape(len(recorded), -1), np.array(observed)[:, -40:])
     assert (recorded.tracks[:, :, -1] == 1.0).sum() > len(recorded)
     assert np.isnan(record_episode(stand, env=ROOMS, seed=2, world="people", noise="wheel").tracks).all()
 

@@ -106,8 +106,8 @@ class RoomRenderer(Renderer):
     def _draw_tracks(self, surface: Surface, robot: State, tracks: NDArray[np.float32]) -> None:
         """Draw each track as the robot sees it: some standard deviations around its place, and its way in a second."""
         place = self._placing(robot)
-        for x, y, vx, vy, deviation, _, there in tracks.tolist():
-            if there > 0.0:
+        for x, y, vx, vy, deviation, _, _, certainty in tracks.tolist():
+            if certainty == 1.0:
                 foot, tip = place(x, y), place(x + vx, y + vy)
                 # The deviation is that of both coordinates together.
                 self._disc(surface, self._colours.estimate, foot, self._length(SIGMAS * deviation / math.sqrt(2.0)), 1.5)

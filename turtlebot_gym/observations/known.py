@@ -242,9 +242,9 @@ SCAN_AGE = ObservationTerm("scan_age", _scan_age, 0.0, MAX_AGE, "s")
 """Age of that scan, by its stamp."""
 NEAREST = 5
 """Number of tracks that a policy observes."""
-TRACK_BOUNDS = ((-12.0, -12.0, -3.0, -3.0, 0.0, 0.0, 0.0), (12.0, 12.0, 3.0, 3.0, 5.0, 3.0, 1.0))
+TRACK_BOUNDS = ((-12.0, -12.0, -3.0, -3.0, 0.0, 0.0, 0.0, 0.0), (12.0, 12.0, 3.0, 3.0, 5.0, 3.0, 1.0, 1.0))
 """Bounds of a track's numbers: position relative to the robot and velocity over ground, both in the robot's frame, m and m/s;
-their standard deviations (root of the trace); and 1, or 0 where there is no track."""
+their standard deviations (root of the trace); the radius, m; and 1 for what moves, 0.5 for what may, or 0 without a track."""
 TRACKS = ObservationTerm("tracks", _tracks, TRACK_BOUNDS[0] * NEAREST, TRACK_BOUNDS[1] * NEAREST, in_scene=True)
 """The nearest tracks of what moves, nearest first, see `TRACK_BOUNDS` and `turtlebot_gym.tracking`."""
 

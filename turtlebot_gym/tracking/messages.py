@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.observations import NEAREST, TRACKS
 
-FIELDS = ("x", "y", "vx", "vy", "position_deviation", "velocity_deviation", "is_track", "z")
+FIELDS = ("x", "y", "vx", "vy", "position_deviation", "velocity_deviation", "radius", "certainty", "z")
 """Fields of a track as a point: the numbers of the term "tracks", and a height of zero, without which viewers show nothing."""
 FLOAT32 = 7
 """Type of each field, as in ``sensor_msgs/PointField``."""
 
 
 def tracks_of(message: Any) -> NDArray[np.float64]:
-    """Return the tracks in a ``sensor_msgs/PointCloud2``, shape (`NEAREST`, 7), see `observations.TRACKS`.
+    """Return the tracks in a ``sensor_msgs/PointCloud2``, shape (`NEAREST`, 8), see `observations.TRACKS`.
 
     Raises:
         ValueError: If there are not `NEAREST` points with the fields `FIELDS`, or a number is not finite.

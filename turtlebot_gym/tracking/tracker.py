@@ -14,7 +14,22 @@ from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.tracking.bodies import COLUMNS, MOST_BODIES, find_bodies, mark_moved
 from turtlebot_gym.tracking.sweep import BINS, EVERY, HEAD, PAST, Sweep, keep_scan
-from turtlebot_gym.tracking.tracks import CAPACITY, FIELDS, FRESH, MOVES, PX, PY, STATE, TIME, VX, VY, follow, predicted
+from turtlebot_gym.tracking.tracks import (
+    CAPACITY,
+    FIELDS,
+    FRESH,
+    MOVES,
+    NONE,
+    PX,
+    PY,
+    SIZE,
+    STATE,
+    TIME,
+    VX,
+    VY,
+    follow,
+    predicted,
+)
 from turtlebot_gym.values import Command, Pose
 
 TAIL = 4
@@ -40,7 +55,7 @@ class TrackerMemory(NamedTuple):
     clock: Any
     """Shape (3,): sum of the odometry's turns, rad; next row of ``past``; and time of the newest, s."""
     seen: Any
-    """Shape (`NEAREST` * 7,), float32: the numbers of the term `observations.TRACKS`."""
+    """Shape (`NEAREST` * 8,), float32: the numbers of the term `observations.TRACKS`."""
 
 
 def make_memory(number: int, *, beams: int, poses: int) -> TrackerMemory:
@@ -144,7 +159,8 @@ def _write(seen: Any, place: int, track: Any, now: float, pose: Pose, twist: Com
         cosine * track[VY] - sine * track[VX],
         sqrt(2.0 * P.pp + scale * scale * (dx * dx + dy * dy)),
         sqrt(2.0 * P.vv + scale * scale * (ux * ux + uy * uy)),
-        1.0,
+        track[SIZE],
+        1.0 if track[STATE] == MOVES else 0.5,
     )
     low, high = TRACK_BOUNDS
     for k in range(len(low)):
@@ -170,7 +186,7 @@ def look(memory: TrackerMemory, now: float, pose: Pose, twist: Command, scale: f
         for k in range(len(tracks)):
             dx, dy = tracks[k, PX] - pose.x, tracks[k, PY] - pose.y
             far = dx * dx + dy * dy
-            if tracks[k, STATE] == MOVES and now - tracks[k, TIME] <= FRESH and nearest < far < least:
+            if tracks[k, STATE] > NONE and now - tracks[k, TIME] <= FRESH and nearest < far < least:
                 least, found = far, k
         if found < 0:
             break

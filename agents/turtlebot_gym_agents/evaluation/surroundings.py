@@ -32,7 +32,7 @@ def scene_of(envs: VectorEnv) -> Scene | None:
 
 
 def tracks_of(envs: VectorEnv) -> NDArray[np.float32] | None:
-    """Return what the first robot observes by `observations.TRACKS`, shape (35,); None if it does not track."""
+    """Return what the first robot observes by `observations.TRACKS`, shape (40,); None if it does not track."""
     scenes = _scenes_of(envs)
     return scenes.tracker.seen[0].copy() if isinstance(scenes, TrackedScene) else None
 

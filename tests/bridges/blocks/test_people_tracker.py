@@ -14,7 +14,7 @@ from turtlebot_gym_ros.blocks import PeopleTracker
 from turtlebot_gym_ros.node.block import People, Person, Stamped, Tracks
 from turtlebot_gym_ros.node.convert import conversion
 
-NOBODY = Tracks((0.0,) * 35)
+NOBODY = Tracks((0.0,) * 40)
 
 
 def drive(change=lambda scan: (scan, None), steps=60, **parameters):
@@ -83,7 +83,7 @@ def test_odometry_that_begins_elsewhere_moves_nobody():
 
 def test_tracks_keep_every_bit_as_points():
     rng = np.random.default_rng(0)
-    tracks = Tracks(tuple(rng.random(35, np.float32).tolist()))
+    tracks = Tracks(tuple(rng.random(40, np.float32).tolist()))
     to = conversion(Tracks)
     message = to.write(tracks, Header())
     assert [field.name for field in message.fields][:4] == ["x", "y", "vx", "vy"]
@@ -91,8 +91,8 @@ def test_tracks_keep_every_bit_as_points():
     message.fields[0].name = "X"
     with pytest.raises(ValueError, match="tracks must be 5 points of the fields x, y, vx"):
         to.read(message)
-    with pytest.raises(ValueError, match="must be 35 finite numbers"):
-        to.read(to.write(Tracks((math.nan,) * 35), Header()))
+    with pytest.raises(ValueError, match="must be 40 finite numbers"):
+        to.read(to.write(Tracks((math.nan,) * 40), Header()))
 
 
 def test_people_are_discs_and_ways():

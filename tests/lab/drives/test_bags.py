@@ -259,7 +259,7 @@ def graph_drive():
             ),
             ("/nis", NIS, received, diagnostics(at, "innovation", "as expected", nis=1.5 + k)),
             ("/clearance", RANGE, received, make(RANGE, header(at), 0, 6.28, -math.inf, math.inf, 0.5 - 0.125 * k, 0.0)),
-            ("/tracks", CLOUD, received, tracks(at, np.full((5, 7), 0.125 * k))),
+            ("/tracks", CLOUD, received, tracks(at, np.full((5, 8), 0.125 * k))),
             ("/diagnostics", NIS, received, diagnostics(500.0, "/kalman_filter", "not the guard", 2)),
         ]
     messages += [("/odom", ODOMETRY, 11.41, odometry(10.4, (0.43, 0.0, 0.0), (0.2, 0.1)))]  # sent again, as in lock-step
@@ -282,7 +282,7 @@ def test_the_bag_of_a_graph_is_read_completely(tmp_path, namespace, plugin):
         (drive.command, [[0.2, 0.1]] * 5),
         (drive.nis, 1.5 + np.arange(5)),
         (drive.clearance, 0.5 - 0.125 * np.arange(5)),
-        (drive.tracks, np.full((5, 7, 5), 0.125 * np.arange(5)).transpose(2, 0, 1)),
+        (drive.tracks, np.full((5, 8, 5), 0.125 * np.arange(5)).transpose(2, 0, 1)),
     ):
         np.testing.assert_allclose(column, expected, atol=1e-6)
     np.testing.assert_array_equal(drive.level, [np.nan, np.nan, 1.0, 1.0, 1.0])  # by the recorder's clock

@@ -121,7 +121,7 @@ def test_tracks_belong_to_the_odometry_of_the_same_stamp(robot, peer, watcher, w
     wait_for(lambda: speaker.get_subscription_count() == 1)
     for k in (1, 3):
         stamp = Time(nanoseconds=round((100.0 + 0.1 * k) * 1e9)).to_msg()
-        speaker.publish(to.write(Tracks((0.25 * k,) * 35), Header(stamp=stamp)))
+        speaker.publish(to.write(Tracks((0.25 * k,) * 40), Header(stamp=stamp)))
     wait_for(lambda: len(watcher.listener["tracks"]) == 2)
     for k in range(10 + LAG):
         robot.at(100.0 + 0.1 * k)
