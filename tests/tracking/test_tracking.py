@@ -1,6 +1,7 @@
 """The tracker: what moves becomes a track with its velocity, what stands does not, however the robot drives."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ from turtlebot_gym import Episode
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.observations import NEAREST, TRACKS
 from turtlebot_gym.systems import Options
+from turtlebot_gym.tracking.bodies import AT, RADIUS
 from turtlebot_gym.tracking.sweep import Sweep, bearing
 from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan, poses_for
-from turtlebot_gym.tracking.tracks import MOVES, STATE
+from turtlebot_gym.tracking.tracks import MOVES, STATE, TIME
 from turtlebot_gym.values import Command, Pose
 
 BEAMS, REVOLUTION, DT = 360, 0.2, 0.05
@@ -139,6 +141,62 @@ def test_who_comes_where_a_revolution_begins_and_ends_is_a_track(omega, ahead):
 
     seen = [len(rows_of(memory)) for time, memory, _ in drive(person, 3.2, omega=omega) if time > 1.2]
     assert np.mean(seen) >= 0.9
+
+
+@pytest.mark.parametrize("ahead", [-0.1, -0.05, 0.0])
+def test_who_is_where_a_revolution_ends_is_tracked_by_that_revolution(ahead):
+    def person(time):
+        away = 2.4 - 0.6 * time
+        return [(away * math.cos(ahead), away * math.sin(ahead), 0.25)]
+
+    ages = [time - track[TIME] for time, memory, _ in drive(person, 3.0) for track in memory.tracks if track[STATE] == MOVES]
+    assert max(ages) < 0.5 * REVOLUTION
+
+
+def test_who_stands_behind_a_post_beside_the_lidar_is_one_body(monkeypatch):
+    post = np.abs(np.arange(BEAMS) - 45) <= 3
+    monkeypatch.setattr(sys.modules[__name__], "ranges_at", lambda *given, of=ranges_at: np.where(post, math.nan, of(*given)))
+
+    for time, memory, _ in drive(lambda time: [(0.8, 0.8, 0.25)], 2.0):
+        bodies = memory.bodies[memory.bodies[:, AT] > time - REVOLUTION]
+        bodies = bodies[np.hypot(*(bodies[:, :2] - (0.8, 0.8)).T) < 0.5]
+        assert len(bodies) == 1
+        assert bodies[0, RADIUS] == pytest.approx(0.25, abs=0.03)
+
+
+@pytest.mark.parametrize("behind", [0.05, 0.1, 0.2])
+def test_two_side_by_side_are_two_bodies(behind):
+    def people(time):
+        return [(1.6 - 0.4 * time, -0.22, 0.25), (1.6 - 0.4 * time + behind, 0.26, 0.25)]
+
+    seen = [len(rows_of(memory)) for time, memory, _ in drive(people, 2.6) if time > 1.9]
+    assert min(seen) == 2
+
+
+def test_one_body_is_not_cut_in_two():
+    for time, memory, _ in drive(lambda time: [(0.9, 0.7, 0.4)], 4.0):
+        bodies = memory.bodies[memory.bodies[:, AT] > time - REVOLUTION]
+        assert sum(np.hypot(*(bodies[:, :2] - (0.9, 0.7)).T) < 0.5) == 1
+
+
+def test_what_may_move_is_seen_before_it_counts_and_what_stands_never():
+    seen = [memory.seen[:8].copy() for _, memory, _ in drive(lambda time: [(2.0 - 0.8 * time, 1.0, 0.25)], 2.0)]
+    certain = [row[-1] for row in seen]
+    assert certain == sorted(certain)
+    assert set(certain) == {0.0, 0.5, 1.0}
+    assert seen[-1][6] == pytest.approx(0.25, abs=0.05)
+    assert not any(memory.seen.any() for _, memory, _ in drive(lambda time: [(1.2, 0.8, 0.25)], 4.0))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_who_steps_out_from_behind_something_is_seen_at_once(side):
+    wall = [(1.0, side * y, 0.06) for y in np.arange(0.0, 1.2, 0.1)]
+
+    def people(time):
+        return [*wall, (1.4, side * (1.0 - 0.8 * max(time - 1.0, 0.0)), 0.25)]
+
+    first = next(time for time, memory, _ in drive(people, 4.0) if memory.seen[7] > 0.0)
+    assert people(first)[-1][1] * side > -0.45  # not all of the body is out
 
 
 def test_bearing_is_the_direction_of_a_vector():

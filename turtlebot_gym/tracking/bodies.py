@@ -19,6 +19,8 @@ X, Y, UX, UY, AT, VARIANCE, RADIUS, WHOLE, MOVED, TAKEN = range(COLUMNS)
 radius, m; 1 if no side is hidden; 1 if the place was free before; and 1 if used."""
 GAP = 2
 """Most beams without a return inside of a run."""
+POST = 0.15
+"""Greatest angle of beams that have never returned anything inside of a run, rad: a post beside the LiDAR hides it."""
 JUMP, LEAST_JUMP = 4.0, 0.15
 """Difference of neighbouring ranges that ends a run, in standard deviations of a range and at least, m."""
 TOUCH = 0.05
@@ -41,6 +43,21 @@ LEGS = 0.06
 """... and since legs swing."""
 LEG_RADIUS, STRIDE = 0.13, 0.6
 """Greatest radius of a leg, and distance between two legs of a person, m."""
+TWO = 0.33
+"""Radius from which on a run may be two bodies beside each other, m; they meet where ranges are longest."""
+MEET, MEET_SHARE = 0.03, 2.0
+"""How much shorter the ranges on both sides of it are then: at least, m, and in standard deviations of a range."""
+BEGUN = 0.08
+"""Radius from which on what goes on in the next revolution is taken for a person, m: most legs are narrower."""
+JUST = 1e-6
+"""Time by which a body that is not seen whole yet counts as earlier than the whole one of the next revolution, s."""
+
+
+@kernel
+def _radius_of(mean: float, beams: int, sweep: Sweep) -> float:
+    """Return the radius of a round body that some beams meet at a mean range, m."""
+    half = 0.5 * abs(sweep.step) * beams
+    return mean * half / max(1.0 - DEPTH * half, 0.3)
 
 
 @kernel
@@ -56,31 +73,91 @@ def _add_body(
         last: ... and the last.
         n: Number of those with a return.
         total: Sum of their ranges, m.
-        hidden: 0; 1 if the first beam's side is hidden, 2 if the last one's, 3 if both.
+        hidden: sum of 1 if the first beam's side is hidden, and of 2 if the last one's, or 4 if the run goes on in the next
+            revolution.
         sweep: How beams were measured.
         trail: The odometry.
     """
-    if n < LEAST_BEAMS or hidden == 3 or count >= len(bodies):
+    goes_on = hidden >= 4
+    if n < LEAST_BEAMS or hidden == 3 or hidden == 5 or count >= len(bodies):
         return count
-    mean = total / n
-    half = 0.5 * abs(sweep.step) * (last - first + 1)
-    radius = mean * half / max(1.0 - DEPTH * half, 0.3)
-    if not LEAST_RADIUS <= radius <= MOST_RADIUS:
+    mean, radius = total / n, _radius_of(total / n, last - first + 1, sweep)
+    if not (BEGUN if goes_on else LEAST_RADIUS) <= radius <= MOST_RADIUS:
         return count
     middle, noise = 0.5 * (first + last), deviation_at(mean, sweep)
     variance = noise * noise / n + mean * mean * sweep.step * sweep.step / 12.0 + SHAPE * SHAPE
-    narrow = hidden != 0 and radius < LEG_RADIUS  # a leg, or little of a person
+    narrow = 0 < hidden < 4 and radius < LEG_RADIUS  # a leg, or little of a person
     if hidden != 0 and not narrow:
         radius = max(radius, USUAL_RADIUS)
         beams = radius / (mean + radius) / abs(sweep.step)
-        middle = first - 0.5 + beams if hidden == 2 else last + 0.5 - beams
+        middle = last + 0.5 - beams if hidden == 1 else first - 0.5 + beams
     whole = hidden == 0 and mean + radius < sweep.range_max
     body = bodies[count]
     body[X], body[Y], body[UX], body[UY] = end_of(middle, mean + DEPTH * radius, sweep, trail)
     unsure = 0.0 if whole else (NARROW if narrow else HIDDEN)
-    body[AT], body[VARIANCE] = time_of(middle, sweep), variance + unsure * unsure
+    body[AT] = time_of(min(middle, sweep.number - 1.0), sweep) - (JUST if goes_on else 0.0)
+    body[VARIANCE] = variance + unsure * unsure
     body[RADIUS], body[WHOLE], body[MOVED], body[TAKEN] = radius, 1.0 if whole else 0.0, 0.0, 0.0
     return count + 1
+
+
+@kernel
+def _range_of(beam: int, ranges: Any, tail: Any, sweep: Sweep) -> float:
+    """Return the range of a beam, m, or 0 without one; beams below 0 are those of the revolution before."""
+    length = float(ranges[beam]) if beam >= 0 else float(tail[min(len(tail), sweep.number) + beam])
+    return length if 0.0 < length <= sweep.range_max else 0.0
+
+
+@kernel
+def _meeting(first: int, last: int, ranges: Any, tail: Any, sweep: Sweep) -> int:
+    """Return the beam of a run at which two bodies meet, by means of three ranges; the last one if there is only one body."""
+    low, peak, at, found, before, older = math.inf, 0.0, last, last, 0.0, 0.0
+    for beam in range(first, last + 1):
+        length = _range_of(beam, ranges, tail, sweep)
+        if length == 0.0 or found < last:
+            continue
+        mean, smooth, older, before = (length + before + older) / 3.0, older > 0.0, before, length
+        if not smooth:
+            continue
+        least = max(MEET, MEET_SHARE * deviation_at(mean, sweep))
+        if at < last and mean < peak - least:
+            found = at
+        elif mean < low:
+            low, peak, at = mean, mean, last
+        elif mean > peak:
+            peak, at = mean, beam - 1 if mean - low > least else last
+    return found
+
+
+@kernel
+def _add_run(
+    bodies: Any,
+    count: int,
+    first: int,
+    last: int,
+    n: int,
+    total: float,
+    hidden: int,
+    ranges: Any,
+    tail: Any,
+    sweep: Sweep,
+    trail: Any,
+) -> int:
+    """Add the bodies of a run, see `_add_body`: two if a wide one is farther away in between; return their number."""
+    cut = last
+    if _radius_of(total / n, last - first + 1, sweep) >= TWO:
+        cut = _meeting(first, last, ranges, tail, sweep)
+    if cut == last:
+        return _add_body(bodies, count, first, last, n, total, hidden, sweep, trail)
+    m, part = 0, 0.0
+    for beam in range(first, cut + 1):
+        length = _range_of(beam, ranges, tail, sweep)
+        m, part = m + (1 if length > 0.0 else 0), part + length
+    if not 0 < m < n:
+        return count
+    behind = part * (n - m) > (total - part) * m  # the nearer one hides a part of the other
+    count = _add_body(bodies, count, first, cut, m, part, hidden % 2 + (2 if behind else 0), sweep, trail)
+    return _add_body(bodies, count, cut + 1, last, n - m, total - part, hidden // 2 * 2 + (0 if behind else 1), sweep, trail)
 
 
 @kernel
@@ -103,8 +180,8 @@ def _join_legs(bodies: Any, count: int) -> None:
 def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, bodies: Any) -> int:
     """Write the bodies that a scan shows, and return their number.
 
-    A LiDAR that turns measures the last beam of a revolution just before the first of the next, so a run that has begun there
-    is continued.
+    A LiDAR that turns measures the last beam of a revolution just before the first of the next. A run that has begun there is
+    continued; until then it is a body of which a part is hidden.
 
     Args:
         ranges: Shape (B,), m; infinite without a return, NaN where a beam is missing.
@@ -120,11 +197,12 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
         for k in range(width):
             tail[k] = float(ranges[number - width + k])
     count, n, first, last, hidden, total, before = 0, 0, 0, -width - 1, 1, 0.0, math.inf
-    blind = True  # since the last return there was a beam that may be blind
+    blind, post = True, True  # since the last return there was a beam that may be blind, or only such
     for beam in range(-width if full else 0, number):
         length = float(ranges[beam]) if beam >= 0 else float(tail[width + beam])
         if not 0.0 < length <= sweep.range_max:
-            blind = blind or length != math.inf or returns[bin_of(beam, number)] == 0.0
+            dead = returns[bin_of(beam, number)] == 0.0
+            blind, post = blind or length != math.inf or dead, post and dead
             continue
         if beam >= 0:
             returns[bin_of(beam, number)] = 1.0
@@ -132,20 +210,22 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
         near = beam - last <= GAP + 1
         if n > 0 and not near and max(length, before) <= sweep.range_min + max(TOUCH, JUMP * noise):
             missing = beam - last - 1  # by what stands nearer than the LiDAR can measure
-            n, last, before, blind = n + missing + 1, beam, length, False
+            n, last, before, blind, post = n + missing + 1, beam, length, False, True
             total += missing * TOO_NEAR * sweep.range_min + length
             continue
-        if n > 0 and near and abs(length - before) <= max(LEAST_JUMP, JUMP * noise):
-            n, last, total, before, blind = n + 1, beam, total + length, length, False
+        is_same = near or (post and (beam - last) * abs(sweep.step) <= POST)
+        if n > 0 and is_same and abs(length - before) <= max(LEAST_JUMP, JUMP * noise):
+            n, last, total, before, blind, post = n + 1, beam, total + length, length, False, True
             continue
         if n > 0 and last >= -1:
             behind = 2 if (near and length < before) or (blind and not near) else 0
-            count = _add_body(bodies, count, first, last, n, total, hidden | behind, sweep, trail)
+            count = _add_run(bodies, count, first, last, n, total, hidden | behind, ranges, tail, sweep, trail)
         hidden = 1 if (near and length > before) or (blind and not near) else 0
-        n, first, last, total, before, blind = 1, beam, beam, length, length, False
-    if n > 0 and not (full and last >= number - 1 - GAP):
-        behind = 2 if blind or not full else 0
-        count = _add_body(bodies, count, first, last, n, total, hidden | behind, sweep, trail)
+        n, first, last, total, before, blind, post = 1, beam, beam, length, length, False, True
+    goes_on = full and last >= number - 1 - GAP
+    if n > 0 and not (goes_on and sweep.interval == 0.0):
+        behind = 4 if goes_on else 2 if blind or not full else 0
+        count = _add_run(bodies, count, first, last, n, total, hidden | behind, ranges, tail, sweep, trail)
     for k in range(width):
         tail[k] = float(ranges[number - width + k])
     return count

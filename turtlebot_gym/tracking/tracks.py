@@ -32,6 +32,8 @@ STATIC = 4.0
 CONFIRMED, MOST_SCORE, LEAST_SCORE = 3.0, 6.0, -2.0
 """Evidence from which on a track counts, the most, and the least of one that is fast; a scan in which the body moved adds one
 ..."""
+PART = 0.5
+"""... one in which a part of it was hidden less ..."""
 DOUBT = 0.5
 """... and one in which it may always have been there takes some."""
 NARROW, CONFIRMED_NARROW = 0.1, 5.0
@@ -78,6 +80,12 @@ def _distance(track: Any, body: Any) -> float:
 
 
 @kernel
+def _evidence(body: Any) -> float:
+    """Return the evidence of a body that what it belongs to moves."""
+    return -DOUBT if body[MOVED] == 0.0 else 1.0 if body[WHOLE] > 0.0 else PART
+
+
+@kernel
 def _is_fast(track: Any) -> bool:
     """Return whether a track is too fast for something that stands."""
     return bool(track[VX] * track[VX] + track[VY] * track[VY] >= SLOW * SLOW)
@@ -100,7 +108,7 @@ def _update(track: Any, body: Any) -> None:
     track[TIME], track[PX], track[PY] = body[AT], x + k * dx, y + k * dy
     track[VX], track[VY] = track[VX] + j * dx, track[VY] + j * dy
     track[PP], track[PV], track[VV] = k * R, j * R, P.vv - j * P.pv
-    track[SCORE] = min(track[SCORE] + (1.0 if body[MOVED] > 0.0 else -DOUBT), MOST_SCORE)
+    track[SCORE] = min(track[SCORE] + _evidence(body), MOST_SCORE)
     track[SEEN] = body[AT] if body[MOVED] > 0.0 else track[SEEN]
     needed = CONFIRMED if track[SIZE] >= NARROW else CONFIRMED_NARROW
     way_x, way_y = track[PX] - track[BEGAN_X], track[PY] - track[BEGAN_Y]
@@ -130,7 +138,7 @@ def _begin(tracks: Any, body: Any) -> None:
                 0.0,
             )
             track[PP], track[PV], track[VV] = body[VARIANCE], 0.0, FIRST_SPEED * FIRST_SPEED
-            track[SIZE], track[SCORE], track[SEEN] = body[RADIUS], 1.0, body[AT]
+            track[SIZE], track[SCORE], track[SEEN] = body[RADIUS], _evidence(body), body[AT]
             track[BEGAN_X], track[BEGAN_Y] = body[X], body[Y]
             return
 
@@ -162,5 +170,5 @@ def follow(tracks: Any, bodies: Any, count: int, now: float) -> None:
         if now - track[TIME] > lasts or now - track[SEEN] > STANDS or is_doubtful:
             track[STATE] = NONE
     for b in range(count):
-        if bodies[b, TAKEN] == 0.0 and bodies[b, MOVED] > 0.0 and bodies[b, WHOLE] > 0.0:
+        if bodies[b, TAKEN] == 0.0 and bodies[b, MOVED] > 0.0:
             _begin(tracks, bodies[b])
