@@ -113,6 +113,26 @@ def test_people_who_see_the_robot_walk_round_it_and_others_run_into_it(alone, se
         assert min(near) == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_person_without_a_pace_goes_straight_on_at_the_velocity_that_is_set(alone):
+    scene = alone(sees=True)
+    scene.room.people[0, 4] = 0.0
+    scene.room.circles[0, 3:] = 0.6, -0.8
+    for _ in range(20):
+        step(scene, Pose(2.0, -1.0, 0.0), before=Pose(2.1, -1.0, 0.0), rules=ROOMS["people"])
+    assert scene.room.circles[0] == pytest.approx([1.2, -1.6, 0.2, 0.6, -0.8])
+
+
+def test_whoever_holds_the_arrays_lets_people_walk_in_machine_code_too():
+    envs = NavigationVectorEnv(2, task="room", world="people", lidar="ideal", noise="clean")
+    envs.reset(seed=0)
+    room = envs.truth()[0].room
+    room.people[..., 4], before = 0.0, room.circles.copy()
+    for _ in range(3):
+        envs.step(np.zeros((2, 2), np.float32))
+    there = np.arange(before.shape[1]) < room.counts[:, :1]
+    np.testing.assert_allclose(room.circles[there, :2], (before[..., :2] + 3.0 * DT * before[..., 3:])[there], atol=1e-12)
+
+
 def test_people_stay_in_the_room_out_of_boxes_and_below_their_greatest_speed(empty_scene):
     rules, apart = ROOMS["people"], []
     for key in range(8):

@@ -47,7 +47,8 @@ class RoomShape(NamedTuple):
     """Shape (B, 6): x, y, half length, half width, and cosine and sine of the heading."""
     people: Any
     """Shape (P, 6): where each person walks to and comes from, x and y, m; pace, m/s; and 1 if the person sees the
-    robot, else 0. P is 0 unless circles are people."""
+    robot, else 0. P is 0 unless circles are people. A person with a pace of 0 feels no forces and walks straight on at the
+    velocity in ``circles``: set both in the arrays of `NavigationVectorEnv.truth` to let people walk by another model."""
     ways: Any
     """Shape (rows, columns), uint16: length of the shortest path to the goal from each cell, in `geodesic.UNIT`."""
     squares: Any

@@ -116,10 +116,11 @@ def _stroll(scene: Scene, robot: Pose, vx: float, vy: float, radius: float, dt: 
         dx, dy, speed = person[0] - circle[0], person[1] - circle[1], circle[3] * circle[3] + circle[4] * circle[4]
         if dx * dx + dy * dy < _THERE * _THERE or speed < _STUCK * _STUCK:
             person[0], person[1], person[2], person[3] = person[2], person[3], person[0], person[1]
-        ax, ay = _acceleration(scene, k, robot, vx, vy)
-        walk_x, walk_y = circle[3] + ax * dt, circle[4] + ay * dt
-        slower = min(1.0, _HASTE * person[4] / max(sqrt(walk_x * walk_x + walk_y * walk_y), 1e-9))
-        circle[3], circle[4] = walk_x * slower, walk_y * slower
+        if person[4] != 0.0:
+            ax, ay = _acceleration(scene, k, robot, vx, vy)
+            walk_x, walk_y = circle[3] + ax * dt, circle[4] + ay * dt
+            slower = min(1.0, _HASTE * person[4] / max(sqrt(walk_x * walk_x + walk_y * walk_y), 1e-9))
+            circle[3], circle[4] = walk_x * slower, walk_y * slower
         circle[0] += circle[3] * dt
         circle[1] += circle[4] * dt
         if (vx * vx + vy * vy) * dt * dt <= STANDS * STANDS:  # nobody walks through a robot that stands
@@ -135,6 +136,7 @@ def walk(scene: Scene, before: Pose, robot: Pose, radius: float, rules: Any, dt:
 
     A walker that walks straight on turns back at the walls; one whose edge is within ``rules.courtesy`` of the robot's centre
     waits instead of coming nearer. People walk by the social force model; a person without sight of the robot may run into it.
+    A person with a pace of 0 walks straight on at the velocity in ``scene.room.circles``, which another model may set.
 
     Args:
         scene: The room.
