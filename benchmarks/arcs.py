@@ -34,17 +34,17 @@ def around(
     tracks: NDArray[np.float64],
     robot: Robot,
     horizon: float,
-    near: float,
+    gap: float,
 ) -> NDArray[np.float64]:
     """Return actions whose arcs keep away from tracks that move on straight.
 
     Args:
         actions: Actions of a policy, shape (n, 2).
         observations: Observations that begin with those of rooms, shape (n, ...).
-        tracks: Shape (n, tracks, 7), see `turtlebot_gym.observations.TRACKS`.
+        tracks: Shape (n, tracks, 8), see `turtlebot_gym.observations.TRACKS`.
         robot: The robot.
         horizon: Time that is looked ahead, s.
-        near: Least distance of the robot from a track, m.
+        gap: Least clearance of the robot from a track, m.
     """
     number = len(actions)
     own = np.stack((actions, actions * (0.5, 1.0)), 1)
@@ -54,8 +54,8 @@ def around(
     free = np.ones(tried.shape[:2], np.bool_)
     for track in np.moveaxis(tracks, 1, 0):
         place = (track[:, 0] + 1j * track[:, 1])[:, None] + (track[:, 2] + 1j * track[:, 3])[:, None] * times
-        comes = (abs(place[:, None] - poses) < near).any(axis=-1)
-        free &= ~(comes & (track[:, 6] > 0.0)[:, None])
+        comes = (abs(place[:, None] - poses) < robot.radius + gap + track[:, 6, None, None]).any(axis=-1)
+        free &= ~(comes & (track[:, 7] > 0.0)[:, None])
     ranges = observations[:, SCAN].astype(float)
     points = DIRECTIONS * ranges * SIGHT + robot.lidar.x
     for sector in range(points.shape[1]):

@@ -101,7 +101,7 @@ remembers.terms = ("twist*2",)
 @pytest.mark.nightly
 def test_rules_and_their_safety_layer_read_their_terms_in_any_observation():
     options = {"env": ROOMS, "episodes": 6, "seed": 3}
-    for name in ("vfh", "vfh+safety", "bearing+safety", "vfh+yield"):
+    for name in ("vfh", "vfh+safety", "bearing+safety"):
         plain = evaluate(name, **options)
         other = evaluate(name, observation="own_terms:BUMPER,scan_age,scan*2,next_goal,uncertainty,twist,goal", **options)
         np.testing.assert_array_equal(plain.episodes.time, other.episodes.time)

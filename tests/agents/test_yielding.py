@@ -1,88 +1,145 @@
-"""A policy that stops for people: what it sees of them, and how much that helps."""
+"""A policy that stops for people: the law of its stop, where it drives on, and how much that helps."""
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-from turtlebot_gym.rooms.lidar import SECTORS
-from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.values import Pose
+from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, size_of
+from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.fit import ROOMS
-from turtlebot_gym_agents.policies.yielding import BEFORE, FEATURES, Yielding
+from turtlebot_gym_agents.policies.sight import arc
+from turtlebot_gym_agents.policies.yielding import Yielding, passing
+
+AMONG = {"env": ROOMS, "world": "people", "noise": "wheel", "observation": "ekf,tracks"}
+DT, FINE = 0.1, 10
+"""Control interval, s, and number of moments in it that are looked at."""
+SURE = np.sqrt(-np.log(0.05))
+"""Radius that holds 95 % of a normal distribution in the plane, in roots of the trace of its covariance."""
 
 
-class Judge:
-    """Returns the same probability for all, and keeps the features that it has seen."""
+class Wishes:
+    """Wants to drive by random actions, each for some steps."""
 
-    def __init__(self, probability):
-        self.probability, self.seen = probability, []
+    terms = ROOM
 
-    def __call__(self, features):
-        self.seen.append(features)
-        return np.full(len(features), self.probability, np.float32)
+    def __init__(self, seed=0):
+        self.random, self.actions = np.random.default_rng(seed), None
+
+    def __call__(self, observations):
+        new = self.random.uniform(-1.0, 1.0, (*np.shape(observations)[:-1], 2)).astype(np.float32)
+        keeps = self.random.random(len(new)) < 0.8
+        self.actions = new if self.actions is None else np.where(keeps[:, None], self.actions, new)
+        return self.actions.copy()
 
 
-def straight(observations):
-    return np.full((*np.shape(observations)[:-1], 2), [0.6, 0.2], np.float32)
+def contacts(robot, lied=0.0, *, robots=400, steps=120, seed=0):
+    """Return how many robots touch somebody while they move, and the share of steps in which robots move.
 
-
-def farther(judge, world, steps=30):
-    """Return by how much the surroundings were farther in the scans before the newest, shape (steps, BEFORE, SECTORS)."""
-    env, policy = gym.make(ROOMS, world=world, lidar="ideal", noise="clean"), Yielding(straight, judge)
-    observation, _ = env.reset(seed=0)
-    policy.reset(np.array([True]))
+    People walk straight on and turn round at the edge of a square. What is observed of each is off by as much as its deviations
+    say, in random directions, and ``lied`` times as much.
+    """
+    random, policy = np.random.default_rng(seed), Yielding(Wishes(seed), robot)
+    body = ROBOTS[robot]
+    limits = np.array([body.max_linear, body.max_angular])
+    at, heading, twist = np.zeros(robots, complex), np.exp(2j * np.pi * random.random(robots)), np.zeros((robots, 2))
+    people = (random.uniform(-2.0, 2.0, (robots, 4)) + 1j * random.uniform(-2.0, 2.0, (robots, 4))) * 1.5
+    walks = random.uniform(0.2, 1.5, people.shape) * np.exp(2j * np.pi * random.random(people.shape))
+    radius, touched, moved = random.uniform(0.15, 0.35, people.shape), np.zeros(robots, bool), 0
     for _ in range(steps):
-        observation, *_ = env.step(policy(observation[None])[0])
-    return np.array([x[0, -BEFORE * SECTORS :].reshape(BEFORE, SECTORS) for x in judge.seen])
+        walks = np.where(np.abs(people - at[:, None]) > 3.0, np.abs(walks) * np.exp(1j * np.angle(at[:, None] - people)), walks)
+        place, speed = random.uniform(0.0, 0.15, people.shape), random.uniform(0.0, 0.4, people.shape)
+        off, wrong = ((1.0 + lied) * SURE * size * np.exp(2j * np.pi * random.random(people.shape)) for size in (place, speed))
+        seen, seen_walks = ((part) * np.conj(heading)[:, None] for part in (people + off - at[:, None], walks + wrong))
+        rows = np.zeros((robots, size_of((*ROOM, TRACKS))), np.float32)
+        rows[:, 5:7] = twist / limits
+        tracks = rows[:, -8 * NEAREST :].reshape(robots, NEAREST, 8)[:, :4]
+        parts = (seen.real, seen.imag, seen_walks.real, seen_walks.imag, place, speed, radius)
+        tracks[...] = np.stack([*parts, np.ones_like(place)], axis=-1)
+        actions = policy(rows)
+        moves = twist[:, 0] != 0.0
+        moved += moves.mean() / steps
+        for moment in range(1, FINE + 1):
+            along, turned = arc(twist[:, 0], twist[:, 1], DT * moment / FINE)
+            there = at + along * heading
+            near = np.abs(people + walks * DT * moment / FINE - there[:, None]) < radius + body.radius - 1e-6
+            touched |= moves & near.any(axis=1)
+        at, heading, people = there, heading * turned, people + walks * DT
+        twist = actions * limits
+    return int(touched.sum()), moved
 
 
-@pytest.mark.parametrize("stands", [True, False])
-def test_only_walking_people_were_farther_away_before(stands):
-    """Also for a robot that drives on an arc, since scans are seen from the place of the newest; edges may jump once."""
-    hall = {"walls": (0.0, 0.0, 3.0, 3.0), "start": Pose(0.0, 0.0, 0.0), "goal": Pose(2.5, 2.0, 0.0)}
-    shares = []
-    for speed in (0.0, -0.8):
-        plan = FloorPlan(**hall, circles=((1.3, 0.0, 0.3, 0.0, speed),))
-        came = farther(Judge(1.0 if stands else 0.0), plan)
-        shares.append((came.max(axis=(1, 2)) > 0.45).mean())
-    assert shares[0] <= (0.0 if stands else 0.05)
-    assert shares[1] >= 0.25
+@pytest.mark.parametrize("robot", ["burger", "turtlebot4"])
+def test_no_robot_that_moves_touches_who_is_where_tracks_say(robot):
+    touched, moved = contacts(robot)
+    assert touched == 0
+    assert moved > 0.3
 
 
-def test_it_stands_where_the_network_says_so_and_drives_elsewhere():
-    rows = np.tile(np.linspace(0.1, 0.9, 50, dtype=np.float32), (4, 1))
-    assert (Yielding(straight, Judge(0.6))(rows) == 0.0).all()
-    assert (Yielding(straight, Judge(0.6), threshold=0.7)(rows) == straight(rows)).all()
+def test_the_law_fails_for_tracks_that_lie():
+    assert contacts("burger", lied=1.0)[0] > 10
 
 
-def test_a_robot_sees_the_same_alone_and_in_a_batch_and_forgets_at_a_reset():
-    envs = gym.make_vec(ROOMS, num_envs=6, world="people")
-    judges = Judge(0.0), Judge(0.0)
-    together, alone = (Yielding(straight, judge) for judge in judges)
-    observations, _ = envs.reset(seed=3)
-    for step in range(40):
-        together(observations)
-        alone(observations[4])
-        if step == 20:
-            together.reset(np.arange(6) == 4)
-            alone.reset(np.array(True))
-        np.testing.assert_array_equal(judges[0].seen[-1][4], judges[1].seen[-1][0])
-        observations, *_ = envs.step(straight(observations))
-    assert judges[0].seen[-1].shape == (6, FEATURES)
-    together.reset(np.ones(6, np.bool_))
-    together(observations)
-    assert np.abs(judges[0].seen[-1][:, -BEFORE * SECTORS :]).max() < 0.5
+def stops(x, y, vx=0.0, vy=0.0, *, deviation=0.0, growth=0.0, certainty=1.0, action=(0.6, 0.2), **options):
+    """Return whether a robot that stands remains so for somebody at a place with a velocity, in the robot's frame."""
+    seen = np.zeros(size_of((*ROOM, TRACKS)), np.float32)
+    seen[-8:] = x, y, vx, vy, deviation, growth, 0.25, certainty
+    answer = Yielding(lambda rows: np.array(action, np.float32), **options)(seen)
+    assert answer.tolist() in ([0.0, 0.0], np.array(action, np.float32).tolist())
+    return not answer.any()
 
 
-@pytest.mark.nightly
-def test_the_shipped_network_lets_more_robots_reach_their_goals_among_people():
-    """The difference of the shares is over six standard errors here; without a network it is 0."""
-    shares = [evaluate(name, env=ROOMS, world="people", episodes=120).summary()["success"] for name in ("vfh", "vfh+yield")]
+def test_it_stops_for_who_comes_near_before_it_stands_and_for_nobody_else():
+    near = ROBOTS["burger"].radius + 0.25 + 0.012  # it drives on by 1.3 cm, and bends
+    assert stops(near, 0.0)
+    assert not stops(near + 0.02, 0.0)
+    assert stops(near + 0.19, 0.0, -1.0, 0.0)
+    assert not stops(near + 0.21, 0.0, -1.0, 0.0)
+    assert not stops(near + 0.02, 0.0, 1.0, 0.0)
+    assert stops(near + 0.1, 0.0, deviation=0.06)
+    assert stops(near + 0.2, 0.0, growth=0.6)
+    assert not stops(near + 0.2, 0.0, growth=0.6, confidence=0.3)
+    assert not stops(0.2, 0.0, certainty=0.0)
+    assert stops(near + 0.1, 0.0, certainty=0.5, deviation=0.06)
+    assert stops(near + 0.1, 0.0, robot="waffle")
+
+
+def test_passing_is_the_nearest_of_many_moments():
+    random = np.random.default_rng(0)
+    to, walks, grows = random.normal(size=(300, 2)), random.normal(size=(300, 2)), random.uniform(0.0, 1.5, 300)
+    times = np.linspace(0.0, 1.5, 3001)
+    for growth in (np.zeros(300), grows):
+        at, least = passing(to, walks, 1.5, growth)
+        away = np.linalg.norm(to[:, None] + walks[:, None] * times[:, None], axis=-1) - growth[:, None] * times
+        np.testing.assert_allclose(least, away.min(axis=1), atol=2e-3)
+        np.testing.assert_allclose(np.linalg.norm(to + walks * at[:, None], axis=-1) - growth * at, least)
+
+
+def test_a_robot_is_stopped_alone_as_in_a_batch_and_by_any_of_all():
+    rows = np.zeros((3, size_of((*ROOM, TRACKS))), np.float32)
+    tracks = rows[:, -8 * NEAREST :].reshape(3, NEAREST, 8)
+    tracks[...] = 2.0, 0.0, 0.0, 0.0, 0.1, 0.1, 0.25, 1.0
+    tracks[1, 3, 0] = 0.3
+    policy = Yielding(lambda rows: np.full((*np.shape(rows)[:-1], 2), 0.5, np.float32))
+    driven = policy(rows)
+    assert driven.any(axis=-1).tolist() == [True, False, True]
+    np.testing.assert_array_equal(driven, [policy(row) for row in rows])
+
+
+def test_more_robots_reach_their_goals_among_people():
+    """The difference of the shares is over six standard errors here."""
+    shares = [evaluate(name, episodes=60, **AMONG).summary()["success"] for name in ("vfh", "vfh+yield")]
     assert shares[0].high < shares[1].low
 
 
-def test_a_policy_that_stops_for_people_needs_the_lidars_observation():
-    with pytest.raises(ValueError, match=r"with .*scan"):
-        make_policy("vfh+yield")(np.zeros((2, 13), np.float32))
+def test_its_memory_is_that_of_the_policy_within():
+    policy = make_policy("planner+yield")
+    assert policy.reset == policy.policy.reset
+    assert not hasattr(make_policy("gap+yield"), "reset")
+
+
+def test_a_policy_that_stops_for_people_needs_tracks():
+    with pytest.raises(ValueError, match=r"with .*scan.*tracks"):
+        make_policy("vfh+yield")(np.zeros((2, 50), np.float32))
+    with pytest.raises(ValueError, match="reads 'tracks', which is not in the observation"):
+        evaluate("vfh+yield", env=ROOMS, world="people", episodes=1)

@@ -18,17 +18,19 @@ from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, SUFFIXES, load_baseline
 from turtlebot_gym_agents.policies.policy import Policy, Wrapped, numbers_of, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
-from turtlebot_gym_agents.policies.yielding import Network, Yielding
+from turtlebot_gym_agents.policies.yielding import Yielding
 
 SAFETY = "+safety"
 """Suffix of a policy's name that wraps it in a `SafetyLayer`."""
 YIELD = "+yield"
-"""Suffix that lets it stop for people, see `Yielding`; it comes before `SAFETY`."""
+"""Suffix that lets it stop for people, see `Yielding`."""
 
 
 def bare(name: str) -> str:
     """Return a policy's name without the suffixes of its wrappers."""
-    return name.removesuffix(SAFETY).removesuffix(YIELD)
+    while name.endswith((SAFETY, YIELD)):
+        name = name.removesuffix(SAFETY).removesuffix(YIELD)
+    return name
 
 
 def pretrained_folder() -> Path:
@@ -65,7 +67,8 @@ def make_policy(
             "dwa" or "planner"; one with other numbers, ``*.yaml`` or ``*.json`` (see `baselines`); "ppo-nav", "ppo-pose",
             "ppo-square" or "ppo-rooms", which are shipped with the package; a bundle's file, ``*.onnx``; or "module:callable"
             for one of your own: a function is the policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords.
-            In rooms, the suffix "+safety" wraps any of them in a `SafetyLayer`, and "+yield" lets it stop for people.
+            In rooms, the suffix "+safety" wraps any of them in a `SafetyLayer`, and "+yield" lets it stop for people
+            who are tracked.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         noise: Noise of the motion, which a `SafetyLayer` allows for.
@@ -82,7 +85,7 @@ def make_policy(
         return SafetyLayer(driver, robot, dt, noise=noise)
     if name.endswith(YIELD):
         driver = make_policy(name.removesuffix(YIELD), robot=robot, dt=dt, noise=noise, allow_mismatch=allow_mismatch)
-        return Yielding(driver, Network.load(pretrained_folder() / "yield.npz"), robot, dt)
+        return Yielding(driver, robot, dt)
     if name in POLICIES:
         return POLICIES[name](make_robot(robot), dt)
     fit: dict[str, Any] = {} if allow_mismatch else {"robot": robot, "dt": dt}

@@ -10,8 +10,7 @@ import torch
 from stable_baselines3.common.torch_layers import FlattenExtractor
 from torch import nn
 
-from turtlebot_gym_agents.policies.yielding import NEAR
-from turtlebot_gym_agents.training.normalization import CLIP, NormalizedObservation, split_at
+from turtlebot_gym_agents.training.normalization import CLIP, NEAR, NormalizedObservation, split_at
 
 if TYPE_CHECKING:
     from onnx import ModelProto

@@ -20,10 +20,11 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, SCAN, ObservationTerm, size_of, slices_of
 from turtlebot_gym_agents.policies import Policy
-from turtlebot_gym_agents.policies.yielding import NEAR
 
 CLIP = 10.0
 """Normalized observations are clipped to plus and minus this."""
+NEAR = 0.03
+"""Share of `rooms.lidar.SIGHT` added to a range before its logarithm: a robot's radius."""
 CONSTANT = 1e-3
 """Observations whose standard deviation is below this count as constant."""
 

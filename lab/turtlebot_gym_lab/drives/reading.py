@@ -46,7 +46,7 @@ FORMATS = (
     Format(
         "bag",
         "a folder, `.mcap`, `.db3` (ROS 2), `.bag` (ROS 1)",
-        "odometry, commands, scans, a gyro on `/imu`, maps; truth and fixes as Odometry, PoseStamped, "
+        "odometry, commands, scans, tracks, a gyro on `/imu`, maps; truth and fixes as Odometry, PoseStamped, "
         "PoseWithCovarianceStamped, TransformStamped, PointStamped or `/tf`",
         is_bag,
         read_bag,
