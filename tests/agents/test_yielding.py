@@ -8,6 +8,7 @@ from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.fit import ROOMS
+from turtlebot_gym_agents.policies.protection import SafetyLayer
 from turtlebot_gym_agents.policies.sight import arc
 from turtlebot_gym_agents.policies.yielding import Yielding, passing
 
@@ -33,13 +34,14 @@ class Wishes:
         return self.actions.copy()
 
 
-def contacts(robot, lied=0.0, *, robots=400, steps=120, seed=0):
+def contacts(robot, lied=0.0, *, layer=False, robots=400, steps=120, seed=0):
     """Return how many robots touch somebody while they move, and the share of steps in which robots move.
 
     People walk straight on and turn round at the edge of a square. What is observed of each is off by as much as its deviations
     say, in random directions, and ``lied`` times as much.
     """
     random, policy = np.random.default_rng(seed), Yielding(Wishes(seed), robot)
+    policy = SafetyLayer(policy, robot) if layer else policy
     body = ROBOTS[robot]
     limits = np.array([body.max_linear, body.max_angular])
     at, heading, twist = np.zeros(robots, complex), np.exp(2j * np.pi * random.random(robots)), np.zeros((robots, 2))
@@ -52,7 +54,7 @@ def contacts(robot, lied=0.0, *, robots=400, steps=120, seed=0):
         off, wrong = ((1.0 + lied) * SURE * size * np.exp(2j * np.pi * random.random(people.shape)) for size in (place, speed))
         seen, seen_walks = ((part) * np.conj(heading)[:, None] for part in (people + off - at[:, None], walks + wrong))
         rows = np.zeros((robots, size_of((*ROOM, TRACKS))), np.float32)
-        rows[:, 5:7] = twist / limits
+        rows[:, 5:7], rows[:, 13:49], rows[:, 0] = twist / limits, 1.0, 1.0
         tracks = rows[:, -8 * NEAREST :].reshape(robots, NEAREST, 8)[:, :4]
         parts = (seen.real, seen.imag, seen_walks.real, seen_walks.imag, place, speed, radius)
         tracks[...] = np.stack([*parts, np.ones_like(place)], axis=-1)
@@ -72,6 +74,12 @@ def contacts(robot, lied=0.0, *, robots=400, steps=120, seed=0):
 @pytest.mark.parametrize("robot", ["burger", "turtlebot4"])
 def test_no_robot_that_moves_touches_who_is_where_tracks_say(robot):
     touched, moved = contacts(robot)
+    assert touched == 0
+    assert moved > 0.3
+
+
+def test_no_robot_within_the_safety_layer_does():
+    touched, moved = contacts("burger", layer=True, robots=60, steps=60)
     assert touched == 0
     assert moved > 0.3
 

@@ -7,13 +7,14 @@ that walk within theirs never touch a robot that moves. This module needs only n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, TWIST, columns_of
+from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, TWIST, ObservationTerm, columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
@@ -42,13 +43,46 @@ def passing(
     return at, np.linalg.norm(to + walks * at[..., None], axis=-1) - grows * at
 
 
+class PeopleStop:
+    """Says where a robot must not drive, since it might meet somebody who is tracked before it stands.
+
+    Args:
+        robot: The robot.
+        dt: Control interval, s.
+        terms: Terms of the observations, with `TWIST` and `TRACKS`.
+        confidence: Probability with which each person is where the robot may not drive, if the tracks are right.
+    """
+
+    def __init__(self, robot: Robot, dt: float, terms: Sequence[ObservationTerm], confidence: float = 0.95) -> None:
+        self._robot, self._dt = robot, dt
+        self._twist, self._tracks = (columns_of((term,), terms) for term in (TWIST, TRACKS))
+        self._stopped = dt + robot.max_linear / robot.max_linear_acceleration  # after an action begins to act
+        # The radius that holds a share of a normal distribution in the plane, in roots of the trace of its covariance.
+        self._sure = np.sqrt(-np.log1p(-confidence)) if confidence < 1.0 else np.inf
+
+    def __call__(self, observations: NDArray[np.float32], actions: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """Return a mask (...) for observations (..., n) and the actions (..., 2) that would follow."""
+        limits = self._robot.max_linear, self._robot.max_angular
+        v_now, omega_now = np.moveaxis(observations[..., self._twist].astype(np.float64) * limits, -1, 0)
+        v, omega = np.moveaxis(actions.astype(np.float64) * limits, -1, 0)
+        place, heading = arc(v_now, omega_now, self._dt)
+        drives = v * heading
+        tracks = observations[..., self._tracks].reshape(*v.shape, NEAREST, -1).astype(np.float64)
+        walks, grows = tracks[..., 2:4], self._sure * tracks[..., 5]
+        to = tracks[..., :2] + self._dt * walks - np.stack([place.real, place.imag], axis=-1)[..., None, :]
+        _, least = passing(to, walks - np.stack([drives.real, drives.imag], axis=-1)[..., None, :], self._stopped, grows)
+        bend = 0.5 * np.abs(v * omega)[..., None] * self._stopped**2  # distance of the arc from the straight way
+        kept = self._robot.radius + tracks[..., 6] + self._sure * tracks[..., 4] + self._dt * grows + bend
+        return np.asarray(((least < kept) & (tracks[..., 7] > 0.0)).any(axis=-1))
+
+
 @dataclass(eq=False)
 class Yielding:
     """Drive by a policy, and stand still while the robot might meet somebody before it stands.
 
     Of somebody who is tracked, see `turtlebot_gym.observations.TRACKS`, place and velocity are known with standard deviations.
-    It wins over distances that were tuned (`benchmarks/among_people.py`). Nobody who is not tracked counts: for what stands,
-    put it around a `SafetyLayer`. It does not even turn, since wheels sway, and who sways touches.
+    It wins over distances that were tuned (`benchmarks/among_people.py`). For what stands, put it into a
+    `SafetyLayer`, which keeps the same law. It does not even turn, since wheels sway, and who sways touches.
 
     Raises:
         ValueError: If a number is out of its range.
@@ -62,7 +96,7 @@ class Yielding:
     """Control interval, s."""
     _: KW_ONLY
     confidence: Annotated[float, PROBABILITY] = 0.95
-    """Probability with which each person is where the robot does not drive, if the tracks are right."""
+    """Probability with which each person is where the robot may not drive, if the tracks are right."""
 
     def __post_init__(self) -> None:
         check_fields(self, "")
@@ -72,41 +106,15 @@ class Yielding:
         self.terms = (*own, *(term for term in (TWIST, TRACKS) if term not in own))
         """The terms of its observations."""
         self._shown = shown(self.policy, "policy", self.terms)
-        self._twist, self._tracks = (columns_of((term,), self.terms) for term in (TWIST, TRACKS))
-        self._robot = make_robot(self.robot)
-        self._stopped = self.dt + self._robot.max_linear / self._robot.max_linear_acceleration  # after an action begins to act
-        # The radius that holds a share of a normal distribution in the plane, in roots of the trace of its covariance.
-        self._sure = np.sqrt(-np.log1p(-self.confidence)) if self.confidence < 1.0 else np.inf
+        self._stop = PeopleStop(make_robot(self.robot), self.dt, self.terms, self.confidence)
         if isinstance(self.policy, PolicyWithMemory):
             self.reset = self.policy.reset
         if isinstance(self.policy, ShrinkingPolicy):
             self.keep = self.policy.keep
 
-    def stands(self, tracks: NDArray, twists: NDArray, actions: NDArray) -> NDArray[np.bool_]:
-        """Return where the robot must not drive, shape (...).
-
-        Args:
-            tracks: Shape (..., `NEAREST`, 8).
-            twists: The robot's twist as shares of its limits, shape (..., 2) ...
-            actions: ... and the actions that follow, of the same shape.
-        """
-        (v_now, omega_now), (v, omega) = (
-            np.moveaxis(np.asarray(part, np.float64) * (self._robot.max_linear, self._robot.max_angular), -1, 0)
-            for part in (twists, actions)
-        )
-        place, heading = arc(v_now, omega_now, self.dt)
-        drives = v * heading
-        walks, grows = tracks[..., 2:4], self._sure * tracks[..., 5]
-        to = tracks[..., :2] + self.dt * walks - np.stack([place.real, place.imag], axis=-1)[..., None, :]
-        _, least = passing(to, walks - np.stack([drives.real, drives.imag], axis=-1)[..., None, :], self._stopped, grows)
-        bend = 0.5 * np.abs(v * omega)[..., None] * self._stopped**2  # distance of the arc from the straight way
-        kept = self._robot.radius + tracks[..., 6] + self._sure * tracks[..., 4] + self.dt * grows + bend
-        return np.asarray(((least < kept) & (tracks[..., 7] > 0.0)).any(axis=-1))
-
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., n) of `terms`."""
         seen = numbers_of(observations, self.terms).astype(np.float32)
         actions = np.array(self._shown(seen), np.float32)
-        tracks = seen[..., self._tracks].reshape(*seen.shape[:-1], NEAREST, -1).astype(np.float64)
-        actions[self.stands(tracks, seen[..., self._twist], actions)] = 0.0
+        actions[self._stop(seen, actions)] = 0.0
         return actions
