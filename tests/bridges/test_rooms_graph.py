@@ -15,16 +15,16 @@ from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS
 from turtlebot_gym_agents.policies import make_policy
 
 class Logged:
-    terms, columns = ROOM, None
+    terms, name = ROOM, "vfh"
 
     def __init__(self, *, robot, dt):
-        self._policy = make_policy("vfh", robot=robot, dt=dt)
+        self._policy = make_policy(self.name, robot=robot, dt=dt)
 
     def reset(self, mask):
         self._policy.reset(mask)
 
     def __call__(self, observation):
-        action = np.asarray(self._policy(observation[..., : self.columns]), np.float32)
+        action = np.asarray(self._policy(observation), np.float32)
         with open(os.environ["LOGGED_IN"], "ab") as log:
             log.write(np.asarray(observation, np.float32).tobytes() + action.tobytes())
         return action
@@ -33,9 +33,9 @@ class Located(Logged):
     terms = LOCATED_ROOM
 
 class Tracking(Logged):
-    terms, columns = (*ROOM, TRACKS), 50
+    terms, name = (*ROOM, TRACKS), "vfh+yield"
 """
-"""VFH+, a policy with memory, which keeps what it is given and answers; also with a localizer's evidence, or with tracks."""
+"""VFH+, with memory, which keeps what it is given and answers; with a localizer's evidence; and with a stop for people."""
 
 
 @pytest.fixture(autouse=True)
@@ -113,4 +113,4 @@ def test_tracks_of_people_are_those_of_the_environment(compare, logged, lidar):
         "logged_policy:Tracking", world="people", lidar=lidar, noise="wheel", observation="ekf,tracks", seed=2
     )
     given = given_alike(compare, logged, drive, 60, shown=90)
-    assert given[:, 56].any(), "nobody was tracked: the test saw too little"
+    assert (given[:, 57] == 1.0).any(), "nobody was tracked: the test saw too little"

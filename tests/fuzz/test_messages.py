@@ -48,7 +48,7 @@ def test_a_message_is_read_or_refused_in_one_line(name, number):
             refusal = str(error)
         if refusal is None:
             taken += 1
-            assert name in ("Clearance", "Fix", "Scan", "GridMap") or all(map(math.isfinite, numbers(value)))
+            assert name in ("Clearance", "Fix", "InitialPose", "Scan", "GridMap") or all(map(math.isfinite, numbers(value)))
             pose = getattr(value, {"Fix": "pose", "GridMap": "origin"}.get(name, ""), value if name == "Pose" else ())
             assert all(abs(number) <= FARTHEST for number in pose)
         else:
