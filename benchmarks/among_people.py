@@ -170,7 +170,8 @@ class Learned:
         near = least - rows[..., 6]
         tracks = np.concatenate([rows, *(x[..., None] for x in (np.linalg.norm(rows[..., :2], axis=-1), until, near))], -1)
         nobody = np.array([3.0, 3.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 3.0, 2.0, 3.0])
-        tracks = np.where(rows[..., 7:] > 0.0, np.minimum(tracks, np.maximum(nobody, 1.0)), nobody)
+        most = np.maximum(nobody, 1.5)
+        tracks = np.where(rows[..., 7:] > 0.0, np.clip(tracks, -most, most), nobody)
         scan = np.log(seen[:, SCANNED] + NEAR)
         parts = (seen[:, 5:7], scan, seen[:, -1:], actions, tracks.reshape(len(rows), -1))
         return torch.from_numpy(np.concatenate(parts, 1).astype(np.float32))
@@ -286,9 +287,9 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     drivers: dict[str, list[Any]] = {name: [name] for name in ("vfh", "vfh+yield", "vfh+safety+yield")}
     drivers |= {"stop at distances": [by_distances(*distances)], "arcs around tracks": [by_arcs(*arc)]}
     drivers |= {"stop learned": [one.drive for one in learned]}
-    for late, gap in known.items():
+    for late, numbers in known.items():
         name = "stop that knows" + (f", {late * PERIOD:.1f} s late" if late else "")
-        drivers[name] = [by_truth(late)(*gap)]
+        drivers[name] = [by_truth(late)(*numbers)]
     worlds = [*((lidar, "forces") for lidar in config.lidars), (config.lidars[0], "ORCA")]
     cells = list(itertools.product(worlds, drivers))
     tasks = [
@@ -304,7 +305,7 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
         row = {key: share(np.array([getattr(part, key) for part in parts])) for key in ("success", "collision")}
         time = metrics.mean(np.concatenate([part.time[part.success] for part in parts]))
         rows.append({"lidar": lidar, "people": model, "policy": name, **row, "time_to_goal": time})
-        shown = ("{:.1f} ({:.1f}, {:.1f})".format(*(100.0 * bound for bound in share)) for share in row.values())
+        shown = ("{:.1f} ({:.1f}, {:.1f})".format(*(100.0 * bound for bound in part)) for part in row.values())
         table.add_row(lidar, model, name, *shown, f"{time.value:.1f}")
     return {"distances": distances, "arc": arc, "known": list(known.values()), "rows": rows}, [table]
 

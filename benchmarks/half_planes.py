@@ -86,7 +86,7 @@ def least_penetrating(
         size = abs(moved)
         same = size < 1e-9  # gives way as far in the same direction
         size[same], need[same] = 1.0, NEVER
-        best, allowed = nearest(moved / size, need / size, fastest[rows], 1e3 * normal)
-        found[rows] = np.where(allowed == i, best, found[rows])
+        best, failing = nearest(moved / size, need / size, fastest[rows], 1e3 * normal)
+        found[rows] = np.where(failing == i, best, found[rows])
         least[rows] = (bound - dot(normal, found[rows])) / gives[i]
     return found

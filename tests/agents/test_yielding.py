@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, size_of
 from turtlebot_gym.robots import ROBOTS
+from turtlebot_gym.values import Command
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.fit import ROOMS
@@ -34,7 +36,7 @@ class Wishes:
         return self.actions.copy()
 
 
-def contacts(robot, lied=0.0, *, layer=False, robots=400, steps=120, seed=0):
+def contacts(robot, lied=0.0, *, layer=False, robots=400, steps=80, seed=0):
     """Return how many robots touch somebody while they move, and the share of steps in which robots move.
 
     People walk straight on and turn round at the edge of a square. What is observed of each is off by as much as its deviations
@@ -67,7 +69,7 @@ def contacts(robot, lied=0.0, *, layer=False, robots=400, steps=120, seed=0):
             near = np.abs(people + walks * DT * moment / FINE - there[:, None]) < radius + body.radius - 1e-6
             touched |= moves & near.any(axis=1)
         at, heading, people = there, heading * turned, people + walks * DT
-        twist = actions * limits
+        twist = np.array([limit(Command(*command), body) for command in (actions * limits).tolist()])
     return int(touched.sum()), moved
 
 

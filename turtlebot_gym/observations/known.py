@@ -246,7 +246,7 @@ TRACK_BOUNDS = ((-12.0, -12.0, -3.0, -3.0, 0.0, 0.0, 0.0, 0.0), (12.0, 12.0, 3.0
 """Bounds of a track's numbers: position relative to the robot and velocity over ground, both in the robot's frame, m and m/s;
 their standard deviations (root of the trace); the radius, m; and 1 for what moves, 0.5 for what may, or 0 without a track."""
 TRACKS = ObservationTerm("tracks", _tracks, TRACK_BOUNDS[0] * NEAREST, TRACK_BOUNDS[1] * NEAREST, in_scene=True)
-"""The nearest tracks of what moves, nearest first, see `TRACK_BOUNDS` and `turtlebot_gym.tracking`."""
+"""The nearest tracks of what moves or may move, nearest first, see `TRACK_BOUNDS` and `turtlebot_gym.tracking`."""
 
 OPEN_GROUND = GOAL, TWIST, UNCERTAINTY, NEXT_GOAL
 """What a policy sees on open ground, 13 numbers: an `Observation`."""

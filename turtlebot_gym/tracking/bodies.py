@@ -44,13 +44,13 @@ LEGS = 0.06
 LEG_RADIUS, STRIDE = 0.13, 0.6
 """Greatest radius of a leg, and distance between two legs of a person, m."""
 TWO = 0.33
-"""Radius from which on a run may be two bodies beside each other, m; they meet where ranges are longest."""
+"""Radius from which on a run may be two bodies side by side, m; they meet at the beam of the longest range."""
 MEET, MEET_SHARE = 0.03, 2.0
-"""How much shorter the ranges on both sides of it are then: at least, m, and in standard deviations of a range."""
+"""Least amount by which the ranges on both sides of that beam are shorter: m, and standard deviations of a range."""
 BEGUN = 0.08
-"""Radius from which on what goes on in the next revolution is taken for a person, m: most legs are narrower."""
+"""Least radius of a run that reaches the end of a revolution and counts as a person, m; most legs are narrower."""
 JUST = 1e-6
-"""Time by which a body that is not seen whole yet counts as earlier than the whole one of the next revolution, s."""
+"""Subtracted from the time of such a run, s, so that the whole body of the next revolution is later."""
 
 
 @kernel
@@ -73,8 +73,8 @@ def _add_body(
         last: ... and the last.
         n: Number of those with a return.
         total: Sum of their ranges, m.
-        hidden: sum of 1 if the first beam's side is hidden, and of 2 if the last one's, or 4 if the run goes on in the next
-            revolution.
+        hidden: Sum of 1 if the first beam's side is hidden, and 2 if the last beam's side is, or 4 if the run goes on in the
+            next revolution.
         sweep: How beams were measured.
         trail: The odometry.
     """
@@ -217,7 +217,7 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
         if n > 0 and is_same and abs(length - before) <= max(LEAST_JUMP, JUMP * noise):
             n, last, total, before, blind, post = n + 1, beam, total + length, length, False, True
             continue
-        if n > 0 and last >= -1:
+        if n > 0 and last >= -1 - GAP:
             behind = 2 if (near and length < before) or (blind and not near) else 0
             count = _add_run(bodies, count, first, last, n, total, hidden | behind, ranges, tail, sweep, trail)
         hidden = 1 if (near and length > before) or (blind and not near) else 0

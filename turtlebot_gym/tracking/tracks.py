@@ -16,7 +16,7 @@ from turtlebot_gym.kernel import kernel
 from turtlebot_gym.tracking.bodies import AT, DEPTH, MOVED, RADIUS, TAKEN, UX, UY, VARIANCE, WHOLE, X, Y
 
 CAPACITY, FIELDS = 12, 14
-"""Most tracks."""
+"""Most tracks, and how many numbers each has."""
 STATE, TIME, PX, PY, VX, VY, PP, PV, VV, SIZE, SCORE, SEEN, BEGAN_X, BEGAN_Y = range(FIELDS)
 """Columns of tracks: `NONE`, `TENTATIVE` or `MOVES`; time, s; position and velocity, m and m/s; their variances and covariance;
 mean radius, m; evidence; time at which it last was where it had been free, s; and the place where it began, m."""

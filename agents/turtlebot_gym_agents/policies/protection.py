@@ -67,7 +67,7 @@ class SafetyLayer:
     In a passage that is slightly too narrow the robot is inside the margins of both sides. There it may drive on: inside the
     margin of an obstacle, down to ``least_margin``, arcs are admissible that approach it by less than `NEARER`.
 
-    If the policy reads tracks of people, the robot stands while it might meet one before it stands, see `yielding`.
+    If the policy reads tracks of people, the robot stands while it might touch a person, see `yielding.PeopleStop`.
 
     An obstacle is assumed anywhere in its sector, at the sector's range. One that comes too near for the LiDAR is remembered,
     for the policy too. What was never seen is unknown: an LDS-01 sees nothing up to 0.047 m from a Burger's back, which
@@ -141,7 +141,7 @@ class SafetyLayer:
         self._places = np.where(np.asarray(mask)[..., None], UNSEEN, self._places)
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        """Return actions (..., 2) for observations (..., 50)."""
+        """Return actions (..., 2) for observations (..., n) of `terms`."""
         seen = numbers_of(observations, self.terms).astype(np.float32)
         rows = seen[..., self._sight]
         v, omega = np.moveaxis(rows[..., 5:7].astype(np.float64), -1, 0)

@@ -1,8 +1,9 @@
-"""Stop for people: stand while somebody who is tracked may come near before the robot stands.
+"""Stop for people: stand while a tracked person may come into contact before the robot could stop.
 
-Contact counts only while the robot moves. A command acts one interval late, and holds until the next: what must be free is the
-way until the next command could have stopped the robot. Where each track may be by then is a disc that holds it with 95 %; all
-that walk within theirs never touch a robot that moves. This module needs only numpy.
+Only contact with a moving robot counts. A command acts one interval late and holds until the next one, so the way must be free
+until the next command could have stopped the robot. A disc holds each person's place with probability 95 %. If all tracked
+people stay within their discs, a robot whose speed follows commands at once touches none of them while it moves. Only the
+nearest tracks are known. This module needs only numpy.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, TWIST, ObservationTerm, columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import POSITIVE, PROBABILITY, check_fields
+from turtlebot_gym.validation import POSITIVE, Range, check_fields
+from turtlebot_gym.values import Command
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy, numbers_of, shown, terms_of
 from turtlebot_gym_agents.policies.sight import arc
 
@@ -44,13 +47,13 @@ def passing(
 
 
 class PeopleStop:
-    """Says where a robot must not drive, since it might meet somebody who is tracked before it stands.
+    """Decides which actions could bring the robot into contact with a tracked person before the robot stands.
 
     Args:
         robot: The robot.
         dt: Control interval, s.
         terms: Terms of the observations, with `TWIST` and `TRACKS`.
-        confidence: Probability with which each person is where the robot may not drive, if the tracks are right.
+        confidence: Probability that a person is within the disc that the robot avoids, if the tracks' deviations are right.
     """
 
     def __init__(self, robot: Robot, dt: float, terms: Sequence[ObservationTerm], confidence: float = 0.95) -> None:
@@ -58,13 +61,15 @@ class PeopleStop:
         self._twist, self._tracks = (columns_of((term,), terms) for term in (TWIST, TRACKS))
         self._stopped = dt + robot.max_linear / robot.max_linear_acceleration  # after an action begins to act
         # The radius that holds a share of a normal distribution in the plane, in roots of the trace of its covariance.
-        self._sure = np.sqrt(-np.log1p(-confidence)) if confidence < 1.0 else np.inf
+        self._sure = np.sqrt(-np.log1p(-confidence))
 
     def __call__(self, observations: NDArray[np.float32], actions: NDArray[np.float32]) -> NDArray[np.bool_]:
         """Return a mask (...) for observations (..., n) and the actions (..., 2) that would follow."""
         limits = self._robot.max_linear, self._robot.max_angular
         v_now, omega_now = np.moveaxis(observations[..., self._twist].astype(np.float64) * limits, -1, 0)
-        v, omega = np.moveaxis(actions.astype(np.float64) * limits, -1, 0)
+        wanted = (actions.astype(np.float64) * limits).reshape(-1, 2)
+        kept = [limit(Command(*command), self._robot) for command in wanted.tolist()]
+        v, omega = np.moveaxis(np.reshape(kept, actions.shape), -1, 0)
         place, heading = arc(v_now, omega_now, self._dt)
         drives = v * heading
         tracks = observations[..., self._tracks].reshape(*v.shape, NEAREST, -1).astype(np.float64)
@@ -72,17 +77,17 @@ class PeopleStop:
         to = tracks[..., :2] + self._dt * walks - np.stack([place.real, place.imag], axis=-1)[..., None, :]
         _, least = passing(to, walks - np.stack([drives.real, drives.imag], axis=-1)[..., None, :], self._stopped, grows)
         bend = 0.5 * np.abs(v * omega)[..., None] * self._stopped**2  # distance of the arc from the straight way
-        kept = self._robot.radius + tracks[..., 6] + self._sure * tracks[..., 4] + self._dt * grows + bend
-        return np.asarray(((least < kept) & (tracks[..., 7] > 0.0)).any(axis=-1))
+        near = self._robot.radius + tracks[..., 6] + self._sure * tracks[..., 4] + self._dt * grows + bend
+        return np.asarray(((least < near) & (tracks[..., 7] > 0.0)).any(axis=-1))
 
 
 @dataclass(eq=False)
 class Yielding:
     """Drive by a policy, and stand still while the robot might meet somebody before it stands.
 
-    Of somebody who is tracked, see `turtlebot_gym.observations.TRACKS`, place and velocity are known with standard deviations.
-    It wins over distances that were tuned (`benchmarks/among_people.py`). For what stands, put it into a
-    `SafetyLayer`, which keeps the same law. It does not even turn, since wheels sway, and who sways touches.
+    The term `turtlebot_gym.observations.TRACKS` gives each person's place and velocity with standard deviations;
+    `benchmarks/among_people.py` compares this stop with others. A stopped robot does not turn either, since wheels sway and
+    may move its edge into a person. Obstacles that stand are left to a `SafetyLayer` around this policy, which keeps the law.
 
     Raises:
         ValueError: If a number is out of its range.
@@ -95,8 +100,8 @@ class Yielding:
     dt: Annotated[float, POSITIVE] = REFERENCE_PERIOD
     """Control interval, s."""
     _: KW_ONLY
-    confidence: Annotated[float, PROBABILITY] = 0.95
-    """Probability with which each person is where the robot may not drive, if the tracks are right."""
+    confidence: Annotated[float, Range(0.0, 1.0, open_high=True)] = 0.95
+    """Probability that a person is within the disc that the robot avoids, if the tracks' deviations are right."""
 
     def __post_init__(self) -> None:
         check_fields(self, "")
