@@ -62,12 +62,11 @@ def messages():
 
 
 def people():
-    """Return successes and collisions among people, by policy and LiDAR."""
-    rows = read("people")["rows"]
-    names = list(dict.fromkeys(row["policy"] for row in rows))
-    seen = list(dict.fromkeys(row["lidar"] for row in rows))
+    """Return successes and collisions among people, by policy, LiDAR and how people walk."""
+    rows = [{**row, "where": row["lidar"] + ", ORCA" * (row["people"] == "ORCA")} for row in read("among_people")["rows"]]
+    names, seen = (list(dict.fromkeys(row[key] for row in rows)) for key in ("policy", "where"))
     panels = [
-        Panel(label, [series(rows, lidar, names, "policy", part, lidar=lidar) for lidar in seen], 100.0)
+        Panel(label, [series(rows, where, names, "policy", part, where=where) for where in seen], 100.0)
         for label, part in (("goals reached (%)", "success"), ("drives that collide (%)", "collision"))
     ]
     return dots(names, *panels)

@@ -117,14 +117,8 @@ TABLES = {
         },
     ),
     "people": lambda: table(
-        read("people")["rows"],
-        {
-            "LiDAR": "{lidar}",
-            "policy": "{policy}",
-            **SHARES,
-            "minus the rule, points": "{success_minus_rule:+.1%}",
-            "to goal, s": "{time_to_goal.value:.1f}",
-        },
+        read("among_people")["rows"],
+        {"LiDAR": "{lidar}", "people by": "{people}", "policy": "{policy}", **SHARES, "to goal, s": "{time_to_goal.value:.1f}"},
     ),
     "tracking": lambda: table(
         read("tracking")["cells"],
@@ -139,10 +133,6 @@ TABLES = {
             "false, per hour": "{false_per_hour:.1f}",
             "share of a core": "{cpu_share:.1%}",
         },
-    ),
-    "late": lambda: table(
-        read("among_people")["rows"],
-        {"LiDAR": "{lidar}", "policy": "{policy}", **SHARES, "to goal, s": "{time_to_goal.value:.1f}"},
     ),
     "barn": lambda: table(
         barn(),

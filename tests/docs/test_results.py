@@ -103,14 +103,9 @@ def test_findings_in_rooms_are_what_was_measured():
     planned = rows_of("rooms_planner", "planner+safety")
     assert f"reaches {span([row['success']['value'] for row in planned])} of the goals in {len(planned)} worlds" in PAGE
     assert not any(row["collision"]["value"] for row in planned)
-    people = measured("people")["rows"]
-    for part, words in (
-        ("vfh", "more than half of the rooms**: {}"),
-        ("rule", "{} by a tuned"),
-        ("learned", "{} by a learned"),
-    ):
-        chosen = [row for row in people if (row["policy"].endswith(part) if part != "vfh" else "stop" not in row["policy"])]
-        assert words.format(span([row["success"]["value"] for row in chosen])) in PAGE
+    for policy, words in (("vfh", "in half of the rooms**: {} of the goals"), ("vfh+yield", "is {}; nothing")):
+        rows = [row for row in measured("among_people")["rows"] if row["policy"] == policy and row["people"] == "forces"]
+        assert words.format(span([row["success"]["value"] for row in rows])) in PAGE
     begun = measured("from_policy")["tasks"]["Rooms"]
     assert begun["vfh"]["reached"] == begun["vfh"]["trainings"]
     assert begun["none"]["reached"] == 0

@@ -17,8 +17,9 @@ def shown(interval, form=".1%"):
 
 
 def span(values, digits=0):
-    """Return the least and the greatest of some shares, in per cent."""
-    return f"{100.0 * min(values):.{digits}f} to {100.0 * max(values):.{digits}f} %"
+    """Return the least and the greatest of some shares, in per cent; one number if they look the same."""
+    low, high = (f"{100.0 * value:.{digits}f}" for value in (min(values), max(values)))
+    return f"{high} %" if low == high else f"{low} to {high} %"
 
 
 def with_margin(interval, digits):
@@ -102,33 +103,22 @@ def test_findings_in_rooms_are_what_was_measured():
 
 
 def test_findings_among_people_are_what_was_measured():
-    results = measured("people")["rows"]
-    for part, words in (
-        ("vfh", "reach {} of the goals, also within the safety layer"),
-        ("rule", "that stops the robot reaches {}."),
-        ("knows", "knows where everybody walks reaches {}."),
+    rows = measured("among_people")["rows"]
+
+    def shares(policy, people="forces"):
+        return [row["success"] for row in rows if row["policy"] == policy and row["people"] == people]
+
+    for policy, words in (
+        ("vfh", "`vfh` reaches {} of the goals"),
+        ("vfh+yield", "On wheel odometry it reaches {}"),
+        ("stop that knows", "That one reaches {}:"),
     ):
-        chosen = [row for row in results if (row["policy"].endswith(part) if part != "vfh" else "stop" not in row["policy"])]
-        assert words.format(span([row["success"]["value"] for row in chosen])) in ROOMS
-    late = measured("among_people")["rows"]
-    for part, words in (("0.2 s late", "0.2 s late it reaches {}"), ("0.4 s late", "0.4 s late {}")):
-        reached = {round(100.0 * row["success"]["value"]) for row in late if row["policy"].endswith(part)}
-        assert words.format(f"{reached.pop()} %") in ROOMS
-        assert not reached, "the LiDARs differ"
-    for lidar in ("lds01", "lds02", "a1"):
-        before, *others = (
-            next(row["success"] for row in late if row["lidar"] == lidar and row["policy"].endswith(part))
-            for part in ("vfh+yield", "by tracks", "around tracks", "scans and tracks")
-        )
-        assert all(other["low"] < before["high"] for other in others), "one of them gains"
-    gains = {row["lidar"]: row["success_minus_rule"] for row in results if "success_minus_rule" in row}
-    for lidar, words in (
-        ("lds01", "{} points ({}, {}) with `lds01`"),
-        ("lds02", "no difference with `lds02`, {} ({}, {})"),
-        ("a1", "with `a1`, {} ({}, {})."),
-    ):
-        assert words.format(*(f"{100.0 * gains[lidar][part]:+.1f}" for part in ("value", "low", "high"))) in ROOMS
-    assert gains["lds01"]["low"] > 0.0
+        assert words.format(span([share["value"] for share in shares(policy)])) in ROOMS
+    assert f"and {100.0 * shares('vfh+yield', 'ORCA')[0]['value']:.0f} % among people who walk by ORCA" in ROOMS
+    for policy in ("stop at distances", "arcs around tracks", "stop learned"):
+        for people in ("forces", "ORCA"):
+            pairs = zip(shares("vfh+yield", people), shares(policy, people), strict=True)
+            assert all(other["low"] < best["high"] for best, other in pairs), f"{policy} gains"
 
 
 def test_what_the_layer_costs_on_the_node_is_what_was_measured():
