@@ -68,8 +68,8 @@ class PeopleStop:
         limits = self._robot.max_linear, self._robot.max_angular
         v_now, omega_now = np.moveaxis(observations[..., self._twist].astype(np.float64) * limits, -1, 0)
         wanted = (actions.astype(np.float64) * limits).reshape(-1, 2)
-        kept = [limit(Command(*command), self._robot) for command in wanted.tolist()]
-        v, omega = np.moveaxis(np.reshape(kept, actions.shape), -1, 0)
+        kept = [tuple(limit(Command(*command), self._robot)) for command in wanted.tolist()]
+        v, omega = np.moveaxis(np.array(kept).reshape(actions.shape), -1, 0)
         place, heading = arc(v_now, omega_now, self._dt)
         drives = v * heading
         tracks = observations[..., self._tracks].reshape(*v.shape, NEAREST, -1).astype(np.float64)
