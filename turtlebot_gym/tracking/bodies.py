@@ -102,10 +102,15 @@ def _add_body(
 
 
 @kernel
-def _range_of(beam: int, ranges: Any, tail: Any, sweep: Sweep) -> float:
-    """Return the range of a beam, m, or 0 without one; beams below 0 are those of the revolution before."""
-    length = float(ranges[beam]) if beam >= 0 else float(tail[min(len(tail), sweep.number) + beam])
-    return length if 0.0 < length <= sweep.range_max else 0.0
+def _length_of(beam: int, ranges: Any, tail: Any, sweep: Sweep) -> float:
+    """Return what a beam measured, m; beams below 0 are those of the revolution before."""
+    return float(ranges[beam]) if beam >= 0 else float(tail[min(len(tail), sweep.number) + beam])
+
+
+@kernel
+def _is_return(length: float, sweep: Sweep) -> bool:
+    """Return whether a beam ended at something that the LiDAR can measure."""
+    return bool(0.0 < length <= sweep.range_max)
 
 
 @kernel
@@ -113,8 +118,8 @@ def _meeting(first: int, last: int, ranges: Any, tail: Any, sweep: Sweep) -> int
     """Return the beam of a run at which two bodies meet, by means of three ranges; the last one if there is only one body."""
     low, peak, at, found, before, older = math.inf, 0.0, last, last, 0.0, 0.0
     for beam in range(first, last + 1):
-        length = _range_of(beam, ranges, tail, sweep)
-        if length == 0.0 or found < last:
+        length = _length_of(beam, ranges, tail, sweep)
+        if found < last or not _is_return(length, sweep):
             continue
         mean, smooth, older, before = (length + before + older) / 3.0, older > 0.0, before, length
         if not smooth:
@@ -151,8 +156,9 @@ def _add_run(
         return _add_body(bodies, count, first, last, n, total, hidden, sweep, trail)
     m, part = 0, 0.0
     for beam in range(first, cut + 1):
-        length = _range_of(beam, ranges, tail, sweep)
-        m, part = m + (1 if length > 0.0 else 0), part + length
+        length = _length_of(beam, ranges, tail, sweep)
+        if _is_return(length, sweep):
+            m, part = m + 1, part + length
     if not 0 < m < n:
         return count
     behind = part * (n - m) > (total - part) * m  # the nearer one hides a part of the other
@@ -199,8 +205,8 @@ def find_bodies(ranges: Any, tail: Any, returns: Any, sweep: Sweep, trail: Any, 
     count, n, first, last, hidden, total, before = 0, 0, 0, -width - 1, 1, 0.0, math.inf
     blind, post = True, True  # since the last return there was a beam that may be blind, or only such
     for beam in range(-width if full else 0, number):
-        length = float(ranges[beam]) if beam >= 0 else float(tail[width + beam])
-        if not 0.0 < length <= sweep.range_max:
+        length = _length_of(beam, ranges, tail, sweep)
+        if not _is_return(length, sweep):
             dead = returns[bin_of(beam, number)] == 0.0
             blind, post = blind or length != math.inf or dead, post and dead
             continue
