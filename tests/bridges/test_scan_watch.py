@@ -9,13 +9,13 @@ from guarded import Parameters
 
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import RawScan
-from cmd_vel_guard.motion import Motion
-from cmd_vel_guard.scan_watch import ScanWatch
 from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.motion import Motion
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.rules import ROOMS
+from turtlebot_gym.scan_watch import ScanWatch
 from turtlebot_gym.systems import make_parameters, make_room
 from turtlebot_gym.tasks import ROOM
 from turtlebot_gym.values import STOP, Command, Pose

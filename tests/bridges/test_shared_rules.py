@@ -7,9 +7,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 GUARD = ROOT / "bridges/cmd_vel_guard/cmd_vel_guard"
 BASE = ROOT / "bridges/turtlebot_gym_ros/turtlebot_gym_ros/base"
-PAIRS = dict.fromkeys(("sent", "flood", "emergency", "motion", "scan_watch", "explain"), BASE) | dict.fromkeys(
-    ("beams", "mounts"), ROOT / "turtlebot_gym"
-)
+PAIRS = dict.fromkeys(("sent", "flood", "emergency", "explain"), BASE)
 pytestmark = pytest.mark.skipif(not GUARD.exists(), reason="there is no bridges/cmd_vel_guard")
 
 

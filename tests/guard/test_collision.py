@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from cmd_vel_guard import collision
 from cmd_vel_guard.arbiter import Arbiter
-from cmd_vel_guard.beams import beams_of, gaps_of
 from cmd_vel_guard.collision import (
     SLOWEST,
     Footprint,
@@ -23,8 +22,9 @@ from cmd_vel_guard.collision import (
     view_of,
 )
 from cmd_vel_guard.monitor import Monitor, Timing
-from cmd_vel_guard.motion import into, moved, out_of
 from cmd_vel_guard.values import STOP, Command, Mount
+from turtlebot_gym.beams import beams_of, gaps_of
+from turtlebot_gym.motion import into, moved, out_of
 
 MOUNT = Mount("base_scan", 0.0, 0.0, 0.0)
 BODY = Footprint(0.1, 0.0, MOUNT)

@@ -44,14 +44,17 @@ def test_the_launch_file_starts_both_and_gives_parameters_that_exist():
     assert variables == {argument.get("name") for argument in launch.iter("arg")}
 
 
-def test_it_needs_numpy_and_ros_only():
+def test_it_needs_numpy_ros_and_the_values_and_scans_of_the_core_only():
     ros = {"rclpy", "rcl_interfaces", "diagnostic_msgs", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs", "std_srvs"}
     imported = set()
     for path in (ROOT / "cmd_vel_guard").glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             modules = [node.module] if isinstance(node, ast.ImportFrom) else []
             modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            imported |= {module.partition(".")[0] for module in modules}
+            imported |= {module if module.startswith("turtlebot_gym") else module.partition(".")[0] for module in modules}
+    core = {f"turtlebot_gym.{name}" for name in ("beams", "motion", "mounts", "scan_watch", "values")}
+    assert {name for name in imported if name.startswith("turtlebot_gym")} == core
+    imported -= core
     assert imported - set(sys.stdlib_module_names) == {"cmd_vel_guard", "numpy", "tf2_msgs", *ros}
     needed = {item.text for item in ElementTree.parse(ROOT / "package.xml").getroot().iter("exec_depend")}
     assert needed == {"python3-numpy", "tf2_msgs", "ros2launch", "ros2service", *ros}

@@ -15,9 +15,9 @@ from cmd_vel_guard import parameters
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import RawScan
 from cmd_vel_guard.monitor import Monitor
-from cmd_vel_guard.scan_watch import ScanWatch
 from cmd_vel_guard.sent import Ages, SystemClock
 from cmd_vel_guard.values import STOP, Command
+from turtlebot_gym.scan_watch import ScanWatch
 
 AROUND = 2.0 * math.pi / 360 * np.arange(360)
 FRONT, LIDAR = 0.105 - 0.024, -0.032

@@ -36,8 +36,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cmd_vel_guard.beams import Beams, beams_of, gaps_of
 from cmd_vel_guard.values import STOP, Command, Mount
+from turtlebot_gym.beams import Beams, beams_of, gaps_of
 
 GRAIN = 0.02
 """Distance between the points that stand for the border of a solid gap, m."""

@@ -29,10 +29,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, narrow_gap, view_of
-from cmd_vel_guard.motion import into, out_of
-from cmd_vel_guard.mounts import differ
-from cmd_vel_guard.scan_watch import ScanWatch
 from cmd_vel_guard.values import STOP, Command, Mount, Pose
+from turtlebot_gym.motion import into, out_of
+from turtlebot_gym.mounts import differ
+from turtlebot_gym.scan_watch import ScanWatch
 
 LAYERS = 5
 """Number of times at which a scan is placed: every 0.1 s if ``period`` and ``reaction`` are 0.2 s each."""

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from cmd_vel_guard.mounts import StaticFrames
 from cmd_vel_guard.qos import STATIC
 from cmd_vel_guard.values import Pose
+from turtlebot_gym.mounts import StaticFrames
 
 if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo

@@ -5,31 +5,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from turtlebot_gym.values import STOP, Command, Pose
+
+__all__ = ["STOP", "Command", "Mount", "Pose", "Robot", "limit", "yaw_of_rotation"]
+
 ROUNDING = 1e-12
 """Excess over a limit that is left as it is."""
-
-
-class Command(NamedTuple):
-    """Planar twist in the body frame, as commanded."""
-
-    v: float
-    """Forward speed, m/s."""
-    omega: float
-    """Turning rate, rad/s."""
-
-
-STOP = Command(0.0, 0.0)
-
-
-class Pose(NamedTuple):
-    """Planar pose."""
-
-    x: float
-    """m"""
-    y: float
-    """m"""
-    theta: float
-    """Heading, rad."""
 
 
 class Mount(NamedTuple):

@@ -17,12 +17,12 @@ from turtlebot_gym.mounts import SAME_WAY
 from turtlebot_gym.observations import TRACKS, ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.rooms.scan import Scan
+from turtlebot_gym.scan_watch import ScanWatch
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents.policies.belief_driver import BeliefDriver
 from turtlebot_gym_ros.base.live import Live
-from turtlebot_gym_ros.base.scan_watch import ScanWatch
 from turtlebot_gym_ros.node.block import HALT, Input, Nis, On, Output, Stamped, Tracks
 
 PLACE, AT_PLACE = (-0.032, 0.0), 0.05

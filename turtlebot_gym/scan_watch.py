@@ -30,8 +30,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from cmd_vel_guard.motion import Motion, Track, into
-from cmd_vel_guard.values import Command
+from turtlebot_gym.motion import Motion, Track, into
+from turtlebot_gym.values import Command
 
 LEAST_RETURNS = 10
 """Number of returns from which equal scans mean something: noise leaves ten ranges equal once in 1e10 scans."""
