@@ -1,4 +1,4 @@
-"""The guard's parameters of a Burger, by the presets of this project."""
+"""The guard's parameters of a Burger, by the presets of this project, without scans."""
 
 from functools import partial
 
@@ -7,4 +7,4 @@ from cmd_vel_guard.robots import SOURCES
 from turtlebot_gym_ros.guarded import numbers_of
 
 SOURCES.append(numbers_of)  # where the entry point is not installed
-Parameters = partial(parameters.Parameters, robot="burger")
+Parameters = partial(parameters.Parameters, robot="burger", collision_monitor=False)

@@ -43,11 +43,11 @@ def test_a_robot_is_one_entry_for_the_monitor_too(monkeypatch, tmp_path):
 def test_the_limits_of_a_robot_in_a_file_hold(tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text("{max_linear: 0.07, max_angular: 0.5, radius: 0.2}")
-    assert Arbiter(Parameters(robot=str(path)), T)._robot.max_linear == 0.07
+    without_lidar = Arbiter(Parameters(robot=str(path), collision_monitor=True), T)
+    assert without_lidar._robot.max_linear == 0.07
+    assert without_lidar.monitor is None
     mount = {"collision_monitor": True, "scan_mount": "given", "scan_x": 0.1}
     assert Arbiter(Parameters(robot=str(path), **mount), T).monitor._body.radius == 0.2
-    with pytest.raises(ValueError, match="scan_mount must be 'given' for a robot that has no lidar"):
-        Parameters(robot=str(path), collision_monitor=True)
     with pytest.raises(ValueError, match="There is no robot file"):
         Parameters(robot=str(tmp_path / "none.yaml"))
 

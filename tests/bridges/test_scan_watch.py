@@ -9,6 +9,7 @@ from guarded import Parameters
 
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import RawScan
+from turtlebot_gym.beams import Beams
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.motion import Motion
 from turtlebot_gym.rewards import IN_ROOMS, default_weights
@@ -27,16 +28,23 @@ BOX = np.float32(1.5) / np.maximum(np.abs(np.cos(AROUND)), np.abs(np.sin(AROUND)
 AHEAD, TURN = Command(0.2, 0.0), Command(0.0, 0.5)
 
 
+def beams(ranges, directions=AROUND):
+    """A scan: what is 0 or not finite returned nothing."""
+    ranges = np.array(ranges, np.float32)
+    ranges[ranges == 0.0] = np.inf
+    return Beams(directions, ranges, float(abs(directions[1] - directions[0])))
+
+
 def watch(returns=0.02):
-    return ScanWatch(lag=0.4, returns=returns, now=T)
+    return ScanWatch(lag=0.4, returns=returns, narrow=0.56, now=T)
 
 
 def reasons(command, scans, *, watch=None, rate=0.1):
     """Return what is said at each of some scans, while a command is in force."""
-    watch, said = watch or ScanWatch(lag=0.4, returns=0.02, now=T), []
+    watch, said = watch or ScanWatch(lag=0.4, returns=0.02, narrow=0.56, now=T), []
     watch.track.add(command, T)
     for k, ranges in enumerate(scans):
-        watch.hear(np.asarray(ranges, np.float32), AROUND, T + rate * k)
+        watch.hear(beams(ranges), T + rate * k)
         said.append(watch.trouble())
     return said
 
@@ -75,7 +83,7 @@ def test_equal_scans_while_the_robot_moves_are_a_frozen_lidar_until_they_change(
     assert said[-1] == "the scans have not changed by a bit although the robot moves: the LiDAR is frozen"
     if abs(command.v) >= 0.2:
         assert said[5 + 7]
-    w.hear(changing(BOX, 1)[0], AROUND, T + 2.5)
+    w.hear(beams(changing(BOX, 1)[0]), T + 2.5)
     assert w.trouble() == ""
 
 
@@ -156,7 +164,7 @@ class Drives:
                             seen = (late + blur).astype(np.float32)
                         else:
                             directions = angles + 0.5 * math.pi * quarter
-                        robots[k].hear(seen, directions, now)
+                        robots[k].hear(beams(seen, directions), now, range_max=self.lidar.range_max)
                         times[quarter][k] = now - T if robots[k].trouble() else math.inf
                     robots[k].track.add(Command(*commands[k]), now)
                     if measured:
@@ -201,11 +209,11 @@ def test_a_wrong_mount_stays_refused_until_a_person_enables_the_robot():
         px, py = x + 0.02 * k, y
         angle, far = np.arctan2(py, px), np.hypot(px, py)
         order = np.argsort(angle % (2 * math.pi))
-        w.hear(np.interp(AROUND, angle[order] % (2 * math.pi), far[order]).astype(np.float32), AROUND, T + 0.1 * k)
+        w.hear(beams(np.interp(AROUND, angle[order] % (2 * math.pi), far[order])), T + 0.1 * k)
     said = "the scans move as if the LiDAR were mounted turned by 180 degrees: correct its mount, and enable the robot again"
     assert w.trouble() == said
     for k in range(4):  # scans in which no mount fits better than another
-        w.hear(np.full(360, 5.0 + k, np.float32), AROUND, T + 2.0 + 0.4 * k)
+        w.hear(beams(np.full(360, 5.0 + k)), T + 2.0 + 0.4 * k)
         assert w.trouble() == said
     w.forget()
     assert w.trouble() == ""
@@ -214,5 +222,5 @@ def test_a_wrong_mount_stays_refused_until_a_person_enables_the_robot():
 def test_a_scan_is_compared_by_where_the_robot_was_in_the_middle_of_its_age():
     watched, asked = watch(), []
     watched.track = SimpleNamespace(at=lambda time: asked.append(time) or Motion((0.0, 0.0, 0.0), 0.0, 0.0))
-    watched.hear(BOX, AROUND, T + 1.0)
-    assert asked[-1] == pytest.approx(T + 0.8)
+    watched.hear(beams(BOX), T + 1.0)
+    assert asked[0] == pytest.approx(T + 0.8)

@@ -13,7 +13,7 @@ NUMBERS = {
     "footprint_x": -0.024,
     "scan_x": -0.032,
 }
-Parameters = partial(parameters.Parameters, **NUMBERS)
-"""The guard's parameters of a Burger."""
-WORDS = [word for name, value in NUMBERS.items() for word in ("-p", f"{name}:={value}")]
+Parameters = partial(parameters.Parameters, **NUMBERS, collision_monitor=False)
+"""The guard's parameters of a Burger without scans."""
+WORDS = [word for name, value in [*NUMBERS.items(), ("collision_monitor", "false")] for word in ("-p", f"{name}:={value}")]
 """The same as words of a ROS command line."""

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from burger import Parameters
+from burger import NUMBERS, Parameters
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cmd_vel_guard import collision
+from cmd_vel_guard import collision, parameters
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import (
     SLOWEST,
@@ -18,6 +18,7 @@ from cmd_vel_guard.collision import (
     gaps,
     limited,
     narrow_gap,
+    read,
     times_to_contact,
     view_of,
 )
@@ -66,7 +67,7 @@ def points(*rows):
 
 
 def seen_by(scan, body=BODY, limits=LIMITS, reach=10.0):
-    return view_of(scan, body, limits, reach=reach, narrow=narrow_gap(body, limits, 0.3)).seen
+    return view_of(read(scan, body, limits), body, limits, reach=reach, narrow=narrow_gap(body, limits, 0.3)).seen
 
 
 # When a circle on an arc touches a point.
@@ -287,7 +288,9 @@ def test_unknown_space_is_entered_slowly_and_then_no_more_until_the_robot_has_mo
 
 def test_a_wide_gap_is_solid_along_both_edges_as_far_as_it_counts():
     body = BODY._replace(scan=MOUNT._replace(y=0.08))
-    view = view_of(with_gap(60.0, 0.0), body, LIMITS, reach=2.0, narrow=narrow_gap(body, LIMITS, 0.3), room=0.05)
+    view = view_of(
+        read(with_gap(60.0, 0.0), body, LIMITS), body, LIMITS, reach=2.0, narrow=narrow_gap(body, LIMITS, 0.3), room=0.05
+    )
     for angle in np.radians([-29.0, 29.0]):  # of the first and of the last missing beam
         border = collision._edge(np.array([angle]), body, LIMITS, 0.05).item()
         for depth in np.arange(border, 1.9, 0.005):
@@ -364,7 +367,7 @@ def border_of(gap, bodies, limits, room):
 
 def through(scan, command, body, limits, room):
     """The command that passes by a scan."""
-    view = view_of(scan, body, limits, reach=9.0, narrow=narrow_gap(body, limits, 0.3), room=room)
+    view = view_of(read(scan, body, limits), body, limits, reach=9.0, narrow=narrow_gap(body, limits, 0.3), room=room)
     return limited(view.unknown, limited(view.seen, command, body.center_x, limits), body.center_x, limits)
 
 
@@ -539,7 +542,8 @@ def drive(arbiter, command, seconds, *, start=0.0, source="teleop", seen=lambda 
     return held
 
 
-def test_it_is_off_unless_asked_for():
+def test_it_is_on_unless_switched_off():
+    assert parameters.Parameters(**NUMBERS).monitors
     arbiter = Arbiter(Parameters(), T)
     assert arbiter.monitor is None
     assert drive(arbiter, Command(0.2, 0.0), 1.0, seen=lambda t: wall(0.1))[-1] == Command(0.2, 0.0)
@@ -652,7 +656,10 @@ def drawn_views(seed, reach, number=20):
         ranges[(np.arange(360) + rng.integers(360)) % 360 < 40] = np.nan
         ranges[rng.integers(360, size=20)] = np.nan
         scanned = scan(ranges, range_min=0.02)
-        yield body, view_of(scanned, body, LIMITS, reach=reach, narrow=narrow_gap(body, LIMITS, 0.3), room=0.04)
+        yield (
+            body,
+            view_of(read(scanned, body, LIMITS), body, LIMITS, reach=reach, narrow=narrow_gap(body, LIMITS, 0.3), room=0.04),
+        )
 
 
 @pytest.mark.parametrize("reach", [0.2, 0.5, 2.0])

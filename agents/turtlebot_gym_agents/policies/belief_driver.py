@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.beams import TURN
 from turtlebot_gym.models.unicycle import command_of, limit
 from turtlebot_gym.observations import (
     EVIDENCE,
@@ -33,20 +34,31 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
+from turtlebot_gym.rooms.scan import Scan, beams_in
 from turtlebot_gym.rooms.sectors import Pooling
+from turtlebot_gym.scan_watch import ScanWatch
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE
+from turtlebot_gym.validation import FINITE, NON_NEGATIVE, PROBABILITY
 from turtlebot_gym.values import Command, Covariance, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.geometric import baseline_in
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer
-from turtlebot_gym_agents.policies.seen_space import SeenSpace
+from turtlebot_gym_agents.policies.seen_space import LIDAR_X, LOOK, SeenSpace
 from turtlebot_gym_agents.policies.yielding import Yielding
 
 _LEAST_MARGIN = 0.06
 """Clearance down to which a robot inside its safety margins drives on, m; below it, the guard stops it."""
+MARGIN, AHEAD = 0.05, 1.0
+"""Clearance, m, and time, s, at which a robot brakes at the latest: it must not pass between two beams unseen from there."""
+LAG = 0.4
+"""Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
+RETURNS = 0.02
+"""Least share of a scan's beams that return something: fewer come from a covered LiDAR, or from a hall beyond its range."""
+COVERED = "the robot turns: a part of its LiDAR seems to be covered"
+AT_PLACE = 0.05
+"""Distance up to which a LiDAR's place is taken for that with which policies are trained, m: there it varies by as much."""
 _PAUSE = 2.5
 """Periods without a command after which a history, a frame stack or the state of a recurrent network begins anew."""
 
@@ -54,8 +66,9 @@ _PAUSE = 2.5
 class BeliefDriver:
     """Drive a robot with a policy from beliefs that were checked before, as the ROS node ``velocity_controller`` does.
 
-    The robot does not drive where its LiDAR has not looked, see `SeenSpace`: it turns, and looks. Apart from that, only the
-    policy avoids obstacles without ``safety_margin``.
+    The robot does not drive where its LiDAR has not looked, see `SeenSpace`: it turns, and looks. A LiDAR that is frozen,
+    covered or mounted otherwise is refused, see `turtlebot_gym.scan_watch`. Apart from that, only the policy avoids obstacles
+    without ``safety_margin``.
 
     Args:
         policy: What `make_policy` takes: a bundle's file, "ppo-rooms", "vfh", ...
@@ -64,6 +77,7 @@ class BeliefDriver:
         noise: Noise of the motion, for which a `SafetyLayer` allows, as for `make_noise`.
         lidar_yaw: Direction of the LiDAR's frame in the robot's frame, rad.
         lidar_beams: Number of beams that a scan must have; 0 for any.
+        lidar_returns: Least share of a scan's beams that return something; with 0, those that return nothing are believed.
         safety_margin: Clearance that a policy that sees keeps within a `SafetyLayer`, m; 0 for no layer.
 
     Raises:
@@ -80,6 +94,7 @@ class BeliefDriver:
         noise: str | Noise = "tutorial",
         lidar_yaw: float = 0.0,
         lidar_beams: int = 0,
+        lidar_returns: float = RETURNS,
         safety_margin: float = 0.0,
     ) -> None:
         bundle = bundle_of(bare(str(policy)))
@@ -111,7 +126,8 @@ class BeliefDriver:
             margins: dict[str, Any] = {"margin": safety_margin, "margin_behind": behind, "least_margin": _LEAST_MARGIN}
             self._policy = SafetyLayer(self._policy, self.robot, self.period, noise=motion, **margins)
             self.terms = self._policy.terms
-        self.pool = Pooling(yaw=FINITE.check("lidar_yaw", lidar_yaw), beams=lidar_beams)
+        self._yaw, self._returns = FINITE.check("lidar_yaw", lidar_yaw), PROBABILITY.check("lidar_returns", lidar_returns)
+        self.pool = Pooling(yaw=self._yaw, beams=lidar_beams)
         """Pools scans into the sectors of the observation."""
         self.seen_space = SeenSpace(self.robot, self.period)
         """Keeps the robot where beams have passed; its ``notice`` says when it does."""
@@ -144,8 +160,45 @@ class BeliefDriver:
         """Begin an episode: clear the memory of a policy that has one, and what was seen."""
         self._time, self._last, self._is_first = 0.0, 0.0, True
         self.seen_space.reset()
+        radius, ahead = self.robot.radius, MARGIN + self.robot.max_linear * AHEAD
+        narrow = 2.0 * math.asin(radius / (radius + ahead))
+        self._watch, self._measured = ScanWatch(lag=LAG, returns=self._returns, narrow=narrow, now=0.0), -math.inf
+        self._turned, self._looked = 0.0, 0.0  # while the LiDAR seems to be covered: angle, rad, and time, s
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
+
+    def look(self, scan: Scan, twist: Command, age: float, now: float, mount: Pose | None = None) -> list[float]:
+        """Return the sectors of a scan for `command`, in which beams that say nothing are unknown, see `scan_watch`.
+
+        Args:
+            scan: The newest scan.
+            twist: The robot's twist.
+            age: Age of the scan, s.
+            now: Current time, s.
+            mount: Pose of its frame in the robot's frame; None for the usual place, turned by ``lidar_yaw``.
+
+        Raises:
+            ValueError: With one line, if it cannot be read, or the LiDAR is frozen, covered or mounted otherwise. A robot whose
+                LiDAR seems to be covered in part turns once around first: the edges of a cover turn with it.
+        """
+        self._watch.track.add(twist, now)
+        if now - age > self._measured + 1e-6:  # between two scans, each step has the last one again
+            self._measured, at, self._bad = now - age, mount or Pose(LIDAR_X, 0.0, self._yaw), ""
+            try:
+                beams = self._watch.hear(beams_in(scan), self._measured, mount=at, range_max=scan.range_max)
+                self._scan = scan._replace(ranges=beams.ranges)
+            except ValueError as why:
+                self._bad = str(why)
+        if why := self._bad or self._watch.trouble():
+            raise ValueError(why)
+        covered = self._watch.covered
+        self._turned = self._turned + abs(twist.omega) * (now - self._looked) if covered else 0.0
+        self._looked = now
+        if self._turned > TURN:
+            raise ValueError(
+                f"{math.degrees(covered):.0f} degrees of the LiDAR return nothing, however the robot turns: it is covered"
+            )
+        return self.pool(self._scan, _shifted(mount))
 
     def command(
         self,
@@ -197,7 +250,18 @@ class BeliefDriver:
         self._time = self._time + self.period if now is None else now
         if not sectors or self.pool.seen is None:
             return wish
+        if self._watch.covered:
+            self.seen_space.notice = COVERED
+            return Command(0.0, min(LOOK, self.robot.max_angular))
         return self.seen_space.limit(wish, Command(mean.v, mean.omega), self.pool.seen, scan_age, self._time)
+
+
+def _shifted(mount: Pose | None) -> Pose | None:
+    """Return a LiDAR's mount as seen from the place from which policies see; at that place if it is near."""
+    if mount is None:
+        return None
+    x, y = mount.x - LIDAR_X, mount.y
+    return Pose(*((x, y) if math.hypot(x, y) > AT_PLACE else (0.0, 0.0)), mount.theta)
 
 
 def _recurrent(policy: Any) -> Any:

@@ -16,7 +16,7 @@ from turtlebot_gym.parameters import FilterTuning, Noise
 from turtlebot_gym.presets import make_filter, make_noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
-from turtlebot_gym.rooms.scan import Scan, read_scan
+from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.validation import (
     FINITE,
     NON_NEGATIVE,
@@ -28,7 +28,7 @@ from turtlebot_gym.validation import (
     short_repr,
 )
 from turtlebot_gym.values import ORIGIN, STOP, Command, Covariance, Odometry, Pose, State
-from turtlebot_gym_agents.policies.belief_driver import BeliefDriver
+from turtlebot_gym_agents.policies.belief_driver import RETURNS, BeliefDriver
 
 _POSE, _TWIST, _VARIANCES = Numbers(FINITE, 3), Numbers(FINITE, 2), Numbers(NON_NEGATIVE, 3)
 _EVIDENCE = Numbers(PROBABILITY, 2)
@@ -44,8 +44,9 @@ class Deployment(BeliefDriver):
     odometry; otherwise they come from a localization, with their covariance. `command` is the part without checks, which the
     node uses too.
 
-    The robot does not drive where its LiDAR has not looked, see `SeenSpace`: it turns, and looks. Apart from that, only the
-    policy avoids obstacles without ``safety_margin``. The caller must stop the robot if an exception is raised.
+    The robot does not drive where its LiDAR has not looked, see `SeenSpace`: it turns, and looks. A LiDAR that is frozen,
+    covered or mounted otherwise is refused, see `turtlebot_gym.scan_watch`. Apart from that, only the policy avoids obstacles
+    without ``safety_margin``. The caller must stop the robot if an exception is raised.
 
     `act` also compares pose, twist and its own last command (`Agreement`): if they contradict each other for longer than noise
     can, it returns `STOP` until `reset`, and ``disagreement`` says why.
@@ -59,6 +60,8 @@ class Deployment(BeliefDriver):
         integrator: How that filter predicts, "euler" or "midpoint".
         lidar_yaw: Direction of the LiDAR's frame in the robot's frame, rad.
         lidar_beams: Number of beams that a scan must have; 0 for any.
+        lidar_returns: Least share of a scan's beams that return something; less may be a covered LiDAR. With 0, for halls
+            beyond its range, beams that return nothing are believed.
         safety_margin: Clearance that a policy that sees keeps within a `SafetyLayer`, m; 0 for no layer.
 
     Raises:
@@ -77,6 +80,7 @@ class Deployment(BeliefDriver):
         integrator: str = "euler",
         lidar_yaw: float = 0.0,
         lidar_beams: int = 0,
+        lidar_returns: float = RETURNS,
         safety_margin: float = 0.0,
     ) -> None:
         noise = make_noise(noise)
@@ -87,6 +91,7 @@ class Deployment(BeliefDriver):
             noise=noise,
             lidar_yaw=lidar_yaw,
             lidar_beams=lidar_beams,
+            lidar_returns=lidar_returns,
             safety_margin=safety_margin,
         )
         if filter is not None and self.is_located:
@@ -148,8 +153,8 @@ class Deployment(BeliefDriver):
         reference = _pose("goal", goal)
         after = reference if following is None else _pose("following", following)
         speeds = Command(*_TWIST.check("twist", twist))
-        sectors = self._read(scan)
         age = _AGE.check("scan_age", scan_age)
+        sectors = self._read(scan, speeds, age)
         shares, values = self._shares(evidence), self.read_own({} if own is None else own)
         at = None if pose is None else _pose("pose", pose)
         if self.filter:
@@ -174,11 +179,11 @@ class Deployment(BeliefDriver):
         """Why pose, twist and command are not believed any more, until `reset`; an empty text if they are."""
         return self._agreement.cause
 
-    def _read(self, scan: Scan | None) -> Sequence[float]:
+    def _read(self, scan: Scan | None, twist: Command, age: float) -> Sequence[float]:
         """Return the sectors of a scan; empty for a policy without scans.
 
         Raises:
-            ValueError: If it cannot be read, or the policy sees no scan.
+            ValueError: If it cannot be read or believed, or the policy sees no scan.
         """
         if (scan is not None) != self.sees:
             raise refusal(
@@ -191,7 +196,8 @@ class Deployment(BeliefDriver):
         for name in ("first", "increment", "range_min"):
             FINITE.check(f"scan.{name}", getattr(scan, name))
         POSITIVE_OR_INFINITE.check("scan.range_max", scan.range_max)
-        return self.pool(read_scan(scan._replace(ranges=_floats("scan.ranges", scan.ranges, np.float32, "numbers"))))
+        scan = scan._replace(ranges=_floats("scan.ranges", scan.ranges, np.float32, "numbers"))
+        return self.look(scan, twist, age, self._time)
 
     def _shares(self, evidence: ArrayLike | None) -> tuple[float, float] | None:
         """Return a localizer's evidence, checked."""

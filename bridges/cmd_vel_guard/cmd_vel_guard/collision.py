@@ -92,8 +92,6 @@ class View(NamedTuple):
     Of shape (3, n): x and y in the robot's frame, and the radius of the stop zone; m.
     """
 
-    beams: Beams
-    """The beams of which it was made."""
     seen: NDArray[np.float64]
     """Points that returned something, and the borders of narrow gaps."""
     unknown: NDArray[np.float64]
@@ -111,19 +109,11 @@ def narrow_gap(body: Footprint, limits: Limits, speed: float) -> float:
     return 2.0 * math.asin(body.radius / (body.radius + limits.margin + speed * limits.time))
 
 
-def view_of(scan: RawScan, body: Footprint, limits: Limits, *, reach: float, narrow: float, room: float = 0.0) -> View:
-    """Return what a scan says.
+def read(scan: RawScan, body: Footprint, limits: Limits) -> Beams:
+    """Return the beams of a scan.
 
     A LiDAR reports that nothing returned for objects nearer than its ``range_min`` too, so that distance must lie inside the
     stop zone: on a Burger, 0.12 m of an LDS-01 do, since its stop zone begins at 0.155 m.
-
-    Args:
-        scan: The scan.
-        body: Mount and footprint.
-        limits: The stop zone.
-        reach: Distance from the footprint's centre beyond which stop zones are left out, m.
-        narrow: Angle up to which a gap is narrow, rad; see `narrow_gap`.
-        room: Free distance before the stop zone of a wide gap, m.
 
     Raises:
         ValueError: With one line, if the scan cannot be read, or is of another frame.
@@ -140,6 +130,21 @@ def view_of(scan: RawScan, body: Footprint, limits: Limits, *, reach: float, nar
         raise ValueError(
             f"it sees nothing below range_min, {scan.range_min:g} m, so the margin must be at least {blind - body.radius:.3f} m"
         )
+    return beams
+
+
+def view_of(beams: Beams, body: Footprint, limits: Limits, *, reach: float, narrow: float, room: float = 0.0) -> View:
+    """Return what a scan says.
+
+    Args:
+        beams: Its beams.
+        body: Mount and footprint.
+        limits: The stop zone.
+        reach: Distance from the footprint's centre beyond which stop zones are left out, m.
+        narrow: Angle up to which a gap is narrow, rad; see `narrow_gap`.
+        room: Free distance before the stop zone of a wide gap, m.
+    """
+    away = math.hypot(body.scan.x - body.center_x, body.scan.y)
     returned = np.isfinite(beams.ranges)
     seen = _points(beams.directions[returned], beams.ranges[returned].astype(np.float64), body, limits)
     gaps_there = gaps_of(beams, narrow)
@@ -152,7 +157,7 @@ def view_of(scan: RawScan, body: Footprint, limits: Limits, *, reach: float, nar
         solid(first, last, partial(_edge, body=body, limits=limits, room=room)) for first, last, _, _ in gaps_there[wide]
     ]
     near = (places[:, gaps(places, body.center_x) <= reach] for places in (_joined([seen, *fills]), _joined(borders)))
-    return View(beams, *near)
+    return View(*near)
 
 
 def _joined(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:

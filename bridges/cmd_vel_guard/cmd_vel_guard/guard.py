@@ -1,7 +1,7 @@
 """The guard of a robot's wheels: the only publisher of ``/cmd_vel``, which runs on the robot itself.
 
-It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. Unless
-``collision_monitor`` is switched on it does NOT SEE OBSTACLES.
+It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. With
+``collision_monitor`` false, or a robot whose entry has no LiDAR, it does NOT SEE OBSTACLES.
 
 **Its own death is covered by** ``cmd_vel_standby``, see `standby`: a TurtleBot3 holds its last command indefinitely, so a
 second process sends zeros when this one falls silent. A motion in force is therefore repeated every 0.05 s, and with
@@ -92,7 +92,7 @@ class CmdVelGuard(Node):
         self._inputs: dict[str, Subscription] = {}
         check_topics(self.resolve_topic_name)
         wrap = partial(self._safely, TF_STATIC)
-        mount_of = hear_mounts(self, p.frame_prefix + p.body_frame, wrap) if p.collision_monitor else lambda frame: None
+        mount_of = hear_mounts(self, p.frame_prefix + p.body_frame, wrap) if p.monitors else lambda frame: None
         self._arbiter = Arbiter(p, self._now(), mount_of)
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._headers_count = not self.get_parameter("use_sim_time").value
@@ -110,7 +110,7 @@ class CmdVelGuard(Node):
             self._subscribe(Odometry, topic, partial(self._hear_pose, topic), LATEST)
         if p.heed_disagreement:
             self._subscribe(String, "disagreement", self._hear_disagreement, LATCHED)
-        if p.collision_monitor:
+        if p.monitors:
             self._subscribe(LaserScan, "scan", self._scan, LATEST)
         self.create_service(SetBool, "~/enable", self._enable)
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, narrow_gap, view_of
+from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, narrow_gap, read, view_of
 from cmd_vel_guard.values import STOP, Command, Mount, Pose
 from turtlebot_gym.motion import into, out_of
 from turtlebot_gym.mounts import differ
@@ -89,7 +89,7 @@ class Monitor:
         self._enters, self._judged = False, now
         self._points, self._unknown = np.empty((3, 0)), np.empty((3, 0))
         self._sent, self._bad = -math.inf, "no scan has arrived"
-        self.watch = ScanWatch(lag=timing.period + timing.reaction, returns=timing.returns, now=now)
+        self.watch = ScanWatch(lag=timing.period + timing.reaction, returns=timing.returns, narrow=self._narrow, now=now)
         self.track = self.watch.track
         """The commands of the wheels: the arbiter adds each one that it publishes."""
         self.state = ""
@@ -103,11 +103,12 @@ class Monitor:
         self._sent, self._bad = sent, ""
         try:
             body = self._mounted(scan.frame)
-            view = view_of(scan, body, self._limits, reach=self._reach, narrow=self._narrow, room=self._room)
+            beams = read(scan, body, self._limits)
         except ValueError as error:
             self._bad = f"a scan was refused: {error}"
             return
-        self.watch.hear(view.beams.ranges, view.beams.directions + body.scan.yaw, sent)
+        beams = self.watch.hear(beams, sent, mount=body.scan[1:], range_max=scan.range_max)
+        view = view_of(beams, body, self._limits, reach=self._reach, narrow=self._narrow, room=self._room)
         span = self._timing.period + self._timing.reaction
         layers = [out_of(self.track.at(sent - span * layer / (LAYERS - 1)).pose, view.seen) for layer in range(LAYERS)]
         self._points = np.concatenate(layers, axis=1)

@@ -72,8 +72,9 @@ class Parameters:
     """Whether the robot stands when it does not move as commanded by odom, or has lost it. See `moved`."""
     heed_disagreement: bool = False
     """Whether a cause on the filter's ``disagreement`` stops the robot until it is enabled."""
-    collision_monitor: bool = False
-    """Whether obstacles on ``scan`` limit commands, a person's too; without a scan it stands."""
+    collision_monitor: bool = True
+    """Whether obstacles on ``scan`` limit commands, a person's too; without a scan it stands. A robot whose entry has no LiDAR
+    is not monitored."""
     collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05
     """Width of the stop zone around the footprint, m."""
     collision_time: Annotated[float, Range(0.5, 10.0, unit="s")] = 1.0
@@ -110,13 +111,17 @@ class Parameters:
     def __post_init__(self) -> None:
         check(self)
         robot = self.numbers
-        for name in ("max_linear", "max_angular", "wheel_separation", *(["radius"] if self.collision_monitor else [])):
+        for name in ("max_linear", "max_angular", "wheel_separation", *(["radius"] if self.monitors else [])):
             if not 0.0 < getattr(robot, name) < math.inf:
+                without = ", or collision_monitor false" if name == "radius" else ""
                 raise ValueError(
-                    f"{name} must be a positive number, or robot one that states it, got {getattr(robot, name):g}."
+                    f"{name} must be a positive number, or robot one that states it{without}, got {getattr(robot, name):g}."
                 )
-        if self.collision_monitor and not robot.lidar.frame:
-            raise ValueError(f"scan_mount must be 'given' for a robot that has no lidar, got {self.scan_mount!r}.")
+
+    @property
+    def monitors(self) -> bool:
+        """Whether the collision monitor works."""
+        return self.collision_monitor and bool(self.numbers.lidar.frame)
 
     @property
     def numbers(self) -> Robot:
@@ -149,7 +154,7 @@ def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]
         now: Current steady time, s.
         mount_of: See `Monitor`.
     """
-    if not p.collision_monitor:
+    if not p.monitors:
         return None
     robot, timing = p.numbers, Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
     body = Footprint(robot.radius, robot.footprint_x, robot.lidar._replace(frame=p.frame_prefix + robot.lidar.frame))

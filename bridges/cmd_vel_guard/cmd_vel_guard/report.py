@@ -64,7 +64,11 @@ class Report:
             log(node, level, text)
         self._said = text
         values = {f"refused, {why}": count for why, count in self._arbiter.refused.items()} | self._ages
-        values |= {"messages that caused an error": self._failures, "motion check": self._motion_check(now)}
+        values |= {
+            "messages that caused an error": self._failures,
+            "motion check": self._motion_check(now),
+            "collision monitor": "on" if self._p.monitors else "off: it does not see obstacles",
+        }
         return report(node, level, text, hardware=f"{node.get_namespace()}/{self._p.robot}".strip("/"), values=values)
 
     def _problem(self, now: float, robots: int) -> tuple[bytes, str]:
@@ -104,7 +108,7 @@ class Report:
         monitor = self._arbiter.monitor
         if monitor and (why := monitor.trouble(now)):
             topic = node.resolve_topic_name("scan")
-            return ERROR, f"collision monitor: {topic}: {why}; the robot stands without a scan"
+            return ERROR, f"collision monitor: {topic}: {why}; the robot stands, unless collision_monitor is false"
         if monitor and monitor.state:
             return WARN, f"{self._arbiter.state}, collision monitor: {monitor.state}"
         for heard, why in self._times.values():

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
-
-import numpy as np
 
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
@@ -17,7 +14,6 @@ from turtlebot_gym.mounts import SAME_WAY
 from turtlebot_gym.observations import TRACKS, ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.scan_watch import ScanWatch
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
@@ -25,11 +21,6 @@ from turtlebot_gym_agents.policies.belief_driver import BeliefDriver
 from turtlebot_gym_ros.base.live import Live
 from turtlebot_gym_ros.node.block import HALT, Input, Nis, On, Output, Stamped, Tracks
 
-PLACE, AT_PLACE = (-0.032, 0.0), 0.05
-"""Place of the LiDAR that policies are trained with, and distance up to which another is taken for it, m: in training the
-presets' places vary by as much."""
-LAG = 0.4
-"""Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
 OLDEST = 0.5
 """Age of a measurement on which a command may rest, s: the guard's."""
 GAINS = "gains."
@@ -80,14 +71,6 @@ def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> In
     )
 
 
-def _shifted(mount: Pose | None) -> Pose | None:
-    """Return a LiDAR's mount as seen from `PLACE`, from which policies see; at that place if it is near."""
-    if mount is None:
-        return None
-    x, y = mount.x - PLACE[0], mount.y - PLACE[1]
-    return Pose(*((x, y) if math.hypot(x, y) > AT_PLACE else (0.0, 0.0)), mount.theta)
-
-
 class VelocityController:
     """Drive to the reference with a policy. One that reads the term "scan" sees the room by LiDAR, one that reads "evidence"
     needs a localizer, one that reads "tracks" a `PeopleTracker`; others see only poses. A term of its own comes on the topic
@@ -133,7 +116,7 @@ class VelocityController:
         """Number of beams that a scan must have; 0 for any."""
         lidar_returns: Annotated[float, Range(0.0, 1.0)] = 0.0
         """Least share of a scan's beams that return something, or the robot stands; 0 for any. Less must last for 0.5 s: the
-        LiDAR may be covered."""
+        LiDAR may be covered. With 0, beams that return nothing are believed, as in a simulation."""
 
         safety_margin: Annotated[float, NON_NEGATIVE.of("m")] = 0.0
         """Clearance that a policy that sees keeps, within its safety layer, m; 0 for no layer. On a robot it is 0.08 m: then
@@ -164,6 +147,7 @@ class VelocityController:
             period=params.period,
             lidar_yaw=params.lidar_yaw,
             lidar_beams=params.lidar_beams,
+            lidar_returns=params.lidar_returns,
             safety_margin=params.safety_margin,
             noise=params.noise,
         )
@@ -180,7 +164,7 @@ class VelocityController:
         self.inputs = {**self.inputs, **{f"{OWN}{term.name}": _input_of(term, named) for term in self.driver.own_terms}}
         self.notice: str | None = None
         """Why the robot stands in spite of its policy, if so."""
-        self._yaw, self._returns = params.lidar_yaw, params.lidar_returns
+        self._yaw = params.lidar_yaw
         self.reset()
 
     @property
@@ -198,8 +182,7 @@ class VelocityController:
         """Forget the last episode, including a policy's memory."""
         self._done_with: Pose | None = None
         self._agreement.begin()
-        self._time, self._measured = 0.0, -math.inf
-        self._watch = ScanWatch(lag=LAG, returns=self._returns, now=self._time)
+        self._time = 0.0
         self.notice = None
         self.driver.reset()
 
@@ -234,9 +217,13 @@ class VelocityController:
             self._done_with = reference
             return {}
         self._done_with = None
-        if scan is not None and (why := self._refusal(scan, Command(mean.v, mean.omega))):
-            self.notice = f"the robot stands: {why}"
-            return {"command": STOP}
+        seen: tuple[Any, float] = ((), 0.0)
+        if scan is not None:
+            try:
+                seen = self._look(scan, Command(mean.v, mean.omega)), scan.age
+            except ValueError as why:
+                self.notice = f"the robot stands: {why}"
+                return {"command": STOP}
         evidence = None
         if self.driver.is_located:
             if nis is None or nis.fits is None or nis.weight is None:
@@ -244,21 +231,19 @@ class VelocityController:
                 return {"command": STOP}
             evidence = nis.fits, nis.weight
         surprise = estimate.nis if nis is None else nis.value
-        seen = ((), 0.0) if scan is None else (self.driver.pool(scan.value, _shifted(scan.mount)), scan.age)
         after = following or reference
         terms = {name.removeprefix(OWN): numbers for name, numbers in own.items()}
         command = self.driver.command(mean, P, surprise, reference, after, *seen, evidence, terms, self._time)
         self.notice = self.driver.seen_space.notice or None
         return {"command": command}
 
-    def _refusal(self, scan: Stamped, twist: Command) -> str:
-        """Return why a scan must not be used, or an empty text."""
-        measured, (ranges, first, increment) = self._time - scan.age, scan.value[:3]
+    def _look(self, scan: Stamped, twist: Command) -> list[float]:
+        """Return the sectors of a scan.
+
+        Raises:
+            ValueError: If the scan must not be used, with the reason.
+        """
         yaw = scan.mount.theta if scan.mount else self._yaw
         if self._yaw and abs(wrap(yaw - self._yaw)) > SAME_WAY:
-            return f"lidar_yaw is {self._yaw:.3f}, but /tf_static says {yaw:.3f} rad: correct one of them"
-        self._watch.track.add(twist, self._time)
-        if measured > self._measured + 1e-6:  # between two scans, each step has the last one again
-            self._measured = measured
-            self._watch.hear(ranges, yaw + first + increment * np.arange(len(ranges)), measured)
-        return self._watch.trouble()
+            raise ValueError(f"lidar_yaw is {self._yaw:.3f}, but /tf_static says {yaw:.3f} rad: correct one of them")
+        return self.driver.look(scan.value, twist, scan.age, self._time, scan.mount)

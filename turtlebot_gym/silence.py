@@ -1,0 +1,176 @@
+"""Which beams without a return say "free": those of a run that does not contradict what was seen before.
+
+"Nothing returned" is sent for free space, and for a beam that is covered, dirty or dead. So a run of such beams in which a
+robot could not pass unseen is *unknown* in three cases:
+
+* **Vanished.** Near surfaces that the last scan showed in it are gone at once, over more than the angle that hides a robot.
+  Somebody who steps away from beside the robot looks like that, too. The run is free again when its edges move as still
+  surfaces do: the edges of a cover keep their directions. The robot may turn, and look.
+* **Kept.** One of its edges, nearer than the LiDAR's reach, has kept its direction although a still surface there would have
+  left it by `LEFT`.
+* **Proved.** Its beams were unknown by an edge, and have not returned anything in `HEALED` scans in a row since.
+
+A cover whose edges show nothing within the reach cannot be told from a hall. A surface that only returns what hits it steeply
+(glass, black gloss) along which the robot drives straight, and somebody who walks beside the robot in a hall without anything
+else in range, cannot be told from a cover: there the robot stops.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.beams import TURN, Beams
+
+SHARE, FARTHEST = 0.8, 6.0
+"""Share of ``range_max``, and range, m, from which an edge may be that of the LiDAR's reach."""
+KEPT, LEFT = 0.035, 0.25
+"""Angle within which an edge keeps its direction, and by which a still surface would have left it, rad."""
+SCANS = 6
+"""Least number of scans in which it has kept it."""
+HEALED = 10
+"""Scans in a row in which an unknown direction must return something."""
+AT_LIMIT = 0.99
+"""Share of ``range_max`` from which a range says that nothing returned."""
+FEW, BINS = 100, 360
+"""Most directions of which each single one counts, and most that are told apart."""
+
+Place = tuple[complex, complex]
+"""Place of a LiDAR, m, and its direction, a unit vector."""
+
+
+class _Edge(NamedTuple):
+    """An edge of a silent run."""
+
+    side: int
+    """1 if the run is to the left of it, -1 if to the right."""
+    direction: float
+    """Its direction when it was first seen, in the LiDAR's frame, rad."""
+    point: complex
+    """Its place in the LiDAR's frame then, m."""
+    origins: tuple[Place, Place]
+    """Where the LiDAR may have been then."""
+    scans: int
+    """Number of scans in which it has kept its direction."""
+
+
+class Silence:
+    """Judge beams without a return by earlier scans.
+
+    Args:
+        narrow: Angle up to which a run hides nothing as wide as the robot, rad.
+    """
+
+    def __init__(self, narrow: float) -> None:
+        self._narrow = narrow
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what was learned."""
+        self._count, self._edges = 0, list[_Edge]()
+        self.covered = 0.0
+        """Angle of the last scan over which the LiDAR is covered, by what it has kept or proved, rad."""
+        self._near, self._origins = np.zeros(0, np.complex128), ((0j, 1 + 0j), (0j, 1 + 0j))
+
+    def hear(self, beams: Beams, range_max: float, places: tuple[Place, Place]) -> Beams:
+        """Return a scan in which unknown beams are missing.
+
+        Args:
+            beams: The scan.
+            range_max: The LiDAR's greatest range, m.
+            places: Where the LiDAR was at the latest and at the earliest time at which the scan may have been measured.
+        """
+        count = min(len(beams.ranges), BINS)
+        if count != self._count:
+            self.forget()
+            self._count, self._doubt, self._suspect = count, np.zeros(count, np.int64), np.zeros(count, np.bool_)
+        step = TURN / count
+        at = np.round(beams.directions / step).astype(np.int64) % count
+        nearest, silent = np.full(count, np.inf), np.zeros(count, np.bool_)
+        measured = beams.ranges < AT_LIMIT * range_max
+        np.minimum.at(nearest, at[measured], beams.ranges[measured])
+        silent[at[~np.isnan(beams.ranges)]] = True
+        returned = np.isfinite(nearest)
+        silent &= ~returned
+        reach = min(SHARE * range_max, FARTHEST)
+        near = nearest < reach
+        vanished = np.ones(count, np.bool_)
+        for before, now in zip(self._origins, places, strict=True):
+            vanished &= _covers(_seen(self._near, before, now), count)
+        gone = np.zeros(count, np.bool_)
+        for first, last in _runs(~(vanished & silent), self._narrow / step):
+            gone[np.arange(first, last + 1) % count] = True
+        edges = []
+        for first, last in _runs(returned, self._narrow / step):
+            run = np.arange(first, last + 1) % count
+            self._suspect[run] |= bool(gone[run].any())
+            evidence, stays, left = 0.0, 0, []  # angles by which a still surface would have left the edges
+            for side, at_edge in ((1, (first - 1) % count), (-1, (last + 1) % count)):
+                if not (returned[at_edge] and silent[(at_edge + side) % count]):
+                    continue  # beyond where the LiDAR looks, the edge is its own
+                edge, moved = self._follow(side, at_edge * step, float(nearest[at_edge]), places, step)
+                edges.append(edge)
+                left.append(moved)
+                is_kept = edge.scans >= SCANS and near[at_edge] and abs(edge.point) < reach
+                evidence += moved if is_kept else 0.0
+                stays += edge.scans > 1
+            if evidence >= max(LEFT, 4.0 * step):
+                self._doubt[run] = HEALED
+            if left and max(left) < 0.0:
+                self._suspect[run] = False
+            if left and min(left) < 0.0 and stays == 0:
+                self._doubt[run] = 0
+        self._edges = edges
+        self._near, self._origins = nearest[near] * np.exp(1j * step * np.flatnonzero(near)), places
+        self._doubt[returned] = np.maximum(self._doubt[returned] - 1, 0)
+        self._doubt[silent & (self._doubt > 0)] = HEALED
+        self.covered = step * int((silent & (self._doubt > 0)).sum())
+        self._suspect[returned] = False
+        unknown = (silent & (self._suspect | (self._doubt > 0)))[at] & ~measured
+        return beams._replace(ranges=np.where(unknown, np.float32(np.nan), beams.ranges)) if unknown.any() else beams
+
+    def _follow(
+        self, side: int, direction: float, length: float, places: tuple[Place, Place], step: float
+    ) -> tuple[_Edge, float]:
+        """Return an edge with its history, and the angle by which a still surface would have left it, rad; -1 if it did."""
+        kept = max(KEPT, 1.5 * step)
+        for old in self._edges:
+            if old.side != side:
+                continue
+            moves = [
+                float(np.angle(_seen(np.array([old.point]), before, now)[0] * cmath.rect(1.0, -old.direction)))
+                for before, now in zip(old.origins, places, strict=True)
+            ]
+            turn = math.remainder(direction - old.direction, TURN)
+            if abs(turn) <= kept:
+                return old._replace(scans=old.scans + 1), min(map(abs, moves)) if moves[0] * moves[1] > 0.0 else 0.0
+            if min(moves) - kept <= turn <= max(moves) + kept:
+                return _Edge(side, direction, cmath.rect(length, direction), places, 1), -1.0
+        return _Edge(side, direction, cmath.rect(length, direction), places, 1), 0.0
+
+
+def _seen(points: NDArray[np.complex128], before: Place, now: Place) -> NDArray[np.complex128]:
+    """Return points of a LiDAR's frame in its frame at another place."""
+    return (before[0] + points * before[1] - now[0]) * now[1].conjugate()
+
+
+def _covers(points: NDArray[np.complex128], count: int) -> NDArray[np.bool_]:
+    """Return the directions, of a number, in which points lie; with many, also those beside."""
+    covered = np.zeros(count, np.bool_)
+    covered[np.round(np.angle(points) * (count / TURN)).astype(np.int64) % count] = True
+    return covered | np.roll(covered, 1) | np.roll(covered, -1) if count > FEW else covered
+
+
+def _runs(solid: NDArray[np.bool_], least: float) -> list[tuple[int, int]]:
+    """Return first and last of the runs of more than ``least`` directions that are not solid; single ones do not end them."""
+    count = len(solid)
+    around = sum(np.roll(solid, k).astype(np.int64) for k in range(-2, 3)) if count > FEW else 5 * solid
+    firm = np.flatnonzero(solid & (around >= 3))
+    if not len(firm):
+        return [(0, count - 1)]
+    widths = np.diff(firm, append=firm[0] + count) - 1
+    return [(int(firm[k]) + 1, int(firm[k]) + int(widths[k])) for k in np.flatnonzero(widths > least)]
