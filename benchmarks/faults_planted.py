@@ -3,7 +3,7 @@
 For every kind of fault, `faults_planted.toml` names a defect that makes it unsafe. A defect is found if each of its kinds was
 unsafe within some injections, or each of its tests has failed. One whose text is not in its file, or occurs there twice, counts
 as not found: it was not planted. Each changed module writes down where it was imported, and by what: a defect that no node of
-its copy has imported is not in force, and counts as not found.
+its copy has imported is not in force, and counts as not found. An interrupted run goes on where it was.
 """
 
 from __future__ import annotations
@@ -55,6 +55,8 @@ class Config(Study):
     """Number of defects at a time."""
     workers: int = 3
     """Number of robots for each."""
+    kept: Path | None = None
+    """File of the finished defects, with which an interrupted run goes on; none to keep nothing."""
 
 
 def defects(config: Config) -> list[dict[str, Any]]:
@@ -165,11 +167,17 @@ def _unsafe(kinds: list[str], config: Config, copy: Path, environment: dict[str,
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     """Return which defects were found, and their table."""
-    wanted, rows, begun = defects(config), list[dict[str, Any]](), time.monotonic()
+    wanted, begun = defects(config), time.monotonic()
+    rows = [json.loads(line) for line in config.kept.read_text().splitlines()] if config.kept and config.kept.is_file() else []
+    rows = [row for row in rows if row["name"] in {defect["name"] for defect in wanted}]
+    wanted = [defect for defect in wanted if defect["name"] not in {row["name"] for row in rows}]
     with ThreadPoolExecutor(config.at_once) as pool:
         futures = [pool.submit(find, defect, config) for defect in wanted]
         for future in each(as_completed(futures), "defects", len(wanted)):
             rows.append(row := future.result())
+            if config.kept:
+                with config.kept.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(row) + "\n")
             print(f"{row['name']}: {row['why'] or 'found'}, {row['seconds']:.0f} s", file=sys.stderr, flush=True)
     minutes, found = (time.monotonic() - begun) / 60.0, sum(row["found"] for row in rows)
     table = Table("planted defect", "found", "s", "by", caption=f"{found} of {len(rows)} found in {minutes:.1f} minutes")
