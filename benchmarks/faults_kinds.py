@@ -11,6 +11,7 @@ import signal
 
 import faults_ends as ends
 import faults_liars as liars
+import faults_motions as motions
 import faults_processes as processes
 import faults_sensors as sensors
 import faults_walls as walls
@@ -57,6 +58,21 @@ PROCESSES: dict[str, Fault] = {
     "policy raises an exit": ends.policy("SystemExit", "KeyboardInterrupt", "GeneratorExit"),
     "policy hangs": ends.policy("hang"),
 }
+MOTIONS: dict[str, Fault] = {
+    **{
+        f"{what} ends, robot {verb}": motions.ends(name, motion)
+        for verb, motion in (("reverses", motions.reverses), ("turns", motions.turns))
+        for what, name in (
+            ("guard", "cmd_vel_guard"),
+            ("standby", "cmd_vel_standby"),
+            ("filter", "kalman_filter"),
+            ("controller", "velocity_controller"),
+            ("odometry", "odometry"),
+            ("sticks", "sticks"),
+        )
+    },
+    "filter ends, fence by its estimate": motions.fence_without_filter,
+}
 FLOODS: dict[str, Fault] = {
     "flood on cmd_vel_in": processes.flooded("cmd_vel_in", "TwistStamped"),
     "flood on cmd_vel_teleop": processes.flooded("cmd_vel_teleop", "TwistStamped"),
@@ -84,9 +100,12 @@ ENDS: dict[str, Fault] = {
 LIARS: dict[str, Fault] = {
     **{name: liars.lies(name, maker, from_the_start=False) for name, maker in FROM_THEN_ON.items()},
     **{name: liars.lies(name, maker, from_the_start=True) for name, maker in FROM_THE_START.items()},
-    "pose and twist frozen, a person drives": liars.lies(
-        "by hand", FROM_THEN_ON["pose and twist frozen"], from_the_start=False, by_hand=True
-    ),
+    **{
+        f"pose and twist frozen, a person {verb}": liars.lies(
+            "by hand", FROM_THEN_ON["pose and twist frozen"], from_the_start=False, by_hand=command
+        )
+        for verb, command in (("drives", (0.15, 0.0)), ("reverses", (-0.15, 0.0)), ("turns", (0.0, 1.0)))
+    },
     "robot turns the other way": liars.wheels(liars.other_way, turning=True),
     "robot blocked": liars.wheels(liars.blocked, turning=False),
     "robot blocked, a person drives": liars.wheels(liars.blocked, turning=False, by_hand=True),
@@ -96,6 +115,7 @@ LIARS: dict[str, Fault] = {
 }
 WALLS: dict[str, Fault] = {
     "healthy wall": walls.healthy,
+    "healthy wall behind": walls.healthy_behind,
     "scans end": walls.ends,
     "scans late": walls.late,
     "scans late with fresh stamps": walls.late_with_fresh_stamps,
@@ -120,6 +140,7 @@ GROUPS = {
     "buttons": BUTTONS,
     "measurements": MEASUREMENTS,
     "processes": PROCESSES,
+    "motions": MOTIONS,
     "floods": FLOODS,
     "ends": ENDS,
     "liars": LIARS,

@@ -238,5 +238,20 @@ def healthy(robot: Robot, rng: random.Random) -> list[str]:
     if rng.random() < 0.5:
         robot.teleop = (0.2, 0.0)
     towards_wall(robot, lambda message: message)
+    return _too_near(robot, since)
+
+
+def healthy_behind(robot: Robot, rng: random.Random) -> list[str]:
+    """Everything works, and the robot, sent or driven backwards, stops by itself before a wall."""
+    since = time.time()
+    if rng.random() < 0.5:
+        robot.teleop = (-0.2, 0.0)
+    else:
+        robot.send_goal(math.pi)
+    towards_wall(robot, lambda message: message)
+    return _too_near(robot, since)
+
+
+def _too_near(robot: Robot, since: float) -> list[str]:
     nearest = robot.record.nearest(since)
     return [f"a healthy robot stopped only {nearest:.3f} m from a wall"] if nearest < BESIDE else []
