@@ -14,6 +14,7 @@ import faults_liars as liars
 import faults_motions as motions
 import faults_processes as processes
 import faults_sensors as sensors
+import faults_silence as silence
 import faults_walls as walls
 from faults_lies import FROM_THE_START, FROM_THEN_ON
 from faults_robot import Fault
@@ -135,6 +136,11 @@ WALLS: dict[str, Fault] = {
     "LiDAR that sees only the left": walls.partial(0.5 * math.pi, math.radians(120.0)),
     "LiDAR that sees only the right": walls.partial(-0.5 * math.pi, math.radians(120.0)),
     "LiDAR that sees only ahead": walls.ahead_only,
+    "LiDAR silent ahead": silence.silent_ahead,
+    "LiDAR silent on the left": silence.silent_beside(1.0),
+    "LiDAR silent on the right": silence.silent_beside(-1.0),
+    "LiDAR silent now and then": silence.silent_now_and_then,
+    "LiDAR frozen ahead": silence.frozen_ahead,
 }
 GROUPS = {
     "buttons": BUTTONS,
