@@ -43,6 +43,9 @@ MEASUREMENTS: dict[str, Fault] = {
     "stamps rolled over": sensors.rolled_over,
     "wrong fix": sensors.wrong_fix,
     "hostile variances": sensors.hostile_variances,
+    "a stranger's estimate": sensors.stranger(filter_ends=False),
+    "a stranger's estimate after the filter": sensors.stranger(filter_ends=True),
+    "second source of waypoints": sensors.second_waypoints,
 }
 PROCESSES: dict[str, Fault] = {
     "filter suspended, sources die": processes.suspended("kalman_filter", dies=True),
