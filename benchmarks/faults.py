@@ -45,7 +45,7 @@ TRIES = 3
 class Config(Study):
     """Inject faults into robots' chains, and count unsafe ones."""
 
-    faults: int = 11 * len(FAULTS)
+    faults: int = 8 * len(FAULTS)
     """Number of faults, equal for each kind."""
     only: tuple[str, ...] = ()
     """Kinds to inject, by the beginnings of their names, or names of groups; none for all."""

@@ -16,6 +16,8 @@ from faults_world import ANGLES, BEAMS, DEAD_END, FARTHEST, ROUGHNESS, advance
 
 WATCHED = 30.0
 """Time for which the robot is watched, s: at the speed at which it may enter unknown space it reaches the wall in it."""
+STANDING = 10.0
+"""Time after which a robot that stands is watched no longer, s: one that creeps does not stand."""
 AHEAD = 0.0
 """Direction in which it drives, rad."""
 BESIDE = 0.06
@@ -25,10 +27,12 @@ SCANS_COUNT = 0.4
 
 
 def towards_wall(robot: Robot, scan: Callable[[Any], Any], watched: float = WATCHED) -> list[str]:
-    """Drive towards a wall with a LiDAR that lies, until the robot touches it or was watched for a time, s."""
+    """Drive towards a wall with a LiDAR that lies, until the robot touches it, stands, or was watched for a time, s."""
     robot.record.began = since = time.time()
     robot.world.walls, robot.scan = DEAD_END, scan
-    while time.time() < since + watched and robot.record.nearest(since) > 0.0:
+    while (now := time.time()) < since + watched and robot.record.nearest(since) > 0.0:
+        if now > since + STANDING and not robot.record.in_force(now - STANDING, now):
+            break
         time.sleep(0.05)
     return []
 
