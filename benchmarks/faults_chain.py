@@ -33,6 +33,11 @@ REMAPPED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
 MARK = "TURTLEBOT_GYM_FAULTS"
 
 
+def settings() -> dict[str, dict[str, str]]:
+    """Return the parameters of each node besides those of `robot.yaml`; a guard with emergency stops has fewer."""
+    return {**CHAIN, "cmd_vel_guard": {**CHAIN["cmd_vel_guard"], **WITHOUT_BUTTON}}
+
+
 class Chain:
     """The processes of one robot.
 

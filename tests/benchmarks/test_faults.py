@@ -10,6 +10,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 
 from faults import Tally, kinds_of
+from faults_chain import settings
 from faults_driver import Driver, Said, Seen, honest
 from faults_kinds import BUTTONS, FAULTS, GROUPS
 from faults_lies import FROM_THE_START, FROM_THEN_ON, TURNING, reset_at
@@ -179,6 +180,10 @@ def test_the_kinds_are_many_and_each_is_in_one_group():
     assert len(FAULTS) == sum(map(len, GROUPS.values())) >= 65
     assert kinds_of(("buttons",)) == list(BUTTONS)
     assert set(kinds_of(("LiDAR", "scans end"))) >= {"LiDAR covered", "scans end"}
+
+
+def test_the_guard_whose_faults_are_counted_has_its_collision_monitor_on():
+    assert settings()["cmd_vel_guard"]["collision_monitor"] == "true"
 
 
 def test_an_interrupted_run_goes_on_and_counts_what_was_unsafe(tmp_path):
