@@ -113,7 +113,7 @@ bench-peers: $(READY)  ## a step's CPU time beside JaxNav, IR-SIM, gymnax, EnvPo
 bench-train: $(READY)  ## CPU seconds from command to policy on open ground, five seeds, beside PPO in NumPy alone (10 minutes)
 	$(RUN)python benchmarks/training.py --json benchmarks/training.json
 
-faults: $(READY)  ## 103 kinds of fault, 10 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)
+faults: $(READY)  ## 127 kinds of fault, 8 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)
 	$(RUN)python benchmarks/faults.py --kept $(OUT)/faults.jsonl --json benchmarks/faults.json
 
 ##@ Document

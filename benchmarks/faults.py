@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from faults_chain import settings
 from faults_kinds import BUTTONS, FAULTS, GROUPS
 from faults_record import LONGEST
 from faults_robot import Robot, Unseen
@@ -45,7 +46,7 @@ TRIES = 3
 class Config(Study):
     """Inject faults into robots' chains, and count unsafe ones."""
 
-    faults: int = 11 * len(FAULTS)
+    faults: int = 8 * len(FAULTS)
     """Number of faults, equal for each kind."""
     only: tuple[str, ...] = ()
     """Kinds to inject, by the beginnings of their names, or names of groups; none for all."""
@@ -237,7 +238,8 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     total = {key: sum(kind[key] for kind in tally.counts.values()) for key in ("injected", "unsafe")}
     table.add_row("all", str(total["injected"]), str(total["unsafe"]))
     groups = {name: len(kinds) for name, kinds in GROUPS.items()}
-    return {"faults": tally.counts, "total": total, "groups": groups, "load": os.getloadavg()}, [table]
+    whole = {"faults": tally.counts, "total": total, "groups": groups, "settings": settings(), "load": os.getloadavg()}
+    return whole, [table]
 
 
 if __name__ == "__main__":

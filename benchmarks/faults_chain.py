@@ -33,6 +33,11 @@ REMAPPED = {"velocity_controller": ["-r", "cmd_vel:=cmd_vel_in"]}
 MARK = "TURTLEBOT_GYM_FAULTS"
 
 
+def settings() -> dict[str, dict[str, str]]:
+    """Return the parameters of each node besides those of `robot.yaml`; a guard with emergency stops has fewer."""
+    return {**CHAIN, "cmd_vel_guard": {**CHAIN["cmd_vel_guard"], **WITHOUT_BUTTON}}
+
+
 class Chain:
     """The processes of one robot.
 
@@ -64,8 +69,8 @@ class Chain:
             self._children.append(subprocess.Popen(program, cwd=self.folder, env=whole, stdout=log, stderr=log))
 
     def restart(self, name: str, *words: str, environment: dict[str, str] | None = None, **parameters: str) -> None:
-        """Kill a node and start it otherwise; it is started as usual before the next fault."""
-        self.kill(name)
+        """End a node and start it otherwise; it is started as usual before the next fault."""
+        self.end(name)
         self.start(name, *words, environment=environment, **parameters)
 
     def _command(self, name: str, *words: str, **parameters: str) -> list[str]:
@@ -79,7 +84,7 @@ class Chain:
     def terminal(self, *names: str) -> Iterator[Terminal]:
         """Start nodes again in a terminal, as one job of its shell."""
         for name in names:
-            self.kill(name)
+            self.end(name)
             self._ended.discard(name)
             self._changed.add(name)
         terminal = Terminal([self._command(name) for name in names], self.folder, self._environment)
@@ -123,6 +128,14 @@ class Chain:
             time.sleep(0.01)
         self._ended.add(name)
 
+    def end(self, name: str, patience: float = 2.0) -> None:
+        """End a node as a person does, and kill it after a time, s: one that is killed counts as a publisher for 20 s."""
+        self.signal(name, signal.SIGINT)
+        until = time.monotonic() + patience
+        while self.pids(name) and time.monotonic() < until:
+            time.sleep(0.02)
+        self.kill(name)
+
     @contextmanager
     def suspended(self, name: str) -> Iterator[None]:
         """Suspend a node."""
@@ -147,7 +160,7 @@ class Chain:
         for name in CHAIN:
             self.signal(name, signal.SIGCONT)
             if name in self._changed:
-                self.kill(name)
+                self.end(name)
             if not self.pids(name):
                 self.start(name)
 

@@ -11,8 +11,10 @@ import signal
 
 import faults_ends as ends
 import faults_liars as liars
+import faults_motions as motions
 import faults_processes as processes
 import faults_sensors as sensors
+import faults_silence as silence
 import faults_walls as walls
 from faults_lies import FROM_THE_START, FROM_THEN_ON
 from faults_robot import Fault
@@ -41,6 +43,9 @@ MEASUREMENTS: dict[str, Fault] = {
     "stamps rolled over": sensors.rolled_over,
     "wrong fix": sensors.wrong_fix,
     "hostile variances": sensors.hostile_variances,
+    "a stranger's estimate": sensors.stranger(filter_ends=False),
+    "a stranger's estimate after the filter": sensors.stranger(filter_ends=True),
+    "second source of waypoints": sensors.second_waypoints,
 }
 PROCESSES: dict[str, Fault] = {
     "filter suspended, sources die": processes.suspended("kalman_filter", dies=True),
@@ -56,6 +61,21 @@ PROCESSES: dict[str, Fault] = {
     "guard disabled": processes.disabled,
     "policy raises an exit": ends.policy("SystemExit", "KeyboardInterrupt", "GeneratorExit"),
     "policy hangs": ends.policy("hang"),
+}
+MOTIONS: dict[str, Fault] = {
+    **{
+        f"{what} ends, robot {verb}": motions.ends(name, motion)
+        for verb, motion in (("reverses", motions.reverses), ("turns", motions.turns))
+        for what, name in (
+            ("guard", "cmd_vel_guard"),
+            ("standby", "cmd_vel_standby"),
+            ("filter", "kalman_filter"),
+            ("controller", "velocity_controller"),
+            ("odometry", "odometry"),
+            ("sticks", "sticks"),
+        )
+    },
+    "filter ends, fence by its estimate": motions.fence_without_filter,
 }
 FLOODS: dict[str, Fault] = {
     "flood on cmd_vel_in": processes.flooded("cmd_vel_in", "TwistStamped"),
@@ -84,9 +104,12 @@ ENDS: dict[str, Fault] = {
 LIARS: dict[str, Fault] = {
     **{name: liars.lies(name, maker, from_the_start=False) for name, maker in FROM_THEN_ON.items()},
     **{name: liars.lies(name, maker, from_the_start=True) for name, maker in FROM_THE_START.items()},
-    "pose and twist frozen, a person drives": liars.lies(
-        "by hand", FROM_THEN_ON["pose and twist frozen"], from_the_start=False, by_hand=True
-    ),
+    **{
+        f"pose and twist frozen, a person {verb}": liars.lies(
+            "by hand", FROM_THEN_ON["pose and twist frozen"], from_the_start=False, by_hand=command
+        )
+        for verb, command in (("drives", (0.15, 0.0)), ("reverses", (-0.15, 0.0)), ("turns", (0.0, 1.0)))
+    },
     "robot turns the other way": liars.wheels(liars.other_way, turning=True),
     "robot blocked": liars.wheels(liars.blocked, turning=False),
     "robot blocked, a person drives": liars.wheels(liars.blocked, turning=False, by_hand=True),
@@ -96,6 +119,7 @@ LIARS: dict[str, Fault] = {
 }
 WALLS: dict[str, Fault] = {
     "healthy wall": walls.healthy,
+    "healthy wall behind": walls.healthy_behind,
     "scans end": walls.ends,
     "scans late": walls.late,
     "scans late with fresh stamps": walls.late_with_fresh_stamps,
@@ -115,11 +139,17 @@ WALLS: dict[str, Fault] = {
     "LiDAR that sees only the left": walls.partial(0.5 * math.pi, math.radians(120.0)),
     "LiDAR that sees only the right": walls.partial(-0.5 * math.pi, math.radians(120.0)),
     "LiDAR that sees only ahead": walls.ahead_only,
+    "LiDAR silent ahead": silence.silent_ahead,
+    "LiDAR silent on the left": silence.silent_beside(1.0),
+    "LiDAR silent on the right": silence.silent_beside(-1.0),
+    "LiDAR silent now and then": silence.silent_now_and_then,
+    "LiDAR frozen ahead": silence.frozen_ahead,
 }
 GROUPS = {
     "buttons": BUTTONS,
     "measurements": MEASUREMENTS,
     "processes": PROCESSES,
+    "motions": MOTIONS,
     "floods": FLOODS,
     "ends": ENDS,
     "liars": LIARS,

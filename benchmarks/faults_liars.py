@@ -32,16 +32,18 @@ EXCUSED = frozenset({"wrong scale"})
 EXCUSE = 0.1
 
 
-def lies(name: str, maker: Maker, *, from_the_start: bool, by_hand: bool = False) -> Fault:
-    """Return the fault of a driver that lies, from the start of a drive or from within it, of a program or a person."""
+def lies(name: str, maker: Maker, *, from_the_start: bool, by_hand: tuple[float, float] | None = None) -> Fault:
+    """Return the fault of a driver that lies, from the start of a drive or from within it, of a program or of a person, who
+    commands m/s and rad/s."""
 
     def fault(robot: Robot, rng: random.Random) -> list[str]:
         if from_the_start:
             stand(robot)
+        if by_hand:
+            robot.teleop = by_hand
+            time.sleep(1.0)  # until it moves so
         with robot.lock:
             since, robot.driver.lie = time.time(), maker(rng)
-            if by_hand:
-                robot.teleop = (0.15, 0.0)
         if from_the_start:
             robot.begin()
         if name in TURNING:

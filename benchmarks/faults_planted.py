@@ -2,7 +2,8 @@
 
 For every kind of fault, `faults_planted.toml` names a defect that makes it unsafe. A defect is found if each of its kinds was
 unsafe within some injections, or each of its tests has failed. One whose text is not in its file, or occurs there twice, counts
-as not found: it was not planted.
+as not found: it was not planted. Each changed module writes down where it was imported, and by what: a defect that no node of
+its copy has imported is not in force, and counts as not found. An interrupted run goes on where it was.
 """
 
 from __future__ import annotations
@@ -22,15 +23,22 @@ from typing import Any
 import tomllib
 from rich.table import Table
 
+from faults_chain import MARK
 from faults_kinds import FAULTS
 from harness.study import Study, each, run
 
 ROOT = Path(__file__).parents[1]
 TABLE = Path(__file__).with_suffix(".toml")
-PARTS = "turtlebot_gym", "agents", "bridges", "checker", "benchmarks", "tests", "pyproject.toml", "README.md"
+PARTS = "turtlebot_gym", "agents", "bridges", "lab", "checker", "benchmarks", "tests", "pyproject.toml", "README.md"
 """What a copy holds."""
-PATHS = ".", "agents", "bridges/turtlebot_gym_ros", "checker"
-"""Where its packages are."""
+_BUILD = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]
+PATHS = (*dict.fromkeys(str(Path(package).parent) for package in _BUILD["wheel"]["packages"]), "checker")
+"""Where its packages are: those of the wheel, so that none is imported from where the project is installed."""
+WITNESS = """
+with open({imported!r}, "a") as _imported:
+    _imported.write(f"{{__file__}}\\t{{'{mark}' in __import__('os').environ}}\\n")
+"""
+"""What a changed module does besides: it writes where it is, and whether a node of a chain has imported it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +55,8 @@ class Config(Study):
     """Number of defects at a time."""
     workers: int = 3
     """Number of robots for each."""
+    kept: Path | None = None
+    """File of the finished defects, with which an interrupted run goes on; none to keep nothing."""
 
 
 def defects(config: Config) -> list[dict[str, Any]]:
@@ -62,7 +72,7 @@ def without_defect() -> list[str]:
 
 
 def plant(defect: dict[str, Any], into: Path) -> None:
-    """Copy the project, and change its texts.
+    """Copy the project, change its texts, and let each changed module say that it was imported.
 
     Raises:
         ValueError: If a text does not occur exactly once in its file.
@@ -79,22 +89,44 @@ def plant(defect: dict[str, Any], into: Path) -> None:
         if text.count(edit["old"]) != 1:
             raise ValueError(f"{edit['old']!r} occurs {text.count(edit['old'])} times in {edit['file']}")
         path.write_text(text.replace(edit["old"], edit["new"]), encoding="utf-8")
+    for name in files_of(defect):
+        with (into / name).open("a", encoding="utf-8") as file:
+            file.write(WITNESS.format(imported=str(into / "imported"), mark=MARK))
+
+
+def files_of(defect: dict[str, Any]) -> list[str]:
+    """Return the files that a defect changes, each once."""
+    return [*dict.fromkeys(edit["file"] for edit in defect["edit"])]
+
+
+def not_in_force(defect: dict[str, Any], copy: Path) -> list[str]:
+    """Return the changed files that were not imported where the defect is looked for: by nodes, or by tests."""
+    seen = (copy / "imported").read_text(encoding="utf-8").splitlines() if (copy / "imported").is_file() else []
+    by = bool(defect.get("kinds"))
+    return [name for name in files_of(defect) if f"{copy / name}\t{by}" not in seen]
+
+
+def environment_of(copy: Path) -> dict[str, str]:
+    """Return the variables with which a copy's own packages are imported."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(str(copy / path) for path in PATHS)}
 
 
 def find(defect: dict[str, Any], config: Config) -> dict[str, Any]:
     """Plant a defect, and return who noticed it."""
     begun = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder)
+        copy = Path(folder).resolve()
         try:
             plant(defect, copy)
         except (ValueError, OSError) as error:
             return {"name": defect["name"], "found": False, "by": {}, "why": f"not planted: {error}", "seconds": 0.0}
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(str(copy / path) for path in PATHS)}
+        environment = environment_of(copy)
         by = {test: _fails(test, copy, environment) for test in defect.get("tests", [])}
         by |= _unsafe(defect.get("kinds", []), config, copy, environment)
+        absent = not_in_force(defect, copy)
     missed = [name for name, why in by.items() if not why]
     why = f"not noticed by {', '.join(missed)}" if missed else "" if by else "nobody looks"
+    why = f"not in force: no process of the copy has imported {', '.join(absent)}" if absent else why
     return {"name": defect["name"], "found": not why, "by": by, "why": why, "seconds": time.monotonic() - begun}
 
 
@@ -135,11 +167,17 @@ def _unsafe(kinds: list[str], config: Config, copy: Path, environment: dict[str,
 
 def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     """Return which defects were found, and their table."""
-    wanted, rows, begun = defects(config), list[dict[str, Any]](), time.monotonic()
+    wanted, begun = defects(config), time.monotonic()
+    rows = [json.loads(line) for line in config.kept.read_text().splitlines()] if config.kept and config.kept.is_file() else []
+    rows = [row for row in rows if row["name"] in {defect["name"] for defect in wanted}]
+    wanted = [defect for defect in wanted if defect["name"] not in {row["name"] for row in rows}]
     with ThreadPoolExecutor(config.at_once) as pool:
         futures = [pool.submit(find, defect, config) for defect in wanted]
         for future in each(as_completed(futures), "defects", len(wanted)):
             rows.append(row := future.result())
+            if config.kept:
+                with config.kept.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(row) + "\n")
             print(f"{row['name']}: {row['why'] or 'found'}, {row['seconds']:.0f} s", file=sys.stderr, flush=True)
     minutes, found = (time.monotonic() - begun) / 60.0, sum(row["found"] for row in rows)
     table = Table("planted defect", "found", "s", "by", caption=f"{found} of {len(rows)} found in {minutes:.1f} minutes")

@@ -105,7 +105,7 @@ def standby_ends(robot: Robot, rng: random.Random) -> list[str]:
 def guard_restarts(robot: Robot, rng: random.Random) -> list[str]:
     """The guard is killed and started again while the program drives: its first message is zero."""
     robot.chain.kill("cmd_vel_guard")
-    time.sleep(0.5)
+    time.sleep(1.5)  # until the standby has said its zeros, which are not the new guard's
     since = time.time()
     robot.chain.start("cmd_vel_guard")
     while time.time() < since + 30.0:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import random
+import signal
 import time
 from typing import Any
 
@@ -150,6 +151,53 @@ def two_odometries(robot: Robot, rng: random.Random) -> list[str]:
     robot.odometry = both
     time.sleep(3.0)
     return []
+
+
+def stranger(*, filter_ends: bool) -> Fault:
+    """Return the fault in which a stranger says at 20 Hz that the robot stands where it was, beside the filter or after it.
+
+    A filter that is killed is in the graph for its lease of 20 s, so the robot is watched for longer.
+    """
+
+    def fault(robot: Robot, rng: random.Random) -> list[str]:
+        speaker = robot.ros.speaker("estimate", "Odometry", 2)
+        here = robot.driver.says(time.time())._replace(v=0.0, omega=0.0)
+
+        def estimate(message: Any, now: float) -> list[tuple[Any, float]]:
+            other = robot.odometry_of(here, now)
+            for at in (0, 7, 35):
+                other.pose.covariance[at] = other.twist.covariance[at] = 1e-4
+            speaker.publish(other)
+            return [(message, now)]
+
+        robot.record.began, robot.odometry = time.time(), estimate
+        if filter_ends:
+            robot.record.began = robot.chain.signal("kalman_filter", signal.SIGKILL)
+        at = time.time()
+        time.sleep(25.0 if filter_ends else 3.0)
+        robot.ros.catch_up()
+        return robot.record.strays(at, time.time())
+
+    return fault
+
+
+def second_waypoints(robot: Robot, rng: random.Random) -> list[str]:
+    """Another source of waypoints sends the robot aside at 1 to 20 Hz."""
+    speaker, side, period = robot.ros.speaker("reference", "PoseStamped", 2), rng.choice([-1.0, 1.0]), rng.choice([1, 4, 20])
+    calls = iter(range(10**9))
+
+    def reference(message: Any, now: float) -> list[tuple[Any, float]]:
+        if next(calls) % period == 0:
+            other = robot.ros.stamped("PoseStamped", "odom", robot.clock(now))
+            other.pose.position.y, other.pose.orientation.w = 50.0 * side, 1.0
+            speaker.publish(other)
+        return [(message, now)]
+
+    robot.record.began, robot.odometry = time.time(), reference
+    at = time.time()
+    time.sleep(3.0)
+    robot.ros.catch_up()
+    return robot.record.strays(at, time.time())
 
 
 def rolled_over(robot: Robot, rng: random.Random) -> list[str]:

@@ -16,6 +16,10 @@ from faults_world import ANGLES, BEAMS, DEAD_END, FARTHEST, ROUGHNESS, advance
 
 WATCHED = 30.0
 """Time for which the robot is watched, s: at the speed at which it may enter unknown space it reaches the wall in it."""
+STANDING = 10.0
+"""Time after which a robot that stands is watched no longer, s: one that creeps does not stand."""
+AHEAD = 0.0
+"""Direction in which it drives, rad."""
 BESIDE = 0.06
 """Least distance to the wall at which a robot with a healthy LiDAR stops, m: its margin of 0.05 m, which grows with a range."""
 SCANS_COUNT = 0.4
@@ -23,12 +27,28 @@ SCANS_COUNT = 0.4
 
 
 def towards_wall(robot: Robot, scan: Callable[[Any], Any], watched: float = WATCHED) -> list[str]:
-    """Drive towards a wall with a LiDAR that lies, until the robot touches it or was watched for a time, s."""
+    """Drive towards a wall with a LiDAR that lies, until the robot touches it, stands, or was watched for a time, s."""
     robot.record.began = since = time.time()
     robot.world.walls, robot.scan = DEAD_END, scan
-    while time.time() < since + watched and robot.record.nearest(since) > 0.0:
+    while (now := time.time()) < since + watched and robot.record.nearest(since) > 0.0:
+        if now > since + STANDING and not robot.record.in_force(now - STANDING, now):
+            break
         time.sleep(0.05)
     return []
+
+
+def within(center: float, width: float) -> Any:
+    """Return which beams are within a sector around a direction, both in rad."""
+    return np.abs(np.remainder(ANGLES - center + math.pi, 2.0 * math.pi) - math.pi) <= 0.5 * width
+
+
+def post_beside(robot: Robot, rng: random.Random, side: float) -> None:
+    """Let a person drive a curve around a post that is too near, on a side, 1 for the left."""
+    after, inside = rng.uniform(2.5, 5.0), rng.uniform(0.10, 0.13)
+    v, omega = 0.15, side * 0.35
+    x, y, theta = advance(robot.world.pose, v, omega, after)
+    robot.world.posts = [(x - side * inside * math.sin(theta), y + side * inside * math.cos(theta), 0.05)]
+    robot.teleop = (v, omega)
 
 
 def lidar(spoil: Callable[[Any], Any]) -> Fault:
@@ -116,12 +136,8 @@ def mirrored(message: Any) -> Any:
 
 
 def upside_down(robot: Robot, rng: random.Random) -> list[str]:
-    """The LiDAR is mounted upside down; a person drives a curve around a post that is too near, and seen on the other side."""
-    side, after, inside = rng.choice([-1.0, 1.0]), rng.uniform(2.5, 5.0), rng.uniform(0.10, 0.13)
-    v, omega = 0.15, side * 0.35
-    x, y, theta = advance(robot.world.pose, v, omega, after)
-    robot.world.posts = [(x - side * inside * math.sin(theta), y + side * inside * math.cos(theta), 0.05)]
-    robot.teleop = (v, omega)
+    """The LiDAR is mounted upside down; a person drives a curve around a post that is seen on the other side."""
+    post_beside(robot, rng, rng.choice([-1.0, 1.0]))
     return towards_wall(robot, mirrored)
 
 
@@ -158,12 +174,10 @@ def partial(center: float, width: float) -> Fault:
     """
 
     def fault(robot: Robot, rng: random.Random) -> list[str]:
-        away = np.abs(np.remainder(ANGLES - center + math.pi, 2.0 * math.pi) - math.pi)
+        seen = within(center, width)
 
         def hide(message: Any) -> Any:
-            message.ranges = [
-                distance if there else math.nan for distance, there in zip(message.ranges, away <= 0.5 * width, strict=True)
-            ]
+            message.ranges = [distance if there else math.nan for distance, there in zip(message.ranges, seen, strict=True)]
             return message
 
         return towards_wall(robot, rng.choice([hide, sector(center, width)]))
@@ -238,5 +252,20 @@ def healthy(robot: Robot, rng: random.Random) -> list[str]:
     if rng.random() < 0.5:
         robot.teleop = (0.2, 0.0)
     towards_wall(robot, lambda message: message)
+    return _too_near(robot, since)
+
+
+def healthy_behind(robot: Robot, rng: random.Random) -> list[str]:
+    """Everything works, and the robot, sent or driven backwards, stops by itself before a wall."""
+    since = time.time()
+    if rng.random() < 0.5:
+        robot.teleop = (-0.2, 0.0)
+    else:
+        robot.send_goal(math.pi)
+    towards_wall(robot, lambda message: message)
+    return _too_near(robot, since)
+
+
+def _too_near(robot: Robot, since: float) -> list[str]:
     nearest = robot.record.nearest(since)
     return [f"a healthy robot stopped only {nearest:.3f} m from a wall"] if nearest < BESIDE else []

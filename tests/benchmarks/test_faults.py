@@ -2,6 +2,7 @@
 
 import math
 import random
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,11 +10,13 @@ import pytest
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 
 from faults import Tally, kinds_of
+from faults_chain import settings
 from faults_driver import Driver, Said, Seen, honest
 from faults_kinds import BUTTONS, FAULTS, GROUPS
 from faults_lies import FROM_THE_START, FROM_THEN_ON, TURNING, reset_at
 from faults_record import AGE, OVERDUE, Record
-from faults_world import CENTER_X, HALL, LIDAR_X, RADIUS, ROUGHNESS, World, advance
+from faults_silence import WIDTHS, silent
+from faults_world import ANGLES, CENTER_X, HALL, LIDAR_X, RADIUS, ROUGHNESS, World, advance
 
 SUSPENDED, CONTINUED, END = 10.0, 12.0, 14.0
 
@@ -116,6 +119,19 @@ def test_its_lidar_sees_walls_and_posts_where_they_are():
     assert world.clearance() == pytest.approx(1.4 - (0.4 + CENTER_X) - 0.1 - RADIUS)
 
 
+@pytest.mark.parametrize("center", [0.0, 0.5 * math.pi, -0.5 * math.pi])
+def test_a_silent_sector_is_around_its_direction_and_the_rest_of_the_scan_is_true(center):
+    ranges = World().ranges()
+    for seed in range(20):
+        said = np.array(silent(center, random.Random(seed))(SimpleNamespace(ranges=list(ranges))).ranges)
+        away = np.abs(np.remainder(ANGLES - center + math.pi, 2.0 * math.pi) - math.pi)
+        covered = said != ranges
+        assert len({*said[covered]}) == 1
+        assert said[covered][0] in (0.0, math.inf)
+        assert away[covered].max() < away[~covered].min()
+        assert WIDTHS[0] - 2.0 * ANGLES[1] <= 2.0 * away[covered].max() <= WIDTHS[1]
+
+
 def drive(make, *, turning, seconds=4.0, seed=0, begin=0):
     """Let a driver lie from a message on, and return when that could be seen, s."""
     driver = Driver(World(), start=(0.4, -0.3, 0.3))
@@ -164,6 +180,10 @@ def test_the_kinds_are_many_and_each_is_in_one_group():
     assert len(FAULTS) == sum(map(len, GROUPS.values())) >= 65
     assert kinds_of(("buttons",)) == list(BUTTONS)
     assert set(kinds_of(("LiDAR", "scans end"))) >= {"LiDAR covered", "scans end"}
+
+
+def test_the_guard_whose_faults_are_counted_has_its_collision_monitor_on():
+    assert settings()["cmd_vel_guard"]["collision_monitor"] == "true"
 
 
 def test_an_interrupted_run_goes_on_and_counts_what_was_unsafe(tmp_path):
