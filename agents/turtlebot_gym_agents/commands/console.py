@@ -18,7 +18,7 @@ from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.commands.flags import Environment
 from turtlebot_gym_agents.commands.overrides import Overridable
 from turtlebot_gym_agents.front.defaults import NAV, SEED
-from turtlebot_gym_agents.ids import environment_id
+from turtlebot_gym_agents.ids import brought_by, environment_id
 from turtlebot_gym_agents.outputs import FIGURE, JSON
 from turtlebot_gym_agents.provenance import write_json
 
@@ -85,7 +85,16 @@ class _EpisodeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentOptions(Environment, _EpisodeOptions, Overridable):
-    """Environment, filter, robot and seeds of a command."""
+    """Environment, filter, robot and seeds of a command; what the id brings is the default."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        brought = brought_by(self.env)
+        for item in fields(Environment):
+            usual = getattr(type(self), item.name, item.default)
+            if item.name in brought and getattr(self, item.name) == usual:
+                value = brought[item.name]
+                object.__setattr__(self, item.name, (value,) if isinstance(usual, tuple) else value)
 
     def options(self, **chosen: Any) -> dict[str, Any]:
         """Return the keyword arguments of the environment, of which some are chosen here."""
