@@ -82,9 +82,9 @@ class Options:
     """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, people, a Gazebo world (FILE.world,
     FILE.sdf) or a map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
     `turtlebot_gym.rooms.plan.FloorPlan`."""
-    lidar: str | Mapping[str, Any] | Lidar | None = None
-    """Rooms only: lds01 (the default), lds02, a1, urg04lx or ideal; in Python also a `turtlebot_gym.rooms.lidar.Lidar` or a
-    mapping of its fields."""
+    lidar: str | Path | Mapping[str, Any] | Lidar | None = None
+    """Rooms only: lds01 (the default), lds02, a1, urg04lx, ideal, or a file of your own (FILE.yaml); in Python also a
+    `turtlebot_gym.rooms.lidar.Lidar` or a mapping of its fields."""
     localizer: str | Path | Mapping[str, Any] | LocalizerTuning | None = None
     """Localizer, which corrects the belief by scans in the room's map; rooms with wheel odometry only: match, robot, or a file
     of your own (FILE.yaml); in Python also a `turtlebot_gym.localization.tuning.LocalizerTuning` or a mapping of its fields.

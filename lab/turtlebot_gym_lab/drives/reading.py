@@ -99,7 +99,7 @@ def read(
         truth: A topic of a bag, with ``:PARENT.CHILD`` where it holds transforms; or a table of true poses with the columns t,
             x, y and perhaps theta, by the drive's clock. By default what the drive itself holds.
         label: Label of the drive; by default the name of the file.
-        lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mount of a LiDAR that no transform states.
+        lidar: For a bag, a LiDAR as in `turtlebot_gym.Options`, for the mount of one that no transform states.
         mount: Pose of the LiDAR on the robot, m, m, rad; None for that of the transforms on ``/tf`` and ``/tf_static``, and
             where none states it, for that of ``lidar``, which a remark says.
 
