@@ -18,10 +18,7 @@ def environment_id(name: str) -> str:
 
 
 def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as keyword arguments of `gymnasium.make_vec`.
-
-    A task of None is that of the id, and a task with a limit of steps of its own sets that, too.
-    """
+    """Return options as keyword arguments of `gymnasium.make_vec`; no task is the id's, and one may set the limit of steps."""
     task = options.get("task")
     given = {name: value for name, value in options.items() if name != "task" or task is not None}
     if isinstance(task, Mapping) and "max_steps" in task and "max_episode_steps" not in options:

@@ -99,22 +99,8 @@ class EnvironmentOptions(Environment, _EpisodeOptions, Overridable):
     def options(self, **chosen: Any) -> dict[str, Any]:
         """Return the keyword arguments of the environment, of which some are chosen here."""
         self.require_read()
-        self.require_filters()
         values = {item.name: getattr(self, item.name) for item in fields(Environment)} | chosen
         return self.varied({name: value for name, value in values.items() if value is not None})
-
-    def require_filters(self) -> None:
-        """Refuse a filter, with a `ValueError`, that is the usual one with every noise that is chosen."""
-        from turtlebot_gym.presets import FILTERS, make_filter, make_noise
-
-        usual, noises = "matched", _listed(self.noise)
-        named = () if "filter" in self.changes else _listed(self.filter)
-        made = [make_noise(self.variant("noise", noise)) for noise in noises]
-        for name in {*named} & {*FILTERS} - {usual, "gyro"}:
-            if made and all(make_filter(name, noise) == make_filter(usual, noise) for noise in made):
-                why = "with wheel odometry no filter corrects" if made[0].odometry.wheel else "there is nothing else to model"
-                where = f"noise {', '.join(noises)}, where it is {usual!r}"
-                raise ValueError(f"filter {name!r} changes nothing with {where}: {why}.")
 
     def described(self, *left_out: str) -> list[str]:
         """Return all that differs from the default, each as a phrase of a table's header, but for some options."""
@@ -131,10 +117,6 @@ class EnvironmentOptions(Environment, _EpisodeOptions, Overridable):
             return ""
         kept = f"task.max_steps={round(steps * REFERENCE / self.dt)} keeps {steps * REFERENCE:g} s"
         return f"with dt {self.dt:g} s an episode of {steps} steps lasts at most {steps * self.dt:g} s; {kept}."
-
-
-def _listed(value: str | tuple[str, ...]) -> tuple[str, ...]:
-    return (value,) if isinstance(value, str) else tuple(value)
 
 
 @dataclass(frozen=True, kw_only=True)
