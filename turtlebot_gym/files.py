@@ -1,7 +1,7 @@
 """Files: what is read has an end and a limit, what is written is there as a whole or not at all.
 
-Any JSON or YAML; noise models, robots, fixes and filters, written and read without code. A file of parameters is YAML with the
-fields of `turtlebot_gym.Noise`, `Robot`, `FixNoise` or `FilterTuning`; others keep their defaults::
+Any JSON or YAML; noise models, robots, fixes, filters and LiDARs, written and read without code. A file of parameters is YAML
+with the fields of `turtlebot_gym.Noise`, `Robot`, `FixNoise`, `FilterTuning` or `Lidar`; others keep their defaults::
 
     process: {alpha1: 0.01, alpha4: 0.02}
     odometry: {R: [0.0009, 0.0009, 0.0025], dropout_probability: 0.1}

@@ -298,6 +298,15 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     return _gyro(noise, imu) if preset is _gyro else preset(noise)
 
 
+def reduced(tuning: Any, noise: Noise) -> list[str]:
+    """Return a remark if a filter, chosen by name, is the usual one with a noise, as one of spikes without spikes is."""
+    if not isinstance(tuning, str) or tuning in ("matched", "gyro") or tuning not in FILTERS:
+        return []
+    why = "with wheel odometry no filter corrects" if noise.odometry.wheel else "there is nothing else to model"
+    remark = f"filter {tuning!r} changes nothing with this noise, where it is 'matched': {why}."
+    return [remark] if make_filter(tuning, noise) == matched(noise) else []
+
+
 def _is_filter(given: object) -> bool:
     """Return whether something is a filter of one's own, see `estimation.plain`."""
     return hasattr(given, "predict") and hasattr(given, "update")

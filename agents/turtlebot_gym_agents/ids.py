@@ -18,8 +18,18 @@ def environment_id(name: str) -> str:
 
 
 def arguments_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as keyword arguments of `gymnasium.make_vec`: a task with a limit of steps of its own sets that, too."""
+    """Return options as keyword arguments of `gymnasium.make_vec`; no task is the id's, and one may set the limit of steps."""
     task = options.get("task")
+    given = {name: value for name, value in options.items() if name != "task" or task is not None}
     if isinstance(task, Mapping) and "max_steps" in task and "max_episode_steps" not in options:
-        return {**options, "max_episode_steps": task["max_steps"]}
-    return dict(options)
+        return {**given, "max_episode_steps": task["max_steps"]}
+    return given
+
+
+def brought_by(env: str) -> dict[str, Any]:
+    """Return the options that an id brings, those that it was registered with: they count where none are given."""
+    from gymnasium.envs.registration import registry
+
+    import turtlebot_gym  # noqa: F401  # registers the package's own
+
+    return dict(registry[env].kwargs) if env in registry else {}

@@ -56,7 +56,7 @@ class Watcher:
     Args:
         context: The rclpy context.
         namespace: Namespace of the graph.
-        lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mounting of the LiDAR.
+        lidar: Name in `turtlebot_gym.rooms.lidar.LIDARS`, or a file, for the mounting of the LiDAR.
     """
 
     def __init__(self, context: Context, *, namespace: str | None = None, lidar: str = "lds01") -> None:
@@ -184,7 +184,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Listen, serve the view until the process is interrupted, and return the exit code."""
     parser = parser_of("watch", "Show the running graph in a browser.")
     parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1")
-    parser.add_argument("--lidar", choices=list(LIDARS), default="lds01", help="LiDAR, for its mounting (default: lds01)")
+    parser.add_argument(
+        "--lidar", default="lds01", help=f"LiDAR, for its mounting: {', '.join(LIDARS)}, or FILE.yaml (default: lds01)"
+    )
     parser.add_argument("--host", default="localhost", help="where to listen (default: localhost, this machine only)")
     parser.add_argument("--port", type=int, default=5006, help="port to listen on (default: 5006); 0 for any free one")
     options = parser.parse_args(argv)

@@ -6,12 +6,14 @@ from functools import reduce
 from inspect import signature
 from typing import get_type_hints
 
+import gymnasium as gym
 import pytest
 import tyro
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from turtlebot_gym import Options
+from turtlebot_gym.notices import Notice
 from turtlebot_gym.parameters import KINDS
 from turtlebot_gym_agents.commands.cli import Evaluate, main
 from turtlebot_gym_agents.commands.fields import flags_of
@@ -196,7 +198,7 @@ CONTEXTS = [(), ("env=square",), ("env=rooms",), ("env=missions",), LOCALIZED[:2
 @pytest.mark.parametrize("learning", [False, True])
 @pytest.mark.parametrize("name", [item.name for item in fields(Options)])
 def test_each_option_changes_the_environment_or_is_refused(name, learning):
-    """Whatever is chosen besides, an option that would change nothing is refused; and somewhere each is taken."""
+    """Whatever is chosen besides, an option that would change nothing is refused, or of a filter said."""
     taken, refused = 0, 0
     for context in CONTEXTS:
         if any(pair.startswith(f"{name}=") for pair in context):
@@ -208,7 +210,7 @@ def test_each_option_changes_the_environment_or_is_refused(name, learning):
             continue
         try:
             after = made(given(base, *context, f"{name}={VALUES[name]}"))
-        except (ValueError, ImportError):
+        except (ValueError, ImportError, Notice):
             refused += 1
             continue
         assert after != before or VALUES[name] == "belief", context  # which is the default of missions
@@ -234,8 +236,6 @@ def made(command):
         ("evaluate reward.effort=0.2", "reward changes nothing here, where nothing learns"),
         ("evaluate learning_rate=0.1", "learning_rate is a hyper-parameter, and evaluate trains nothing"),
         ("evaluate policy_kwargs.net_arch=[8]", "policy_kwargs.net_arch is a hyper-parameter, and evaluate trains nothing"),
-        ("evaluate noise=wheel filter=gated", "filter 'gated' changes nothing with noise wheel, where it is 'matched'"),
-        ("evaluate filter=[matched,calibrated]", "filter 'calibrated' changes nothing with noise tutorial"),
         ("evaluate filter=[matched,gated] imu=mpu9250", "imu is not read by filter 'matched', 'gated'"),
         ("evaluate lidar.range_max=5", "world and lidar are for turtlebot_gym/TurtleBotRooms-v0"),
         ("evaluate fix.period=0.2", "fix.period changes a fix, and there is none: add one, such as fix=beacons"),
@@ -440,6 +440,15 @@ def test_filters_are_compared_on_the_same_seeds(tmp_path, capsys):
     expected = evaluate("bearing", noise="rough", filter="gated", episodes=6).episodes
     assert runs[1]["episodes"]["time"] == pytest.approx(expected.time)
     assert runs[0]["episodes"]["seed"] == runs[1]["episodes"]["seed"]
+
+
+@pytest.mark.filterwarnings("default::turtlebot_gym.notices.Notice")
+def test_command_and_environment_say_the_same_of_a_filter_that_changes_nothing(capsys):
+    with pytest.warns(Notice, match="filter 'slip' changes nothing with this noise") as said:
+        gym.make("turtlebot_gym/TurtleBotNav-v0", noise="wheel", filter="slip")
+    words = ["evaluate", "--policy", "bearing", "--episodes", "2", "--noise", "wheel", "rough", "--filter", "slip", "matched"]
+    assert main(words) == 0
+    assert f"turtlebot-gym: {said[0].message}" in capsys.readouterr().err
 
 
 def parsed(*words):

@@ -4,6 +4,7 @@ import json
 import math
 import re
 import time
+import warnings
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.files import load, read_parameters, write_parameters
+from turtlebot_gym.notices import Notice
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
@@ -20,9 +22,9 @@ from turtlebot_gym.parameters import (
     OdometryNoise,
     ProcessNoise,
 )
-from turtlebot_gym.presets import FIXES, NOISES, ODOMETRY_LEAP, POSE_GATE, TUTORIAL_FILTER, make_filter, matched
+from turtlebot_gym.presets import FILTERS, FIXES, NOISES, ODOMETRY_LEAP, POSE_GATE, TUTORIAL_FILTER, make_filter, matched
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.systems import make_parameters
+from turtlebot_gym.systems import Options, make_parameters
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
 
 # The matched filter. Floors: 5 mm/s and 0.01 rad/s for the twist, (1 mm)^2 and (1 mrad)^2 for the measurement.
@@ -233,3 +235,13 @@ def test_what_is_as_deep_and_as_large_as_allowed_is_read_and_a_missing_file_is_a
     assert load(tmp_path / "a.json")
     assert load(tmp_path / "a.yaml")
     assert load(tmp_path / "b.yaml") == {"a": {"x": 1}, "b": [{"x": 1}, {"x": 1}], "c": {"x": 1, "y": 2}}
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("name", [name for name in FILTERS if name != "gyro"])
+def test_a_filter_that_is_the_usual_one_is_taken_and_said_and_no_other(name, noise):
+    changes = name == "matched" or make_filter(name, NOISES[noise]) != matched(NOISES[noise])
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        assert Options(filter=name, noise=noise).setup().parameters.tuning == make_filter(name, NOISES[noise])
+    assert [issubclass(each.category, Notice) for each in said] == [] if changes else [True]

@@ -6,6 +6,7 @@ from dataclasses import fields, is_dataclass, replace
 import pytest
 
 from turtlebot_gym import NOISES, ROBOTS, make_filter, make_noise, make_parameters, make_robot
+from turtlebot_gym.files import load, write_parameters
 from turtlebot_gym.localization.tuning import make_localizer
 from turtlebot_gym.plants import make_plant
 from turtlebot_gym.presets import FIXES, make_fix
@@ -41,6 +42,18 @@ def test_a_variant_is_its_base_but_for_the_fields_that_are_given(name):
     assert make({"base": base, **changes}) == replace(made, **changes) != made
     with pytest.raises(ValueError, match=rf"{name}.* has no nosuch; it has .*{fields(made)[0].name}"):
         make({"base": base, "nosuch": 1.0})
+
+
+@pytest.mark.parametrize("name", ["robot", "noise", "fix", "filter", "lidar", "localizer"])
+def test_a_file_a_mapping_and_the_parameters_themselves_are_the_same(name, tmp_path):
+    make, base, made, changes = CASES[name]
+    own, path = replace(made, **changes), tmp_path / "own.yaml"
+    write_parameters(own, path)
+    assert make(own) == make(load(path)) == make(path) == make(str(path)) == own != make(base)
+    assert make({"base": str(path)}) == own
+    path.write_text("nosuch: 1.0")
+    with pytest.raises(ValueError, match=rf"own\.yaml: {name}: \w+ has no nosuch"):
+        make(path)
 
 
 def test_inner_parameters_keep_the_fields_that_are_not_given():

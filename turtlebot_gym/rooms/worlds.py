@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from turtlebot_gym.presets import resolve
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
@@ -14,7 +15,7 @@ from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.tasks import given_pose
-from turtlebot_gym.validation import build, choose, did_you_mean, refusal, short_repr
+from turtlebot_gym.validation import build, did_you_mean, refusal, short_repr
 from turtlebot_gym.variants import split, vary
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
@@ -82,15 +83,13 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
     return replace(world, min_distance=near, **{name: tuple(pose) for name, pose in poses.items()})
 
 
-def find_lidar(lidar: str | Lidar | Mapping[str, Any]) -> Lidar:
-    """Return a LiDAR, given as such, as a mapping of some of its fields, by a name in `lidar.LIDARS`, or as a variant of these.
+def find_lidar(lidar: str | Path | Mapping[str, Any] | Lidar) -> Lidar:
+    """Return a LiDAR, given as such, as a mapping of its fields, by a name in `lidar.LIDARS`, by a file, or as a variant.
 
     Raises:
-        ValueError: If the name is unknown, or a field is unknown or breaks its rule.
+        ValueError: If the name is unknown, or the file does not contain one.
     """
-    base, changes = split(lidar)
-    made = build(Lidar, base, "lidar") if isinstance(base, (Lidar, Mapping)) else choose("lidar", base, LIDARS)
-    return vary(made, changes, "lidar")
+    return resolve(Lidar, lidar, LIDARS)
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:

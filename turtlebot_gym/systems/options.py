@@ -10,11 +10,12 @@ from typing import Any, NamedTuple
 from turtlebot_gym.estimation.fixes import depth_of
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.unicycle import INTEGRATORS
+from turtlebot_gym.notices import notify
 from turtlebot_gym.observations import OBSERVED, ObservationTerm, read_items
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
 from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.plugins import load_object
-from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot, resolve
+from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot, reduced, resolve
 from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS, RewardTerm, default_weights
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
@@ -82,9 +83,9 @@ class Options:
     """Rooms only: clutter, dense (the default), corridor, office, cellular, crowd, people, a Gazebo world (FILE.world,
     FILE.sdf) or a map (FILE.yaml); in Python also a `turtlebot_gym.rooms.rules.RoomRules`, a mapping of its fields, or a
     `turtlebot_gym.rooms.plan.FloorPlan`."""
-    lidar: str | Mapping[str, Any] | Lidar | None = None
-    """Rooms only: lds01 (the default), lds02, a1, urg04lx or ideal; in Python also a `turtlebot_gym.rooms.lidar.Lidar` or a
-    mapping of its fields."""
+    lidar: str | Path | Mapping[str, Any] | Lidar | None = None
+    """Rooms only: lds01 (the default), lds02, a1, urg04lx, ideal, or a file of your own (FILE.yaml); in Python also a
+    `turtlebot_gym.rooms.lidar.Lidar` or a mapping of its fields."""
     localizer: str | Path | Mapping[str, Any] | LocalizerTuning | None = None
     """Localizer, which corrects the belief by scans in the room's map; rooms with wheel odometry only: match, robot, or a file
     of your own (FILE.yaml); in Python also a `turtlebot_gym.localization.tuning.LocalizerTuning` or a mapping of its fields.
@@ -162,7 +163,7 @@ class Options:
         return isinstance(based_on, Task) or "max_steps" in given
 
     def setup(self) -> Setup:
-        """Return the checked parameters, the waypoints and the floor plan.
+        """Return the checked parameters, the waypoints and the floor plan; a `Notice` says if `filter` is the usual one.
 
         Raises:
             ValueError: If an option is unknown or out of its range, or two do not suit each other.
@@ -174,6 +175,7 @@ class Options:
         if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
         noise, robot = make_noise(self.noise), make_robot(self.robot)
+        notify(reduced(self.filter, noise))
         pose, items = read_items(self.observation)
         if pose == "located" and self.localizer is None:
             raise ValueError(f"observation 'located' needs {LOCALIZER}.")

@@ -18,7 +18,7 @@ from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.commands.flags import Environment
 from turtlebot_gym_agents.commands.overrides import Overridable
 from turtlebot_gym_agents.front.defaults import NAV, SEED
-from turtlebot_gym_agents.ids import environment_id
+from turtlebot_gym_agents.ids import brought_by, environment_id
 from turtlebot_gym_agents.outputs import FIGURE, JSON
 from turtlebot_gym_agents.provenance import write_json
 
@@ -85,27 +85,22 @@ class _EpisodeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentOptions(Environment, _EpisodeOptions, Overridable):
-    """Environment, filter, robot and seeds of a command."""
+    """Environment, filter, robot and seeds of a command; what the id brings is the default."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        brought = brought_by(self.env)
+        for item in fields(Environment):
+            usual = getattr(type(self), item.name, item.default)
+            if item.name in brought and getattr(self, item.name) == usual:
+                value = brought[item.name]
+                object.__setattr__(self, item.name, (value,) if isinstance(usual, tuple) else value)
 
     def options(self, **chosen: Any) -> dict[str, Any]:
         """Return the keyword arguments of the environment, of which some are chosen here."""
         self.require_read()
-        self.require_filters()
         values = {item.name: getattr(self, item.name) for item in fields(Environment)} | chosen
         return self.varied({name: value for name, value in values.items() if value is not None})
-
-    def require_filters(self) -> None:
-        """Refuse a filter, with a `ValueError`, that is the usual one with every noise that is chosen."""
-        from turtlebot_gym.presets import FILTERS, make_filter, make_noise
-
-        usual, noises = "matched", _listed(self.noise)
-        named = () if "filter" in self.changes else _listed(self.filter)
-        made = [make_noise(self.variant("noise", noise)) for noise in noises]
-        for name in {*named} & {*FILTERS} - {usual, "gyro"}:
-            if made and all(make_filter(name, noise) == make_filter(usual, noise) for noise in made):
-                why = "with wheel odometry no filter corrects" if made[0].odometry.wheel else "there is nothing else to model"
-                where = f"noise {', '.join(noises)}, where it is {usual!r}"
-                raise ValueError(f"filter {name!r} changes nothing with {where}: {why}.")
 
     def described(self, *left_out: str) -> list[str]:
         """Return all that differs from the default, each as a phrase of a table's header, but for some options."""
@@ -122,10 +117,6 @@ class EnvironmentOptions(Environment, _EpisodeOptions, Overridable):
             return ""
         kept = f"task.max_steps={round(steps * REFERENCE / self.dt)} keeps {steps * REFERENCE:g} s"
         return f"with dt {self.dt:g} s an episode of {steps} steps lasts at most {steps * self.dt:g} s; {kept}."
-
-
-def _listed(value: str | tuple[str, ...]) -> tuple[str, ...]:
-    return (value,) if isinstance(value, str) else tuple(value)
 
 
 @dataclass(frozen=True, kw_only=True)

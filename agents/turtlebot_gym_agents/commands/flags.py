@@ -38,7 +38,7 @@ class RobotAndNoise:
     imu: str | None = None
     """Gyro, which the filter "gyro" reads: mpu9250, calibrated, or a file of your own (FILE.yaml)."""
     lidar: str | None = None
-    """Rooms only: lds01 (the default), lds02, a1, urg04lx or ideal."""
+    """Rooms only: lds01 (the default), lds02, a1, urg04lx, ideal, or a file of your own (FILE.yaml)."""
     localizer: str | None = None
     """Localizer, which corrects the belief by scans in the room's map; rooms with wheel odometry only: match, robot, or a file
     of your own (FILE.yaml)."""

@@ -54,7 +54,6 @@ class _LearningOptions(Learning, ReportingOptions, EnvironmentOptions):
         from turtlebot_gym_agents.training.config import TrainingConfig
 
         self.require_read(learning=True)
-        self.require_filters()
         names = {item.name for item in fields(TrainingConfig)} & {item.name for item in fields(self)}
         options = {name: value for name in names if (value := getattr(self, name)) is not None}
         return TrainingConfig(**self.varied(options) | changes)

@@ -23,20 +23,17 @@ from turtlebot_gym import Options, Parameters, Robot
 from turtlebot_gym.bounded import bounded
 from turtlebot_gym.files import read_bytes, replacing
 from turtlebot_gym.observations import (
-    LOCATED_ROOM,
     OBSERVED,
     OPEN_GROUND,
-    ROOM,
     TERMS,
     ObservationTerm,
     read_items,
-    read_terms,
     size_of,
 )
 from turtlebot_gym.systems import WithTerms, find_system
 from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.validation import choose, short_repr
-from turtlebot_gym_agents.policies.fit import OPEN, describe_robot, require_fit
+from turtlebot_gym_agents.policies.fit import describe_robot, require_fit
 from turtlebot_gym_agents.policies.onnx_network import OnnxNetwork
 from turtlebot_gym_agents.policies.policy import LAYOUTS
 from turtlebot_gym_agents.provenance import plain
@@ -93,13 +90,6 @@ class Card:
         system = used["system"] if items == (pose,) else WithTerms(used["system"], observation=items)
         terms, robot = described(find_system(system, parameters).terms), describe_robot(used["robot"])
         return cls(env=env, robot=robot, dt=parameters.dt, terms=terms, observation=pose, training=training, **names)
-
-
-def observed(env: str, observation: Any) -> tuple[str, tuple[ObservationTerm, ...]]:
-    """Return the pose and the terms that a policy observes by an environment's id and its option."""
-    pose, items = read_items(observation)
-    own = OPEN_GROUND if env in OPEN else LOCATED_ROOM if pose == "located" else ROOM
-    return pose, read_terms(items, own)
 
 
 def described(terms: Sequence[ObservationTerm]) -> tuple[dict[str, Any], ...]:

@@ -65,8 +65,8 @@ def require_task(policy: object, name: str, env: str, observation: str) -> None:
         Mismatch: If task or observation differs; the message names both.
     """
     card: Any = getattr(policy, "card", None)
-    env = ROOMS if env == MISSIONS else env
-    if card is not None and (card.env, card.observation) != (env, observation):
+    same = {MISSIONS: ROOMS}
+    if card is not None and (same.get(card.env, card.env), card.observation) != (same.get(env, env), observation):
         raise Mismatch(
             f"{name}: made for {card.env} and observation {card.observation!r}, asked for {env} and {observation!r}; {ANYWAY}"
         )

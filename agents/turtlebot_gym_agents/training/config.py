@@ -17,7 +17,7 @@ from turtlebot_gym import Options, Parameters
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
 from turtlebot_gym_agents.front.defaults import NAV
-from turtlebot_gym_agents.ids import arguments_of, environment_id
+from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
@@ -192,7 +192,7 @@ class TrainingConfig(Options):
             parameters: Parameters of the environments that evaluate it.
             training: Entries about the training.
         """
-        card = Card.of(self.env, self.options, parameters, training)
+        card = Card.of(self.env, brought_by(self.env) | self.options, parameters, training)
         return replace(card, noise="randomized") if self.randomize else card
 
     def continuing(self, folder: Path) -> TrainingConfig:
@@ -235,9 +235,8 @@ def require_env(env: str) -> str:
 
 def base_of(env: str, name: str) -> Any:
     """Return what an option of an environment is where it is not given: what its variants are based on."""
-    if name == "task":
-        return registry[require_env(env)].kwargs.get("task", "nav")
-    return {"world": "dense", "lidar": "lds01"}.get(name, getattr(Options(), name))
+    usual = {"task": "nav", "world": "dense", "lidar": "lds01"}.get(name, getattr(Options(), name))
+    return brought_by(require_env(env)).get(name, usual)
 
 
 def steps_of(env: str) -> int | None:

@@ -24,7 +24,7 @@ from turtlebot_gym import Options
 from turtlebot_gym.validation import as_int, refusal
 from turtlebot_gym.variants import BASE, split
 from turtlebot_gym_agents.front.defaults import NAV
-from turtlebot_gym_agents.ids import arguments_of
+from turtlebot_gym_agents.ids import arguments_of, brought_by
 from turtlebot_gym_agents.policies import PolicyWithMemory
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.policies.fit import parameters_of
@@ -101,7 +101,8 @@ def export(
             raise refusal("env", "an environment whose observations are terms, such as those of this package", env)
         converted = _convert(model, space, env, vec_normalize, memory, found, allow_pickle)
         if card is None:
-            card = Card.of(env, options, parameters_of(envs), {**found.training, **converted.training, **(training or {})})
+            used = brought_by(env) | arguments_of(options)
+            card = Card.of(env, used, parameters_of(envs), {**found.training, **converted.training, **(training or {})})
             card = card if found.noise is None else replace(card, noise=found.noise)
         try:
             return write_checked(converted.program, path, card, converted.original, envs, steps=steps)

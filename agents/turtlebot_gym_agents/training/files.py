@@ -258,7 +258,7 @@ def _own_settings(record: dict[str, Any]) -> dict[str, Any]:
         for name, value in options.items()
     }
     noise = "randomized" if settings["randomize"] else None
-    return {"env": settings["env"], "options": shorn, "training": record, "noise": noise}
+    return {"env": settings["env"], "options": Options.of(shorn).changed(), "training": record, "noise": noise}
 
 
 class _ZooLoader(yaml.SafeLoader):

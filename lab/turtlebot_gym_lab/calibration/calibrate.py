@@ -13,6 +13,7 @@ from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import WHEEL
 from turtlebot_gym.validation import choose
 from turtlebot_gym_lab.calibration.alignment import NO_SHIFT, SAME_FRAME, Frame, Shift, aligned
+from turtlebot_gym_lab.calibration.coordinates import with_values
 from turtlebot_gym_lab.calibration.estimates import (
     ONLY_TRUTH,
     POSE,
@@ -25,6 +26,8 @@ from turtlebot_gym_lab.calibration.estimates import (
 from turtlebot_gym_lab.calibration.execution import fit_execution, lag_of
 from turtlebot_gym_lab.calibration.verdict import UNTESTED, Verdict
 from turtlebot_gym_lab.calibration.windows import relative
+from turtlebot_gym_lab.drives.clocks import OTHER, said
+from turtlebot_gym_lab.drives.topics import ELSEWHERE
 
 KINDS = (POSE, WHEELS)
 """Kinds of odometry."""
@@ -126,6 +129,8 @@ def calibrate(
         )
     kind = detect_kind(drive) if kind is None else choose("kind", kind, dict(zip(KINDS, KINDS, strict=True)))
     if not has_truth and kind == WHEELS:
+        if why := said(drive, OTHER, ELSEWHERE) if use_truth else "":
+            raise ValueError(f"{why}.")
         raise ValueError(
             "wheel odometry alone says nothing about its error: record the truth or measured poses (a fix) beside it, or "
             "measure the drive by tape."
@@ -154,7 +159,7 @@ def calibrate(
     else:
         drive, lag, remarks = lag_of(drive, delay)
         likeliest, estimates, integrator = by_innovations(drive, started, integrator)
-        noise = likeliest
+        noise = with_values(likeliest, {"scale": 1.0})  # nothing tests another
         progress("innovations")
     if kind == POSE:
         missing, among = _lost(drive)

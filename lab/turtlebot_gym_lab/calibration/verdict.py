@@ -59,7 +59,7 @@ class Verdict(NamedTuple):
     """Whether other wheels than the usual ones do not help, so that the file has these."""
 
 
-UNTESTED = Verdict(True, "Nothing tests whether the model describes the drive: drive 10 m or more, with the truth.")
+UNTESTED = Verdict(True, "Nothing tests the wheels, so the file has the usual: drive 10 m or more, with the truth.", (), True)
 
 
 def halves(drive: Drive) -> tuple[Drive, Drive]:

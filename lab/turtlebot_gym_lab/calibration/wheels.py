@@ -111,8 +111,8 @@ def fit_wheels(
 
 
 def _determined(fit: WheelFit, usual: Array) -> NDArray[np.bool_]:
-    """Return which parameters are known well, or are not the usual ones beyond doubt, shape (8,)."""
-    seen = (np.abs(fit.values - usual) > SEEN * fit.deviations) & (fit.deviations < 0.5 * TYPICAL * LOOSE)
+    """Return which parameters are known well, or but for the scales are not the usual ones beyond doubt, shape (8,)."""
+    seen = (np.abs(fit.values - usual) > SEEN * fit.deviations) & (fit.deviations < 0.5 * TYPICAL * LOOSE) & ~MAIN
     return (fit.deviations <= CLEAR) | seen
 
 

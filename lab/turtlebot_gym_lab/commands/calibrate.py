@@ -107,6 +107,7 @@ class Calibrate(ReportingOptions, StartOptions):
         from turtlebot_gym_agents.provenance import provenance
         from turtlebot_gym_lab.calibration import calibrate
         from turtlebot_gym_lab.calibration.fit import watched
+        from turtlebot_gym_lab.calibration.tape import NAMES
         from turtlebot_gym_lab.commands import calibration_by_scans
         from turtlebot_gym_lab.commands.calibration_report import calibration_figure, calibration_tables, comment
         from turtlebot_gym_lab.evaluation.by_map import calibrate_by_map
@@ -151,7 +152,10 @@ class Calibrate(ReportingOptions, StartOptions):
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}{self._map_hint(drive)}") from error
         print_tables(*calibration_tables(fitted, title=self.log.name))
-        print(f"{fitted.verdict.text}{self._map_hint(drive)}")
+        lacks = [
+            f" {name} is as usual: {each.remedy}." for name, each in fitted.estimates.items() if name in NAMES and each.remedy
+        ]
+        print(f"{fitted.verdict.text}{''.join(lacks)}{self._map_hint(drive)}")
         if self.out is not None and not (fitted.verdict.is_good or self.force):
             refused = f"{self.out} is not written: {fitted.verdict.text} Record another drive, or write it with --force."
         elif self.out is not None:

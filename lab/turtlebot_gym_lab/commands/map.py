@@ -44,7 +44,7 @@ class Map(ReportingOptions):
     """Whose metres count: wheels corrects the ranges by the way that odometry counts, where both differ by 5 % at most; lidar
     takes the ranges as they are. The report says by how much they differ."""
     lidar: str = "lds01"
-    """LiDAR preset whose mount counts until the scans show another."""
+    """LiDAR, a preset or a file of your own (FILE.yaml), whose mount counts until the scans show another."""
     topics: Topics = field(default_factory=Topics)
     """Topics of a bag."""
     plot: FigureFile = None

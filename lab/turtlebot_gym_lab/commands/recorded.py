@@ -53,9 +53,10 @@ class StartOptions(MountOption):
     """How a recording is localized."""
 
     localizer: str = "robot"
-    """Assumptions: robot, match, or a file of them (FILE.toml)."""
+    """Assumptions: robot, match, or a file of them (FILE.yaml)."""
     lidar: str = "lds01"
-    """LiDAR preset: match assumes its errors, and where no transform states the LiDAR's mount, its mount is assumed."""
+    """LiDAR, a preset or a file of your own (FILE.yaml): match assumes its errors, and where no transform states the LiDAR's
+    mount, its mount is assumed."""
     hits: bool = True
     """Whether the map's occupied cells say where a LiDAR's hits fell, as in maps by SLAM, and not what is solid."""
     start: tuple[float, float, float] | Literal["unknown"] | None = None
@@ -80,13 +81,12 @@ class StartOptions(MountOption):
         """Return a map, and the place of a drive in it."""
         from turtlebot_gym.drive import known
         from turtlebot_gym.localization.tuning import make_localizer
-        from turtlebot_gym.rooms.lidar import LIDARS
         from turtlebot_gym.rooms.maps import read_map
-        from turtlebot_gym.validation import choose
+        from turtlebot_gym.rooms.worlds import find_lidar
         from turtlebot_gym.values import Pose
         from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace
 
-        tuning, grid = make_localizer(self.localizer, choose("lidar", self.lidar, LIDARS)), read_map(map).map
+        tuning, grid = make_localizer(self.localizer, find_lidar(self.lidar)), read_map(map).map
         assert grid is not None
         rows = np.flatnonzero(known(drive.truth))
         if self.start is not None:

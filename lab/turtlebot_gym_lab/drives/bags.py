@@ -13,12 +13,12 @@ import numpy as np
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.values import Pose
-from turtlebot_gym_lab.drives.clocks import AHEAD, SIMULATED, Stamps, rolled_over, stray_stamps
+from turtlebot_gym_lab.drives.clocks import AHEAD, SIMULATED, Stamps, apart, rolled_over, stray_stamps
 from turtlebot_gym_lab.drives.frames import Request, asked
 from turtlebot_gym_lab.drives.messages import MEASURED, ODOMETRY, POSES, TRANSFORMS, TWISTS, TYPES, DriveListener, stamp_of
 from turtlebot_gym_lab.drives.salvage import MCAP, ROS_1, SQLITE, suffix_of
 from turtlebot_gym_lab.drives.storage import Bag, Message, opened
-from turtlebot_gym_lab.drives.topics import Topics
+from turtlebot_gym_lab.drives.topics import ELSEWHERE, Topics
 
 _TRUTHS = ("ground_truth", "true_state", "truth")
 """Topics that are searched for the truth."""
@@ -43,13 +43,16 @@ def read_bag(path: Path, *, topics: Topics, label: str, lidar: str, mount: Pose 
     """Read a bag; see `reading.read`."""
     truth, frames, fixed = asked(topics.truth)
     with opened(path) as bag:
-        named = {topics.odom, truth, topics.fix, topics.twist} - {Topics().odom}
+        named = {topics.odom, truth, topics.fix, topics.twist, topics.scan} - {Topics().odom}
         kinds = {name: kind for name, kind in bag.kinds.items() if name in named or name not in bag.silent}
         roles = _roles(path, kinds, replace(topics, truth=truth))
         if fixed and kinds.get(fixed) in TRANSFORMS:
             roles[fixed] = "tf_static"
         listener, remarks = _heard(path, bag, roles, partial(DriveListener, lidar=find_lidar(lidar), mount=mount))
         remarks = [*bag.remarks, *remarks]
+    scans = [name for name, kind in kinds.items() if kind in TYPES["scan"]]
+    if scans and "scan" not in roles.values():
+        remarks.append(f"{path}: scans are on a topic that is not read: {ELSEWHERE} {' or '.join(scans)}")
     tree = next((name for name, role in roles.items() if role == "tf"), "")
     if tree:
         remarks += [f"{path}: {remark}" for remark in _chained(listener, tree, frames, path)]
@@ -229,6 +232,8 @@ def _by_one_clock(listener: DriveListener, roles: dict[str, str], rows: str) -> 
             )
         if topic in _CLOCKED:
             remarks += _moved(listener[topic].times, clock.lead(odom), f"topic {name!r}", base)
+            if text := apart(listener[topic].times, listener[rows].times, base):
+                remarks.append(f"topic {name!r}: {text}")
     return remarks
 
 
@@ -245,6 +250,7 @@ def _roles(path: Path, kinds: dict[str, str], wanted: Topics) -> dict[str, str]:
         (wanted.truth, "true_state", POSES),
         (wanted.fix, "fix", POSES),
         (twist, "twist", TWISTS),
+        (wanted.scan, "scan", TYPES["scan"]),
     ):
         if name and name not in kinds:
             raise ValueError(f"{path}: there is no topic {name!r}; there are {', '.join(sorted(kinds))}.")
@@ -260,7 +266,7 @@ def _roles(path: Path, kinds: dict[str, str], wanted: Topics) -> dict[str, str]:
     ]
     for name, role in searched:
         present = next((topic for topic in (f"{space}/{name}", f"/{name}") if kinds.get(topic) in TYPES[role]), None)
-        if present and present not in roles and (role != "true_state" or role not in roles.values()):
+        if present and present not in roles and role not in roles.values():
             roles[present] = role
     tree = next((topic for topic in (f"{space}/tf", "/tf") if kinds.get(topic) in TRANSFORMS), None)
     if tree and tree not in roles and {"scan", "imu"} & set(roles.values()):

@@ -46,6 +46,23 @@ PAUSE = 600.0
 SIMULATED = 86400.0
 """Difference of stamps and the recorder's clock from which the stamps are of a simulation, s."""
 
+OTHER = "its clock is not that of"
+"""What a remark says of a topic whose stamps have nothing to do with those of the rows."""
+
+
+def said(drive: Drive, *marks: str) -> str:
+    """Return the first remark on a drive that has one of some marks, without the drive's label; empty if there is none."""
+    return next((each.partition(": ")[2] for each in drive.remarks if any(mark in each for mark in marks)), "")
+
+
+def apart(times: list[float], others: list[float], base: str) -> str:
+    """Return that the stamps of two topics have nothing to do with each other; empty if they may be by one clock."""
+    if not times or not others or max(times[0] - others[-1], others[0] - times[-1]) < SIMULATED:
+        return ""
+    here, there = (f"{each[0]:.3f} to {each[-1]:.3f} s" for each in (times, others))
+    text = f"{OTHER} the {base}: its stamps are {here}, those of the {base} {there}: wall and simulated time?"
+    return f"{text} Record both with use_sim_time, or both without"
+
 
 class Stamps:
     """The clock of a topic's stamps, beside that of the recorder."""

@@ -99,7 +99,7 @@ def read(
         truth: A topic of a bag, with ``:PARENT.CHILD`` where it holds transforms; or a table of true poses with the columns t,
             x, y and perhaps theta, by the drive's clock. By default what the drive itself holds.
         label: Label of the drive; by default the name of the file.
-        lidar: For a bag, a name in `turtlebot_gym.rooms.lidar.LIDARS`, for the mount of a LiDAR that no transform states.
+        lidar: For a bag, a LiDAR as in `turtlebot_gym.Options`, for the mount of one that no transform states.
         mount: Pose of the LiDAR on the robot, m, m, rad; None for that of the transforms on ``/tf`` and ``/tf_static``, and
             where none states it, for that of ``lidar``, which a remark says.
 
@@ -147,7 +147,9 @@ def pose_sensors(path: str | Path, *, truth: str = "") -> list[str]:
 def _with_truth(drive: Drive, path: Path) -> Drive:
     time, poses = read_poses(path)
     if len(time) < 2 or min(time[-1], drive.time[-1]) - max(time[0], drive.time[0]) < OVERLAP:
-        raise ValueError(f"{path}: the truth shares less than a second with the drive, which begins at {drive.time[0]:.3f} s.")
+        ends = [f"{min(each, default=0.0):.3f} to {max(each, default=0.0):.3f} s" for each in (time, drive.time)]
+        text = f"shares less than a second with the drive: it is from {ends[0]}, the drive from {ends[1]}"
+        raise ValueError(f"{path}: the truth {text}. If their clocks differ, give the truth's time by that of the drive.")
     return replace(drive, true_state=interpolated(time, poses, drive.time))
 
 

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+ELSEWHERE = "add --topics.scan"
+"""What a remark says of a bag whose scans are on a topic that is not read."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topics:
@@ -18,3 +21,5 @@ class Topics:
     """Measured poses that replace those of odometry, such as /pose_fix; odometry then gives the twist."""
     twist: str = ""
     """Twist or TwistStamped, such as /cmd_vel, which replaces the twist of odometry."""
+    scan: str = ""
+    """Scans, such as /front/scan; by default /scan."""

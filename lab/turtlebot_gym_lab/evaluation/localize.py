@@ -20,6 +20,8 @@ from turtlebot_gym.localization.wheels import Wheels, WheelWatch
 from turtlebot_gym.models.angles import wrap, wrap_all
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_agents.evaluation.episodes import ASTRAY
+from turtlebot_gym_lab.drives.clocks import said
+from turtlebot_gym_lab.drives.topics import ELSEWHERE
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan."""
@@ -228,7 +230,8 @@ def recorded_of(drive: Drive) -> tuple[RecordedScans, NDArray[np.intp]]:
     """
     if not drive.has_odometry or not drive.scans:
         lacks = "scans" if drive.has_odometry else "odometry"
-        raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; a localizer needs odometry and scans.")
+        why = said(drive, ELSEWHERE) or "a localizer needs odometry and scans"
+        raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; {why}.")
     seen = sorted(drive.scans, key=lambda scanned: (scanned.row, scanned.time))
     if len({scanned.mount for scanned in seen}) > 1:
         raise ValueError(f"The LiDAR of {drive.around.label or 'the recording'} must stay where it is on the robot.")

@@ -179,6 +179,20 @@ def test_a_drive_without_turns_leaves_the_turn_as_usual():
     assert turn.high - turn.low > 0.3
 
 
+@pytest.mark.parametrize("seconds", [15.0, 100.0])
+@pytest.mark.parametrize("size", [0.004, 0.02])
+def test_only_wheels_that_a_drive_tells_and_tests_are_in_the_file(size, seconds):
+    swing = size * np.sin(0.3 * FINE * np.arange(round(seconds / FINE)))
+    robot = ProcessNoise(scale=0.93, turn_scale=0.6)
+    for seed in range(3):
+        fitted = calibrate(logged(robot, speed=0.3, turning=0.0, seconds=seconds, seed=seed, swing=swing), kind="wheel")
+        turn, process = fitted.estimates["turn_scale"], fitted.noise.process
+        assert turn.high - turn.low < 0.5 or (not turn.is_determined and turn.value == 1.0)
+        if not fitted.verdict.held:
+            assert (process.scale, process.turn_scale, process.veer) == (1.0, 1.0, 0.0)
+            assert "so the file has the usual" in fitted.verdict.text
+
+
 @pytest.fixture(scope="module")
 def wifibots():
     return {name: read(recorded(name)) for name in ("wifibot1.txt", "wifibot2.txt")}

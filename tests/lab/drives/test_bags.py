@@ -15,6 +15,7 @@ from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.tracking.messages import FIELDS, FLOAT32
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.topics import Topics
+from turtlebot_gym_lab.evaluation.localize import recorded_of
 
 SHORT = draw(120)
 START = 100.0
@@ -105,6 +106,7 @@ def test_measured_poses_of_another_topic_belong_to_the_nearest_row(tmp_path):
         (Topics(truth="/mocap"), r"there is no topic '/mocap'"),
         (Topics(twist="/odom"), r"topic '/odom' has the type nav_msgs/msg/Odometry; it must be geometry_msgs/msg/TwistStamped"),
         (Topics(fix="/odom"), "topic '/odom' is named for two quantities"),
+        (Topics(scan="/odom"), "topic '/odom' has the type nav_msgs/msg/Odometry; it must be sensor_msgs/msg/LaserScan"),
     ],
 )
 def test_missing_and_wrong_topics_are_named(bag, topics, message):
@@ -294,6 +296,14 @@ def test_the_bag_of_a_graph_is_read_completely(tmp_path, namespace, plugin):
     assert seen.row == 2
     assert seen.lidar == pytest.approx((0.2 - 0.032, 0.0, 0.0))  # the Burger's LiDAR stands behind its centre
     np.testing.assert_array_equal(seen.scan.ranges, [1.0, 2.0, np.inf, np.nan])  # a missing beam is not a free one
+
+
+def test_scans_on_another_topic_are_named_and_read_by_name(tmp_path):
+    messages = [("/front/scan" if topic == "/scan" else topic, *rest) for topic, *rest in graph_drive()]
+    path = write_bag(tmp_path / "bag", messages)
+    with pytest.raises(ValueError, match=r"holds no scans; .*add --topics\.scan /front/scan"):
+        recorded_of(read(path))
+    assert len(read(path, topics=Topics(scan="/front/scan")).scans) == 1
 
 
 @pytest.mark.parametrize(("frame", "mount"), [("laser", (-0.05, 0.02, 1.5)), ("other", (-0.032, 0.0, 0.0))])

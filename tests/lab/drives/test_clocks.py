@@ -11,8 +11,10 @@ from drive_samples import COLUMNS
 from rosbag_messages import ODOMETRY, POSE, header, make, odometry, pose, write_bag
 
 from turtlebot_gym.drive import Drive
+from turtlebot_gym_lab.calibration import calibrate
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.topics import Topics
+from turtlebot_gym_lab.evaluation.replay import replayable
 
 WHOLE = draw(1500)
 KEPT = np.random.default_rng(1).random(len(WHOLE)) > 0.02
@@ -58,7 +60,7 @@ def test_a_clock_that_is_set_back_goes_on(tmp_path):
     assert np.flatnonzero(~read_back.joined).tolist() == [0, 700]
 
 
-def bag(folder, *, ahead=0.0, back=0.0, delay=0.002):
+def bag(folder, *, ahead=0.0, back=0.0, delay=0.002, truth=0.0):
     """Write a drive whose truth comes from another computer, and whose robot's clock is ahead, and set back on the way."""
     rng, messages = np.random.default_rng(0), []
     for k, time in enumerate(1e9 + WHOLE.time[:200]):
@@ -66,7 +68,7 @@ def bag(folder, *, ahead=0.0, back=0.0, delay=0.002):
         messages.append(
             ("/odom", ODOMETRY, time + delay + rng.exponential(0.01), odometry(stamp, WHOLE.odometry[k], WHOLE.twist[k]))
         )
-        messages.append(("/ground_truth", POSE, time + 0.003, make(POSE, header(time), pose(*WHOLE.truth[k]))))
+        messages.append(("/ground_truth", POSE, time + 0.003, make(POSE, header(time + truth), pose(*WHOLE.truth[k]))))
         messages.append(("/cmd_vel", ros.TWIST, time + 0.02, ros.twist(*WHOLE.twist[min(k + 1, 199)])))
     return write_bag(folder, sorted(messages, key=lambda message: message[2]))
 
@@ -85,6 +87,17 @@ def test_a_truth_by_another_clock_is_moved_to_that_of_the_robot(tmp_path, ahead)
 
 def test_a_short_delay_is_no_other_clock(tmp_path):
     assert read(bag(tmp_path / "bag", delay=0.2)).remarks == ()
+
+
+@pytest.mark.parametrize("apart", [{"ahead": 10.0 - 1e9}, {"truth": 10.0 - 1e9}])
+@pytest.mark.parametrize("use", [lambda drive: calibrate(drive, kind="wheel"), replayable])
+def test_wall_and_simulated_time_are_named_where_the_truth_is_needed(tmp_path, apart, use):
+    drive = read(bag(tmp_path / "bag", **apart))
+    starts = (10.0 if apart.get(name) else 1e9 for name in ("truth", "ahead"))
+    truth, odom = (f"{start:.3f} to {start + 19.9:.3f} s" for start in starts)
+    said = f"'/ground_truth': its clock is not that of the odometry: its stamps are {truth}, .* {odom}: .*use_sim_time"
+    with pytest.raises(ValueError, match=said):
+        use(drive)
 
 
 def test_a_robot_whose_clock_is_set_back_drives_on(tmp_path):

@@ -103,8 +103,8 @@ class Localizer:
         localizer: str = "robot"
         """Assumptions: a name in `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file of them."""
         lidar: str = "lds01"
-        """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`. It says its timing, and its mount if ``/tf_static`` states
-        none."""
+        """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`, or a file. It says its timing, and its mount if
+        ``/tf_static`` states none."""
         robot: str = "burger"
         """A name in `turtlebot_gym.robots.ROBOTS`, or a file: its limits are those of its odometry."""
         noise: str = "wheel"

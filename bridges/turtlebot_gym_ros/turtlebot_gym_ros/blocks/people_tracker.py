@@ -48,7 +48,7 @@ class PeopleTracker:
         odom_frame: str = ""
         """Frame of the odometry; if empty, that of the estimate."""
         lidar: str = "lds01"
-        """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`. It says its noise and timing, and its mount if
+        """The LiDAR, a name in `turtlebot_gym.rooms.lidar.LIDARS`, or a file. It says its noise and timing, and its mount if
         ``/tf_static`` states none."""
         max_gap: Annotated[float, Range(0.0, 3600.0, open_low=True, unit="s")] = 10.0
         """Gap in the odometry after which it starts anew, s."""

@@ -122,7 +122,7 @@ class TurtlebotSimulator:
         world: str = "open"
         """Room: "open" for none, one of `turtlebot_gym.rooms.rules.ROOMS`, a Gazebo world, or a map. A map is its YAML file."""
         lidar: str = "lds01"
-        """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`."""
+        """The LiDAR in a room, a name in `turtlebot_gym.rooms.lidar.LIDARS`, or a file."""
         goals: Annotated[int, Range(0, 2**31, whole=True)] = 0
         """Number of goals that a world gives in turn; 0 for a single one. Each follows when the one before is reached by belief
         or given up after a minute."""

@@ -23,6 +23,7 @@ from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.scan import mounted
+from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.values import Pose, State
@@ -162,7 +163,7 @@ def parser() -> argparse.ArgumentParser:
         "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
     )
     parser.add_argument("--goals", type=int, help="with a world, number of goals in turn, as in missions (default: one)")
-    parser.add_argument("--lidar", choices=list(LIDARS), help="the LiDAR in a world (default: lds01)")
+    parser.add_argument("--lidar", help=f"the LiDAR in a world: {', '.join(LIDARS)}, or FILE.yaml (default: lds01)")
     parser.add_argument(
         "--as",
         dest="emulate_driver",
@@ -275,7 +276,7 @@ def _tell(
     if report:
         write_text(report, json.dumps({"options": chosen, "metrics": to_json(figures)}, indent=2) + "\n")
     if figure:
-        lidar = LIDARS[chosen.get("lidar", TurtlebotSimulator.Params().lidar)]
+        lidar = find_lidar(chosen.get("lidar", TurtlebotSimulator.Params().lidar))
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
         title = f"policy {chosen.get('policy', 'bearing')} in the ROS graph"
         drawn = tutorial_figure(trajectory, title=title, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan)
