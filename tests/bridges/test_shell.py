@@ -13,7 +13,7 @@ from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.time import Time
-from std_msgs.msg import Empty, String
+from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
@@ -263,3 +263,21 @@ def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, 
     for topic in kinds:
         text = f"/{topic}: /first_{topic} and /second_{topic} publish it: which of them counts is undefined."
         wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.WARN))
+
+
+@pytest.mark.parametrize("frame", ["map", "/odom", ""])
+def test_a_goal_in_another_frame_leaves_the_robot_where_it_is(runner, peer, another_runner, wait_for, said, frame):
+    peer.runner = another_runner
+    block = load("waypoint_generator")
+    shell = Shell(block, block.Params, context=runner.context)
+    runner.add(shell)
+    goals, references = peer.speak("goal_pose", PoseStamped), peer.hear("reference", PoseStamped)
+    filter = speaker(peer, "estimate", Odometry, "filter")  # at the origin
+    wait_for(lambda: references and shell.block._here and goals.get_subscription_count())
+    assert references[-1].pose.position.x == 2.0
+    goals.publish(PoseStamped(header=Header(frame_id=frame)))
+    wait_for(lambda: references[-1].pose.position.x == 0.0)
+    text = f"goal refused, so the robot stays where it is: its frame is {frame!r} instead of 'odom'"
+    wait_for(lambda: text in said("/waypoint_generator", DiagnosticStatus.WARN))
+    assert references[-1].pose.position.x == 0.0
+    assert filter.node is not None

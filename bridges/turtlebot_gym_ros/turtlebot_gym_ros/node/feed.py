@@ -69,6 +69,8 @@ class Feed:
         self.refusal: str | None = None
         self.cause = ""
         """Cause of the latest `Disagreement`, if the input halts."""
+        self.on_refusal: Callable[[str], object] = lambda why: None
+        """Called with the reason for which a message is refused."""
         self._refused = self._received = 0
         self._latest: tuple[Any, float] | None = None  # replaced atomically, since two threads read it
 
@@ -168,6 +170,7 @@ class Feed:
         news = self.refusal is None
         self.refusal = f"refused: {why}"
         self._refused += 1
+        self.on_refusal(why)
         return news
 
     def forget(self) -> None:
