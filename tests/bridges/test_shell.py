@@ -265,6 +265,26 @@ def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, 
         wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.WARN))
 
 
+@pytest.mark.parametrize(("stamped", "heard"), [(True, Twist), (False, TwistStamped)])
+def test_a_robot_that_hears_another_type_of_command_is_named_before_what_follows_from_it(
+    runner, peer, another_runner, wait_for, said, stamped, heard
+):
+    class Doubting(Mover):
+        def step(self, dt, odometry):
+            raise ValueError("the robot does not move")
+
+    peer.runner = another_runner
+    peer.hear("cmd_vel", heard)
+    overrides = {"start_enabled": True, "enable_stamped_cmd_vel": stamped}
+    runner.add(Shell(Doubting, NoParameters, context=runner.context, overrides=overrides))
+    assert speaker(peer, "odom", Odometry, "wheels").node is not None
+    error = partial(said, "/doubting", DiagnosticStatus.ERROR)
+    wait_for(lambda: "the robot does not move" in error() and "/cmd_vel" in error())
+    wrong = f"/cmd_vel: /peer subscribes to geometry_msgs/msg/{heard.__name__}, this node uses "
+    assert error().startswith(wrong)
+    assert f"-p enable_stamped_cmd_vel:={'false' if stamped else 'true'} fault: ValueError: " in error()
+
+
 @pytest.mark.parametrize("frame", ["map", "/odom", ""])
 def test_a_goal_in_another_frame_leaves_the_robot_where_it_is(runner, peer, another_runner, wait_for, said, frame):
     peer.runner = another_runner
