@@ -17,11 +17,11 @@ from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, On, Output, Shell
+from turtlebot_gym_ros import Every, Input, On, Output, Shell
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.node.geometry import quaternion_of
-from turtlebot_gym_ros.nodes import load
+from turtlebot_gym_ros.nodes import BLOCKS, load
 
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
 
@@ -261,8 +261,22 @@ def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, 
         for name in ("first", "second"):
             speaker(peer, topic, kind, f"{name}_{topic}")
     for topic in kinds:
-        text = f"/{topic}: /first_{topic} and /second_{topic} publish it: which of them counts is undefined."
-        wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.WARN))
+        text = f"/{topic}: /first_{topic} and /second_{topic} publish it: refused until there is one."
+        wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.ERROR))
+
+
+def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_fixes_say():
+    chain = [load(name) for name in BLOCKS if name not in ("turtlebot_simulator", "visualization")]
+    ends = {
+        end.topic: end.sole
+        for block in chain
+        for kinds in (block.inputs, *getattr(block, "conditional", {}).values())
+        for end in kinds.values()
+        if isinstance(end, Input)
+    }
+    others = {"cmd_vel", "disagreement", "goal_pose", "initialpose", "map", "pose_fix", "resume"}
+    assert {topic for topic, sole in ends.items() if not sole} == others
+    assert {"estimate", "next_reference", "nis", "odom", "reference", "room_goal", "scan"} == ends.keys() - others
 
 
 @pytest.mark.parametrize(("stamped", "heard"), [(True, Twist), (False, TwistStamped)])

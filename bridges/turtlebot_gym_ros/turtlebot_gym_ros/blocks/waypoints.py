@@ -26,7 +26,7 @@ from turtlebot_gym_ros.node.places import FARTHEST, place
 
 MAP_FRAME = "map"
 """Frame in which a map says where there is a way."""
-ROOM_GOAL = Input(topic="room_goal", type=Pose, required=False, lock_step="same")
+ROOM_GOAL = Input(topic="room_goal", type=Pose, required=False, lock_step="same", sole=True)
 MAP = Input(topic="map", type=GridMap, required=False, max_age=None, latched=True)
 
 
@@ -83,7 +83,7 @@ class WaypointGenerator:
             check_fields(self, "")
 
     inputs = {
-        "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False),
+        "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False, sole=True),
         "goal": Input(topic="goal_pose", type=Pose, required=False, max_age=None, once=True),
     }
     outputs = {
