@@ -155,7 +155,7 @@ def test_where_one_may_publish_two_are_one_too_many():
     feed.accept("here", 100.0, 7)
     assert feed.missing(100.0) is None
     node.publishers = 2
-    assert feed.missing(100.0) == "2 nodes publish /robot/odom, where one may"
+    assert feed.missing(100.0) == "2 nodes publish /robot/odom, where one may; a killed one counts for 20 s"
 
 
 def message(*, sent, measured=None):

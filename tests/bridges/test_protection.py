@@ -5,9 +5,12 @@ A law is a protection. Beside it stands the sabotage that switches the protectio
 
 import math
 import time
+from dataclasses import replace
 from threading import Event
 
 import pytest
+from bench import Mover
+from nav_msgs.msg import Odometry
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
@@ -184,8 +187,66 @@ def the_end_of_the_node_stops(make_bench, patience):
     assert set(bench.speeds[bench.speeds.index(0.0) :]) == {0.0}
 
 
-def driving(make_bench, patience):
-    bench = make_bench()
+class SoleMover(Mover):
+    """A mover whose odometry one node may publish."""
+
+    inputs = {"odometry": replace(Mover.inputs["odometry"], sole=True)}
+
+
+def speak_beside(bench):
+    """Let another publisher of odometry come, with the name of the first one's node, and return it when it is heard of."""
+    count = bench.shell.inputs.feeds["odometry"]._subscription.get_publisher_count
+    before = count()
+    other = bench.peer.speak("odom", Odometry)
+    bench.wait_for(lambda: count() == before + 1 and other.get_subscription_count())
+    return other
+
+
+def silence(bench, publisher):
+    """End a publisher of odometry, and wait until it is known."""
+    count = bench.shell.inputs.feeds["odometry"]._subscription.get_publisher_count
+    before = count()
+    bench.peer.node.destroy_publisher(publisher)
+    bench.wait_for(lambda: count() == before - 1)
+
+
+def a_second_source_stops_while_it_is_there(make_bench, patience):
+    bench = driving(make_bench, patience, make=SoleMover)
+    other = speak_beside(bench)
+    for _ in range(5):
+        bench.send()
+    bench.stops(several := "2 nodes publish /odom, where one may; a killed one counts for 20 s")
+    assert bench.enable().message == several
+    silence(bench, other)
+    bench.drive()  # the first one is there as before
+
+
+def another_source_stops(*, beside):
+    """Return the law that a source which takes another's place moves nothing until a person enables, whatever its name."""
+
+    def law(make_bench, patience):
+        bench = driving(make_bench, patience, make=SoleMover)
+        right, bench.odometry = bench.odometry, speak_beside(bench) if beside else None
+        silence(bench, right)
+        bench.odometry = bench.odometry or speak_beside(bench)
+        bench.wait_for(lambda: bench.send() or (bench.advance(0.02) and "/odom has another source, /peer:" in bench.state))
+        bench.settle()
+        del bench.commands[:]
+        for _ in range(20):
+            bench.send()
+            bench.advance(0.1)
+        assert not any(bench.speeds)
+        assert bench.enable().success
+        bench.drive()
+
+    return law
+
+
+a_source_after_another_stops, a_source_that_outlasts_another_stops = (another_source_stops(beside=beside) for beside in (0, 1))
+
+
+def driving(make_bench, patience, **options):
+    bench = make_bench(**options)
     bench.drive()
     bench.patience = patience
     return bench
@@ -221,6 +282,9 @@ PROTECTIONS = {
     repeated: (Messages, "check", nothing),
     out_of_order: (Messages, "check", nothing),
     the_end_of_the_node_stops: (Outputs, "publish_stops", nothing),
+    a_second_source_stops_while_it_is_there: (Feed, "rivals", lambda self: ""),
+    a_source_after_another_stops: (Feed, "replaced", lambda self, node, now: ""),
+    a_source_that_outlasts_another_stops: (Feed, "replaced", lambda self, node, now: ""),
 }
 CASES = [pytest.param(law, *how, id=f"{law.__name__}{at}") for at, (law, how) in enumerate(PROTECTIONS.items())]
 

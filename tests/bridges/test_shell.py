@@ -13,15 +13,15 @@ from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.time import Time
-from std_msgs.msg import Empty, String
+from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, On, Output, Shell
+from turtlebot_gym_ros import Every, Input, On, Output, Shell
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.node.geometry import quaternion_of
-from turtlebot_gym_ros.nodes import load
+from turtlebot_gym_ros.nodes import BLOCKS, load
 
 EXAMPLE = Path(__file__).parents[2] / "bridges/turtlebot_gym_ros/examples/face_east.py"
 
@@ -261,5 +261,57 @@ def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, 
         for name in ("first", "second"):
             speaker(peer, topic, kind, f"{name}_{topic}")
     for topic in kinds:
-        text = f"/{topic}: /first_{topic} and /second_{topic} publish it: which of them counts is undefined."
-        wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.WARN))
+        text = f"/{topic}: /first_{topic} and /second_{topic} publish it: refused until there is one."
+        wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.ERROR))
+
+
+def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_fixes_say():
+    chain = [load(name) for name in BLOCKS if name not in ("turtlebot_simulator", "visualization")]
+    ends = {
+        end.topic: end.sole
+        for block in chain
+        for kinds in (block.inputs, *getattr(block, "conditional", {}).values())
+        for end in kinds.values()
+        if isinstance(end, Input)
+    }
+    others = {"cmd_vel", "disagreement", "goal_pose", "initialpose", "map", "pose_fix", "resume"}
+    assert {topic for topic, sole in ends.items() if not sole} == others
+    assert {"estimate", "next_reference", "nis", "odom", "reference", "room_goal", "scan"} == ends.keys() - others
+
+
+@pytest.mark.parametrize(("stamped", "heard"), [(True, Twist), (False, TwistStamped)])
+def test_a_robot_that_hears_another_type_of_command_is_named_before_what_follows_from_it(
+    runner, peer, another_runner, wait_for, said, stamped, heard
+):
+    class Doubting(Mover):
+        def step(self, dt, odometry):
+            raise ValueError("the robot does not move")
+
+    peer.runner = another_runner
+    peer.hear("cmd_vel", heard)
+    overrides = {"start_enabled": True, "enable_stamped_cmd_vel": stamped}
+    runner.add(Shell(Doubting, NoParameters, context=runner.context, overrides=overrides))
+    assert speaker(peer, "odom", Odometry, "wheels").node is not None
+    error = partial(said, "/doubting", DiagnosticStatus.ERROR)
+    wait_for(lambda: "the robot does not move" in error() and "/cmd_vel" in error())
+    wrong = f"/cmd_vel: /peer subscribes to geometry_msgs/msg/{heard.__name__}, this node uses "
+    assert error().startswith(wrong)
+    assert f"-p enable_stamped_cmd_vel:={'false' if stamped else 'true'} fault: ValueError: " in error()
+
+
+@pytest.mark.parametrize("frame", ["map", "/odom", ""])
+def test_a_goal_in_another_frame_leaves_the_robot_where_it_is(runner, peer, another_runner, wait_for, said, frame):
+    peer.runner = another_runner
+    block = load("waypoint_generator")
+    shell = Shell(block, block.Params, context=runner.context)
+    runner.add(shell)
+    goals, references = peer.speak("goal_pose", PoseStamped), peer.hear("reference", PoseStamped)
+    filter = speaker(peer, "estimate", Odometry, "filter")  # at the origin
+    wait_for(lambda: references and shell.block._here and goals.get_subscription_count())
+    assert references[-1].pose.position.x == 2.0
+    goals.publish(PoseStamped(header=Header(frame_id=frame)))
+    wait_for(lambda: references[-1].pose.position.x == 0.0)
+    text = f"goal refused, so the robot stays where it is: its frame is {frame!r} instead of 'odom'"
+    wait_for(lambda: text in said("/waypoint_generator", DiagnosticStatus.WARN))
+    assert references[-1].pose.position.x == 0.0
+    assert filter.node is not None

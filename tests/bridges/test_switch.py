@@ -20,7 +20,8 @@ class Fakes:
         self.states, self.zeros, self.log, self.publishers, self.restarts = [], [], [], 0, 0
 
     def make(self, *, enabled=True, sees=False):
-        self.switch = Switch(self, self, enabled=enabled, now=lambda: self.at, restart=self.restart, blocked=0.5, sees=sees)
+        given = {"restart": self.restart, "refusal": lambda: "", "blocked": 0.5, "sees": sees}
+        self.switch = Switch(self, self, enabled=enabled, now=lambda: self.at, **given)
         return self.switch
 
     def restart(self):

@@ -164,21 +164,34 @@ def test_a_goal_of_an_action_is_reached_when_the_controller_is_done_with_it():
         (BESIDE, Failure.NO_WAY, r"no way from the robot at \(1.00, 1.00\) to the goal \(3.00, 1.00\)"),
         ((1.0, 2.25), Failure.OCCUPIED, "no room for a robot of radius 0.105 m"),
         ((-3.0, 1.0), Failure.OUTSIDE_MAP, "outside of the map"),
+        (None, Failure.NOT_LOCALIZED, "its frame is '/odom' instead of 'map'"),
     ],
 )
-@pytest.mark.parametrize("awaited", [True, False])
-def test_a_goal_without_a_way_is_refused_before_driving_and_an_earlier_one_stays(goal, code, said, awaited):
-    node, earlier = on_map(), Pose(1.0, 1.8, 0.0)
-    first = node.send(earlier)
-    if awaited:
+@pytest.mark.parametrize("door", ["action", "topic"])
+@pytest.mark.parametrize("before", ["square", "by time", "relative", "goal"])
+def test_a_goal_that_is_refused_leaves_the_robot_where_it_is_until_another_one_or_a_reset(goal, code, said, door, before):
+    """Whatever it did before: no other drive takes the place of the one refused."""
+    node = on_map(switch="time" if before == "by time" else "arrival", relative=before == "relative", switch_period=1.0)
+    first = node.send(Pose(1.0, 1.8, 0.0)) if before == "goal" else None
+    if goal is None:
+        errand = node.refuse(said)
+    elif door == "action":
         errand = node.send(Pose(*goal, 0.0), awaited=True)
-        assert (errand.state, errand.code) == ("failed", code)
-    assert reference(node, at(*HERE), None if awaited else Pose(*goal, 0.0)) == earlier
-    assert re.search(said, node.notice)
-    assert first.is_active
-    assert first.left == pytest.approx(0.8, abs=0.1)
-    reference(node, at(*HERE), Pose(*HERE, 0.0))
+    else:
+        node.step(0.1, at(*HERE), Pose(*goal, 0.0), map=GRID)
+        errand = node._errand
+    assert (errand.state, errand.code) == ("failed", code)
+    stays = Pose(*HERE, 0.0)
+    for k in range(50):
+        assert node.step(0.1, at(1.0, 1.0 + 0.001 * k), None, map=GRID) == {"reference": stays, "following": stays}
+        assert re.search(f"goal refused, so the robot stays where it is: .*{said}", node.notice)
+    assert first is None or first.reason == "another goal took its place"
+    assert reference(node, at(*HERE), Pose(1.8, 1.0, 0.0)) == (1.8, 1.0, 0.0)
     assert node.notice is None
+    node.refuse(said)
+    node.reset()
+    assert node.notice is None
+    assert reference(node, at(*HERE)) != stays
 
 
 def test_without_a_map_any_goal_is_taken_and_without_an_estimate_the_way_is_judged_when_there_is_one():

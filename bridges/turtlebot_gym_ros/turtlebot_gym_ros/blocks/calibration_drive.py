@@ -101,7 +101,7 @@ class CalibrationDrive:
         def __post_init__(self) -> None:
             check_fields(self, "")
 
-    inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False)}
+    inputs = {"odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True)}
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
     trigger = On("odometry")
 

@@ -13,13 +13,12 @@ from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.mounts import SAME_WAY
 from turtlebot_gym.observations import TRACKS, ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
-from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents.policies.belief_driver import BeliefDriver
 from turtlebot_gym_ros.base.live import Live
-from turtlebot_gym_ros.node.block import HALT, Input, Nis, On, Output, Stamped, Tracks
+from turtlebot_gym_ros.node.block import HALT, SCAN, Input, Nis, On, Output, Stamped, Tracks
 
 OLDEST = 0.5
 """Age of a measurement on which a command may rest, s: the guard's."""
@@ -29,8 +28,6 @@ OWN = "own_"
 """Beginning of the name of an input that brings a term of a policy's own."""
 VARIANCE_FLOOR = 1e-6
 """Replacement for a stated variance of exactly zero, (1 mm)^2 or (1 mrad)^2, since no pose is known exactly."""
-SCAN = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False)
-"""The further input of a policy that sees."""
 
 
 def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> Input:
@@ -46,7 +43,7 @@ def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> In
         ValueError: If no topic brings it, or it has other numbers than the policy was made for.
     """
     if term.name == TRACKS.name:
-        return Input(topic="tracks", type=Tracks, lock_step="same", reliable=False)
+        return Input(topic="tracks", type=Tracks, lock_step="same", reliable=False, sole=True)
     here = term if term.convert else named.get(term.name)
     if here is None:
         made_with = f", such as {term.source}" if term.source else ""
@@ -68,6 +65,7 @@ def _input_of(term: ObservationTerm, named: Mapping[str, ObservationTerm]) -> In
         lasts=max(here.lasts - OLDEST, 0.0),
         lock_step="refused",
         reliable=False,
+        sole=True,
     )
 
 
@@ -129,10 +127,10 @@ class VelocityController:
                 raise ValueError(f"goal_tolerance {rule}, got {self.goal_tolerance!r}.")
 
     inputs = {
-        "nis": Input(topic="nis", type=Nis, required=False, lock_step="same", reliable=False, wakes=False),
-        "estimate": Input(topic="estimate", type=Estimate, reliable=False),
-        "reference": Input(topic="reference", type=Pose, lock_step="same", measured=False),
-        "following": Input(topic="next_reference", type=Pose, required=False, lock_step="same"),
+        "nis": Input(topic="nis", type=Nis, required=False, lock_step="same", reliable=False, wakes=False, sole=True),
+        "estimate": Input(topic="estimate", type=Estimate, reliable=False, sole=True),
+        "reference": Input(topic="reference", type=Pose, lock_step="same", measured=False, sole=True),
+        "following": Input(topic="next_reference", type=Pose, required=False, lock_step="same", sole=True),
         "disagreement": HALT,
     }
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}

@@ -25,7 +25,6 @@ from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.lidar import aim
 from turtlebot_gym.rooms.maps import read_map
-from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.localizing import drift_of
@@ -37,6 +36,7 @@ from turtlebot_gym_ros.node.block import (
     COMMANDED,
     INITIAL_POSE,
     RESUME,
+    SCAN,
     Correction,
     Input,
     Nis,
@@ -125,7 +125,7 @@ class Localizer:
 
     inputs = {
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
-        "scan": Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, wakes=False),
+        "scan": replace(SCAN, wakes=False),
         "command": COMMANDED,
         "initial_pose": replace(INITIAL_POSE, aged=True),
         "resume": RESUME,

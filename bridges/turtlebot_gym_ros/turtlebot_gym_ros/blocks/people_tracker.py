@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from turtlebot_gym.models.angles import TWO_PI
-from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.tracking import UNIFORM, sweep_of
@@ -17,7 +16,7 @@ from turtlebot_gym.tracking.tracks import FRESH, MOVES, PX, PY, SIZE, STATE, TIM
 from turtlebot_gym.validation import Range, check_fields
 from turtlebot_gym.values import Odometry
 from turtlebot_gym_ros.blocks.ticks import Ticks
-from turtlebot_gym_ros.node.block import Input, On, Output, People, Person, Stamped, Tracks
+from turtlebot_gym_ros.node.block import SCAN, Input, On, Output, People, Person, Stamped, Tracks
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan and of the one before: 1 s at 50 Hz."""
@@ -60,7 +59,7 @@ class PeopleTracker:
 
     inputs = {
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
-        "scan": Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, wakes=False),
+        "scan": replace(SCAN, wakes=False),
     }
     outputs = {"nearest": Output(topic="tracks", type=Tracks), "people": Output(topic="people", type=People)}
     trigger = On("odometry")

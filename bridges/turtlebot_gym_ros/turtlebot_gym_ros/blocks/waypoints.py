@@ -26,7 +26,7 @@ from turtlebot_gym_ros.node.places import FARTHEST, place
 
 MAP_FRAME = "map"
 """Frame in which a map says where there is a way."""
-ROOM_GOAL = Input(topic="room_goal", type=Pose, required=False, lock_step="same")
+ROOM_GOAL = Input(topic="room_goal", type=Pose, required=False, lock_step="same", sole=True)
 MAP = Input(topic="map", type=GridMap, required=False, max_age=None, latched=True)
 
 
@@ -40,8 +40,8 @@ class WaypointGenerator:
     A goal takes the place of all waypoints: a pose from RViz, or a goal of the action ``navigate_to_pose``, if ``nav2_msgs`` is
     installed. In the frame ``map`` it is refused if the map on the topic ``map``, if there is one, has no way to it. A goal of
     the action is reached when the controller is done with it, by the same estimate and rule; it is given up, with the reason,
-    without an estimate for 2.5 s, without progress for ``patience``, and after ``time_limit``. Cancelled or given up, the robot
-    stays where it is.
+    without an estimate for 2.5 s, without progress for ``patience``, and after ``time_limit``. If a goal is refused, cancelled
+    or given up, the robot stays where it is until the next goal or a reset.
 
     Inputs, all optional: ``estimate`` (`Estimate`, on ``estimate``), ``goal`` (`Pose`, on ``goal_pose``), if ``waypoints`` is
     "room", ``room_goal`` (`Pose`, on ``room_goal``), and in the frame ``map``, ``map`` (`GridMap`, on ``map``). Outputs:
@@ -83,7 +83,7 @@ class WaypointGenerator:
             check_fields(self, "")
 
     inputs = {
-        "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False),
+        "estimate": Input(topic="estimate", type=Estimate, required=False, reliable=False, sole=True),
         "goal": Input(topic="goal_pose", type=Pose, required=False, max_age=None, once=True),
     }
     outputs = {
@@ -125,7 +125,7 @@ class WaypointGenerator:
         self._steps = 0
 
     def send(self, goal: Pose, *, awaited: bool = False) -> Errand:
-        """Take a goal in place of all waypoints and of an earlier goal, unless it is refused: then these stay.
+        """Take a goal in place of all waypoints and of an earlier goal; if it is refused, the robot stays where it is.
 
         Args:
             goal: The goal in the world frame.
@@ -137,20 +137,27 @@ class WaypointGenerator:
             self._ways = Ways(self._map, self._robot.radius)
         if self._ways:
             why = self._ways.lead_to(goal, self._here, self._target.radius)
-        if why:
-            errand.end("failed", *why)
-            self.notice = f"goal refused: {errand.reason}"
-            if self._ways and self._errand and self._errand.is_active:  # the ways lead to the earlier goal again
-                self._ways.lead_to(self._errand.goal, None, self._target.radius)
-            return errand
+        return self._take(errand, why)
+
+    def refuse(self, why: str, code: Failure = Failure.NOT_LOCALIZED) -> Errand:
+        """Refuse a goal that is no pose in the world frame, and let the robot stay where it is."""
+        return self._take(Errand(goal=ORIGIN), (code, why))
+
+    def _take(self, errand: Errand, refusal: tuple[Failure, str] | None) -> Errand:
+        """Take a goal; if it is refused, the robot stays where it is: no other drive takes its place."""
         if self._errand:
             self._errand.end("failed", Failure.OTHER, "another goal took its place")
-        self._errand, self.notice = errand, None
-        self._head_for(goal)
+        self._errand = errand
+        if refusal is None:
+            self._head_for(errand.goal)
+            return errand
+        errand.end("failed", *refusal)
+        self.notice = f"goal refused, so the robot stays where it is: {errand.reason}"
+        self._stay()
         return errand
 
     def _head_for(self, goal: Pose) -> None:
-        self._poses, self._laps, self._visited, self._steps, self._rests = (goal,), 1.0, 0, 0, False
+        self._poses, self._laps, self._visited, self._steps, self._rests, self.notice = (goal,), 1.0, 0, 0, False, None
 
     def cancel(self, errand: Errand) -> None:
         """Give up a goal, if it is still on its way, and let the robot stay where it is."""

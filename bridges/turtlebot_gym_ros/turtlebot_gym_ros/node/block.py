@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.validation import Range
 from turtlebot_gym.values import Command, Covariance, Fix, Pose
 from turtlebot_gym_ros.base.frames import Mount
@@ -36,7 +37,8 @@ class Input:
     """Whether ``step`` needs the value: if it is missing, ``step`` is not called and the outputs stop. A missing optional value
     is None."""
     sole: bool = False
-    """Whether only one node may publish it: with a second one, the value counts as missing."""
+    """Whether only one node may publish it: with a second one, the value counts as missing. A robot stands, too, when another
+    node has taken its place, until it is enabled again."""
     once: bool = False
     """Whether each value is delivered to one step only."""
     lock_step: str = "latest"
@@ -187,6 +189,8 @@ HALT = Input(
 """The input of a block that moves a robot on a filter's estimate."""
 COMMANDED = Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="absent", reliable=False, wakes=False)
 """The input of a filter that compares its odometry with the command in force."""
+SCAN = Input(topic="scan", type=Scan, lock_step="newest", aged=True, lasts=0.2, reliable=False, sole=True)
+"""The input of a block that sees by LiDAR."""
 INITIAL_POSE = Input(topic="initialpose", type=InitialPose, required=False, max_age=None, once=True, measured=False)
 """The input of an estimator that a person or program shows where the robot is. Nav2's clients send it again and again with the
 stamp of its first time until they hear the estimate, so its age does not count."""

@@ -105,7 +105,7 @@ class Reporter:
         """Publish the problems.
 
         Args:
-            problems: Problems of the node itself; those of the graph are added.
+            problems: Problems of the node itself; those of the graph, which may be their cause, stand before them.
             summary: Message without problems.
             values: Figures by name.
         """
@@ -113,7 +113,7 @@ class Reporter:
         for problem in set(around) - self._known:
             log(self._node, *problem)
         self._known = set(around)
-        worst = sorted([*problems, *around], key=lambda problem: problem.level, reverse=True)
+        worst = sorted([*around, *problems], key=lambda problem: problem.level, reverse=True)
         self._publisher.publish(
             report(
                 self._node,

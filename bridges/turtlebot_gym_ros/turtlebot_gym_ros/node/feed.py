@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -16,7 +17,7 @@ from turtlebot_gym.validation import short_repr
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.executor import PolledGroup, take
 from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
-from turtlebot_gym_ros.base.names import type_name
+from turtlebot_gym_ros.base.names import node_name, type_name
 from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
 from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
 from turtlebot_gym_ros.node.block import Input, Stamped
@@ -26,6 +27,8 @@ from turtlebot_gym_ros.node.triggers import SECOND
 
 NEW = Age(0.0, 0.0, False, "its arrival")
 """The age of a message that has no times."""
+LOOK_PERIOD = 0.2
+"""Time after which the graph is asked anew who publishes an input, s."""
 
 
 class Feed:
@@ -69,6 +72,10 @@ class Feed:
         self.refusal: str | None = None
         self.cause = ""
         """Cause of the latest `Disagreement`, if the input halts."""
+        self.on_refusal: Callable[[str], object] = lambda why: None
+        """Called with the reason for which a message is refused."""
+        self._sources: set[bytes] | None = None
+        self._replaced, self._looked = "", -math.inf
         self._refused = self._received = 0
         self._latest: tuple[Any, float] | None = None  # replaced atomically, since two threads read it
 
@@ -168,7 +175,13 @@ class Feed:
         news = self.refusal is None
         self.refusal = f"refused: {why}"
         self._refused += 1
+        self.on_refusal(why)
         return news
+
+    def begin(self) -> None:
+        """Estimate the leads of the senders' clocks anew, forget what stopped the robot, and take the next source as right."""
+        self.ages.begin()
+        self.cause, self._replaced, self._sources = "", "", None
 
     def forget(self) -> None:
         """Forget the latest value, unless nobody will say it again, and all that is known of the senders' clocks."""
@@ -181,10 +194,36 @@ class Feed:
         latest, limit = self._latest, self.declared.max_age
         return latest is not None and (limit is None or now - latest[1] <= limit)
 
+    def rivals(self) -> str:
+        """Return that several nodes publish it where one may, or an empty text."""
+        count = self._subscription.get_publisher_count() if self.declared.sole else 0
+        return f"{count} nodes publish {self.topic}, where one may; a killed one counts for 20 s" if count > 1 else ""
+
+    def replaced(self, node: Node, now: float) -> str:
+        """Return that another node publishes it than first since `begin`, where one may, or an empty text.
+
+        Names do not tell, since a stranger may have the same one. Lock-step, which moves no robot, has no such rule.
+        """
+        if not self.declared.sole or self._lock_step:
+            return ""
+        if self._subscription.get_publisher_count() != 1:
+            self._looked = -math.inf
+        elif self._is_fresh(now) and now >= self._looked + LOOK_PERIOD:
+            self._looked = now
+            kind = type_name(self.conversion.message)
+            there = [info for info in node.get_publishers_info_by_topic(self.topic) if info.topic_type == kind]
+            sources = {bytes(info.endpoint_gid) for info in there}
+            if self._sources is None:
+                self._sources = sources or None
+            elif not sources <= self._sources:
+                names = " and ".join(map(node_name, there))
+                self._replaced = f"{self.topic} has another source, {names}: enable again if it is the right one"
+        return self._replaced
+
     def missing(self, now: float) -> str | None:
         """Return why a step has to wait for this input, if so."""
-        if self.declared.sole and (count := self._subscription.get_publisher_count()) > 1:
-            return f"{count} nodes publish {self.topic}, where one may"
+        if why := self.rivals():
+            return why
         if not self.declared.required or self._is_fresh(now):
             return None
         return f"waits for {self.topic}" if self._latest is None else f"{self.topic} is older than {self.declared.max_age} s"

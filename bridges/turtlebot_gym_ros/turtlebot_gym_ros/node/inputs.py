@@ -113,20 +113,22 @@ class Inputs:
         """Return which input a step must wait for, if any."""
         return next((why for feed in self.feeds.values() if (why := feed.missing(now))), None)
 
-    def halted(self) -> str:
-        """Return the cause that an input gives for stopping the robot, or an empty text."""
-        return next((why for feed in self.halting if (why := feed.cause)), "")
+    def halted(self, now: float) -> str:
+        """Return the cause that an input gives for stopping the robot until it is enabled again, or an empty text."""
+        return next((why for feed in self.feeds.values() if (why := feed.cause or feed.replaced(self._node, now))), "")
+
+    def rivals(self) -> str:
+        """Return which input has several sources where one may be, or an empty text."""
+        return next((why for feed in self.feeds.values() if (why := feed.rivals())), "")
 
     def take(self, now: float, stamp: int) -> dict[str, Any]:
         """Return the values for a step at a stamp, ns."""
         return {key: feed.take(now, stamp) for key, feed in self.feeds.items() if not feed.declared.halts}
 
     def begin(self) -> None:
-        """Estimate the leads of the senders' clocks anew, and forget what stopped the robot."""
+        """Let each input begin anew, when the robot is enabled."""
         for feed in self.feeds.values():
-            feed.ages.begin()
-        for feed in self.halting:
-            feed.cause = ""
+            feed.begin()
 
     def forget(self) -> None:
         """Forget the latest values."""

@@ -43,6 +43,10 @@ class SendsGoals(Protocol):
         """Give up a goal."""
         ...
 
+    def refuse(self, why: str, code: Failure = Failure.NOT_LOCALIZED) -> Errand:
+        """Refuse what is no goal, and give up an earlier one."""
+        ...
+
 
 class _ActionServer(ActionServer):
     """An action server whose goals are executed elsewhere, and only end here.
@@ -91,21 +95,15 @@ class NavigateToPose:
         try:
             if goal.behavior_tree:
                 tree = short_repr(goal.behavior_tree)
-                errand = self._refused(Failure.BEHAVIOR_TREE, f"behavior_tree must be empty, since a policy drives, got {tree}")
+                why = f"behavior_tree must be empty, since a policy drives, got {tree}"
+                errand = self._block.refuse(why, Failure.BEHAVIOR_TREE)
             else:
                 errand = self._block.send(self._read(goal.pose), awaited=True)
         except ValueError as error:
-            errand = self._refused(Failure.NOT_LOCALIZED, str(error))
+            errand = self._block.refuse(str(error))
         handle.execute()
         self._open.append((handle, errand))
         self.look()
-
-    def _refused(self, code: Failure, why: str) -> Errand:
-        """Return the errand of a goal that is refused."""
-        self._node.get_logger().warning(f"{NAME}: refused: {why}")
-        errand = Errand(goal=Pose(0.0, 0.0, 0.0))
-        errand.end("failed", code, why)
-        return errand
 
     def _cancel(self, handle: Any) -> CancelResponse:
         for other, errand in self._open:
@@ -157,7 +155,7 @@ def be_active(node: Node, name: str) -> None:
 
 
 def offer(node: Node, block: object, feeds: Mapping[str, Feed], common: Common) -> NavigateToPose | None:
-    """Offer the action for a block that takes goals, if its messages are installed.
+    """Let a block that takes goals hear of those that are refused, and offer the action for it if its messages are installed.
 
     Args:
         node: The node.
@@ -167,6 +165,7 @@ def offer(node: Node, block: object, feeds: Mapping[str, Feed], common: Common) 
     """
     if not isinstance(block, SendsGoals):
         return None
+    feeds["goal"].on_refusal = block.refuse
     try:
         return NavigateToPose(node, block, partial(feeds["goal"].read, frame=common.world), common.world)
     except ModuleNotFoundError:

@@ -147,6 +147,7 @@ class Shell:
                 enabled=self.common.start_enabled,
                 now=self._now,
                 restart=self._enabled,
+                refusal=self.inputs.rivals,
                 blocked=math.inf if lock_step else 0.5,
                 sees=self.inputs.sees,
                 group=group,
@@ -215,7 +216,8 @@ class Shell:
 
     def _missing(self, now: float) -> str | None:
         """Return what a step must wait for, if anything."""
-        return self._ros_clock.trouble(now) or self.inputs.missing(now) or self._drive.missing()
+        why = self._ros_clock.trouble(now) or self.inputs.missing(now) or self._drive.missing()
+        return why or (self.inputs.halted(now) if self.switch else None) or None
 
     def _fault(self, why: str) -> None:
         """Report a fault of a step, and stop until enabled again."""
@@ -270,8 +272,9 @@ class Shell:
             now = self._now()
             self.inputs.look()
             if self.switch:
-                if (why := self.inputs.halted()) and self.switch.safety.enabled:
-                    self._fault(why)
+                with self.switch.safety.lock:  # so that what is enabled now does not stop by what it forgets
+                    if (why := self.inputs.halted(now)) and self.switch.safety.enabled:
+                        self._fault(why)
                 stale = self._missing(now)
                 if stale and self.switch.safety.phase == "active":
                     self._waits = stale

@@ -36,6 +36,7 @@ class Switch:
         enabled: Whether it starts enabled.
         now: The steady clock, s.
         restart: Called when it is enabled, to restart the block.
+        refusal: Returns why it must not be enabled, or an empty text.
         blocked: Longest duration of a step, s; a longer one is a fault. Infinite for no limit.
         sees: Whether the block sees obstacles, of which whoever enables it is warned.
         group: The callback group of the emergency stop; None for the node's default one.
@@ -49,6 +50,7 @@ class Switch:
         enabled: bool,
         now: Callable[[], float],
         restart: Callable[[], None],
+        refusal: Callable[[], str],
         blocked: float,
         sees: bool,
         group: CallbackGroup | None = None,
@@ -58,6 +60,7 @@ class Switch:
         self._ages = Ages(self._clock)
         self._outputs, self._now, self._restart, self._log = outputs, now, restart, node.get_logger()
         self._told: str | None = None
+        self._refusal = refusal
         self._warning = f"enabled. {SEEING if sees else BLIND}"
         self._state = node.create_publisher(String, "~/state", LATCHED)
         node.create_service(SetBool, "~/enable", self._serve)
@@ -69,16 +72,19 @@ class Switch:
 
     def enable(self) -> str | None:
         """Let the block move the robot as soon as its inputs arrive, or return why not."""
-        if not self.safety.enabled:
-            refusal = self.safety.enable(now=self._now(), buttons=self._buttons.get_publisher_count())
-            if refusal:
-                return refusal
-            self._log.warning(self._warning)
-            self._begin()
-        elif self.safety.phase != "active":  # it may wait for inputs that a clock, set meanwhile, makes look old
-            self._begin()
-        self._tell()
-        return None
+        if refusal := self._refusal():
+            return refusal
+        with self.safety.lock:
+            if not self.safety.enabled:
+                refusal = self.safety.enable(now=self._now(), buttons=self._buttons.get_publisher_count())
+                if refusal:
+                    return refusal
+                self._log.warning(self._warning)
+                self._begin()
+            elif self.safety.phase != "active":  # it may wait for inputs that a clock, set meanwhile, makes look old
+                self._begin()
+            self._tell()
+            return None
 
     def _begin(self) -> None:
         self._ages.begin()
