@@ -172,7 +172,7 @@ class ScanWatch:
             return beams
         latest, earliest = (_place(self.track.at(time).pose, mount) for time in (sent, sent - self._lag))
         known = self._silence.hear(beams, range_max, (latest, earliest))
-        if np.isnan(known.ranges).all():
+        if known is not beams and np.isnan(known.ranges).all():
             raise ValueError("what the scans have shown is gone all around: the LiDAR is covered")
         return known
 
@@ -217,6 +217,8 @@ class ScanWatch:
         if max(fits) == math.inf:
             return
         best = min(range(len(fits)), key=fits.__getitem__)
+        if best == MIRRORED and abs(turn) < STRAIGHT:
+            return  # slip turns the robot by as much
         if best and fits[best] < BETTER * fits[0]:
             self._votes.append(best)
         elif self._votes and fits[0] < fits[self._votes[-1]]:

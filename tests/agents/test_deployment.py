@@ -49,6 +49,7 @@ def differences(steps, *, policy, yaw=0.0, wrong=0.0, **options):
         scan, age = scan_of(episode)
         if episode.world.steps == 0.0:
             inside.reset()
+            outside.reset()
         pose = odometry.pose._replace(theta=odometry.pose.theta + wrong) if odometry.measured else None
         more = {"following": course.following, "scan_age": age}
         inside.act(pose, None, odometry.twist, scan, course.reference, **more)
@@ -168,7 +169,8 @@ def test_a_pose_that_does_not_move_stops_the_robot_until_a_reset(seeing):
     for x, stops in ((0.0, True), (0.01, False)):
         seeing.reset()
         for k in range(20):
-            command = seeing.act(**{**INPUTS, "pose": (k * x, 0.0, 0.0), "goal": (8.0, 0.0, 0.0)})
+            scan = SCAN._replace(ranges=SCAN.ranges + 0.001 * (k % 2))
+            command = seeing.act(**{**INPUTS, "pose": (k * x, 0.0, 0.0), "scan": scan, "goal": (8.0, 0.0, 0.0)})
         assert (command == STOP) is stops
         assert seeing.disagreement.startswith("the pose does not move" if stops else "")
     seeing.reset()
@@ -180,7 +182,8 @@ def test_a_localization_that_finds_the_robot_elsewhere_is_no_contradiction(seein
     by_odometry = Deployment("bearing", filter="matched", noise="wheel")
     for k in range(20):
         pose = (0.01 * k + (3.0 if k > 10 else 0.0), 0.0, 0.0)
-        seeing.act(**{**INPUTS, "pose": pose, "goal": (8.0, 0.0, 0.0)})
+        scan = SCAN._replace(ranges=SCAN.ranges + 0.001 * (k % 2))
+        seeing.act(**{**INPUTS, "pose": pose, "scan": scan, "goal": (8.0, 0.0, 0.0)})
         by_odometry.act(pose, None, (0.1, 0.0), None, (8.0, 0.0, 0.0))
     assert not seeing.disagreement
     assert "odometry jumps" in by_odometry.disagreement

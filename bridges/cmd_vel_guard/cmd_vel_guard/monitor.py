@@ -104,10 +104,10 @@ class Monitor:
         try:
             body = self._mounted(scan.frame)
             beams = read(scan, body, self._limits)
+            beams = self.watch.hear(beams, sent, mount=body.scan[1:], range_max=scan.range_max)
         except ValueError as error:
             self._bad = f"a scan was refused: {error}"
             return
-        beams = self.watch.hear(beams, sent, mount=body.scan[1:], range_max=scan.range_max)
         view = view_of(beams, body, self._limits, reach=self._reach, narrow=self._narrow, room=self._room)
         span = self._timing.period + self._timing.reaction
         layers = [out_of(self.track.at(sent - span * layer / (LAYERS - 1)).pose, view.seen) for layer in range(LAYERS)]
