@@ -525,6 +525,23 @@ def test_only_a_fresh_scan_lets_anything_pass_turning_too_and_no_older_one_takes
     assert monitor.state == "slowed down: an obstacle is ahead"
 
 
+@pytest.mark.parametrize("center_x", [-0.024, -0.064, 0.05])
+def test_a_robot_in_its_stop_zone_may_turn_where_its_footprint_sweeps_nothing_and_drive_nowhere(center_x):
+    """Its partner: it may not turn where the sweep reaches something."""
+    body, turn = BODY._replace(center_x=center_x), Command(0.0, 2.0)
+    for angle in range(0, 360, 10):
+        for away, passes in ((body.radius + abs(center_x) + 0.02, True), (body.radius - abs(center_x) + 0.01, False)):
+            ranges = np.where(np.arange(360) == angle, away, 5.0)
+            monitors = [standing(body=body) for _ in range(2)]
+            for monitor in monitors:
+                monitor.hear(scan(ranges, range_min=0.02), sent=T)
+            if passes:
+                assert monitors[0].limit(turn, T) == turn
+            else:
+                back = Command(0.0, -2.0)
+                assert monitors[0].limit(turn, T) != turn or monitors[1].limit(back, T) != back
+
+
 # In the guard.
 
 

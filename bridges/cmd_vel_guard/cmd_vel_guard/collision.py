@@ -285,6 +285,12 @@ def limited(points: NDArray[np.float64], command: Command, center_x: float, limi
     return STOP if share == 0.0 else Command(command.v * share, command.omega * share)
 
 
+def turns_freely(points: NDArray[np.float64], center_x: float, margin: float) -> bool:
+    """Return whether a robot can turn on the spot without touching a point, shape (3, n), however near: all are outside the disc
+    about the axle that the footprint sweeps."""
+    return bool((np.hypot(points[0], points[1]) > points[2] - margin + abs(center_x)).all())
+
+
 def gaps(points: NDArray[np.float64], center_x: float) -> NDArray[np.float64]:
     """Return the distance of the footprint's centre from each stop zone, m; not positive inside."""
     x, y, radius = points

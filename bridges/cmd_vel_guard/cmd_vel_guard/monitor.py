@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, narrow_gap, read, view_of
+from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, narrow_gap, read, turns_freely, view_of
 from cmd_vel_guard.values import STOP, Command, Mount, Pose
 from turtlebot_gym.motion import into, out_of
 from turtlebot_gym.mounts import differ
@@ -147,9 +147,12 @@ class Monitor:
             return STOP
         self._walk(now)
         pose, center_x = self.track.at(now).pose, self._body.center_x
-        points = into(pose, self._points)
+        points, unknown = into(pose, self._points), into(pose, self._unknown)
+        if command.v == 0.0 and all(turns_freely(part, center_x, self._limits.margin) for part in (points, unknown)):
+            self._enters = False
+            return command
         seen = limited(points, command, center_x, self._limits)
-        allowed = limited(into(pose, self._unknown), seen, center_x, self._limits)
+        allowed = limited(unknown, seen, center_x, self._limits)
         self._enters = allowed != seen
         if allowed != command:
             near = "in the stop zone" if gaps(points, center_x).min(initial=math.inf) <= 0.0 else "ahead"
