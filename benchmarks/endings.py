@@ -40,8 +40,10 @@ SPEED = 0.1
 STEPS = (-3600.0, -600.0, -30.0, -2.0, -0.775, 0.775, 2.0, 30.0, 600.0, 3600.0)
 """Steps of the system clock, s."""
 PROGRAM = f"{sys.executable} -m turtlebot_gym_ros"
+BLIND = "-p robot:=burger -p collision_monitor:=false"
+"""A guard's robot, without scans."""
 SCRIPT = f"""
-{PROGRAM} cmd_vel_guard --ros-args -p robot:=burger -p require_standby:=true --log-level fatal & echo $! > guard
+{PROGRAM} cmd_vel_guard --ros-args {BLIND} -p require_standby:=true --log-level fatal & echo $! > guard
 {PROGRAM} cmd_vel_standby --ros-args --log-level fatal & echo $! > standby
 wait; wait
 """

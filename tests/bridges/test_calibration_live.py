@@ -14,7 +14,7 @@ from turtlebot_gym_ros.base.qos import LATCHED
 @pytest.mark.nightly
 def test_it_drives_through_the_guard_once_enabled_and_an_emergency_stop_ends_it(launch, peer, wait_for):
     launch(*node("turtlebot_simulator"))
-    launch(*node("cmd_vel_guard", "robot:=burger"))
+    launch(*node("cmd_vel_guard", "robot:=burger", "collision_monitor:=false"))
     launch(*node("calibration_drive", "radius:=1.0", words=("-r", "cmd_vel:=cmd_vel_in")))
     wheels, wishes = peer.hear("cmd_vel", TwistStamped), peer.hear("cmd_vel_in", TwistStamped)
     states = peer.hear("calibration_drive/state", String, LATCHED)

@@ -39,6 +39,8 @@ class Robot:
         given = [] if name == "turtlebot_simulator" else ["--params-file", str(ROBOT), *TOPICS.get(name, [])]
         if name == "turtlebot_simulator":
             words = ("-p", "noise:=wheel", *words)
+        if name == "cmd_vel_guard" and "collision_monitor:=true" not in words:
+            words = ("-p", "collision_monitor:=false", *words)  # on open ground nothing is scanned
         self.nodes[name] = self.tool(name, "--ros-args", *given, *words)
 
     def tool(self, *words):

@@ -54,7 +54,7 @@ class Robot:
         self._odometry, self._reference = peer.speak("odom", Odometry), peer.speak("reference", PoseStamped)
         self.states = peer.hear("velocity_controller/state", String, LATCHED)
         self.wheels = peer.hear("cmd_vel", TwistStamped)
-        self.guard = launch(*node("cmd_vel_guard", "robot:=burger", "start_enabled:=true"))
+        self.guard = launch(*node("cmd_vel_guard", "robot:=burger", "start_enabled:=true", "collision_monitor:=false"))
         words = ["-r", "velocity_controller:cmd_vel:=cmd_vel_in"]
         path = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH", "")]))
         _, _, name, *arguments = node("kalman_filter", f"velocity_controller:policy:=policies:{policy}", words=words)

@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 
+pytestmark = pytest.mark.filterwarnings("ignore:filter 'slip' changes nothing")  # on wheels, which is said
 OPEN = {
     "Nav": {},
     "Pose": {"noise": "wheel", "filter": "slip"},

@@ -286,8 +286,7 @@ def limited(points: NDArray[np.float64], command: Command, center_x: float, limi
 
 
 def turns_freely(points: NDArray[np.float64], center_x: float, margin: float) -> bool:
-    """Return whether a robot can turn on the spot without touching a point, shape (3, n), however near: all are outside the disc
-    about the axle that the footprint sweeps."""
+    """Return whether all points, shape (3, n), are outside the disc about the axle that the footprint of a turn sweeps."""
     return bool((np.hypot(points[0], points[1]) > points[2] - margin + abs(center_x)).all())
 
 
