@@ -36,6 +36,8 @@ HEALED = 10
 """Scans in a row in which an unknown direction must return something."""
 AT_LIMIT = 0.99
 """Share of ``range_max`` from which a range says that nothing returned."""
+TIGHT, LOOSE = 0.9, 1.5
+"""Directions that are told apart, as a share of the beams around, and beams for each from which more are told apart."""
 FEW, BINS = 100, 360
 """Most directions of which each single one counts, and most that are told apart."""
 
@@ -84,11 +86,12 @@ class Silence:
             range_max: The LiDAR's greatest range, m.
             places: Where the LiDAR was at the latest and at the earliest time at which the scan may have been measured.
         """
-        count = min(len(beams.ranges), BINS)
-        if count != self._count:
+        around = TURN / beams.spacing
+        if not (self._count <= around and (self._count == BINS or around < LOOSE * self._count)):  # drivers vary it a little
             self.forget()
-            self._count, self._doubt, self._suspect = count, np.zeros(count, np.int64), np.zeros(count, np.bool_)
-        step = TURN / count
+            self._count = count = min(max(int(TIGHT * around), 1), BINS)
+            self._doubt, self._suspect = np.zeros(count, np.int64), np.zeros(count, np.bool_)
+        count, step = self._count, TURN / self._count
         at = np.round(beams.directions / step).astype(np.int64) % count
         nearest, silent = np.full(count, np.inf), np.zeros(count, np.bool_)
         measured = beams.ranges < AT_LIMIT * range_max

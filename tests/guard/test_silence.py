@@ -37,7 +37,8 @@ def ranges_in(corners, pose, count, rng):
 class Drive:
     """A robot that drives by a command, and what its watch makes of its scans."""
 
-    def __init__(self, corners, command, *, seed=0, count=360, begin=(0.0, 0.0, 0.0)):
+    def __init__(self, corners, command, *, seed=0, count=360, vary=0, begin=(0.0, 0.0, 0.0)):
+        self.vary = vary
         self.corners, self.command, self.count, self.rng = corners, command, count, np.random.default_rng(seed)
         self.watch, self.pose, self.now, self.way = ScanWatch(lag=0.4, returns=0.02, narrow=NARROW, now=T), begin, T, 0.0
 
@@ -47,8 +48,9 @@ class Drive:
         self.watch.move(self.command, self.now)
         self.pose, self.now = moved(self.pose, self.command, PERIOD), self.now + PERIOD
         self.way += abs(self.command.v) * PERIOD
-        ranges = change(ranges_in(self.corners, self.pose, self.count, self.rng))
-        beams = beams_of(ranges, first=0.0, increment=2.0 * math.pi / self.count, range_min=0.12, range_max=RANGE_MAX)
+        count = self.count + int(self.rng.integers(-self.vary, self.vary, endpoint=True))
+        ranges = change(ranges_in(self.corners, self.pose, count, self.rng))
+        beams = beams_of(ranges, first=0.0, increment=2.0 * math.pi / count, range_min=0.12, range_max=RANGE_MAX)
         try:
             known = self.watch.hear(beams, self.now, range_max=RANGE_MAX)
         except ValueError:
@@ -68,9 +70,9 @@ def covered(middle, width, value=0.0):
 
 @pytest.mark.parametrize("command", [STRAIGHT, ARC, SPOT], ids=["straight", "arc", "spot"])
 @pytest.mark.parametrize("corners", [ROOM, CORRIDOR, HALL, OPENING], ids=["room", "corridor", "hall", "opening"])
-@pytest.mark.parametrize("count", [90, 360, 720])
-def test_a_healthy_lidar_is_believed(corners, command, count):
-    drive = Drive(corners, command, count=count)
+@pytest.mark.parametrize(("count", "vary"), [(90, 0), (360, 0), (230, 10), (720, 20)])
+def test_a_healthy_lidar_is_believed(corners, command, count, vary):
+    drive = Drive(corners, command, count=count, vary=vary)
     for _ in range(30):
         unknown = drive.scan()
         assert unknown is not None
@@ -81,10 +83,11 @@ def test_a_healthy_lidar_is_believed(corners, command, count):
 @pytest.mark.parametrize("corners", [ROOM, CORRIDOR], ids=["room", "corridor"])
 @pytest.mark.parametrize("value", [0.0, math.inf, 99.0, RANGE_MAX])
 @pytest.mark.parametrize(("middle", "width"), [(0.0, 60.0), (0.0, 120.0), (0.0, 180.0), (50.0, 90.0), (-40.0, 120.0)])
+@pytest.mark.parametrize("vary", [0, 10])
 def test_a_sector_that_is_covered_from_the_start_is_unknown_before_the_robot_has_driven_far(
-    corners, command, value, middle, width
+    corners, command, value, middle, width, vary
 ):
-    drive = Drive(corners, command)
+    drive = Drive(corners, command, vary=vary)
     while (unknown := drive.scan(covered(middle, width, value))) is not None and not unknown.any():
         assert drive.way < 0.9
     for _ in range(5):  # and stays so
