@@ -63,6 +63,10 @@ _PAUSE = 2.5
 """Periods without a command after which a history, a frame stack or the state of a recurrent network begins anew."""
 
 
+class NotBelievedError(ValueError):
+    """A scan that the robot must not drive by: it cannot be read, or the LiDAR is frozen, covered or mounted otherwise."""
+
+
 class BeliefDriver:
     """Drive a robot with a policy from beliefs that were checked before, as the ROS node ``velocity_controller`` does.
 
@@ -178,8 +182,9 @@ class BeliefDriver:
             mount: Pose of its frame in the robot's frame; None for the usual place, turned by ``lidar_yaw``.
 
         Raises:
-            ValueError: With one line, if it cannot be read, or the LiDAR is frozen, covered or mounted otherwise. A robot whose
-                LiDAR seems to be covered in part turns once around first: the edges of a cover turn with it.
+            NotBelievedError: With one line. A robot whose LiDAR seems to be covered in part turns once around first: the edges
+                of a cover turn with it.
+            ValueError: If it has another number of beams than ``lidar_beams``.
         """
         self._watch.track.add(twist, now)
         if now - age > self._measured + 1e-6:  # between two scans, each step has the last one again
@@ -190,12 +195,12 @@ class BeliefDriver:
             except ValueError as why:
                 self._bad = str(why)
         if why := self._bad or self._watch.trouble():
-            raise ValueError(why)
+            raise NotBelievedError(why)
         covered = self._watch.covered
         self._turned = self._turned + abs(twist.omega) * (now - self._looked) if covered else 0.0
         self._looked = now
         if self._turned > TURN:
-            raise ValueError(
+            raise NotBelievedError(
                 f"{math.degrees(covered):.0f} degrees of the LiDAR return nothing, however the robot turns: it is covered"
             )
         return self.pool(self._scan, _shifted(mount))

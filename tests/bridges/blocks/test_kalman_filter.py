@@ -24,6 +24,9 @@ from turtlebot_gym_ros.node.block import Resume, Stamped
 COMMAND, AHEAD = Command(0.15, 0.4), Command(0.2, 0.0)
 
 
+pytestmark = pytest.mark.filterwarnings("ignore:filter '.*' changes nothing")  # with its noise, which is said
+
+
 def estimator(**parameters):
     return KalmanFilter(KalmanFilter.Params(**parameters))
 

@@ -16,7 +16,7 @@ from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
-from turtlebot_gym_agents.policies.belief_driver import BeliefDriver
+from turtlebot_gym_agents.policies.belief_driver import BeliefDriver, NotBelievedError
 from turtlebot_gym_ros.base.live import Live
 from turtlebot_gym_ros.node.block import HALT, SCAN, Input, Nis, On, Output, Stamped, Tracks
 
@@ -219,7 +219,7 @@ class VelocityController:
         if scan is not None:
             try:
                 seen = self._look(scan, Command(mean.v, mean.omega)), scan.age
-            except ValueError as why:
+            except NotBelievedError as why:
                 self.notice = f"the robot stands: {why}"
                 return {"command": STOP}
         evidence = None
@@ -239,9 +239,9 @@ class VelocityController:
         """Return the sectors of a scan.
 
         Raises:
-            ValueError: If the scan must not be used, with the reason.
+            NotBelievedError: If the scan must not be used, with the reason.
         """
         yaw = scan.mount.theta if scan.mount else self._yaw
         if self._yaw and abs(wrap(yaw - self._yaw)) > SAME_WAY:
-            raise ValueError(f"lidar_yaw is {self._yaw:.3f}, but /tf_static says {yaw:.3f} rad: correct one of them")
+            raise NotBelievedError(f"lidar_yaw is {self._yaw:.3f}, but /tf_static says {yaw:.3f} rad: correct one of them")
         return self.driver.look(scan.value, twist, scan.age, self._time, scan.mount)
