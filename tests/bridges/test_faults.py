@@ -42,7 +42,7 @@ COMMANDS = {
     "kalman_filter": ["noise:=clean"],
     "waypoint_generator": ["waypoints:=far.csv"],
     "velocity_controller": ["policy:=policy:drive"],
-    "cmd_vel_guard": ["robot:=burger"],
+    "cmd_vel_guard": ["robot:=burger", "collision_monitor:=false"],
 }
 
 
