@@ -19,6 +19,8 @@ MOST = 16
 LAST = MOST + 1
 """Row of a bank with the position of the odometry at the last scan, and whether the last search found only places that look
 alike."""
+RIGHT = 4
+"""Column of row `LAST`: whether the last scan that says anything about the belief agrees; beams in the unknown then do, too."""
 ROWS, COLUMNS = MOST + 2, 6
 """Rows and columns of a bank of hypotheses, see `LOG_WEIGHT`."""
 UNLIKELY = -10.0

@@ -26,6 +26,7 @@ from turtlebot_gym.localization.bank import (
     LOG_WEIGHT,
     MOST,
     NONE,
+    RIGHT,
     ROWS,
     UNLIKELY,
     averaged,
@@ -37,7 +38,7 @@ from turtlebot_gym.localization.bank import (
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
 from turtlebot_gym.localization.localizer import CALM, SILENT, SURE, Located, locate, scan
-from turtlebot_gym.localization.passing import agreeing
+from turtlebot_gym.localization.passing import AGAINST, agreeing, verdict
 from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.models.angles import wrap
@@ -97,12 +98,14 @@ def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints,
         bank[MOST, 0], bank[MOST, 1], bank[MOST, 2] = CLEAR, 0.0, 0.0
     if is_hypothesis and since == 0:
         bank[MOST, AGREES], bank[MOST, AGE] = 0.0, 0.0
-        worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH) - float(values[0])
+        worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH, 0.0, float(bank[LAST, RIGHT])) - float(
+            values[0]
+        )
         bank[MOST, LOG_WEIGHT] = BONUS + gain * worth
 
 
 @kernel
-def _outlasts(agrees: float, age: float, lead: float, is_complete: bool) -> bool:
+def _outlasts(agrees: float, age: float, lead: float, is_complete: bool, q: Any) -> bool:
     """Return whether a place has explained so many scans so well that it is believed, though people hide a part of it.
 
     Args:
@@ -111,7 +114,7 @@ def _outlasts(agrees: float, age: float, lead: float, is_complete: bool) -> bool
         lead: Difference of the logarithms of its weight and of that of the best other place.
         is_complete: Whether the last search found more than places that look alike; otherwise it takes half as much more.
     """
-    return (agrees > WELL) & (lead > LEAD) & (age >= (ENOUGH if is_complete else 1.5 * ENOUGH))
+    return (agrees > max(WELL, q.trust)) & (lead > LEAD) & (age >= (ENOUGH if is_complete else 1.5 * ENOUGH))
 
 
 @kernel
@@ -148,7 +151,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
                 count = keep(guesses, values, count, guess, value, APART, TURNED)
     if own > NONE:
         at = Guess(mean.x, mean.y, mean.theta, located.scale.mean)
-        explained = agreement(sight, at, FINE)
+        explained = agreement(sight, at, FINE, 0.0, float(bank[LAST, RIGHT]))
         own = FADING * own + gain * explained
         age = float(bank[MOST, AGE])
         bank[MOST, AGREES] = averaged(float(bank[MOST, AGREES]), age, agreeing(sight, at, q))
@@ -178,13 +181,17 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         decides = decides or (since % PATIENCE >= CYCLE - 1 and bank[MOST, 2] < OBVIOUS * bank[MOST, 1])
     lead = other - max(own, float(values[1]) if count > 1 else top + UNLIKELY)
     is_complete = bank[LAST, 2] == 0.0
-    outlasts = count > 0 and _outlasts(float(guesses[0, 5]), float(guesses[0, 6]), lead, is_complete)
+    outlasts = count > 0 and _outlasts(float(guesses[0, 5]), float(guesses[0, 6]), lead, is_complete, q)
     is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
     belief, nis, scale, fit, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays, agrees, silent = located
-    takes_over = outlasts or (decides and own_weight < (1.0 - SURE) * total and is_clear and is_complete and lead > q.lead)
+    needs = ENOUGH if bank[LAST, RIGHT] > 0.0 else q.evidence
+    is_proven = count > 0 and guesses[0, 5] >= q.trust and guesses[0, 6] >= needs
+    decides_other = decides and is_proven and is_complete and lead > q.lead
+    takes_over = outlasts or (decides_other and own_weight < (1.0 - SURE) * total and is_clear)
     if own > NONE and not takes_over:
+        decides = decides or (q.trust > 0.0 and since >= CYCLE - 1)
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
-        is_sure = is_sure and bank[MOST, AGREES] > ITSELF
+        is_sure = is_sure and bank[MOST, AGREES] > max(ITSELF, q.trust)
         misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, own_weight / total, silent)
         return Located(
             belief,
@@ -204,7 +211,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             silent,
         )
     bank[MOST, LOG_WEIGHT] = NONE
-    is_sure = outlasts or (decides and weight > SURE and fits >= least and is_complete and lead > q.lead)
+    is_sure = outlasts or (decides_other and weight > SURE and fits >= least)
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
     covariance = Covariance(
         POSITION * POSITION + xx * share,
@@ -235,6 +242,23 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
 
 
 @kernel
+def _kept(located: Located, after: Located, bank: Any, sight: ScanPoints, q: Any) -> Located:
+    """Return a localizer after a scan, with its place from before if that was `RIGHT`, and no start explains the scan."""
+    belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, silent = after
+    was_right = bank[LAST, RIGHT] > 0.0 and located.nis != 0.0  # 0 for a new belief
+    is_right = q.short < 1.0 and agrees >= q.trust
+    if was_right and not is_right:
+        fit, against, _ = verdict(sight, Guess(belief.mean.x, belief.mean.y, belief.mean.theta, scale.mean), q)
+        is_right = against <= max(AGAINST, fit)
+    bank[LAST, RIGHT] = 1.0 if is_right else 0.0
+    if is_right and agrees < 0.7 * q.doubt:
+        belief, scale = located.belief, located.scale
+    return Located(
+        belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, silent
+    )
+
+
+@kernel
 def look(
     located: Located, bank: Any, sight: ScanPoints, wheels: Pose, q: Any, unseen: tuple[float, float] = (0.0, 0.0)
 ) -> Located:
@@ -251,10 +275,10 @@ def look(
     in_doubt, since = located.misfits >= q.patience, int(located.misfits - q.patience)
     is_hypothesis = bank[MOST, LOG_WEIGHT] > NONE
     if since == 0:
-        is_hypothesis = located.belief.covariance.xx < FAR and located.agrees > 0.0
+        is_hypothesis = located.belief.covariance.xx < FAR and (located.agrees > 0.0 or bank[LAST, RIGHT] > 0.0)
     after = located
     if is_hypothesis or not in_doubt:
-        after = scan(located, sight, q, unseen)
+        after = _kept(located, scan(located, sight, q, unseen), bank, sight, q)
     if not in_doubt or sight.number < LEAST_BEAMS:
         return after
     if since == 0:
