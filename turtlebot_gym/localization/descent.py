@@ -147,11 +147,9 @@ def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0, un
             break
         across = column + forward * points[X, k] - left * points[Y, k]
         up = row + left * points[X, k] + forward * points[Y, k]
-        value = unknown
-        if (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows):
-            d = at_cell(field, int(up), int(across))
-            value = 1.0 / (1.0 + d * d * per_square) if d == d else unknown
-        total += value
+        inside = (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows)
+        d = at_cell(field, int(up), int(across)) if inside else float("nan")
+        total += 1.0 / (1.0 + d * d * per_square) if d == d else unknown
     return total / max(number, 1)
 
 
