@@ -168,6 +168,25 @@ def test_a_robot_whose_scans_fit_is_not_lost_by_a_leap_of_its_odometry(room, spi
 
 
 @pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (0.25, 0.25), (0.0, 0.25), (0.1, 0.3)])
+def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room, before, after, seed, in_machine_code):
+    """Its partner: the same beams do not move a robot whose place was never in doubt."""
+    points, rng, located = scan_of(room, HERE, 60), np.random.default_rng(seed), nowhere(ROBOT)
+    bank, other = np.zeros((2, ROWS, COLUMNS))
+    while state_of(located, ROBOT) != TRACKING:
+        located = in_machine_code(located, bank, sight(room, crowded(points, rng, before)))
+    undoubted, states = locate(Pose(*HERE), SURE, ROBOT), []
+    for _ in range(40):
+        seen = sight(room, crowded(points, rng, after))
+        located, undoubted = in_machine_code(located, bank, seen), in_machine_code(undoubted, other, seen)
+        states.append((state_of(located, ROBOT), state_of(undoubted, ROBOT)))
+    anew, kept = zip(*states, strict=True)
+    assert LOST not in kept
+    assert (LOST in anew) == (after > before)
+
+
+@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
 def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed(in_machine_code):
     """Its partner: an end that is in sight tells them apart."""
     occupied = np.zeros((60, 800), np.bool_)
