@@ -21,7 +21,7 @@ LAST = MOST + 1
 alike."""
 RIGHT, OFF = 4, 5
 """Columns of row `LAST`: whether the last scan that says anything about the belief agrees; beams in the unknown then do, too;
-and whether the belief has left the map since it was right."""
+and the evidence, in scans, that has come since the belief has left the map; 0 for one that has not."""
 TRIAL = MOST + 2
 """Row of a bank with the evidence, in scans, for which a place that is believed anew is on trial yet; the share of beams that
 usually fit where the robot is right; and that of the last scans."""

@@ -86,6 +86,8 @@ PROBATION, WORSE = 1000.0, 0.12
 place only looks alike, they end short of its walls sooner or later."""
 OUTSIDE, UNUSUAL_FIT = 150.0, 300.0
 """Evidence that another place needs if the belief has left the map, and if by so much fewer beams fit there."""
+AWAY = 1000.0
+"""Evidence since the belief left the map after which it does not hold another place back: the wheels have drifted."""
 LATE = 3.0
 """Logarithm of the weight that a place loses that a later search finds, beside those that are followed."""
 
@@ -173,6 +175,9 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         bank[MOST, 1] += 1.0 - explained
         bank[MOST, 2] += 1.0 - (float(guesses[0, 4]) if count > 0 else 0.0)
     other = float(values[0]) if count > 0 else NONE
+    bank[LAST, OFF] += more if bank[LAST, OFF] > 0.0 else 0.0
+    if own > NONE and count > 0 and bank[LAST, OFF] > AWAY:
+        own = min(own, other - 2.0 * LEAD)
     top, total, xx, yy, tt = max(other, own), 0.0, 0.0, 0.0, 0.0
     best = Pose(float(guesses[0, 0]), float(guesses[0, 1]), float(guesses[0, 2]))
     for k in range(MOST):
