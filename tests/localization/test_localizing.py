@@ -148,6 +148,8 @@ CHANGED = {
     "temper": 1.0,
     "loosen": 0.2,
     "lead": 1e3,
+    "trust": 1.0,
+    "evidence": 1e3,
     "patience": 2,
 }
 
@@ -173,9 +175,9 @@ def test_each_assumption_changes_the_belief():
     usually, lost = believed(usual), believed(usual, "unknown")
     assert CHANGED.keys() == {field.name for field in fields(LocalizerTuning)}
     changed = {name: replace(usual, **{name: value}) for name, value in CHANGED.items()}
-    same = [name for name, tuning in changed.items() if name != "lead" and believed(tuning) == usually]
-    assert not same
-    assert believed(changed["lead"], "unknown") != lost  # it counts where a place is looked for
+    sought = {"lead", "trust", "evidence"}  # they count where a place is looked for
+    assert not [name for name, tuning in changed.items() if name not in sought and believed(tuning) == usually]
+    assert not [name for name in sought if believed(changed[name], "unknown") == lost]
 
 
 def test_all_robots_share_the_field_of_a_map():

@@ -11,7 +11,7 @@ from turtlebot_gym.localization.bank import COLUMNS, ROWS
 from turtlebot_gym.localization.hypotheses import CYCLE, ENOUGH, look, nowhere
 from turtlebot_gym.localization.information import Guess
 from turtlebot_gym.localization.localizer import LOST, TRACKING, locate, move, scan, state_of
-from turtlebot_gym.localization.passing import agreeing
+from turtlebot_gym.localization.passing import SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import STOP, Pose
 
@@ -56,12 +56,24 @@ def test_a_beam_that_ends_short_says_less_than_one_that_goes_through_a_wall(room
     assert agreeing(sight(room, seen), Guess(3.0, 1.6, 0.0, 0.0), ROBOT) == pytest.approx(agrees)
 
 
-def test_beams_that_end_in_the_unknown_contradict(room):
-    points, field = scan_of(room, HERE), room.field.copy()
-    field[:, :40] = np.nan
-    x = HERE[0] + math.cos(HERE[2]) * points[0] - math.sin(HERE[2]) * points[1]
-    share = agreeing(sight(room._replace(field=field), points), Guess(*HERE, 0.0), ROBOT)
-    assert share == pytest.approx(np.mean(x > 2.0), abs=0.05)
+@pytest.mark.parametrize("known", [1.5, 3.0, 4.5])
+def test_beams_that_end_in_the_unknown_say_nothing_for_or_against_any_pose(room, known):
+    """Without them the others say the same, until so many are silent that the pose is not confirmed."""
+    field, rng, silent_shares = room.field.copy(), np.random.default_rng(0), []
+    field[:, int(known / 0.05) :] = np.nan
+    half = room._replace(field=field)
+    for _ in range(20):
+        points = scan_of(room, (rng.uniform(0.5, 2.8), rng.uniform(0.5, 2.8), rng.uniform(-3.0, 3.0)), 60)
+        at = Guess(rng.uniform(0.5, known), rng.uniform(0.5, 3.5), rng.uniform(-3.0, 3.0), 0.0)
+        speaks = np.array([verdict(sight(half, points[:, [k]]), at, ROBOT)[2] == 0.0 for k in range(points.shape[1])])
+        silent = 1.0 - speaks.mean()
+        silent_shares.append(silent)
+        if speaks.any() and silent <= SILENT_BEAMS:
+            alone = agreeing(sight(half, np.ascontiguousarray(points[:, speaks])), at, ROBOT)
+            assert agreeing(sight(half, points), at, ROBOT) == pytest.approx(alone)
+        else:
+            assert agreeing(sight(half, points), at, ROBOT) <= (1.0 - silent) / (1.0 - SILENT_BEAMS) + 1e-9
+    assert min(silent_shares) <= SILENT_BEAMS < max(silent_shares)
 
 
 def test_people_hardly_move_the_belief_and_do_not_put_it_in_doubt(room):
@@ -78,12 +90,13 @@ def test_people_hardly_move_the_belief_and_do_not_put_it_in_doubt(room):
     assert state_of(located, ROBOT) == LOST
 
 
+@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
 @pytest.mark.parametrize("start", [(500.0, 500.0, 0.0), (-3.0, 2.0, 1.0)])
-def test_a_belief_that_has_left_the_map_is_lost_after_its_patience_and_found_by_a_few_scans(room, start):
+def test_a_belief_outside_of_the_map_is_lost_after_its_patience_and_found_by_its_evidence(room, start, in_machine_code):
     points, bank, states = scan_of(room, HERE, 60), np.zeros((ROWS, COLUMNS)), []
     located = locate(Pose(*start), (0.02, 0.02, 0.02), ROBOT)
-    for _ in range(int(ROBOT.patience) + 2 * CYCLE):
-        located = look(located, bank, sight(room, points), REST, ROBOT)
+    for _ in range(int(ROBOT.patience + ROBOT.evidence) + CYCLE):
+        located = in_machine_code(located, bank, sight(room, points))
         states.append(state_of(located, ROBOT))
     assert TRACKING not in states[: int(ROBOT.patience)]
     assert states[int(ROBOT.patience) - 1] == LOST
@@ -113,10 +126,68 @@ def in_machine_code():
 
     q = as_tuple(ROBOT)
     function = compiled(lambda located, bank, seen, wheels, q: look(located, bank, seen, wheels, q), "look at a scan")
-    return lambda located, bank, seen: function(located, bank, seen, REST, q)
+    return lambda located, bank, seen, wheels=REST: function(located, bank, seen, wheels, q)
 
 
-def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed():
+def driven(room, half, way, wheels, in_machine_code):
+    """Return states and errors of a robot that drives through a room, and localizes itself in a part of its map."""
+    located, bank, results = locate(way[0], SURE, ROBOT), np.zeros((ROWS, COLUMNS)), []
+    for k, at in enumerate(way):
+        if k > 0:
+            located = move(located, wheels[k - 1], wheels[k], STOP, NO_DRIFT, 0.2, ROBOT)
+        located = in_machine_code(located, bank, sight(half, scan_of(room, at, 60)), wheels[k])
+        results.append((state_of(located, ROBOT), off(located, at)))
+    return tuple(map(np.array, zip(*results, strict=True)))
+
+
+@pytest.mark.skipif(not HAS_LLVM, reason="takes minutes in plain Python")
+@pytest.mark.parametrize("known", [3.0, 3.5, 4.0])
+def test_a_belief_that_leaves_its_map_is_not_driven_by_for_long_and_right_again_inside(room, known, in_machine_code):
+    """Its partner: a belief in the whole map, which is never lost on the same way."""
+    field, x = room.field.copy(), np.concatenate((np.full(10, 0.8), np.linspace(0.8, 4.8, 60), np.linspace(4.8, 0.8, 60)))
+    field[:, int(known / 0.05) :] = np.nan
+    way, wheels = [Pose(at, 2.75, 0.2) for at in x], [Pose(1.03 * at, 2.75, 0.2) for at in x]
+    states, errors = driven(room, room._replace(field=field), way, wheels, in_machine_code)
+    outside, wrong = np.flatnonzero(x > known + 0.5), (states == TRACKING) & (errors > 0.5)
+    assert all(wrong[k : k + 15].sum() < 15 for k in range(len(wrong)))
+    assert (states[outside[15:]] == LOST).all()
+    assert TRACKING in states[outside[-1] : outside[-1] + 50]
+    states, errors = driven(room, room, way, wheels, in_machine_code)
+    assert (states == TRACKING).all()
+    assert errors.max() < 0.1
+
+
+@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
+@pytest.mark.parametrize("spike", [(0.5, 0.0, 0.0), (0.0, -0.6, 0.0), (0.0, 0.0, 0.5), (0.3, 0.3, -0.35)])
+def test_a_robot_whose_scans_fit_is_not_lost_by_a_leap_of_its_odometry(room, spike, in_machine_code):
+    way = [Pose(0.8 + 0.02 * k, 2.75, 0.2) for k in range(40)]
+    leapt = [Pose(*(a + b for a, b in zip(at, spike, strict=True))) if k % 20 == 10 else at for k, at in enumerate(way)]
+    states, errors = driven(room, room, way, leapt, in_machine_code)
+    assert LOST not in states
+    assert errors.max() < 0.1
+
+
+@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("before", "after"), [(0.0, 0.0), (0.25, 0.25), (0.0, 0.25), (0.1, 0.3)])
+def test_a_place_believed_anew_is_left_if_more_beams_end_short_than_before(room, before, after, seed, in_machine_code):
+    """Its partner: the same beams do not move a robot whose place was never in doubt."""
+    points, rng, located = scan_of(room, HERE, 60), np.random.default_rng(seed), nowhere(ROBOT)
+    bank, other = np.zeros((2, ROWS, COLUMNS))
+    while state_of(located, ROBOT) != TRACKING:
+        located = in_machine_code(located, bank, sight(room, crowded(points, rng, before)))
+    undoubted, states = locate(Pose(*HERE), SURE, ROBOT), []
+    for _ in range(40):
+        seen = sight(room, crowded(points, rng, after))
+        located, undoubted = in_machine_code(located, bank, seen), in_machine_code(undoubted, other, seen)
+        states.append((state_of(located, ROBOT), state_of(undoubted, ROBOT)))
+    anew, kept = zip(*states, strict=True)
+    assert LOST not in kept
+    assert (LOST in anew) == (after > before)
+
+
+@pytest.mark.skipif(not HAS_LLVM, reason="takes a minute in plain Python")
+def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed(in_machine_code):
     """Its partner: an end that is in sight tells them apart."""
     occupied = np.zeros((60, 800), np.bool_)
     occupied[:10], occupied[50:] = True, True
@@ -126,8 +197,8 @@ def test_in_a_long_corridor_a_place_that_looks_like_all_others_is_not_believed()
         occupied[30:50, 40:44] = ends
         room, bank, located = make_room(occupied), np.zeros((ROWS, COLUMNS)), nowhere(ROBOT)
         points = scan_of(room if ends else open_room, (x, 1.5, 0.1), 60)
-        for _ in range(3 * CYCLE):
-            located = look(located, bank, sight(room, points), REST, ROBOT)
+        for _ in range(int(ROBOT.evidence) + CYCLE):
+            located = in_machine_code(located, bank, sight(room, points))
         states.append(state_of(located, ROBOT))
     assert states == [LOST, TRACKING]
 

@@ -19,7 +19,13 @@ MOST = 16
 LAST = MOST + 1
 """Row of a bank with the position of the odometry at the last scan, and whether the last search found only places that look
 alike."""
-ROWS, COLUMNS = MOST + 2, 6
+RIGHT, OFF = 4, 5
+"""Columns of row `LAST`: whether the last scan that says anything about the belief agrees; beams in the unknown then do, too;
+and the evidence, in scans, that has come since the belief has left the map; 0 for one that has not."""
+TRIAL = MOST + 2
+"""Row of a bank with the evidence, in scans, for which a place that is believed anew is on trial yet; the share of beams that
+usually fit where the robot is right; and that of the last scans."""
+ROWS, COLUMNS = MOST + 3, 7
 """Rows and columns of a bank of hypotheses, see `LOG_WEIGHT`."""
 UNLIKELY = -10.0
 """Logarithm of a weight, relative to the best, below which a hypothesis is dropped."""
@@ -27,11 +33,11 @@ NONE = -1e300
 """Logarithm of the weight where there is no hypothesis."""
 MEMORY = 10.0
 """Scans over which the share of agreeing beams of a hypothesis is averaged."""
-LOG_WEIGHT, AGREES, AGE = 3, 4, 5
+LOG_WEIGHT, AGREES, AGE, FITS = 3, 4, 5, 6
 """Columns of a bank of hypotheses, shape (`ROWS`, `COLUMNS`): x, y and heading of the odometry's origin in the map; the
-logarithm of the weight, of which the best is 0; the mean share of agreeing beams; the evidence since it was found, in scans. In
-row `MOST` those of a belief in doubt; and the share of fitting beams that another place needs, and the sums since the search of
-what the belief and the best other place leave unexplained."""
+logarithm of the weight, of which the best is 0; the mean share of agreeing beams; the evidence since it was found, in scans;
+the mean share of fitting beams. In row `MOST` those of a belief in doubt; and the share of fitting beams that another place
+needs, and the sums since the search of what the belief and the best other place leave unexplained."""
 
 
 @kernel

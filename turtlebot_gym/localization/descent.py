@@ -12,7 +12,7 @@ import numpy as np
 from turtlebot_gym.estimation.scale import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.information import Guess, ScanPoints, blurred, condition, information
-from turtlebot_gym.localization.passing import agreeing
+from turtlebot_gym.localization.passing import AGAINST, agreeing, verdict
 from turtlebot_gym.localization.points import LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
@@ -122,16 +122,17 @@ def widened(belief: Belief, position: float, heading: float) -> Belief:
 
 
 @kernel
-def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0) -> float:
+def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0, unknown: float = 0.0) -> float:
     """Return the mean over a scan's beams of ``1 / (1 + d^2 / width^2)``: a soft share of those that fit, without a prior.
 
-    The nearest cell's distance is enough for it; beams that end in the unknown count 0.
+    The nearest cell's distance is enough for it.
 
     Args:
         sight: The scan and the map.
         at: The pose in the map, and the share by which ranges are too long.
         width: Residual at which a beam counts a half, m.
         least: Value below which the result only needs to be below it, too: the other beams are then not looked at.
+        unknown: What a beam counts that ends in the unknown.
     """
     field, frame, points, number = sight
     rows, columns = field.shape
@@ -146,9 +147,9 @@ def agreement(sight: ScanPoints, at: Guess, width: float, least: float = 0.0) ->
             break
         across = column + forward * points[X, k] - left * points[Y, k]
         up = row + left * points[X, k] + forward * points[Y, k]
-        if (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows):
-            d = at_cell(field, int(up), int(across))
-            total += 1.0 / (1.0 + d * d * per_square) if d == d else 0.0
+        inside = (across >= 0.0) & (up >= 0.0) & (across < columns) & (up < rows)
+        d = at_cell(field, int(up), int(across)) if inside else float("nan")
+        total += 1.0 / (1.0 + d * d * per_square) if d == d else unknown
     return total / max(number, 1)
 
 
@@ -288,6 +289,8 @@ def best_descent(sight: ScanPoints, now: Belief, scale: Sixth, bias: tuple[float
         worth = likelihood(sight, end.at, wide, q) if end.freedom > 0.0 else -1e300
         if k < 0:
             least = end.agrees + BETTER_FIT if end.agrees < q.doubt else q.doubt
+            if q.short < 1.0 and verdict(sight, end.at, q)[1] < AGAINST:  # the map says nothing against the prediction
+                least = max(least, q.doubt)
             value = worth + BETTER_VALUE
             count = _starts_around(sight, now, q, starts, values)
         elif end.agrees > least and worth > value:

@@ -22,11 +22,16 @@ from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.bank import (
     AGE,
     AGREES,
+    FITS,
     LAST,
     LOG_WEIGHT,
+    MEMORY,
     MOST,
     NONE,
+    OFF,
+    RIGHT,
     ROWS,
+    TRIAL,
     UNLIKELY,
     averaged,
     exp,
@@ -36,8 +41,8 @@ from turtlebot_gym.localization.bank import (
 )
 from turtlebot_gym.localization.descent import APART, LEAST_BEAMS, TURNED, WIDTH, agreement, descend, gain_of, keep
 from turtlebot_gym.localization.information import Guess, ScanPoints, fetch_ends
-from turtlebot_gym.localization.localizer import CALM, SILENT, SURE, Located, locate, scan
-from turtlebot_gym.localization.passing import agreeing
+from turtlebot_gym.localization.localizer import CALM, HABIT, SILENT, SURE, Located, locate, scan
+from turtlebot_gym.localization.passing import AGAINST, SILENT_BEAMS, agreeing, verdict
 from turtlebot_gym.localization.points import Timing, swept, to_points
 from turtlebot_gym.localization.seek import seek
 from turtlebot_gym.models.angles import wrap
@@ -76,6 +81,13 @@ ITSELF = 0.65
 """Share of agreeing beams that a belief in doubt needs to be confirmed."""
 FAR = 1e4
 """Variance of an unknown pose, m^2 and rad^2."""
+PROBATION, WORSE = 1000.0, 0.12
+"""Evidence for which a place that is believed anew is on trial, and by how much fewer beams may fit then than usual: where a
+place only looks alike, they end short of its walls sooner or later."""
+OUTSIDE, UNUSUAL_FIT = 150.0, 300.0
+"""Evidence that another place needs if the belief has left the map, and if by so much fewer beams fit there."""
+AWAY = 1000.0
+"""Evidence since the belief left the map after which it does not hold another place back: the wheels have drifted."""
 LATE = 3.0
 """Logarithm of the weight that a place loses that a later search finds, beside those that are followed."""
 
@@ -97,12 +109,12 @@ def _search(located: Located, is_hypothesis: bool, bank: Any, sight: ScanPoints,
         bank[MOST, 0], bank[MOST, 1], bank[MOST, 2] = CLEAR, 0.0, 0.0
     if is_hypothesis and since == 0:
         bank[MOST, AGREES], bank[MOST, AGE] = 0.0, 0.0
-        worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH) - float(values[0])
-        bank[MOST, LOG_WEIGHT] = BONUS + gain * worth
+        worth = agreement(sight, Guess(mean.x, mean.y, mean.theta, 0.0), WIDTH, 0.0, float(bank[LAST, RIGHT]))
+        bank[MOST, LOG_WEIGHT] = BONUS + gain * (worth - float(values[0]))
 
 
 @kernel
-def _outlasts(agrees: float, age: float, lead: float, is_complete: bool) -> bool:
+def _outlasts(agrees: float, age: float, lead: float, is_complete: bool, q: Any) -> bool:
     """Return whether a place has explained so many scans so well that it is believed, though people hide a part of it.
 
     Args:
@@ -111,7 +123,15 @@ def _outlasts(agrees: float, age: float, lead: float, is_complete: bool) -> bool
         lead: Difference of the logarithms of its weight and of that of the best other place.
         is_complete: Whether the last search found more than places that look alike; otherwise it takes half as much more.
     """
-    return (agrees > WELL) & (lead > LEAD) & (age >= (ENOUGH if is_complete else 1.5 * ENOUGH))
+    return (agrees > max(WELL, q.trust)) & (lead > LEAD) & (age >= (ENOUGH if is_complete else 1.5 * ENOUGH))
+
+
+@kernel
+def _evidence(bank: Any, wheels: Pose) -> float:
+    """Return how much a scan says beside the one before, in scans: more if the robot has moved on."""
+    dx, dy = wheels.x - float(bank[LAST, 0]), wheels.y - float(bank[LAST, 1])
+    bank[LAST, 0], bank[LAST, 1] = wheels.x, wheels.y
+    return 1.0 + PER_METRE * min(sqrt(dx * dx + dy * dy), 0.5)
 
 
 @kernel
@@ -126,11 +146,9 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         misfits: Doubtful scans before this one, see `Located.misfits`.
         q: A `LocalizerTuning`.
     """
-    guesses, values, count, gain = np.empty((MOST, 7)), np.empty(MOST), 0, gain_of(sight.number, q)
+    guesses, values, count, gain = np.empty((MOST, 8)), np.empty(MOST), 0, gain_of(sight.number, q)
     mean, own = located.belief.mean, float(bank[MOST, LOG_WEIGHT])
-    dx, dy = wheels.x - float(bank[LAST, 0]), wheels.y - float(bank[LAST, 1])
-    more = 1.0 + PER_METRE * min(sqrt(dx * dx + dy * dy), 0.5)
-    bank[LAST, 0], bank[LAST, 1] = wheels.x, wheels.y
+    more = _evidence(bank, wheels)
     for k in range(MOST):
         if bank[k, LOG_WEIGHT] > NONE:
             there, age = place(bank, k, wheels), float(bank[k, AGE])
@@ -144,11 +162,12 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             is_own = dx * dx + dy * dy < APART * APART and abs(wrap(theta - mean.theta)) < TURNED
             if not (is_own and own > NONE):
                 agrees = averaged(float(bank[k, AGREES]), age, agreeing(sight, at, q))
-                guess = (at.x, at.y, theta, end.fits, explained, agrees, age + more)
+                fits = averaged(float(bank[k, FITS]), age, end.fits * sight.number / max(end.used, 1.0))
+                guess = (at.x, at.y, theta, end.fits, explained, agrees, age + more, fits)
                 count = keep(guesses, values, count, guess, value, APART, TURNED)
     if own > NONE:
         at = Guess(mean.x, mean.y, mean.theta, located.scale.mean)
-        explained = agreement(sight, at, FINE)
+        explained = agreement(sight, at, FINE, 0.0, float(bank[LAST, RIGHT]))
         own = FADING * own + gain * explained
         age = float(bank[MOST, AGE])
         bank[MOST, AGREES] = averaged(float(bank[MOST, AGREES]), age, agreeing(sight, at, q))
@@ -156,6 +175,9 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         bank[MOST, 1] += 1.0 - explained
         bank[MOST, 2] += 1.0 - (float(guesses[0, 4]) if count > 0 else 0.0)
     other = float(values[0]) if count > 0 else NONE
+    bank[LAST, OFF] += more if bank[LAST, OFF] > 0.0 else 0.0
+    if own > NONE and count > 0 and bank[LAST, OFF] > AWAY:
+        own = min(own, other - 2.0 * LEAD)
     top, total, xx, yy, tt = max(other, own), 0.0, 0.0, 0.0, 0.0
     best = Pose(float(guesses[0, 0]), float(guesses[0, 1]), float(guesses[0, 2]))
     for k in range(MOST):
@@ -166,6 +188,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             weight, dx, dy, turn = exp(log_weight), pose.x - best.x, pose.y - best.y, wrap(pose.theta - best.theta)
             total, xx, yy, tt = total + weight, xx + weight * dx * dx, yy + weight * dy * dy, tt + weight * turn * turn
             put(bank, k, pose, wheels, log_weight, float(guesses[k, 5]), float(guesses[k, 6]))
+            bank[k, FITS] = guesses[k, 7]
     own_weight = exp(max(own - top, UNLIKELY)) if own > NONE else 0.0
     total = total + own_weight
     bank[MOST, LOG_WEIGHT] = max(own - top, UNLIKELY) if own > NONE else NONE
@@ -178,13 +201,18 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         decides = decides or (since % PATIENCE >= CYCLE - 1 and bank[MOST, 2] < OBVIOUS * bank[MOST, 1])
     lead = other - max(own, float(values[1]) if count > 1 else top + UNLIKELY)
     is_complete = bank[LAST, 2] == 0.0
-    outlasts = count > 0 and _outlasts(float(guesses[0, 5]), float(guesses[0, 6]), lead, is_complete)
     is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
     belief, nis, scale, fit, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays, agrees, silent = located
-    takes_over = outlasts or (decides and own_weight < (1.0 - SURE) * total and is_clear and is_complete and lead > q.lead)
+    needs = OUTSIDE if bank[LAST, OFF] > 0.0 else q.evidence
+    needs = UNUSUAL_FIT if count > 0 and guesses[0, 7] < bank[TRIAL, 1] - WORSE else needs
+    is_proven = count > 0 and guesses[0, 5] >= q.trust and guesses[0, 6] >= needs
+    decides_other = decides and is_proven and is_complete and lead > q.lead
+    outlasts = is_proven and _outlasts(float(guesses[0, 5]), float(guesses[0, 6]), lead, is_complete, q)
+    takes_over = outlasts or (decides_other and own_weight < (1.0 - SURE) * total and is_clear)
     if own > NONE and not takes_over:
+        decides = decides or (q.trust > 0.0 and since >= CYCLE - 1)
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
-        is_sure = is_sure and bank[MOST, AGREES] > ITSELF
+        is_sure = is_sure and bank[MOST, AGREES] > max(ITSELF, q.trust)
         misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, own_weight / total, silent)
         return Located(
             belief,
@@ -204,7 +232,9 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
             silent,
         )
     bank[MOST, LOG_WEIGHT] = NONE
-    is_sure = outlasts or (decides and weight > SURE and fits >= least and is_complete and lead > q.lead)
+    is_sure = outlasts or (decides_other and weight > SURE and fits >= least)
+    if is_sure and q.trust > 0.0:
+        bank[TRIAL, 0], bank[TRIAL, 1], bank[TRIAL, 2], bank[LAST, OFF] = PROBATION, guesses[0, 7], guesses[0, 7], 0.0
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
     covariance = Covariance(
         POSITION * POSITION + xx * share,
@@ -235,6 +265,36 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
 
 
 @kernel
+def _kept(located: Located, after: Located, bank: Any, sight: ScanPoints, wheels: Pose, q: Any) -> Located:
+    """Return a localizer after a scan, with its place from before if that was `RIGHT`, and no start explains the scan.
+
+    It is lost if its place is on trial, and beams fit worse than they usually do.
+    """
+    belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, silent = after
+    was_right, usual = bank[LAST, RIGHT] > 0.0 and located.nis != 0.0, float(bank[TRIAL, 1])  # 0 for a new belief
+    is_right, fit, against, unknown = agrees >= q.trust, fits, 0.0, 0.0
+    if not is_right or bank[TRIAL, 0] > 0.0:
+        fit, against, unknown = verdict(sight, Guess(belief.mean.x, belief.mean.y, belief.mean.theta, scale.mean), q)
+    bank[LAST, OFF] = 0.0 if is_right else bank[LAST, OFF]
+    if was_right and not is_right and against <= max(AGAINST, fit):
+        is_right, bank[LAST, OFF] = True, max(bank[LAST, OFF], 1.0 if unknown > SILENT_BEAMS else 0.0)
+    if is_right and agrees < 0.7 * q.doubt:
+        belief, scale = located.belief, located.scale
+    bank[LAST, RIGHT] = 1.0 if is_right else 0.0
+    if bank[TRIAL, 0] > 0.0 and located.misfits < q.patience:
+        bank[TRIAL, 0] -= _evidence(bank, wheels)
+        bank[TRIAL, 2] = averaged(float(bank[TRIAL, 2]), MEMORY, fit / max(1.0 - unknown, 1e-9))
+        if bank[TRIAL, 2] < usual - WORSE:
+            misfits, weight, agrees, silent = 1.0 * q.patience, 0.0, 0.0, 2.0 * SILENT
+            bank[TRIAL, 0], bank[LAST, RIGHT] = 0.0, 0.0
+    elif misfits <= 0.0 and agrees >= q.trust:
+        bank[TRIAL, 1] = usual + (fit - usual) / min(scans, HABIT)
+    return Located(
+        belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, silent
+    )
+
+
+@kernel
 def look(
     located: Located, bank: Any, sight: ScanPoints, wheels: Pose, q: Any, unseen: tuple[float, float] = (0.0, 0.0)
 ) -> Located:
@@ -249,12 +309,15 @@ def look(
         unseen: Number of moves since the scan and during it, see `points.swept`.
     """
     in_doubt, since = located.misfits >= q.patience, int(located.misfits - q.patience)
+    if located.scans == 0.0:  # the bank may be that of another drive
+        bank[LAST, RIGHT], bank[LAST, OFF], bank[TRIAL, 0], bank[TRIAL, 1] = 0.0, 0.0, 0.0, 0.0
     is_hypothesis = bank[MOST, LOG_WEIGHT] > NONE
     if since == 0:
-        is_hypothesis = located.belief.covariance.xx < FAR and located.agrees > 0.0
+        is_hypothesis = located.belief.covariance.xx < FAR and (located.agrees > 0.0 or bank[LAST, RIGHT] > 0.0)
     after = located
     if is_hypothesis or not in_doubt:
         after = scan(located, sight, q, unseen)
+        after = _kept(located, after, bank, sight, wheels, q) if q.trust > 0.0 else after
     if not in_doubt or sight.number < LEAST_BEAMS:
         return after
     if since == 0:

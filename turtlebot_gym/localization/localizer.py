@@ -248,7 +248,7 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
     misfits = before + 1.0 if is_strange else max(before - 1.0, 0.0)
     learns = before == 0.0 and agrees >= bad  # doubtful or unexplained scans are not the usual ones
     strays = located.strays + ((astray - located.strays) / HABIT if learns else 0.0)
-    if located.misfits < 0.0 and agrees >= bad:
+    if located.misfits < 0.0 and agrees >= max(bad, q.trust):
         misfits, is_strange = located.misfits + 1.0, False
     silent = located.silent if is_strange or before >= q.patience else 0.0
     misfits = max(misfits, 1.0 * q.patience) if silent > SILENT else misfits
@@ -281,10 +281,11 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
 def state_of(located: Located, q: Any) -> int:
     """Return `TRACKING`; `UNSURE` if scans put the place in doubt, or it is vague; `LOST` if nobody may drive by the belief.
 
-    A robot is lost if too many scans put its place in doubt and none is likely, if as many more have not confirmed a likely
-    one, and if no scan has agreed with its belief for some time, be it that there are none.
+    A robot is lost if too many scans put its place in doubt, the last one among them, and none is likely, if as many more have
+    not confirmed a likely one, and if no scan has agreed with its belief for some time, be it that there are none.
     """
     P, looks = located.belief.covariance, located.misfits >= q.patience
     unsure = 2.0 * located.misfits >= q.patience or located.agrees < 0.7 * q.doubt or P.xx + P.yy > VAGUE * VAGUE
-    is_lost = located.silent > SILENT or (looks and (not located.weight > SURE or located.misfits >= 2.0 * q.patience))
+    is_lost = looks and (not located.weight > SURE or located.misfits >= 2.0 * q.patience)
+    is_lost = located.silent > SILENT or (is_lost and 1.0 - located.agrees > UNUSUAL * located.strays + q.suspicion)
     return LOST if is_lost else (UNSURE if unsure else TRACKING)

@@ -1,4 +1,4 @@
-"""Which beams contradict a pose: those that pass through a surface of the map, or end where nothing is known.
+"""Which beams speak for a pose, which against it: those that pass through a surface of the map. The unknown says nothing.
 
 A beam that ends before the surface that it should meet may have met what moves, or what is not on the map; it says little about
 the place, whether that is right or wrong. A beam that goes on behind a wall cannot be explained like that.
@@ -18,6 +18,10 @@ ON_SURFACE = 0.75
 """Distance within which a beam is at a surface, in cells."""
 BEGIN = 0.1
 """Distance from the LiDAR from which on a beam is followed, m: the robot itself may stand close to a wall."""
+SILENT_BEAMS = 0.2
+"""Share of a scan's beams that may end in the unknown without a loss: a pose of which the map knows little is not confirmed."""
+AGAINST = 0.1
+"""Share of beams that must speak against a pose to contradict it."""
 BLIND_STEP = 4.0
 """Step of a beam through the unknown, in cells."""
 
@@ -36,8 +40,10 @@ def distance_at(field: Any, frame: Any, x: float, y: float) -> float:
 
 
 @kernel
-def agreeing(sight: ScanPoints, at: Guess, q: Any) -> float:
-    """Return the share of beams that end near a surface, of all but those that end short, which count `short` of a beam.
+def verdict(sight: ScanPoints, at: Guess, q: Any) -> tuple[float, float, float]:
+    """Return the shares of a scan's beams that speak for a pose, against it, and not at all.
+
+    For it are ends near a surface, against it beams through a surface, and `short` of those that end short.
 
     Args:
         sight: The scan and the map.
@@ -46,7 +52,7 @@ def agreeing(sight: ScanPoints, at: Guess, q: Any) -> float:
     """
     field, frame, points, number = sight
     sine, cosine = sincos(at.theta)
-    side, fit, through, short = float(frame[4]), 0.0, 0.0, 0.0
+    side, fit, against, silent = float(frame[4]), 0.0, 0.0, 0.0
     for k in range(number):
         length, dx, dy = float(points[LENGTH, k]), float(points[DX, k]), float(points[DY, k])
         end_x, end_y = float(points[X, k]), float(points[Y, k])
@@ -58,10 +64,18 @@ def agreeing(sight: ScanPoints, at: Guess, q: Any) -> float:
         if d == d and abs(d) < near:
             fit += 1.0
             continue
-        passes, back = d != d, length - BEGIN
+        passes, back = False, length - BEGIN
         while back > near and not passes:
             before = distance_at(field, frame, x - back * ux, y - back * uy)
             passes = before < ON_SURFACE * side
             back -= max(before - 0.5 * side, side) if before == before else BLIND_STEP * side
-        through, short = through + (1.0 if passes else 0.0), short + (0.0 if passes else 1.0)
-    return fit / max(fit + through + q.short * short, 1e-9)
+        against += 1.0 if passes else (q.short if d == d else 0.0)
+        silent += 0.0 if passes or d == d else 1.0
+    return fit / max(number, 1), against / max(number, 1), silent / max(number, 1)
+
+
+@kernel
+def agreeing(sight: ScanPoints, at: Guess, q: Any) -> float:
+    """Return the share of the beams that speak for a pose among those that speak; too many silent ones count as against it."""
+    fit, against, silent = verdict(sight, at, q)
+    return fit / max(fit + against + max(silent - SILENT_BEAMS, 0.0), 1e-9)

@@ -87,6 +87,10 @@ class LocalizerTuning:
     """Standard deviation added by a scan that no start explains, m; half of it in rad."""
     lead: Annotated[float, NON_NEGATIVE] = 0.0
     """By how much the logarithm of a place's weight must lead all others before it is believed."""
+    trust: Annotated[float, PROBABILITY] = 0.0
+    """Share of agreeing beams, averaged over some scans, that a place needs to be believed, and to be left in peace then."""
+    evidence: Annotated[float, NON_NEGATIVE] = 0.0
+    """Evidence for a place, in scans, that it needs to be believed: a metre of way counts as many scans."""
     patience: Annotated[int, ONE_OR_MORE] = 8
     """Scans that fit badly, less those that do not, after which the whole map is searched."""
 
@@ -114,8 +118,10 @@ ROBOT = LocalizerTuning(
     temper=0.4,
     widening=1.0,
     doubt=0.9,
-    suspicion=0.15,
-    short=0.25,
+    suspicion=0.06,
+    short=0.1,
+    trust=0.9,
+    evidence=30.0,
     wide_steps=2,
     lead=6.0,
     reach=0.3,

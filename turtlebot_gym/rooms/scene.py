@@ -200,6 +200,6 @@ def make_scenes(
             field=zeros(0, 0, dtype=np.float32),
             field_frame=zeros(5),
             trail=zeros(0, 4),
-            bank=zeros(0, 6),
+            bank=zeros(0, 7),
         ),
     )
