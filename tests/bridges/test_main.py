@@ -171,14 +171,15 @@ def test_a_node_under_nohup_outlives_its_terminal(launch, peer, wait_for):
     assert process.poll() is None
 
 
-def test_nodes_end_with_the_program_that_started_them_even_if_it_is_killed(launch, world):
+def test_nodes_end_with_the_program_that_started_them_even_if_it_is_killed(launch, peer, wait_for):
+    commands = peer.hear("cmd_vel", TwistStamped)
     program = launch("-m", "turtlebot_gym_ros", "bringup", "--processes", "--duration", "3600", "--speed", "1")
-    world.wait_for(lambda: any(world.speeds))
+    wait_for(lambda: any(message.twist.linear.x for message in list(commands)))
     family = [int(child) for child in Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split()]
     assert len(family) == 4
     program.kill()
-    world.wait_for(lambda: not any(Path(f"/proc/{child}").exists() for child in family))
-    assert world.speeds[-1] == 0.0
+    wait_for(lambda: not any(Path(f"/proc/{child}").exists() for child in family))
+    assert commands[-1].twist.linear.x == 0.0
 
 
 def test_ctrl_c_ends_a_graph_with_one_word_and_a_shells_exit_code_from_the_first_import_on(launch, peer, wait_for):
