@@ -22,8 +22,7 @@ too: the part is believed again when what it shows changes.
 
 **Late.** Scans that are late by a second and hide it move as the robot has moved a second before. At constant speed nothing
 shows that; where the robot starts or stops, two scans fit worse with its measured motion than with an earlier one. The
-difference of the misfits adds up for each of several ages. In 900 s of driving with slip it stayed below 0.02 m; with late
-scans half of all robots reached 0.05 m.
+difference of the misfits adds up for each of several ages, up to `DOUBT`.
 
 Whether beams that return nothing are to be believed, `silence` says.
 
@@ -159,15 +158,16 @@ class ScanWatch:
             least = DRIVEN if near.any() else DRIVEN_BLIND
             self._equal = after.turned - before.turned >= TURNED or after.way - before.way >= least
         self._sent = sent
-        if count >= COMMON and not repeats and not self._turned_by:
+        if count >= COMMON and (self._turned_by == PART or not (repeats or self._turned_by)):
             lengths, angles = ranges[returned].astype(np.float64), directions[returned]
             points = np.stack((lengths * np.cos(angles), lengths * np.sin(angles)))
             at, bins = sent - 0.5 * self._lag, min(len(ranges), BINS)
-            self._compare(points, self.track.at(at), bins)
-            if sent - self._measured_at < FRESH:
-                self._doubt(points, at, bins)
-        elif self._turned_by == PART and count >= COMMON:
-            self._thaw(ranges[returned].astype(np.float64), directions[returned], min(len(ranges), BINS))
+            if self._turned_by == PART:
+                self._thaw(points, bins)
+            else:
+                self._compare(points, self.track.at(at), bins)
+                if sent - self._measured_at < FRESH:
+                    self._doubt(points, at, bins)
         if self._returns == 0.0:
             return beams
         latest, earliest = (_place(self.track.at(time).pose, mount) for time in (sent, sent - self._lag))
@@ -239,12 +239,12 @@ class ScanWatch:
             slices = np.arange(now.shape[1]) * PARTS // now.shape[1] - int(self._still.argmax())
             self._frozen = np.hypot(now[0], now[1]), np.isin(slices % PARTS, (0, 1))
 
-    def _thaw(self, ranges: NDArray[np.float64], angles: NDArray[np.float64], bins: int) -> None:
-        """Believe a part again whose ranges change: it was somebody who walked beside the robot, or it measures again."""
+    def _thaw(self, points: NDArray[np.float64], bins: int) -> None:
+        """Believe a part again where points, shape (2, n), change: somebody walked beside the robot, or it measures again."""
         then, part = self._frozen
         if len(then) != bins:
             return
-        now = np.hypot(*_surface(np.stack((ranges * np.cos(angles), ranges * np.sin(angles))), bins)[:2])[part]
+        now = np.hypot(*_surface(points, bins)[:2])[part]
         changed = ~(np.abs(now - then[part]) < CAP) & ~(np.isnan(now) & np.isnan(then[part]))
         if changed.mean() > CHANGED:
             self._turned_by, self._still = 0, np.zeros(PARTS)
