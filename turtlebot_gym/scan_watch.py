@@ -32,7 +32,6 @@ A frozen or covered LiDAR counts again when its scans change; a wrong mount or l
 
 from __future__ import annotations
 
-import cmath
 import math
 
 import numpy as np
@@ -40,7 +39,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.beams import Beams
 from turtlebot_gym.motion import Motion, Track, into
-from turtlebot_gym.silence import AT_LIMIT, Place, Silence
+from turtlebot_gym.silence import AT_LIMIT, Silence, place_of
 from turtlebot_gym.values import Command
 
 LEAST_RETURNS = 10
@@ -170,7 +169,7 @@ class ScanWatch:
                     self._doubt(points, at, bins)
         if self._returns == 0.0:
             return beams
-        latest, earliest = (_place(self.track.at(time).pose, mount) for time in (sent, sent - self._lag))
+        latest, earliest = (place_of(self.track.at(time).pose, mount) for time in (sent, sent - self._lag))
         known = self._silence.hear(beams, range_max, (latest, earliest))
         if known is not beams and np.isnan(known.ranges).all():
             raise ValueError("what the scans have shown is gone all around: the LiDAR is covered")
@@ -280,12 +279,6 @@ def _named(way: int) -> str:
     if way >= MIRRORED:
         return "the scans move as if left and right were exchanged: the LiDAR is upside down, or clockwise: correct its mount"
     return f"the scans move as if the LiDAR were mounted turned by {QUARTERS[way]}: correct its mount"
-
-
-def _place(pose: tuple[float, float, float], mount: tuple[float, float, float]) -> Place:
-    """Return the place of a LiDAR on a robot at a pose."""
-    heading = cmath.rect(1.0, pose[2])
-    return complex(pose[0], pose[1]) + complex(mount[0], mount[1]) * heading, heading * cmath.rect(1.0, mount[2])
 
 
 def _turn(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:

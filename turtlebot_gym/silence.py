@@ -156,6 +156,12 @@ class Silence:
         return _Edge(side, direction, cmath.rect(length, direction), places, 1), 0.0
 
 
+def place_of(pose: tuple[float, float, float], mount: tuple[float, float, float]) -> Place:
+    """Return the place of a LiDAR on a robot at a pose; m, m, rad."""
+    heading = cmath.rect(1.0, pose[2])
+    return complex(pose[0], pose[1]) + complex(mount[0], mount[1]) * heading, heading * cmath.rect(1.0, mount[2])
+
+
 def _seen(points: NDArray[np.complex128], before: Place, now: Place) -> NDArray[np.complex128]:
     """Return points of a LiDAR's frame in its frame at another place."""
     return (before[0] + points * before[1] - now[0]) * now[1].conjugate()

@@ -81,6 +81,18 @@ def test_odometry_that_begins_elsewhere_moves_nobody():
         assert (block.notice is not None) == (step == 31)
 
 
+def test_a_cover_that_was_taken_away_moves_nobody():
+    post = np.full(360, 2.5, np.float32)
+    post[40:56] = 1.0
+    covered = post.copy()
+    covered[10:90] = np.inf
+    block, seen = PeopleTracker(PeopleTracker.Params()), []
+    for step in range(60):
+        scan = Scan(covered if 20 <= step < 40 else post, 0.0, math.tau / 360, 0.1, 3.5)
+        seen.append(block.step(0.2, Odometry(ORIGIN, STOP, True), Stamped(scan, 0.0))["nearest"])
+    assert set(seen) == {NOBODY}
+
+
 def test_tracks_keep_every_bit_as_points():
     rng = np.random.default_rng(0)
     tracks = Tracks(tuple(rng.random(40, np.float32).tolist()))

@@ -6,11 +6,17 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from turtlebot_gym.beams import Beams
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
+from turtlebot_gym.silence import Silence, place_of
 from turtlebot_gym.systems.tracking import UNIFORM, sweep_of
-from turtlebot_gym.tracking.sweep import Sweep
+from turtlebot_gym.tracking.bodies import POST
+from turtlebot_gym.tracking.sweep import Sweep, pose_at
 from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan
 from turtlebot_gym.tracking.tracks import FRESH, MOVES, PX, PY, SIZE, STATE, TIME, VX, VY, predicted
 from turtlebot_gym.validation import Range, check_fields
@@ -31,8 +37,9 @@ class PeopleTracker:
 
     With each odometry it publishes the nearest tracks, which a policy reads as the term "tracks", and with each scan all,
     for viewers. A scan counts as soon as the odometry reaches its last beam. It is as the LiDAR's preset says if it agrees with
-    that to single precision; otherwise as the message says. Its mount is that of ``/tf_static``, or the preset's. Where
-    odometry begins elsewhere, the tracker begins anew.
+    that to single precision; otherwise as the message says. Its mount is that of ``/tf_static``, or the preset's. Beams that
+    return nothing say "free" unless they contradict what was seen before, see `turtlebot_gym.silence`. Where odometry begins
+    elsewhere, the tracker begins anew.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``).
     Outputs: ``nearest`` (`Tracks`, on ``tracks``, in the robot's frame, at odometry's stamp) and ``people`` (`People`, on
@@ -52,7 +59,7 @@ class PeopleTracker:
         max_gap: Annotated[float, Range(0.0, 3600.0, open_low=True, unit="s")] = 10.0
         """Gap in the odometry after which it starts anew, s."""
         tick: Annotated[float, Range(0.0, 1.0, unit="s")] = 0.0
-        """Interval in which what is seen moves at once, as in a simulation, s; 0 on a robot."""
+        """Interval in which what is seen moves at once, as in a simulation, whose LiDAR nothing covers, s; 0 on a robot."""
 
         def __post_init__(self) -> None:
             check_fields(self, "")
@@ -77,6 +84,7 @@ class PeopleTracker:
         """Start anew with the next odometry."""
         self._memory = memory_at(make_memory(1, beams=MOST_BEAMS, poses=TRAIL), 0)
         self._ticks, self._measured, self._begun = Ticks(), -math.inf, False
+        self._silence = Silence(POST)
         self.notice: str | None = None
         """Why scans are left out, if so."""
 
@@ -111,8 +119,15 @@ class PeopleTracker:
         if sweep.last > self._ticks.time + 1e-6:
             return False
         self._measured = stamp
-        on_scan(self._memory, scan.value.ranges, sweep)
+        on_scan(self._memory, scan.value.ranges if self._tick else self._believed(scan.value.ranges, sweep), sweep)
         return True
+
+    def _believed(self, ranges: NDArray[np.float32], sweep: Sweep) -> NDArray[np.float32]:
+        """Return the ranges of a scan without the beams that say nothing, m."""
+        beams = Beams(sweep.first + sweep.step * np.arange(sweep.number, dtype=np.float64), ranges, abs(sweep.step))
+        times = sweep.last, sweep.last - sweep.interval * sweep.number
+        latest, earliest = (place_of(pose_at(self._memory.trail, time), (sweep.x, sweep.y, 0.0)) for time in times)
+        return self._silence.hear(beams, sweep.range_max, (latest, earliest)).ranges
 
     def _sweep_of(self, scan: Stamped, stamp: float) -> Sweep:
         """Return how a scan was measured."""
