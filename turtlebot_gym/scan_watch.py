@@ -186,9 +186,9 @@ class ScanWatch:
             return "the scans have not changed by a bit although the robot moves: the LiDAR is frozen"
         if self._returns > 0.0 and self._last is not None and self._sent - self._light > DARK:
             return f"fewer than {self._returns:.0%} of the beams return anything: the LiDAR is covered, or the hall too large"
-        if self._turned_by:
-            return f"{_named(self._turned_by)}, and enable the robot again"
-        return ""
+        if self._turned_by == PART:
+            return "a part of the scans does not move as the robot does: the LiDAR is frozen there"
+        return f"{_named(self._turned_by)}, and enable the robot again" if self._turned_by else ""
 
     def _compare(self, points: NDArray[np.float64], motion: Motion, bins: int) -> None:
         """Vote on the mount by a scan's points, shape (2, n), if the robot has moved far enough since the last vote."""
@@ -272,8 +272,6 @@ class ScanWatch:
 
 def _named(way: int) -> str:
     """Return what a way of seeing the motion says about the LiDAR."""
-    if way == PART:
-        return "a part of the scans does not move as the robot does: the LiDAR is frozen there"
     if way == STILL:
         return "the scans do not move as the robot does: they are late, or another robot's: end their source"
     if way >= MIRRORED:
