@@ -235,3 +235,15 @@ def test_a_robot_that_stands_after_a_gap_in_the_messages_has_not_disobeyed(gap, 
     refusals = [agreement.judge(gap if first else Driver.dt, stands, turning) for first in [True] + [False] * 14]
     assert refusals[0] == ""
     assert any("does not turn" in why for why in [*refusals, agreement.judge(Driver.dt, stands, turning)]) is refused
+
+
+@pytest.mark.parametrize("late", [0.3, 0.4, 0.5])
+@pytest.mark.parametrize("turn", [2.0, -2.0])
+def test_a_heading_that_is_late_shows_when_the_robot_begins_to_turn(late, turn):
+    agreement, driver, headings, begins = Agreement(BURGER, NOISES["wheel"]), Driver(None, 0.0), [], 1.0
+    while driver.time < begins + 1.0 and not agreement.cause:
+        said = driver.step(Command(0.1, turn if driver.time >= begins else 0.0))
+        headings.append(said.pose.theta)
+        heading = headings[max(len(headings) - 1 - round(late / Driver.dt), 0)]
+        agreement.judge(Driver.dt, said._replace(pose=said.pose._replace(theta=heading)), None)
+    assert agreement.cause

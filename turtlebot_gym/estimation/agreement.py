@@ -10,9 +10,9 @@ agrees with everything, so the cause stays until somebody says that the robot ma
     FLOOR + LAG * speed + share * way + SPREAD standard deviations of both poses' noise, with a spike of each
     + the way in time without messages
 
-with ``share`` = `SHARE`, or more where wheels slip by more. `LAG` is how far pose, twist and stamps may lie apart in time. The
-noise exceeds `SPREAD` once in 5e8 windows, and three messages in a row must contradict, so noise stops a drive less than once
-in a year. Recorded TurtleBot3s keep within a quarter of these tolerances.
+with ``share`` one of `SHARES`, or more where wheels slip by more. `LAG` is how far pose, twist and stamps may lie apart in
+time. The noise exceeds `SPREAD` once in 5e8 windows, and three messages in a row must contradict, so noise stops a drive less
+than once in a year. A recorded TurtleBot3 keeps within a tenth of these tolerances.
 
 **Commands.** A robot may start `DELAY` late, and accelerate slowly. So it counts as standing in spite of its command, or as
 turning the wrong way, if the command was in force for `DELAY` plus `SEEN`, and the twist of the last `SEEN` seconds has no
@@ -39,9 +39,9 @@ FLOOR = 0.02, 0.05
 """Difference that never counts: m and rad."""
 LAG = 0.15
 """Time by which pose and twist may lie apart, s: stamps, filters of drivers, one message."""
-SHARE, ASIDE = 0.5, 0.25
-"""Share of the motion by which pose and twist may differ, and of the way by which the pose may go aside: wheels slip, and their
-track is not as assumed."""
+SHARES, ASIDE = (0.5, 0.25), 0.25
+"""Shares of the way and of the turn by which pose and twist may differ, and of the way by which the pose may go aside: wheels
+slip, and their track is not as assumed."""
 SPREAD = 6.0
 """Standard deviations of noise that count as noise."""
 WINDOWS = 0.0, 0.25, 0.5, 0.75, 1.0
@@ -99,7 +99,8 @@ class Agreement:
     def __init__(self, robot: Robot, noise: Noise, *, leaps: bool = False) -> None:
         R, (grid, step) = noise.odometry.R, noise.odometry.quantization
         spike = noise.odometry.spike if noise.odometry.spike_probability > 0.0 else 0.0
-        self._robot, self._share, self._grids = robot, max(SHARE, 0.5 + 0.5 * noise.process.slip), noise.odometry.quantization
+        self._robot, self._grids = robot, noise.odometry.quantization
+        self._shares = tuple(share + (1.0 - share) * noise.process.slip for share in SHARES)
         self._noise = SPREAD * math.sqrt(2.0 * max(R[:2])) + 2.0 * grid, SPREAD * math.sqrt(2.0 * R[2]) + 2.0 * (step + spike)
         self._leaps = leaps
         self.begin()
@@ -212,12 +213,19 @@ class Agreement:
         robot, unseen, interval = self._robot, last.unseen - first.unseen, max(last.time - first.time, 1e-9)
         ways = (last.way - first.way, last.turned - first.turned)
         most, wide = (
-            floor + LAG * max(abs(a), abs(b), way / interval) + self._share * way + noise + unseen * limit
-            for floor, a, b, way, noise, limit in zip(
-                FLOOR, first.twist, last.twist, ways, self._noise, (robot.max_linear, robot.max_angular), strict=True
+            floor + LAG * max(abs(a), abs(b), way / interval) + share * way + noise + unseen * limit
+            for floor, share, a, b, way, noise, limit in zip(
+                FLOOR,
+                self._shares,
+                first.twist,
+                last.twist,
+                ways,
+                self._noise,
+                (robot.max_linear, robot.max_angular),
+                strict=True,
             )
         )
-        aside = most + (ASIDE - self._share + min(self._noise[1], 1.0) + LAG * abs(last.twist.omega)) * ways[0]
+        aside = most + (ASIDE - self._shares[0] + min(self._noise[1], 1.0) + LAG * abs(last.twist.omega)) * ways[0]
         return Compared(theta, ahead, left, wrap(last.pose.theta - theta), told, (most, aside, wide))
 
     def _is_near(self, first: _Said, last: _Said) -> bool:
