@@ -27,8 +27,8 @@ from turtlebot_gym.drive import DriveBuffer, RoomData
 from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.worlds import find_lidar
-from turtlebot_gym_lab.drives.alignment import LEAP
 from turtlebot_gym_lab.drives.messages import GUARD, TYPES, DriveListener
+from turtlebot_gym_lab.drives.streams import LEAP
 from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse

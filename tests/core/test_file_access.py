@@ -69,7 +69,6 @@ ALLOWED = {
     "turtlebot_gym_ros/tools/messages.py": "a text of the command line",
     "turtlebot_gym_ros/tools/services.py": "a text of the command line",
     "turtlebot_gym_lab/drives/laser.py": "within the bounds of `drives.read`",
-    "turtlebot_gym_lab/drives/salvage.py": "within the bounds of `drives.read`, into a temporary folder",
     "turtlebot_gym_lab/drives/tables.py": "within the bounds of `drives.read`",
     "turtlebot_gym/rooms/maps.py": "within bounds",
     "turtlebot_gym_agents/cluster/ledger.py": "a record that grows, which must survive as far as it came",

@@ -16,8 +16,7 @@ from turtlebot_gym.localization.localizer import LOST, TRACKING
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
-from turtlebot_gym_lab.drives import read
-from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace, errors_of, localize, recorded_of
+from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace, errors_of, localize
 
 RECORDING = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces.npz"
 FRAMES, ROWS = 60, 300
@@ -88,21 +87,6 @@ def test_one_scan_corrects_a_start_that_is_shifted_unless_along_a_corridor(stret
     assert np.median(position) < 0.1
     assert position.max() < 0.3  # along a corridor a scan says little
     assert heading.max() < 0.03
-
-
-def test_scans_with_a_pose_of_their_own_count_where_the_rows_of_a_drive_are_farther_apart(stretch, tmp_path):
-    recorded = stretch[0].recorded
-    bunched = np.floor(recorded.time) + 0.01 * (recorded.time - np.floor(recorded.time))
-    ranges = np.rint(recorded.ranges * 100.0).astype(np.uint16)
-    np.savez(tmp_path / "log.npz", time=bunched, odometry=recorded.odometry, ranges_cm=ranges)
-    drive = read(tmp_path / "log.npz")
-    recording, rows = recorded_of(drive)
-    assert len(drive) < 0.5 * len(recorded.odometry)
-    assert len(recording.odometry) >= len(recorded.odometry) - 1  # no row follows the last scan
-    assert np.array_equal(recording.odometry, recorded.odometry[: len(recording.odometry)])
-    assert np.array_equal(recording.rows, np.arange(len(recording.odometry)))
-    assert np.array_equal(recording.odometry[rows], drive.odometry)
-    assert np.array_equal(recording.time[rows], drive.time)
 
 
 @pytest.fixture

@@ -48,13 +48,12 @@ class Localize(ReportingOptions, StartOptions):
             advance_to(1)
             grid, place = self.place(self.map, drive, self.file)
             rows = np.flatnonzero(known(drive.truth))
-            recorded, where = recorded_of(drive)
+            recorded, first = recorded_of(drive), place.first
             advance_to(2)
-            first = int(where[place.first])
-            course = localize(recorded, place._replace(first=first))
+            course = localize(recorded, place)
         states = {name: float(np.mean(course.states[first:] == state)) for name, state in STATES.items()}
         judged = rows[rows >= place.first]
-        errors = errors_of(course, where[judged], drive.truth[judged]) if len(judged) else {}
+        errors = errors_of(course, judged, drive.truth[judged]) if len(judged) else {}
         evidence = evidence_of(course, recorded.odometry, first)
         table = Table("", "", title=f"{self.file.name} in {self.map.name}, {course.scans} scans")
         for name, figure in errors.items():

@@ -36,8 +36,6 @@ class Mapped(NamedTuple):
     drive: Drive
     course: RecordedCourse
     """The localizer's beliefs, from which the descents started."""
-    where: NDArray[np.intp]
-    """Rows of the course at which the drive's rows are, shape (T,)."""
 
 
 @in_machine_code("poses of single scans")
@@ -90,20 +88,19 @@ def by_map(drive: Drive, place: KnownPlace, wheels: ProcessNoise | None = None) 
         ValueError: If the drive has no odometry or no scans.
     """
     field, frame, tuning, first = place.field, place.frame, place.tuning, place.first
-    recorded, where = recorded_of(drive)
-    recorded = clocked(recorded)
+    recorded = clocked(recorded_of(drive))
     if wheels is not None:
         recorded = recorded._replace(odometry=corrected(recorded.odometry, wheels))
-    course = localize(recorded, place._replace(first=int(where[first])))
+    course = localize(recorded, place)
     middle = recorded.last - 0.5 * recorded.interval * (recorded.ranges.shape[1] - 1)
-    row = nearest(recorded.time[where], middle)
+    row = nearest(recorded.time, middle)
     number = len(recorded.rows)
     poses, covariances, fits = np.empty((number, 3)), np.empty((number, 3, 3)), np.empty(number)
     _each_alone(
         recorded.time,
         recorded.odometry,
         recorded.rows,
-        where[row].astype(np.int64),
+        row.astype(np.int64),
         recorded.last,
         recorded.ranges,
         beams_of(recorded),
@@ -124,7 +121,7 @@ def by_map(drive: Drive, place: KnownPlace, wheels: ProcessNoise | None = None) 
     truth[row[good]] = poses[good]
     share = 100.0 * float(tracked.mean())
     remark = f"the truth is that of the map, by {good.sum()} of {number} scans; the localizer tracks at {share:.0f} % of them"
-    return Mapped(replace(drive, true_state=truth, remarks=(*drive.remarks, remark)), course, where)
+    return Mapped(replace(drive, true_state=truth, remarks=(*drive.remarks, remark)), course)
 
 
 def calibrate_by_map(drive: Drive, place: KnownPlace, **options: Any) -> Calibration:

@@ -67,9 +67,7 @@ class ByScans(NamedTuple):
     upside_down: bool
     """Whether the beams run the other way round than stated."""
     recorded: RecordedScans
-    """The scans with the mount and the delay found ..."""
-    where: NDArray[np.intp]
-    """... and the rows in them of the drive's rows."""
+    """The scans with the mount and the delay found."""
     pairs: Pairs
     """By the last pass ..."""
     motions: Motions
@@ -98,8 +96,7 @@ def by_scans(drive: Drive, progress: Callable[[str], None] = lambda done: None) 
     Raises:
         ValueError: If the drive has no odometry or no scans, or too few scans fit one another.
     """
-    recorded, where = recorded_of(drive)
-    recorded = clocked(recorded)
+    recorded = clocked(recorded_of(drive))
     stated = drive.scans[0].mount
     turns, mount, delay, mirrored = recorded.angles - stated.theta, stated, 0.0, False
     odometry = recorded.odometry.copy()
@@ -144,7 +141,7 @@ def by_scans(drive: Drive, progress: Callable[[str], None] = lambda done: None) 
     delay += float(found.x[6])
     found.x[5] = wrap(float(found.x[5]))
     mount = Pose(*found.x[3:6].tolist())
-    return ByScans(found, determined, mount, delay, mirrored, _placed(recorded, turns, mount, delay), where, pairs, m, odometry)
+    return ByScans(found, determined, mount, delay, mirrored, _placed(recorded, turns, mount, delay), pairs, m, odometry)
 
 
 def _alphas_of(process: Any) -> tuple[float, ...]:
@@ -173,7 +170,7 @@ def with_truth(drive: Drive, found: ByScans) -> Drive:
         pose = compose(pose, found.pairs.motion[k])
         poses[b], last = pose, found.pairs.second[k]
     poses[:, 2] = wrap_all(poses[:, 2])
-    return replace(drive, true_state=poses[found.where])
+    return replace(drive, true_state=poses)
 
 
 def estimates_of(found: ByScans) -> dict[str, CalibrationEstimate]:

@@ -49,7 +49,7 @@ def test_intervals_hold_the_wheels_that_the_localizer_does_not_know(tour):
 def test_the_localizers_belief_as_truth_follows_the_wheels_instead_of_judging_them(tour):
     drive, place, wheels = tour
     mapped = by_map(drive, place)
-    belief = replace(drive, true_state=mapped.course.poses[mapped.where])
+    belief = replace(drive, true_state=mapped.course.poses)
     naive = calibrate(belief, kind="wheel", delay=0.0, integrator="euler").estimates
     assert naive["veer"].low > 0.5 * wheels.veer
     assert naive["alpha2"].value < 0.6 * wheels.alpha2

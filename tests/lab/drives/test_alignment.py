@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from turtlebot_gym_lab.drives.alignment import KEPT, LEAP, Stream, headings, interpolated
+from turtlebot_gym_lab.drives.streams import KEPT, LEAP, Stream, headings, interpolated
 
 NAN = np.nan
 

@@ -67,7 +67,7 @@ def circles(rows=300):
 
 def test_pairs_of_exact_scans_move_as_the_robot_did():
     path = circles()
-    recorded, _ = recorded_of(box_drive(path, path, TAKEN, noise=0.0))
+    recorded = recorded_of(box_drive(path, path, TAKEN, noise=0.0))
     pairs = paired(recorded, path, is_placed=True)
     off = pairs.motion - relative(path[pairs.first], path[pairs.second])
     assert pairs.lost == 0
@@ -79,7 +79,7 @@ def test_pairs_of_exact_scans_move_as_the_robot_did():
 def test_walls_along_the_way_alone_do_not_say_how_far():
     path = np.column_stack([np.linspace(-2.0, 2.0, 200), np.zeros(200), np.zeros(200)])
     for half, is_clear in (((100.0, 1.0), False), ((3.0, 1.0), True)):
-        recorded, _ = recorded_of(box_drive(path, path, ORIGIN, half=half))
+        recorded = recorded_of(box_drive(path, path, ORIGIN, half=half))
         information = paired(recorded, path, is_placed=True).information
         assert (information[:, 0, 0] > 0.01 * information[:, 1, 1]).all() == is_clear
 
@@ -177,11 +177,11 @@ def mapped(world, seed, time):
     first = simulated_tour(world, seed=seed, time=time).drive
     drawn = map_of(first)
     second = simulated_tour(world, seed=seed, time=200.0, generator=np.random.default_rng(99)).drive
-    recorded, where = recorded_of(second)
+    recorded = recorded_of(second)
     truth = compose(np.broadcast_to(inverse(first.truth[0]), second.truth.shape), second.truth)
     place = KnownPlace(drawn.grid.field(hits=True), drawn.grid.frame, ROBOT, Pose(*truth[0].tolist()), KNOWN)
     course = localize(recorded, place)
-    return drawn, errors_of(course, where, truth)
+    return drawn, errors_of(course, np.arange(len(truth)), truth)
 
 
 @pytest.mark.nightly
