@@ -28,7 +28,7 @@ without ros2cli, TOOL [--help]:
 velocity_controller starts disabled: watch the robot, and enable it. Only policies such as vfh see obstacles,
 by /scan; cmd_vel_guard stops before them unless collision_monitor:=false.
 Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise; to reach a robot, set it to SUBNET.
-bringup, field_test, watch and status have their own options: see their --help. --version prints the version."""
+bringup, watch and status have their own options: see their --help. --version prints the version."""
 
 
 EXTRAS = {"rclpy": "ros", "yaml": "ros", "rosbags": "deploy", "matplotlib": "gym", "PIL": "gym"}

@@ -90,7 +90,7 @@ BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
 """The nodes that are blocks."""
 EXPLAINED = (*BLOCKS, "data_logger", *(name for name, entry in NODES.items() if entry.guards))
 """The nodes that take ROS arguments; all others, and the tools, parse options of their own."""
-SATELLITES = {"field_test": "lab", "watch": "view"}
+SATELLITES = {"watch": "view"}
 """Programs of satellites, and the extra that brings each; the group ``turtlebot_gym.programs`` of entry points has them."""
 GROUP = "turtlebot_gym.programs"
 
