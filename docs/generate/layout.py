@@ -13,7 +13,7 @@ PACKAGES = {
     "turtlebot_gym": "The core: models, filters, tasks, the step as a system, the compiled loop and the environments.",
     "turtlebot_gym_agents": "Policies, evaluation, training and the command line.",
     "turtlebot_gym_ros": "The blocks of the loop, and the shell that turns them into ROS 2 nodes.",
-    "turtlebot_gym_lab": "Recordings: readers, calibration and localization; filters compared; the course.",
+    "turtlebot_gym_lab": "Recordings: readers, calibration and localization; filters compared.",
     "turtlebot_gym_view": "The viewer: episodes, trainings, recordings and live graphs in a browser.",
 }
 FIRST = (
