@@ -37,7 +37,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 		--policy bearing --observation odometry ekf --plot $(OUT)/square_by_time.png --force
 	@if [ -f $(DATA)/wifibot1.txt ]; then \
 		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --plot $(OUT)/replay.png --force; \
-	else echo "There is no recorded drive in $(DATA): the replay is left out: turtlebot-gym data fetch gets one."; fi
+	else echo "There is no recorded drive in $(DATA): the replay is left out."; fi
 	$(RUN)turtlebot-gym evaluate --policy proportional bearing ppo-nav --noise tutorial documented \
 		--json $(OUT)/nav.json --plot $(OUT)/nav.png --force
 	$(RUN)turtlebot-gym train --env $(SQUARE) --out $(OUT)/square --resume --plot $(OUT)/learning.png --force

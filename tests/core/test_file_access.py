@@ -74,7 +74,6 @@ ALLOWED = {
     "turtlebot_gym_agents/cluster/ledger.py": "a record that grows, which must survive as far as it came",
     "turtlebot_gym_agents/cluster/study.py": "what a training has just written; replaced as a whole",
     "turtlebot_gym_agents/commands/console.py": "replaced as a whole",
-    "turtlebot_gym_lab/commands/data.py": "replaced as a whole",
     "turtlebot_gym_lab/scans/map_files.py": "replaced as a whole",
     "turtlebot_gym_agents/front/driving.py": "replaced as a whole",
     "turtlebot_gym_agents/front/film.py": "replaced as a whole",

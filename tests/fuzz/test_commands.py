@@ -45,7 +45,6 @@ BASES: dict[str, list[str]] = {
     "export": ["model.zip", "--allow-pickle"],
     "card": ["ppo-nav"],
     "study": ["list.yaml", "--out", "study"],
-    "data": ["list"],
     "benchmark": ["--check", "empty.json"],
     "compile": ["--system", "nothing"],
 }
