@@ -47,7 +47,6 @@ REFUSED = [
     ),
     (["calibrate", "straight.csv", "--columns", "speed=v"], "columns must name time, v, omega"),
     (["calibrate", "straight.csv", "--odometry", "laser"], "straight.csv: kind must be one of 'pose', 'wheel', got 'laser'"),
-    (["calibrate", "straight.csv", "--mount", "0", "0", "0"], "only with --map do scans count: leave it out, or add --map"),
     (["replay", "no/such/file.csv"], "no/such/file.csv"),
 ]
 

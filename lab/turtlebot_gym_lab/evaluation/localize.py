@@ -227,7 +227,8 @@ def recorded_of(drive: Drive) -> RecordedScans:
     """
     if not drive.has_odometry or not drive.scans:
         lacks = "scans" if drive.has_odometry else "odometry"
-        why = next((each.partition(": ")[2] for each in drive.remarks if ELSEWHERE in each), "a localizer needs both")
+        elsewhere = (each.partition(": ")[2] for each in drive.remarks if ELSEWHERE in each)
+        why = next(elsewhere, "a localizer needs odometry and scans")
         raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; {why}.")
     seen = sorted(drive.scans, key=lambda scanned: (scanned.row, scanned.time))
     if len({scanned.mount for scanned in seen}) > 1:
