@@ -54,8 +54,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
     from the innovations of measured poses. What was measured by tape (--distance, --turns, --loop, --measured) determines the
     wheels instead: scale, turn_scale and veer.
-    A log with scans and none of these is calibrated scan against scan: the wheels in the LiDAR's metres, where the LiDAR is on
-    the robot, even if it looks backwards or hangs upside down, and the gyro. Tape, truth, scans: the first one counts.
     The report lists what the log does not determine, and the motion that would. Its last line says how the fit to one half of
     the log drives the other; a file that makes the wheels worse is not written.
     """
@@ -102,7 +100,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
         from turtlebot_gym_lab.calibration import calibrate
         from turtlebot_gym_lab.calibration.fit import watched
         from turtlebot_gym_lab.calibration.tape import NAMES
-        from turtlebot_gym_lab.commands import calibration_by_scans
         from turtlebot_gym_lab.commands.calibration_report import calibration_figure, calibration_tables, comment
 
         robot, refused = make_robot(self.robot), ""
@@ -112,9 +109,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
         with progress(1):
             drive = self._read(self.log, robot)
         self._fit_gyro(drive)
-        if not by_tape and calibration_by_scans.applies(drive, kind=self.odometry, use_truth=self.truth != "none"):
-            calibration_by_scans.run(self, drive)
-            return
         try:
             with progress(100) as advance_to, watched((bar := _Bar(advance_to)).evaluate):
                 fitted = (
