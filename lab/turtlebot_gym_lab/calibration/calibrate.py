@@ -71,8 +71,6 @@ class Calibration:
     """Remarks on the drive: what was left out, shifted or assumed."""
     drive: Drive = field(repr=False)
     """The drive, aligned."""
-    measured: int = 0
-    """Number of measurements by tape that the wheels were fitted to; 0 if none."""
 
 
 def detect_kind(drive: Drive) -> str:
@@ -128,8 +126,7 @@ def calibrate(
     kind = detect_kind(drive) if kind is None else choose("kind", kind, dict(zip(KINDS, KINDS, strict=True)))
     if not has_truth and kind == WHEELS:
         raise ValueError(
-            "wheel odometry alone says nothing about its error: record the truth or measured poses (a fix) beside it, or "
-            "measure the drive by tape."
+            "wheel odometry alone says nothing about its error: record the truth or measured poses (a fix) beside it."
         )
     if kind == POSE and not drive.has_odometry:
         raise ValueError("there are no measured poses to calibrate.")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.files import SUFFIXES
-from turtlebot_gym_agents.commands.console import FigureFile, File, ReportingOptions, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, ReportingOptions, print_tables, progress, save_figure
 from turtlebot_gym_agents.outputs import OutputFile
 from turtlebot_gym_lab.commands.recorded import RecordingOptions
 
@@ -52,10 +52,8 @@ class Calibrate(ReportingOptions, RecordingOptions):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
-    from the innovations of measured poses. What was measured by tape (--distance, --turns, --loop, --measured) determines the
-    wheels instead: scale, turn_scale and veer.
-    The report lists what the log does not determine, and the motion that would. Its last line says how the fit to one half of
-    the log drives the other; a file that makes the wheels worse is not written.
+    from the innovations of measured poses. The report lists what the log does not determine, and the motion that would. Its
+    last line says how the fit to one half of the log drives the other; a file that makes the wheels worse is not written.
     """
 
     log: tyro.conf.Positional[Path]
@@ -70,19 +68,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
     perhaps theta."""
     odometry: str | None = None
     """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
-    distance: float | None = None
-    """By tape: straight-line distance from the start of the log to its end, m."""
-    turns: float | None = None
-    """By tape: number of turns, such as 10, in the direction of odometry."""
-    loop: bool = False
-    """By tape: the log ends where it begins, with the same heading."""
-    measured: File = None
-    """Table of parts that were measured by tape (FILE.csv), with some of the columns log (a file beside the table; LOG if
-    empty), start and end (s from the log's first row), distance, x, y (of the end, from the start), m, and turns."""
-    tape_std: float = 0.0025
-    """Standard deviation of a distance and a place by tape, m."""
-    heading_std_deg: float = 1.0
-    """Standard deviation of a measured turn, degrees."""
     robot: str = "burger"
     """Robot whose speed limits a log must satisfy: a preset, such as burger, or a file of your own (FILE.yaml)."""
     integrator: str | None = None
@@ -99,36 +84,28 @@ class Calibrate(ReportingOptions, RecordingOptions):
         from turtlebot_gym_agents.provenance import provenance
         from turtlebot_gym_lab.calibration import calibrate
         from turtlebot_gym_lab.calibration.fit import watched
-        from turtlebot_gym_lab.calibration.tape import NAMES
+        from turtlebot_gym_lab.calibration.windows import PARAMETERS
         from turtlebot_gym_lab.commands.calibration_report import calibration_figure, calibration_tables, comment
 
         robot, refused = make_robot(self.robot), ""
-        by_tape = self._by_hand
-        if by_tape and self.plot is not None:
-            raise ValueError("--plot shows errors along a drive, and a tape measures only its ends: leave one of them out.")
         with progress(1):
             drive = self._read(self.log, robot)
         self._fit_gyro(drive)
         try:
             with progress(100) as advance_to, watched((bar := _Bar(advance_to)).evaluate):
-                fitted = (
-                    self._by_tape(drive, robot)
-                    if by_tape
-                    else calibrate(
-                        drive,
-                        kind=self.odometry,
-                        use_truth=self.truth != "none",
-                        integrator=self.integrator,
-                        delay=self.delay,
-                        progress=bar.finish,
-                    )
+                fitted = calibrate(
+                    drive,
+                    kind=self.odometry,
+                    use_truth=self.truth != "none",
+                    integrator=self.integrator,
+                    delay=self.delay,
+                    progress=bar.finish,
                 )
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
         print_tables(*calibration_tables(fitted, title=self.log.name))
-        lacks = [
-            f" {name} is as usual: {each.remedy}." for name, each in fitted.estimates.items() if name in NAMES and each.remedy
-        ]
+        wheels = {name: each for name, each in fitted.estimates.items() if name in PARAMETERS[:3]}
+        lacks = [f" {name} is as usual: {each.remedy}." for name, each in wheels.items() if each.remedy]
         print(f"{fitted.verdict.text}{''.join(lacks)}")
         if self.out is not None and not (fitted.verdict.is_good or self.force):
             refused = f"{self.out} is not written: {fitted.verdict.text} Record another drive, or write it with --force."
@@ -139,11 +116,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
             save_figure(calibration_figure(fitted, title=self.log.name), self.plot)
         if refused:
             raise ValueError(refused)
-
-    @property
-    def _by_hand(self) -> bool:
-        """Whether something was measured by tape."""
-        return self.loop or any(value is not None for value in (self.distance, self.turns, self.measured))
 
     def _read(self, path: Path, robot: Robot) -> Drive:
         from turtlebot_gym_lab.calibration.plausibility import check
@@ -170,19 +142,9 @@ class Calibrate(ReportingOptions, RecordingOptions):
             noise: Any = fitted.noise  # a sensor's own parameters are written as those of noise are
             write_parameters(noise, self.imu_out, comment=f"Gyro calibrated from {self.log.name}.")
 
-    def _by_tape(self, drive: Drive, robot: Robot) -> Calibration:
-        from turtlebot_gym_lab.calibration.tape import calibrate_by_tape, leg_of, read_legs
-
-        deviations = {"place_deviation": self.tape_std, "heading_deviation": math.radians(self.heading_std_deg)}
-        legs = read_legs(self.measured, drive, lambda path: self._read(path, robot), **deviations) if self.measured else []
-        if self.loop or self.distance is not None or self.turns is not None:
-            measured = {name: value for name in ("distance", "turns") if (value := getattr(self, name)) is not None}
-            legs.append(leg_of(drive, loop=self.loop, **measured, **deviations))
-        return calibrate_by_tape(legs)
-
 
 def _result_of(fitted: Calibration) -> dict[str, object]:
-    plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "lengths", "measured", "remarks")}
+    plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "lengths", "remarks")}
     return plain | {
         "noise": asdict(fitted.noise),
         "likeliest": asdict(fitted.likeliest),
