@@ -5,13 +5,14 @@ import pytest
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+from tours import simulated_tour
+
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.localization.tuning import ROBOT
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.evaluation.localize import KNOWN, KnownPlace, errors_of, localize, recorded_of
-from turtlebot_gym_lab.evaluation.tours import simulated_tour
 from turtlebot_gym_lab.scans.map_files import write_map
 from turtlebot_gym_lab.scans.mapping import compose, inverse, map_of
 
