@@ -30,7 +30,7 @@ from cmd_vel_guard import robots
 from turtlebot_gym_agents.ids import SHORT
 from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.graph.bringup import parser as bringup_parser
-from turtlebot_gym_ros.nodes import NODES, SATELLITES, TOOLS, load
+from turtlebot_gym_ros.nodes import NODES, TOOLS, load
 
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
 STORED = json.loads((ROOT / "tests" / "golden" / "api.json").read_text(encoding="utf-8"))
@@ -84,7 +84,7 @@ def check(line, ros):
                 load(tool)(given)
         case ["python", "-m", "turtlebot_gym_ros", node, *given] | ["ros2", "run", "turtlebot_gym_ros", node, *given]:
             further = given[: given.index("--ros-args")] if "--ros-args" in given else given
-            assert {node, *further} <= {*NODES, *SATELLITES}
+            assert {node, *further} <= {*NODES}
             options = given[len(further) + 1 :]
             for flag, value in zip(options[::2], options[1::2], strict=True):
                 name = value.partition(":=")[0].rpartition(":")[2]
