@@ -1,4 +1,4 @@
-"""A drive from ROS 2 messages: those of a bag, decoded by `rosbags`, or those of a running graph.
+"""A drive from ROS 2 messages: those of a bag, decoded by `rosbags`.
 
 A row is a message on ``odom``. The truth is interpolated; of everything else, the last value holds for a while. What a message
 does not state stays unknown.
@@ -77,8 +77,9 @@ def _motion(message: Any) -> list[float]:
     position = getattr(place, "position", None) or getattr(place, "translation", place)
     q = getattr(place, "orientation", None) or getattr(place, "rotation", None)
     x, y = (math.nan, math.nan) if position is None else (position.x, position.y)
-    is_known = q is not None and abs(math.hypot(q.w, q.x, q.y, q.z) - 1.0) < ROUNDED
-    theta = yaw_of_rotation(q.w, q.x, q.y, q.z) if is_known else math.nan
+    theta = math.nan
+    if q is not None and abs(math.hypot(q.w, q.x, q.y, q.z) - 1.0) < ROUNDED:
+        theta = yaw_of_rotation(q.w, q.x, q.y, q.z)
     twist = getattr(message, "twist", None)
     twist = getattr(twist, "twist", twist) if twist is not None else (message if hasattr(message, "angular") else None)
     return [x, y, theta, *((math.nan, math.nan) if twist is None else (twist.linear.x, twist.angular.z))]
@@ -132,106 +133,89 @@ class DriveListener:
     Args:
         lidar: The robot's LiDAR, for its mounting where no transform states it.
         mount: Pose of the LiDAR on the robot, m, m, rad; None for what the transforms state.
-        guard: Name of the guard's node in ``diagnostics``, with its namespace; empty for that of any namespace.
-        live: Whether the drive has no end: then only the newest values are kept, and a stamp far back begins anew. Of a
-            recorded drive, a message with an empty stamp counts from when it was received.
     """
 
-    def __init__(
-        self, *, lidar: Lidar = LIDARS["lds01"], mount: Pose | None = None, guard: str = "", live: bool = False
-    ) -> None:
-        self._lidar, self._mount, self._guard, self._live = lidar, mount, guard, live
+    def __init__(self, *, lidar: Lidar = LIDARS["lds01"], mount: Pose | None = None) -> None:
+        self._lidar, self._mount = lidar, mount
         self._streams: dict[str, Stream] = {}
         self._frames = StaticFrames()
         self._body, self._scanner = "", ""
         self.transforms = Transforms()
-        """Transforms of a recorded drive."""
+        """All transforms."""
 
     def __getitem__(self, topic: str) -> Stream:
-        return self._streams.setdefault(topic, Stream(live=self._live))
+        return self._streams.setdefault(topic, Stream())
 
-    def hear(self, topic: str, message: Any, received: float) -> bool:
-        """Take a message, and return whether it is newer than the ones before it on its topic.
+    def hear(self, topic: str, message: Any, received: float) -> None:
+        """Take a message.
 
         Args:
             topic: A key of `TYPES`.
-            message: The message.
+            message: The message; one with an empty stamp counts from when it was received.
             received: When it was received, s.
         """
         if topic in ("tf", "tf_static"):
-            if not self._live:
-                self.transforms.hear(message, received)
+            self.transforms.hear(message, received)
             if topic == "tf_static":
                 self._frames.hear(message)
-            return True
+            return
         if topic == "odom":
             self._body = message.child_frame_id.lstrip("/")
         elif topic == "scan":
             self._scanner = message.header.frame_id.lstrip("/")
-        time = stamp_of(message) or (0.0 if self._live else received)
+        time = stamp_of(message) or received
         if topic == "diagnostics":
-            return self._hear_reports(message, received)
+            self._hear_reports(message, received)
+            return
         value = _READ.get(topic, _motion)(message)
         if value is None or not self[topic].add(time, value):
-            return False
+            return
         if topic == "estimate":
             self["covariance"].add(time, _covariance(message))
         elif topic == "odom":
             self["received"].add(time, received)
-        return True
 
-    def _hear_reports(self, message: Any, received: float) -> bool:
+    def _hear_reports(self, message: Any, received: float) -> None:
         for status in message.status:
-            if status.name == self._guard or (not self._guard and status.name.rpartition("/")[2] == GUARD):
+            if status.name.rpartition("/")[2] == GUARD:
                 level = status.level[0] if isinstance(status.level, bytes) else status.level
-                return self["diagnostics"].add(received, (float(level), str(status.message)))
-        return False
+                self["diagnostics"].add(received, (float(level), str(status.message)))
+                return
 
-    def rows(
-        self,
-        time: NDArray[np.float64],
-        *,
-        start: float = 0.0,
-        after: float = -math.inf,
-        held: float = HELD,
-        around: RoomData | None = None,
-    ) -> Drive:
+    def rows(self, time: NDArray[np.float64], *, start: float = 0.0) -> Drive:
         """Return rows.
 
         Args:
             time: Stamps on ``odom``, shape (T,), s.
             start: Time that counts as 0, s.
-            after: Time of the row before the first one, s, whose scans are left out.
-            held: Age up to which estimate, NIS and tracks hold, s; 0 for those of the same stamp alone.
-            around: Label, room and map; by default the room and the map that were heard.
         """
         odom, truth = self["odom"].held(time, 5, fresh=0.0), self["true_state"].held(time, 5)
         truth[:, :3] = self["true_state"].interpolated(time)
         truth[np.isnan(truth[:, 0])] = np.nan
-        if around is None:
-            rooms, grids = self["obstacles"].values, self["map"].values
-            around = RoomData(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
+        rooms, grids = self["obstacles"].values, self["map"].values
+        around = RoomData(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
         received = self["received"].held(time) if self["received"] else time
         reports = self["diagnostics"].latest(received, (math.nan, ""))
+        gyro: Any = self["imu"].nearest(time, 1)[:, 0] if self["imu"] and len(time) > 1 else None
         drive = Drive(
             time=time,
             true_state=truth,
             odometry=self["fix"].nearest(time, 3) if self["fix"] else odom[:, :3],
-            estimate=self["estimate"].held(time, 5, fresh=held),
-            covariance=self["covariance"].held(time, (5, 5), fresh=held),
+            estimate=self["estimate"].held(time, 5, fresh=HELD),
+            covariance=self["covariance"].held(time, (5, 5), fresh=HELD),
             reference=self["reference"].held(time, 5)[:, :3],
             twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
-            nis=self["nis"].held(time, fresh=held),
+            nis=self["nis"].held(time, fresh=HELD),
             clearance=self["clearance"].held(time, fresh=HELD),
-            gyro=self["imu"].nearest(time, 1)[:, 0] if self["imu"] and len(time) > 1 else None,
-            tracks=self["tracks"].held(time, (NEAREST, len(TRACK_BOUNDS[0])), fresh=held),
+            gyro=gyro,
+            tracks=self["tracks"].held(time, (NEAREST, len(TRACK_BOUNDS[0])), fresh=HELD),
             level=np.array([level for level, _ in reports]),
             report=tuple(text for _, text in reports),
             circles=self._walkers(time, around.room),
             hypotheses=tuple(self["hypotheses"].latest(time, np.empty((0, 4)))),
             around=around,
         )
-        return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, start, after))
+        return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, start))
 
     def _walkers(self, time: NDArray[np.float64], room: Obstacles | None) -> tuple[NDArray[np.float64], ...]:
         """Return the circles of each row where they are others than those of the room."""
@@ -260,7 +244,7 @@ class DriveListener:
             )
         return stated, f"the LiDAR is {_place(stated)}, by /tf_static and not by its preset" if differ(stated, preset) else ""
 
-    def _scans(self, drive: Drive, start: float, after: float) -> tuple[Seen, ...]:
+    def _scans(self, drive: Drive, start: float) -> tuple[Seen, ...]:
         """Return the scans with the robot's pose at their completion, see `Drive.poses`."""
         scans: list[Seen] = []
         mount, _ = self.mount()
@@ -268,7 +252,7 @@ class DriveListener:
         for stamp, scan in zip(self["scan"].times, self["scan"].values, strict=True):
             complete = stamp + scan.beam_period * len(scan.ranges)
             row = int(np.searchsorted(drive.time, complete - 1e-3))
-            if complete - 1e-3 > after and row < len(drive) and np.isfinite(poses[row]).all():
+            if row < len(drive) and np.isfinite(poses[row]).all():
                 robot = Pose(*poses[row].tolist())
                 place = increment(robot, ORIGIN, mount, sincos(robot.theta))
                 scans.append(Seen(row, place, scan, stamp - start, mount))
