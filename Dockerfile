@@ -2,7 +2,7 @@
 #
 #     docker build --tag turtlebot-gym .
 #     docker run --rm -it -v "$PWD/runs:/home/robot/runs" turtlebot-gym turtlebot-gym train --out runs/nav
-#     docker run --rm -p 127.0.0.1:5006:5006 turtlebot-gym turtlebot-gym watch --policy bearing ppo-nav --host 0.0.0.0
+#     docker run --rm -v "$PWD/runs:/home/robot/runs" turtlebot-gym turtlebot-gym watch --html runs/drives.html
 #
 # Linux x86-64, since the ROS wheels are; on an Apple processor: docker build --platform linux/amd64.
 FROM python:3.11-slim-bookworm
@@ -20,5 +20,4 @@ USER robot
 WORKDIR /home/robot
 # Machine code for this processor; another one compiles at first use.
 RUN turtlebot-gym compile
-EXPOSE 5006
 CMD ["turtlebot-gym", "--help"]

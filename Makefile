@@ -37,7 +37,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 		--policy bearing --observation odometry ekf --plot $(OUT)/square_by_time.png --force
 	@if [ -f $(DATA)/wifibot1.txt ]; then \
 		$(RUN)turtlebot-gym replay $(DATA)/wifibot1.txt --plot $(OUT)/replay.png --force; \
-	else echo "There is no recorded drive in $(DATA): the replay is left out: turtlebot-gym data fetch gets one."; fi
+	else echo "There is no recorded drive in $(DATA): the replay is left out."; fi
 	$(RUN)turtlebot-gym evaluate --policy proportional bearing ppo-nav --noise tutorial documented \
 		--json $(OUT)/nav.json --plot $(OUT)/nav.png --force
 	$(RUN)turtlebot-gym train --env $(SQUARE) --out $(OUT)/square --resume --plot $(OUT)/learning.png --force
@@ -76,7 +76,7 @@ test-slow: $(READY)  ## the tests that take minutes, among them more than 30,000
 
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-test-browser: $(READY)  ## the viewer, the field test's report and every page of the documentation in headless Chromium; no request leaves the machine (6 minutes)
+test-browser: $(READY)  ## the viewer and every page of the documentation in headless Chromium; no request leaves the machine (6 minutes)
 	@test -n "$(CHROMIUM)" || { echo "make test-browser needs Chromium: sudo apt-get install chromium"; exit 2; }
 	@mkdir -p $(OUT)/browser
 	CHROMIUM=$(CHROMIUM) SCREENSHOTS=$(OUT)/browser $(RUN)python -m pytest -m browser tests/browser

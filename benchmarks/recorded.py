@@ -44,7 +44,7 @@ class Config(Study):
     """Fit the preset `recorded`."""
 
     data: Path = Path("data")
-    """Folder of the recordings, see the page of recorded drives."""
+    """Folder of the recordings, see the page on records."""
     resamples: int = 400
     """Number of draws for the intervals."""
     seed: int = 0

@@ -51,8 +51,6 @@ class Seen(NamedTuple):
     """When its first beam was measured, by the clock of the drive, s; NaN if unknown."""
     mount: Pose = Pose(0.0, 0.0, 0.0)
     """Pose of the LiDAR's frame on the robot."""
-    odometry: Pose | None = None
-    """The robot's pose by its wheels that was recorded with the scan; None if only the rows have one."""
 
 
 class RoomData(NamedTuple):

@@ -1,11 +1,7 @@
-"""Parts that satellites and other packages bring: commands, programs and viewers, found by group and name.
+"""Commands that satellites and other packages bring, found by group and name.
 
-They are entry points, declared in the ``pyproject.toml`` of the package that brings them:
-
-* ``turtlebot_gym.commands``: a dataclass with ``run()``, a subcommand of ``turtlebot-gym``;
-* ``turtlebot_gym.programs``: a `turtlebot_gym_ros.nodes.Entry`, a program of ``python -m turtlebot_gym_ros``;
-* ``turtlebot_gym.viewers``: ``watch-training``, the callback of ``train --watch``, and ``watch-graph``, the view of
-  ``bringup --watch``.
+They are entry points of the group ``turtlebot_gym.commands``, declared in the ``pyproject.toml`` of the package that brings
+them: dataclasses with ``run()``, subcommands of ``turtlebot-gym``.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from setuptools import find_packages, setup
 NAME = "turtlebot_gym_ros"
 HERE = Path(__file__).parent
 LISTED = runpy.run_path(str(HERE / NAME / "nodes.py"))  # plain data, read without its imports
-PROGRAMS = [*(name for name, entry in LISTED["NODES"].items() if not entry.guards), *LISTED["SATELLITES"]]
+PROGRAMS = [name for name, entry in LISTED["NODES"].items() if not entry.guards]
 
 setup(
     name=NAME,

@@ -11,7 +11,6 @@ import mkdocs_gen_files
 from turtlebot_gym_agents.commands.cli import commands
 from turtlebot_gym_agents.commands.cli import main as turtlebot_gym
 from turtlebot_gym_ros.__main__ import main as turtlebot_gym_ros
-from turtlebot_gym_ros.nodes import SATELLITES
 
 WIDTH = 100
 """Columns that fit beside both side bars at 1400 pixels."""
@@ -34,6 +33,6 @@ with mkdocs_gen_files.open("reference/commands.md", "w") as page:
 with mkdocs_gen_files.open("reference/commands_ros.md", "w") as page:
     print("# Command line, ROS\n\nWhat the nodes and the graph print with `--help`.\n", file=page)
     print(f"## python -m turtlebot_gym_ros\n\n```text\n{help_of(turtlebot_gym_ros)}\n```\n", file=page)
-    for name in ("bringup", "status", *SATELLITES):
+    for name in ("bringup", "status"):
         text = help_of(turtlebot_gym_ros, name)
         print(f"## python -m turtlebot_gym_ros {name}\n\n```text\n{text}\n```\n", file=page)

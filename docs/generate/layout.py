@@ -13,8 +13,8 @@ PACKAGES = {
     "turtlebot_gym": "The core: models, filters, tasks, the step as a system, the compiled loop and the environments.",
     "turtlebot_gym_agents": "Policies, evaluation, training and the command line.",
     "turtlebot_gym_ros": "The blocks of the loop, and the shell that turns them into ROS 2 nodes.",
-    "turtlebot_gym_lab": "Recordings: readers, calibration and localization; filters compared; the course; the field test.",
-    "turtlebot_gym_view": "The viewer: episodes, trainings, recordings and live graphs in a browser.",
+    "turtlebot_gym_lab": "Recordings: readers, calibration and localization; filters compared.",
+    "turtlebot_gym_view": "The viewer: episodes and recordings in a browser.",
 }
 FIRST = (
     "turtlebot_gym.envs",

@@ -1,4 +1,4 @@
-"""Recordings of robots: read them, calibrate noise from them, localize them in maps; filters compared; course; field test.
+"""Recordings of robots: read them, calibrate noise from them, localize them in maps; filters compared.
 
-A satellite: it builds on the product, which finds its commands and programs by entry points and never imports it.
+A satellite: it builds on the product, which finds its commands by entry points and never imports it.
 """

@@ -1,7 +1,7 @@
-"""Drives in a browser: episodes, trainings, recordings and live graphs, and a view that draws them.
+"""Drives in a browser: episodes and recordings, and a view that draws them.
 
-A satellite: it builds on the product, which finds its command, its program and its viewers by entry points and never imports
-it; recordings and messages are read by `turtlebot_gym_lab`. The view needs Bokeh, the extra [view]; the drives do not.
+A satellite: it builds on the product, which finds its command by an entry point and never imports it; recordings are read by
+`turtlebot_gym_lab`. The view needs Bokeh, the extra [view]; the drives do not.
 """
 
 from typing import TYPE_CHECKING

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.drive import Drive, Seen, concatenate, heading_error, position_error
+from turtlebot_gym.drive import Drive, Seen, heading_error, position_error
 from turtlebot_gym.plotting import SIGMAS
-from turtlebot_gym_view.events import all_events_of, events_of
+from turtlebot_gym_view.events import all_events_of
 
 MILLIMETRES = 1000.0
 NOTHING = 0
@@ -21,7 +21,7 @@ NOTHING = 0
 RESOLUTION = 2.0**-13
 """Numbers are rounded to multiples of it (0.12 mm, 0.12 mrad), so that they compress."""
 MOST_BEAMS = 1_200_000
-"""Most beams of a whole drive; of a longer one every n-th scan is sent."""
+"""Most beams of a drive; of a longer one every n-th scan is sent."""
 STEP = 0.005
 """A circle that has moved so far since it last turned is a person who walks, m."""
 
@@ -29,51 +29,25 @@ Table = dict[str, Any]
 
 
 def kept_of(drive: Drive) -> int:
-    """Return the n of which every n-th scan of a whole drive is sent."""
+    """Return the n of which every n-th scan of a drive is sent."""
     return max(1, -(-sum(len(seen.scan.ranges) for seen in drive.scans) // MOST_BEAMS))
 
 
-class Tables:
-    """The tables of a drive that comes in pieces.
-
-    Args:
-        start: Time that is shown as 0, s.
-    """
-
-    def __init__(self, start: float) -> None:
-        self._start = start
-        self._rows = self._beams = 0
-        self._last: Drive | None = None
-        self._people = _People()
-
-    def add(self, piece: Drive, *, is_whole: bool = False) -> dict[str, Table]:
-        """Return the rows that the next piece adds to each table; of a whole drive, with the event that ended it."""
-        scans, beams = _scans_of(piece.scans[:: kept_of(piece) if is_whole else 1], self._rows, self._beams)
-        tables = {
-            "scans": scans,
-            "beams": beams,
-            "people": self._people.add(piece, self._rows),
-            "tracks": _tracks_of(piece, self._rows),
-            "places": _places_of(piece, self._rows),
-            "reports": self._reports_of(piece),
-            "events": self._events_of(piece, is_whole),
-            "rows": rows_of(piece, start=self._start),
-        }
-        self._rows += len(piece)
-        self._beams += len(beams["range"])
-        self._last = piece[-1:] if len(piece) else self._last
-        return tables
-
-    def _events_of(self, piece: Drive, is_whole: bool) -> Table:
-        with_last = piece if self._last is None else concatenate([self._last, piece])
-        events = all_events_of(piece) if is_whole else events_of(with_last)
-        time = with_last.time - self._start
-        return {"time": _numbers([time[row] for row, _ in events]), "kind": [kind for _, kind in events]}
-
-    def _reports_of(self, piece: Drive) -> Table:
-        before = self._last.report[-1] if self._last is not None else ""
-        changed = [k for k, text in enumerate(piece.report) if text != (piece.report[k - 1] if k else before)]
-        return {"row": _whole(changed, self._rows), "text": [piece.report[k] for k in changed]}
+def tables_of(drive: Drive) -> dict[str, Table]:
+    """Return the tables of a drive, whose time begins at 0."""
+    scans, beams = _scans_of(drive.scans[:: kept_of(drive)])
+    events, time = all_events_of(drive), drive.time - drive.time[0]
+    said = [k for k, text in enumerate(drive.report) if text != (drive.report[k - 1] if k else "")]
+    return {
+        "scans": scans,
+        "beams": beams,
+        "people": _people_of(drive),
+        "tracks": _tracks_of(drive),
+        "places": _places_of(drive),
+        "reports": {"row": _whole(said), "text": [drive.report[k] for k in said]},
+        "events": {"time": _numbers([time[row] for row, _ in events]), "kind": [kind for _, kind in events]},
+        "rows": rows_of(drive, start=float(drive.time[0])),
+    }
 
 
 def rows_of(drive: Drive, *, start: float = 0.0) -> Table:
@@ -83,7 +57,7 @@ def rows_of(drive: Drive, *, start: float = 0.0) -> Table:
     goal; ``width, height, tilt`` are the axes of the estimate's ellipse.
 
     Args:
-        drive: The drive, or a piece of one.
+        drive: The drive.
         start: Time that is shown as 0, s.
     """
     truth, estimate = drive.true_state, drive.estimate
@@ -123,47 +97,42 @@ def apart(drive: Drive, other: Drive) -> NDArray[np.float32]:
     return np.hypot(positions[0][:, 0] - at[0], positions[0][:, 1] - at[1]).astype(np.float32)
 
 
-class _People:
-    """Circles of a drive with the directions in which they walk; one that has not moved yet has none (NaN)."""
-
-    def __init__(self) -> None:
-        self._at, self._heading = np.empty((0, 2)), np.empty(0)
-
-    def add(self, piece: Drive, rows: int) -> Table:
-        """Return the circles of a piece's rows: row, x, y, radius and heading."""
-        headings = []
-        for circles in piece.circles:
-            if len(circles) != len(self._at):
-                self._at, self._heading = circles[:, :2].copy(), np.full(len(circles), np.nan)
-            step = circles[:, :2] - self._at
-            moved = np.hypot(step[:, 0], step[:, 1]) > STEP
-            self._heading = np.where(moved, np.arctan2(step[:, 1], step[:, 0]), self._heading)
-            self._at[moved] = circles[moved, :2]
-            headings.append(self._heading)
-        if rows == 0 and len(headings) > 1 and len(headings[0]) == len(headings[1]):
-            headings[0] = headings[1]  # in the first row nobody has moved yet
-        table = np.concatenate([np.empty((0, 3)), *piece.circles])
-        row = np.repeat(np.arange(len(piece)), [len(circles) for circles in piece.circles])
-        heading = np.concatenate([np.empty(0), *headings])
-        return {"row": _whole(row, rows), **_split(("x", "y", "radius"), table), "heading": _numbers(heading)}
+def _people_of(drive: Drive) -> Table:
+    """Return the circles: row, x, y, radius and the direction in which they walk, NaN for one that has not moved yet."""
+    at, heading = np.empty((0, 2)), np.empty(0)
+    headings = []
+    for circles in drive.circles:
+        if len(circles) != len(at):
+            at, heading = circles[:, :2].copy(), np.full(len(circles), np.nan)
+        step = circles[:, :2] - at
+        moved = np.hypot(step[:, 0], step[:, 1]) > STEP
+        heading = np.where(moved, np.arctan2(step[:, 1], step[:, 0]), heading)
+        at[moved] = circles[moved, :2]
+        headings.append(heading)
+    if len(headings) > 1 and len(headings[0]) == len(headings[1]):
+        headings[0] = headings[1]  # in the first row nobody has moved yet
+    table = np.concatenate([np.empty((0, 3)), *drive.circles])
+    row = np.repeat(np.arange(len(drive)), [len(circles) for circles in drive.circles])
+    heading = np.concatenate([np.empty(0), *headings])
+    return {"row": _whole(row), **_split(("x", "y", "radius"), table), "heading": _numbers(heading)}
 
 
-def _scans_of(scans: tuple[Seen, ...], rows: int, beams: int) -> tuple[Table, Table]:
+def _scans_of(scans: tuple[Seen, ...]) -> tuple[Table, Table]:
     """Return scans, with the LiDAR's pose and the first of their beams, and the ranges of all beams, mm."""
     numbers = np.array([[*seen.lidar, seen.scan.first, seen.scan.increment] for seen in scans], np.float32).reshape(-1, 5)
     ranges = [_millimetres(seen.scan.ranges) for seen in scans]
     ends = np.cumsum([len(row) for row in ranges])
-    table: Table = {"row": _whole([seen.row for seen in scans], rows), "end": _whole(ends, beams)}
+    table: Table = {"row": _whole([seen.row for seen in scans]), "end": _whole(ends)}
     for at, name in enumerate(("x", "y", "theta", "first", "increment")):  # unrounded: the last beam has 359 increments
         table[name] = np.ascontiguousarray(numbers[:, at])
     return table, {"range": np.concatenate([np.empty(0, np.uint16), *ranges])}
 
 
-def _tracks_of(piece: Drive, rows: int) -> Table:
+def _tracks_of(drive: Drive) -> Table:
     """Return the tracks on the map: row, x, y, x and y in a second, and radius within `SIGMAS` standard deviations."""
-    row, place = np.nonzero(piece.tracks[:, :, -1] == 1.0)
-    ahead, left, ahead_v, left_v, deviation = piece.tracks[row, place, :5].T
-    x, y, theta = piece.poses[row].T
+    row, place = np.nonzero(drive.tracks[:, :, -1] == 1.0)
+    ahead, left, ahead_v, left_v, deviation = drive.tracks[row, place, :5].T
+    x, y, theta = drive.poses[row].T
     cosine, sine = np.cos(theta), np.sin(theta)
     numbers = {
         "x": x + cosine * ahead - sine * left,
@@ -172,23 +141,23 @@ def _tracks_of(piece: Drive, rows: int) -> Table:
         "next_y": y + sine * (ahead + ahead_v) + cosine * (left + left_v),
         "radius": SIGMAS * deviation / np.sqrt(2.0),  # the deviation is that of both coordinates together
     }
-    return {"row": _whole(row, rows), **{name: _numbers(values) for name, values in numbers.items()}}
+    return {"row": _whole(row), **{name: _numbers(values) for name, values in numbers.items()}}
 
 
-def _places_of(piece: Drive, rows: int) -> Table:
+def _places_of(drive: Drive) -> Table:
     """Return the localizer's hypotheses: row, x, y, heading, weight, and how solid each is drawn."""
-    row = np.repeat(np.arange(len(piece)), [len(places) for places in piece.hypotheses])
-    places = np.concatenate([np.empty((0, 4)), *piece.hypotheses])
+    row = np.repeat(np.arange(len(drive)), [len(places) for places in drive.hypotheses])
+    places = np.concatenate([np.empty((0, 4)), *drive.hypotheses])
     table = _split(("x", "y", "theta", "weight"), places)
-    return {"row": _whole(row, rows), **table, "alpha": _numbers(0.15 + 0.6 * places[:, 3])}
+    return {"row": _whole(row), **table, "alpha": _numbers(0.15 + 0.6 * places[:, 3])}
 
 
 def _numbers(values: ArrayLike) -> NDArray[np.float32]:
     return np.ascontiguousarray(np.round(np.asarray(values, np.float64) / RESOLUTION) * RESOLUTION, np.float32)
 
 
-def _whole(values: ArrayLike, offset: int) -> NDArray[np.int32]:
-    return np.asarray(np.asarray(values, np.int64) + offset, np.int32)
+def _whole(values: ArrayLike) -> NDArray[np.int32]:
+    return np.asarray(values, np.int32)
 
 
 def _split(names: tuple[str, ...], table: NDArray[Any]) -> dict[str, NDArray[np.float32]]:

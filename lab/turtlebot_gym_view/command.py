@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tempfile
+import webbrowser
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 class Watch(WritingOptions, MountOption, DriveOptions):
     """Show drives in a browser: an episode of each policy, or recorded drives. Play, select times, compare.
 
-    The live ROS graph is shown by "python -m turtlebot_gym_ros watch". Needs the extra [view].
+    Needs the extra [view].
     """
 
     COMMON: ClassVar = ("policy", "env", "seed", "noise", "filter", "robot", "world", "drive", "html")
@@ -36,20 +38,16 @@ class Watch(WritingOptions, MountOption, DriveOptions):
     drive: tuple[Path, ...] = ()
     """Recorded drives instead of episodes, as calibrate and replay take them, or snapshots.csv of data_logger."""
     html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), OutputFile((".html", ".htm"))] = None
-    """Write the view to this file, which opens without a server or a network, instead of serving it."""
+    """Write the view to this file, which opens without a network; by default a browser shows a temporary one."""
     side_by_side: bool = False
     """Give each drive a map of its own; else drives in the same room are drawn over each other."""
-    host: str = "localhost"
-    """Name or address to listen on; with 0.0.0.0 anyone who can reach this machine sees the view."""
-    port: int = 5006
-    """Port to listen on; 0 for any that is free."""
 
     def run(self) -> None:
         page = self.page()
-        if self.html is not None:
-            print(f"{self.html}: {page.save(self.html):,} bytes; open it in a browser.")
-            return
-        page.serve(host=self.host, port=self.port)
+        path = self.html or Path(tempfile.mkdtemp(prefix="watch-")) / "drives.html"
+        print(f"{path}: {page.save(path):,} bytes; open it in a browser.")
+        if self.html is None:
+            webbrowser.open(path.as_uri())
 
     def page(self) -> Page:
         """Drive the episodes, or read the recordings, and return their page, which a notebook shows.
@@ -84,9 +82,9 @@ class Watch(WritingOptions, MountOption, DriveOptions):
         return Page(drives=drives, title=title, side_by_side=self.side_by_side)
 
     def _require_used(self) -> None:
-        """Refuse options that change nothing: those of episodes with recorded drives, and those of the other kind of view."""
+        """Refuse options that change nothing: those of episodes with recorded drives, and the reverse."""
         recorded = [item.name for item in fields(RecordingOptions)] + ["mount"]
-        shared = (*recorded, "drive", "lidar", "side_by_side", "html", "host", "port", "force")
+        shared = (*recorded, "drive", "lidar", "side_by_side", "html", "force")
         usual = type(self)()
         given = [item.name for item in fields(self) if getattr(self, item.name) != getattr(usual, item.name)]
         for name in given:
@@ -95,8 +93,6 @@ class Watch(WritingOptions, MountOption, DriveOptions):
                 raise ValueError(f"{name} is for episodes, and changes nothing in recorded drives: leave out it, or --drive.")
             if not self.drive and name in recorded:
                 raise ValueError(f"{name} is for recorded drives: add --drive, or leave it out.")
-            if self.html is not None and name in ("host", "port"):
-                raise ValueError(f"{name} is for serving the view: leave out it, or --html.")
 
 
 def require_drivers(policies: Sequence[str], *, env: str, seed: int, allow_mismatch: bool = False, **options: Any) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from bokeh.models import ColumnDataSource, DataRange1d, GlyphRenderer, LinearColorMapper, PanTool, WheelZoomTool
+from bokeh.models import DataRange1d, GlyphRenderer, LinearColorMapper, PanTool, WheelZoomTool
 from bokeh.plotting import figure as Figure
 from numpy.typing import NDArray
 
@@ -67,15 +67,6 @@ def make_map(drives: Sequence[Drive], theme: Theme, *, name: str, beside: Figure
     _draw_room(figure, drives[0], theme)
     width, height = high - low
     return Map(figure, float(np.clip(width / height, 0.7, 2.0)), charts)
-
-
-def widen(figure: Figure, rows: ColumnDataSource) -> None:
-    """Let the visible area of a map grow with the places of a drive: true ones, estimates and goals."""
-    for x, y in (("x", "y"), ("ex", "ey"), ("gx", "gy")):
-        places = figure.scatter(x, y, source=rows, alpha=0.0)
-        ranges: Any = (figure.x_range, figure.y_range)
-        for axis in ranges:
-            axis.renderers, axis.range_padding = [*axis.renderers, places], 0.1
 
 
 def in_same_room(drive: Drive, other: Drive) -> bool:

@@ -1,11 +1,10 @@
 // What is shown of the drives at a time: tables for Bokeh's glyphs, numbers, and layers. Names come from view.py: runs, maps,
-// layers, plots, range, words, details, person, live; and from player.js.
+// layers, plots, range, words, details, person; and from player.js.
 const element = (name) => document.getElementById(name)
 const slider = element("time"), speed = element("speed"), choice = element("drive")
 const hidden = new Set()
-let time = 0, playing = 0, following = live, looping = false, selected = -1, followed = -1
+let time = 0, playing = 0, looping = false, selected = -1, followed = -1
 
-// The state of the view is this browser's own, and not sent to a server.
 const set = (model, values) => model.setv(values, {sync: false})
 const pressed = (name, on) => element(name)?.setAttribute("aria-pressed", String(on))
 const last = ({rows}) => rows.data.time.at(-1) ?? 0

@@ -1,4 +1,4 @@
-"""The view of complete drives: one object that a notebook shows, that becomes a file, or that a server shows."""
+"""The view of drives: one object that a notebook shows, and that becomes a file."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEIGHT = 640
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """The view of complete drives.
+    """The view of drives.
 
     The page holds all that it needs: BokehJS, style and data. No request leaves the machine.
     """
@@ -51,12 +51,6 @@ class Page:
         path = Path(path)
         write_text(path, self.html())
         return path.stat().st_size
-
-    def serve(self, *, host: str = "localhost", port: int = 5006) -> None:
-        """Serve the page, print its URL, and return when the process is interrupted (Ctrl-C)."""
-        from turtlebot_gym_view.server import serve
-
-        serve(self.drives, title=self.title, side_by_side=self.side_by_side, host=host, port=port)
 
     def _repr_html_(self) -> str:
         """Return the page in a frame of its own, for a notebook."""

@@ -1,5 +1,5 @@
-// Time is played, sought and followed, by buttons and keys. Zooming, panning, the selection of an interval and values under the
-// pointer are Bokeh's. Names come from view.py: runs, maps, layers, plots, line, range, cursor, theme, edge, live; and from moment.js.
+// Time is played and sought, by buttons and keys. Zooming, panning, the selection of an interval and values under the
+// pointer are Bokeh's. Names come from view.py: runs, maps, layers, plots, line, range, cursor, theme, edge; and from moment.js.
 function show(t) {
   time = Math.min(Math.max(t, 0), end())
   runs.forEach(show_run)
@@ -16,7 +16,6 @@ function play(on) {
   button.textContent = on ? "\u275a\u275a" : "\u25b6"
   button.setAttribute("aria-label", on ? "pause" : "play")
   if (!on) return
-  follow_end(false)
   if (time >= until() - 1e-6 || time < from()) show(from())
   let before = performance.now()
   requestAnimationFrame(function frame(at) {
@@ -29,19 +28,12 @@ function play(on) {
   })
 }
 
-function follow_end(on) {
-  following = on && live
-  pressed("live", following)
-  if (following) { play(false); show(end()) }
-}
-
 // Events, where the time of one that is within a gap of a tap is meant.
 const all_events = () => runs.flatMap(({events: {data}}, run) => Array.from(data.time, (time, at) => ({time, kind: data.kind[at], run})))
   .sort((a, b) => a.time - b.time)
 function seek(t, gap = 0) {
   const near = all_events().map((event) => event.time).filter((at) => Math.abs(at - t) < gap)
   play(false)
-  follow_end(false)
   show(near.sort((a, b) => Math.abs(a - t) - Math.abs(b - t))[0] ?? t)
 }
 function seek_event(step) {
@@ -87,18 +79,18 @@ function square() {
 
 const whole = () => set(range, {start: 0, end: Math.max(end(), 1)})
 
-// A drive has grown: plots that have nothing to show yet are left out.
-function grow() {
-  const is_whole = range.end >= line.x_range.end / (1 + edge) - 1e-3, elements = document.querySelectorAll(".plot")
-  const shown = plots.map((plot) => plot.known ||= plot.curves.some(({run, column}) => runs[run].rows.data[column].some(Number.isFinite)))
+// Plots that have nothing to show are left out.
+function begin() {
+  const elements = document.querySelectorAll(".plot")
+  const shown = plots.map(({curves}) => curves.some(({run, column}) => runs[run].rows.data[column].some(Number.isFinite)))
   plots.forEach(({figure}, at) => {
     elements[at].hidden = !shown[at]
     for (const axis of figure.below) set(axis, {visible: at === shown.lastIndexOf(true)})
   })
   set(line.x_range, {start: -edge * end(), end: (1 + edge) * end()})
-  if (is_whole) whole()
+  whole()
   slider.max = end()
-  show(following ? end() : time)
+  show(time)
 }
 
 function paint() {
@@ -109,7 +101,7 @@ function paint() {
 const loop = (on) => { looping = on; pressed("loop", on) }
 const step = (event) => event.shiftKey ? 1 : 0.1
 const actions = {
-  play: () => play(!playing), loop: () => loop(!looping), reset, live: () => follow_end(!following),
+  play: () => play(!playing), loop: () => loop(!looping), reset,
   follow: () => follow(followed + 1 < runs.length ? followed + 1 : -1),
   link: () => {
     history.replaceState(null, "", `#t=${time.toFixed(1)}`)
@@ -149,15 +141,15 @@ if (matchMedia("(pointer: coarse)").matches)  // a finger on a plot scrolls the 
 const linked = () => /^#t=([0-9.]+)$/.exec(location.hash)
 addEventListener("hashchange", () => { if (linked()) seek(Number(linked()[1])) })
 window.watch = {
-  seek, reset, whole, grow, choose, play: () => play(true), pause: () => play(false), get time() { return time }, get end() { return end() },
+  seek, reset, whole, choose, play: () => play(true), pause: () => play(false), get time() { return time }, get end() { return end() },
   layers, trail: (run) => runs[run].moment.trail.data, get playing() { return playing > 0 }, get events() { return all_events() }, get range() { return [range.start, range.end] },
   get camera() { return [maps[0].figure.x_range, maps[0].figure.y_range].flatMap(middle) },
 }
 paint()
 arrange()
-grow()
+begin()
 if (linked()) seek(Number(linked()[1]))
-else if (!live && !matchMedia("(prefers-reduced-motion: reduce)").matches) {
+else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) {
   new IntersectionObserver((entries, observer) => {
     if (!entries.some(({isIntersecting}) => isIntersecting)) return
     observer.disconnect()

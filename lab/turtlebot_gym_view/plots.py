@@ -81,10 +81,10 @@ class _Curve(NamedTuple):
     width: float = 1.4
 
 
-def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme: Theme, *, live: bool) -> Plots:
-    """Return the plots; those without any data are left out, unless drives still grow."""
+def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme: Theme) -> Plots:
+    """Return the plots; those without any data are left out."""
     end = _end(drives)
-    times = Range1d(start=0.0, end=end, bounds=None if live else (0.0, end), min_interval=min(SHORTEST, end))
+    times = Range1d(start=0.0, end=end, bounds=(0.0, end), min_interval=min(SHORTEST, end))
     cursor = Span(location=0.0, dimension="height", line_width=1.5, level="overlay")
     theme.paint(cursor, style.TEXT, "line_color")
     plots = Plots([], [], times, cursor)
@@ -93,7 +93,7 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     def plot(
         title: str, curves: Sequence[_Curve], *, floor: float | None = None, has_data: bool = True, of_both: bool = False
     ) -> Figure | None:
-        if not (has_data or live):
+        if not has_data:
             return None
         figure = _figure(title, plots, theme, floor)
         for at, source in enumerate(rows[:1] if of_both else rows):

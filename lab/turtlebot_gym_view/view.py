@@ -1,7 +1,7 @@
 """The view: maps of the drives, plots over time, the line of events, and variables for the page template. Made with Bokeh.
 
 Bokeh zooms, pans, selects intervals and shows values under the pointer. `moment.js` draws a moment in the browser, from
-the tables of `columns`: a file needs no server. A live view is the same page, whose tables grow.
+the tables of `columns`: a file needs no server.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from jinja2 import Template
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_view import style
-from turtlebot_gym_view.columns import Tables, apart, kept_of
+from turtlebot_gym_view.columns import apart, kept_of, tables_of
 from turtlebot_gym_view.events import told_outcome
-from turtlebot_gym_view.maps import Map, in_same_room, make_map, widen
+from turtlebot_gym_view.maps import Map, in_same_room, make_map
 from turtlebot_gym_view.moving import PERSON, Moment, draw_drive, make_moment
 from turtlebot_gym_view.plots import EDGE, Plots, make_line, make_plots
 from turtlebot_gym_view.style import Theme
@@ -46,29 +46,9 @@ DETAILS = ("estimate", "odometry", "scan", "tracks", "hypotheses")
 
 
 class _Run(NamedTuple):
-    tables: Tables
     sources: dict[str, ColumnDataSource]
-    """Tables that the browser has, by name."""
+    """Its tables by name."""
     moment: Moment
-
-    def add(self, piece: Drive) -> None:
-        """Send the next piece; its rows last, since the browser draws when it has them."""
-        if len(piece):
-            for name, table in self.tables.add(piece).items():
-                if len(next(iter(table.values()))):
-                    self.sources[name].stream(table)
-
-
-class View(NamedTuple):
-    """A view in a document."""
-
-    runs: list[_Run]
-    again: ColumnDataSource
-    """Model whose change reloads the page."""
-
-    def reload(self) -> None:
-        """Let the browser reload the page."""
-        self.again.data = {"times": [len(self.again.data["times"]) + 1.0]}
 
 
 def require_number(number: int) -> None:
@@ -81,14 +61,13 @@ def require_number(number: int) -> None:
         raise ValueError(f"a view shows 1 to {MOST_RUNS} drives, got {number}.")
 
 
-def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool = False, side_by_side: bool = False) -> View:
+def fill(document: Document, drives: Sequence[Drive], *, title: str, side_by_side: bool = False) -> None:
     """Put the view of some drives into a document.
 
     Args:
         document: An empty document.
         drives: The drives; those in the same room are drawn over each other.
         title: Title of the page.
-        live: Whether the drives grow: the view then follows their end.
         side_by_side: Whether each drive has a map of its own.
 
     Raises:
@@ -98,15 +77,15 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
     if not all(map(len, drives)):
         raise ValueError(f"drives must have rows, got {list(map(len, drives))} rows.")
     theme = Theme()
-    runs = [_make_run(drive, live=live) for drive in drives]
+    runs = [_make_run(drive) for drive in drives]
     rows = [run.sources["rows"] for run in runs]
-    if len(drives) == 2 and not live:
+    if len(drives) == 2:
         for at, source in enumerate(rows):
             source.data["apart"] = apart(drives[at], drives[1 - at])
             runs[at].moment.now.data["apart"] = np.empty(0, np.float32)
     groups = [[at] for at in range(len(drives))] if side_by_side else _groups(drives)
-    maps, drawn = _make_maps(drives, runs, groups, theme, live=live)
-    plots = make_plots(drives, rows, theme, live=live)
+    maps, drawn = _make_maps(drives, runs, groups, theme)
+    plots = make_plots(drives, rows, theme)
     line = make_line(drives, [run.sources["events"] for run in runs], plots, theme)
     with document.models.freeze():  # else Bokeh walks over all models for each root
         for root in (*(shown.figure for shown in maps), *plots.figures, line):
@@ -134,25 +113,18 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, live: bool 
         "words": WORDS,
         "details": DETAILS,
         "person": PERSON,
-        "live": live,
     }
-    again = ColumnDataSource({"times": [0.0]})
-    again.js_on_change("data", CustomJS(code="window.location.reload()"))
     for run in runs:
-        # Only referenced models are synchronized, and no drawn model refers to all of them.
-        run.sources["rows"].tags = [*run.sources.values(), again]
-        run.sources["rows"].js_on_change("streaming", CustomJS(code="window.watch?.grow()"))
+        run.sources["rows"].tags = [*run.sources.values()]  # no drawn model refers to all of them
     document.js_on_event("document_ready", CustomJS(args=client, code="".join(map(_text, SCRIPTS))))
     document.title = title
     document.template = _template()
-    document.template_variables.update(_variables(drives, maps, groups, plots, title, live))
-    return View(runs, again)
+    document.template_variables.update(_variables(drives, maps, groups, plots, title))
 
 
-def _make_run(drive: Drive, *, live: bool) -> _Run:
-    tables = Tables(float(drive.time[0]))
-    first = tables.add(drive, is_whole=not live)
-    return _Run(tables, {name: ColumnDataSource(table) for name, table in first.items()}, make_moment(first))
+def _make_run(drive: Drive) -> _Run:
+    tables = tables_of(drive)
+    return _Run({name: ColumnDataSource(table) for name, table in tables.items()}, make_moment(tables))
 
 
 def _groups(drives: Sequence[Drive]) -> list[list[int]]:
@@ -169,7 +141,7 @@ def _groups(drives: Sequence[Drive]) -> list[list[int]]:
 
 
 def _make_maps(
-    drives: Sequence[Drive], runs: Sequence[_Run], groups: Sequence[Sequence[int]], theme: Theme, *, live: bool
+    drives: Sequence[Drive], runs: Sequence[_Run], groups: Sequence[Sequence[int]], theme: Theme
 ) -> tuple[list[Map], list[list[Any]]]:
     """Return the maps, and run, layer and renderer of all that is drawn of the drives."""
     maps: list[Map] = []
@@ -185,15 +157,13 @@ def _make_maps(
             run = runs[at]
             layers = draw_drive(shown.figure, drives[at], run.sources["rows"], run.moment, theme, ink, dash)
             drawn += [[at, layer, renderer] for renderer, layer in layers]
-            if live:
-                widen(shown.figure, run.sources["rows"])
         shown.figure.js_on_event(DoubleTap, CustomJS(code="window.watch.reset()"))
         maps.append(shown)
     return maps, drawn
 
 
 def _variables(
-    drives: Sequence[Drive], maps: Sequence[Map], groups: Sequence[Sequence[int]], plots: Plots, title: str, live: bool
+    drives: Sequence[Drive], maps: Sequence[Map], groups: Sequence[Sequence[int]], plots: Plots, title: str
 ) -> dict[str, Any]:
     """Return the variables of the page's template."""
     several = len(drives) > 1
@@ -205,7 +175,7 @@ def _variables(
         ("estimate", ESTIMATE_WITHIN, style.ESTIMATE, "ring", True),
         ("odometry", "odometry", style.ODOMETRY, "dot", True),
         ("waypoint", "waypoint", style.GOAL, "ring", True),
-        ("scan", f"scan (1 of {kept})" if kept > 1 and not live else "scan", style.SCAN, "dots", scans or live),
+        ("scan", f"scan (1 of {kept})" if kept > 1 else "scan", style.SCAN, "dots", scans),
         ("people", "people", style.PERSON, "person", people),
         ("tracks", "tracks", style.ESTIMATE, "ring", any((drive.tracks[:, :, -1] == 1.0).any() for drive in drives)),
         ("hypotheses", "hypotheses", style.ESTIMATE, "dots", any(len(row) for drive in drives for row in drive.hypotheses)),
@@ -225,7 +195,6 @@ def _variables(
     return {
         "style_sheet": _text("page.css"),
         "heading": title,
-        "live": live,
         "legend": [symbol[:-1] for symbol in symbols if symbol[-1]],
         "details": DETAILS,
         "runs": runs,

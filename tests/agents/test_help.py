@@ -67,10 +67,8 @@ def test_the_programs_help_names_every_command(capsys):
     assert {line.split()[0] for line in lines if line.startswith("  ") and not line.startswith("   ")} == set(commands())
 
 
-@pytest.mark.parametrize(("words", "message"), [("train --help rob", "Did you mean 'robot'?"), ("data --help keys", "no keys")])
+@pytest.mark.parametrize(("words", "message"), [("train --help rob", "Did you mean 'robot'?"), ("card --help keys", "no keys")])
 def test_an_unknown_group_is_refused_in_one_line(words, message, capsys):
-    if words.startswith("data "):
-        pytest.importorskip("turtlebot_gym_lab", reason="needs the extra [lab]")
     assert main(words.split()) == 2
     assert message in capsys.readouterr().err
 

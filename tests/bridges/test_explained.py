@@ -17,7 +17,7 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.node.explained import topics_of
 from turtlebot_gym_ros.node.shell import Shell
-from turtlebot_gym_ros.nodes import BLOCKS, NODES, SATELLITES, TOOLS, load, programs
+from turtlebot_gym_ros.nodes import BLOCKS, NODES, TOOLS, load
 from turtlebot_gym_ros.recording import logger
 
 ROOT = Path(__file__).parents[2] / "bridges"
@@ -37,10 +37,8 @@ def classes_of(name):
     return (module.Parameters,)
 
 
-@pytest.mark.parametrize("name", [*NODES, *TOOLS, *programs()])
+@pytest.mark.parametrize("name", [*NODES, *TOOLS])
 def test_every_help_says_first_what_it_does_and_is_short(capsys, monkeypatch, name):
-    if name in SATELLITES:
-        pytest.importorskip("turtlebot_gym_lab", reason="needs the extra [lab]")
     monkeypatch.delenv("COLUMNS", raising=False)
     try:
         code = main([name, "--help"])

@@ -19,7 +19,7 @@ from cmd_vel_guard import parameters, standby
 from cmd_vel_guard.declare import declare as declare_guard
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.node.shell import Shell
-from turtlebot_gym_ros.nodes import BLOCKS, NODES, SATELLITES, load
+from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
 from turtlebot_gym_ros.recording import logger
 
 ROOT = Path(__file__).parents[2]
@@ -300,8 +300,7 @@ def test_colcon_builds_the_package(tmp_path):
     for path in (*CONFIGS, *LAUNCHES, RVIZ, *sorted((PACKAGE / "layouts").iterdir()), PACKAGE / "package.xml"):
         assert (share / path.relative_to(PACKAGE)).read_bytes() == path.read_bytes()
     assert {path.name for path in (prefix / "lib" / "turtlebot_gym_ros").iterdir()} == {
-        *(name for name, entry in NODES.items() if not entry.guards),
-        *SATELLITES,
+        name for name, entry in NODES.items() if not entry.guards
     }
     (library,) = prefix.glob("lib/python*/site-packages")
     installed = files_of(library / "turtlebot_gym_ros")

@@ -7,7 +7,6 @@ import shutil
 import pytest
 
 NEEDS = {
-    "test_field.py": ("playwright", "rclpy", "turtlebot_gym_lab"),
     "test_site.py": ("mkdocs", "math_core", "playwright"),
     "test_watch.py": ("bokeh", "playwright", "turtlebot_gym_view"),
 }

@@ -1,4 +1,4 @@
-"""The viewer in a real browser: it draws, plays, selects times, compares drives, and asks only its own server.
+"""The viewer in a real browser: it draws, plays, selects times, compares drives, and asks for nothing.
 
 Where ``SCREENSHOTS`` names a folder, pictures and figures are left there, to be looked at.
 """
@@ -9,7 +9,6 @@ import os
 import re
 import statistics
 import time
-from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -17,10 +16,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from turtlebot_gym.drive import Drive, DriveBuffer
+from turtlebot_gym.drive import Drive
 from turtlebot_gym_view import record_episode
 from turtlebot_gym_view.page import Page
-from turtlebot_gym_view.server import Server
 
 pytestmark = pytest.mark.browser
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
@@ -227,32 +225,6 @@ def test_numbers_are_those_of_the_drive(visit, long_url, long_drive):
             ("estimate off by", off, 3),
         ):
             assert float(re.search(rf"{name} (-?[\d.]+)", readout)[1]) == pytest.approx(value, abs=0.51 * 10**-digits), name
-
-
-def test_a_drive_that_grows_is_followed_until_it_is_scrubbed(visit, long_drive, results):
-    drive = DriveBuffer(long_drive[0:50])
-    with Server([drive], title="Live", live=True, port=0) as server:
-        seen = visit(server.url)
-        assert seen.time == pytest.approx(4.9, abs=1e-3)
-        for row in range(50, 100):
-            drive.add(long_drive[row : row + 1])
-        seen.page.wait_for_function("window.watch.end > 9.85", timeout=20_000)
-        assert seen.time == pytest.approx(9.9, abs=1e-3)
-        seen.page.screenshot(path=results / "live.png")
-        whole = long_drive[:100]
-        readout = seen.page.inner_text("#readout0")
-        assert f"NIS {whole.nis[-1]:.1f}" in readout
-        seen.seek(2.0)
-        drive.add(long_drive[100:150])
-        seen.page.wait_for_function("window.watch.end > 14.85", timeout=20_000)
-        assert seen.time == 2.0
-        seen.page.click("#live")
-        assert seen.time == pytest.approx(14.9, abs=1e-3)
-        drive.restart(long_drive[300:310])
-        seen.page.wait_for_function("window.watch && window.watch.end < 1.0", timeout=20_000)
-        hosts = {url.split("/")[2] for url in seen.requests}
-        assert hosts == {server.url.split("/")[2]}
-        seen.close()  # before its server goes
 
 
 def middle_of(seen, selector=".map"):
@@ -465,22 +437,6 @@ def test_each_key_does_what_the_page_says(visit, long_url):
         seen.page.focus("#time")
         press("Space")
         assert seen.playing == playing
-
-
-def test_goals_are_in_view_and_no_plot_is_empty_while_a_drive_grows(visit, long_drive):
-    known = replace(long_drive, clearance=np.full(len(long_drive), np.nan), nis=np.full(len(long_drive), np.nan))
-    known.reference[50:, :2] = (30.0, -20.0)
-    drive = DriveBuffer(known[0:50])
-    with Server([drive], title="Live", live=True, port=0) as server:
-        seen = visit(server.url)
-        assert seen.page.locator(".plot:visible").count() == 4  # no NIS, clearance or guard
-        drive.add(replace(known[50:60], level=np.ones(10)))
-        seen.page.wait_for_function("window.watch.end > 5.85", timeout=20_000)
-        seen.page.wait_for_timeout(500)
-        x, x_half, y, y_half = seen.camera
-        assert (np.abs(np.array([30.0, -20.0]) - (x, y)) < (x_half, y_half)).all()
-        assert seen.page.locator(".plot:visible").count() == 5
-        seen.close()
 
 
 def test_drives_are_shown_over_each_other_and_one_of_them_with_the_others_pale(visit, pair, tmp_path, results):

@@ -69,14 +69,11 @@ ALLOWED = {
     "turtlebot_gym_ros/tools/messages.py": "a text of the command line",
     "turtlebot_gym_ros/tools/services.py": "a text of the command line",
     "turtlebot_gym_lab/drives/laser.py": "within the bounds of `drives.read`",
-    "turtlebot_gym_lab/drives/salvage.py": "within the bounds of `drives.read`, into a temporary folder",
     "turtlebot_gym_lab/drives/tables.py": "within the bounds of `drives.read`",
     "turtlebot_gym/rooms/maps.py": "within bounds",
     "turtlebot_gym_agents/cluster/ledger.py": "a record that grows, which must survive as far as it came",
     "turtlebot_gym_agents/cluster/study.py": "what a training has just written; replaced as a whole",
     "turtlebot_gym_agents/commands/console.py": "replaced as a whole",
-    "turtlebot_gym_lab/commands/course.py": "an exercise of the package",
-    "turtlebot_gym_lab/commands/data.py": "replaced as a whole",
     "turtlebot_gym_lab/scans/map_files.py": "replaced as a whole",
     "turtlebot_gym_agents/front/driving.py": "replaced as a whole",
     "turtlebot_gym_agents/front/film.py": "replaced as a whole",
@@ -88,15 +85,12 @@ ALLOWED = {
     "turtlebot_gym_agents/training/model.py": "within bounds; replaced as a whole",
     "turtlebot_gym_view/view.py": "a file of the package",
     "turtlebot_gym_ros/blocks/waypoints.py": "cells in lines that `files` has read",
-    "turtlebot_gym_lab/field/rehearsal.py": "into the folder of the rehearsal, which is new",
-    "turtlebot_gym_lab/field/report.py": "a file of the package",
-    "turtlebot_gym_lab/field/steps.py": "into a temporary folder",
     "turtlebot_gym_ros/graph/bringup.py": "replaced as a whole",
     "turtlebot_gym_ros/recording/bag.py": "a recording that grows, which must survive as far as it came",
     "turtlebot_gym_ros/recording/logger.py": "a recording that grows, which must survive as far as it came",
 }
 """Modules that open files by themselves, each with the reason."""
-SCREENS = {"view.open", "self.open", "feed.open", "reader.open", "self._writer.open"}
+SCREENS = {"webbrowser.open", "self.open", "feed.open", "reader.open", "self._writer.open"}
 """What is opened and is no file."""
 
 

@@ -154,27 +154,6 @@ def test_its_commands_are_left_out_of_the_help_and_say_what_to_install(copy):
                 break
 
 
-@pytest.mark.skipif(find_spec("rclpy") is None, reason="needs the extra [ros]")
-def test_its_programs_are_left_out_of_the_help_and_say_what_to_install(copy):
-    done = copy.run("-m", "turtlebot_gym_ros", "--help")
-    assert done.returncode == 0, done.stderr
-    assert "  bringup  " in done.stdout
-    for name, target in PROJECT["entry-points"]["turtlebot_gym.programs"].items():
-        package = target.partition(".")[0]
-        if package in copy.missing:
-            extra = package.removeprefix("turtlebot_gym_")
-            assert f"  {name}  " not in done.stdout
-            assert copy.said("turtlebot_gym_ros", name).startswith(f"error: {name} needs the extra [{extra}]: pip install")
-
-
-@pytest.mark.nightly
-def test_a_viewer_that_is_missing_is_named_with_the_remedy(copy):
-    if "turtlebot_gym_view" not in copy.missing:
-        pytest.skip("has its viewer")
-    line = copy.said("turtlebot_gym", "train", "--watch", "--steps", "1", "--out", "run")
-    assert line.startswith("turtlebot-gym: watch-training needs the extra [view]: pip install")
-
-
 @pytest.mark.nightly
 def test_quick_tests_of_the_product_pass_without_all_satellites(copy):
     if len(copy.missing) == 1:

@@ -28,10 +28,9 @@ pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
 from cmd_vel_guard import robots
 from turtlebot_gym_agents.ids import SHORT
-from turtlebot_gym_lab.field.program import parser as field_test_parser
 from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.graph.bringup import parser as bringup_parser
-from turtlebot_gym_ros.nodes import NODES, SATELLITES, TOOLS, load
+from turtlebot_gym_ros.nodes import NODES, TOOLS, load
 
 LAUNCHES = ROOT / "bridges" / "turtlebot_gym_ros" / "launch"
 STORED = json.loads((ROOT / "tests" / "golden" / "api.json").read_text(encoding="utf-8"))
@@ -74,8 +73,6 @@ def check(line, ros):
             known(topic, kind)
         case ["ros2", "run", "teleop_twist_keyboard", "teleop_twist_keyboard", "--ros-args", "-r", remapping, *_]:
             known("/" + remapping.partition(":=")[2])
-        case ["python", "-m", "turtlebot_gym_ros", "field_test", *given]:
-            assert not field_test_parser().parse_known_args(given)[1]
         case ["python", "-m", "turtlebot_gym_ros", "bringup", *given]:
             assert not bringup_parser().parse_known_args(given)[1]
         case ["python", "-m", "turtlebot_gym_ros", tool, *given] if tool in TOOLS:
@@ -87,7 +84,7 @@ def check(line, ros):
                 load(tool)(given)
         case ["python", "-m", "turtlebot_gym_ros", node, *given] | ["ros2", "run", "turtlebot_gym_ros", node, *given]:
             further = given[: given.index("--ros-args")] if "--ros-args" in given else given
-            assert {node, *further} <= {*NODES, *SATELLITES}
+            assert {node, *further} <= {*NODES}
             options = given[len(further) + 1 :]
             for flag, value in zip(options[::2], options[1::2], strict=True):
                 name = value.partition(":=")[0].rpartition(":")[2]
@@ -158,7 +155,6 @@ def test_commands_of_the_pages_name_what_exists(page, ros):
         "ros2 service call /velocity_controller/enabel std_srvs/srv/SetBool '{data: true}'",
         "ros2 topic pub --rate 10 /emergency std_msgs/msg/Bool '{data: false}'",
         "python -m turtlebot_gym_ros kalman",
-        "python -m turtlebot_gym_ros field_test --simulated turtlebot3",
         "python -m turtlebot_gym_ros kalman_filter --ros-args -p filtre:=matched",
         "ros2 bag record /odo",
         "ros2 param set /kalman_filter gains.kv 0.6",

@@ -6,7 +6,6 @@ import yaml
 from pages import ROOT, measured, rows_after, text_of
 
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_lab.drives.reading import FORMATS
 
 ROOMS, SAFETY, BELIEF = (text_of(f"docs/concepts/{name}.md") for name in ("rooms", "safety", "belief"))
 CALIBRATE = text_of("docs/howto/calibrate.md")
@@ -32,11 +31,6 @@ def test_the_table_of_fixes_is_what_was_measured():
     for name, *cells in rows:
         assert cells == [f"{with_margin(cases[name]['position'], 3)} m", with_margin(cases[name]["nees"], 2)], name
     assert len(rows) == len(cases)
-
-
-def test_the_table_of_recordings_is_what_the_reader_knows():
-    rows = rows_after("docs/howto/record.md", "## What can be read")
-    assert rows[: len(FORMATS)] == [[form.name, form.files, form.holds] for form in FORMATS]
 
 
 def test_shares_of_arrivals_are_what_was_measured():

@@ -45,15 +45,13 @@ BASES: dict[str, list[str]] = {
     "export": ["model.zip", "--allow-pickle"],
     "card": ["ppo-nav"],
     "study": ["list.yaml", "--out", "study"],
-    "check": ["binary.csv"],
-    "data": ["list"],
     "benchmark": ["--check", "empty.json"],
     "compile": ["--system", "nothing"],
 }
 """What is quick: it takes a moment, or has an input that is refused. Of satellites those that are installed are tried."""
 KNOWN = commands()
 BASES = {name: words for name, words in BASES.items() if name in KNOWN}
-LEFT_OUT = {"cluster", "workers", "peers", "watch", "storage", "all"}
+LEFT_OUT = {"cluster", "workers", "peers", "storage", "all"}
 """Options that reach for other machines, install something, serve until Ctrl-C, or compile all there is."""
 WORDS = st.one_of(
     st.sampled_from(

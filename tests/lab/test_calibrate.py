@@ -8,7 +8,6 @@ import pytest
 from drive_samples import recorded
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_noise
-from turtlebot_gym.presets import WHEEL
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_lab.calibration import CalibrationEstimate, calibrate
 from turtlebot_gym_lab.commands.calibration_report import interval_text
@@ -66,27 +65,6 @@ def test_a_file_that_makes_the_wheels_worse_is_not_written_unless_forced(tmp_pat
     assert not out.exists()
     assert main([*command, "--force"]) == 0
     assert "The file makes the wheels worse" in out.read_text()
-
-
-def test_wheels_by_tape_need_no_truth(tmp_path, capsys):
-    # Ten metres ahead, then ten turns, by the wheels; the tape says 9.8 m and 6.2 turns.
-    v, omega = np.repeat([(0.2, 0.0), (0.0, 0.8)], (251, 393), axis=0).T
-    table, out = tmp_path / "wheels.csv", tmp_path / "mine.yaml"
-    theta = np.remainder(np.cumsum(0.2 * omega) + np.pi, 2.0 * np.pi) - np.pi
-    columns = np.column_stack([0.2 * np.arange(len(v)), v, omega, np.cumsum(0.2 * v), np.zeros(len(v)), theta])
-    np.savetxt(table, columns, delimiter=",", header="t,v,omega,x,y,theta", comments="")
-    command = ["calibrate", str(table), "--distance", "9.8", "--turns", "6.2", "--out", str(out)]
-    assert main(command) == 0
-    assert "wheels by tape, 2 numbers" in " ".join(capsys.readouterr().out.split())
-    process = make_noise(str(out)).process
-    assert (process.scale, process.scale * process.turn_scale) == pytest.approx((0.98, 0.62), rel=0.01)
-    assert process.alpha1 == WHEEL.process.alpha1
-    assert "alpha1: unknown; the preset's" in out.read_text()
-    assert main([*command[:2], "--loop", "--plot", str(tmp_path / "no.png")]) == 2
-    assert "--plot" in capsys.readouterr().err
-    (tmp_path / "tape.csv").write_text("start,end,distance,turns\n0,50,9.8,\n50,,,6.2\n")
-    assert main([*command[:2], "--measured", str(tmp_path / "tape.csv"), "--out", str(out), "--force"]) == 0
-    assert make_noise(str(out)).process.scale == pytest.approx(0.98, rel=0.01)
 
 
 def test_parameters_that_innovations_cannot_determine_are_reported(table, capsys):

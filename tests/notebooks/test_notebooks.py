@@ -112,7 +112,7 @@ def test_the_first_runs_in_its_short_form(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", NAMES)
 def test_its_outputs_are_those_of_the_present_code(name, tmp_path, monkeypatch):
     if name.startswith("05") and not (DATA / "wifibot1.txt").exists():
-        pytest.skip(f"needs the recorded drives in {DATA}: turtlebot-gym data fetch")
+        pytest.skip(f"needs the recorded drives in {DATA}")
     monkeypatch.delenv("TURTLEBOT_GYM_QUICK", raising=False)
     monkeypatch.setenv("TURTLEBOT_GYM_DATA", str(DATA))
     cells = zip(code_cells(read(name)), code_cells(executed(name, tmp_path, monkeypatch)), strict=True)

@@ -8,7 +8,6 @@ import pytest
 from turtlebot_gym.drive import Drive
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_view import record_episode
-from turtlebot_gym_view.columns import Tables
 from turtlebot_gym_view.events import all_events_of, events_of, score_of, told_outcome
 
 MISSIONS = "turtlebot_gym/TurtleBotMissions-v0"
@@ -45,13 +44,6 @@ def test_each_event_stands_in_its_row():
     assert score_of(eventful()) == (2, 1, pytest.approx(9.9))
     ended = replace(eventful(), outcome="collision after 9.9 s", clearance=np.where(np.arange(100) == 99, -0.1, 1.0))
     assert [event for event in all_events_of(ended) if event[1] == "contact"] == [(99, "contact")]  # once
-
-
-def test_events_of_pieces_are_those_of_the_whole():
-    drive, tables = eventful(), Tables(0.0)
-    events = [tables.add(drive[at : at + 1])["events"] for at in range(len(drive))]
-    found = [(round(float(t) * 10), kind) for each in events for t, kind in zip(each["time"], each["kind"], strict=True)]
-    assert found == EXPECTED
 
 
 def test_a_goal_that_is_given_up_is_not_reached():

@@ -1,22 +1,17 @@
-"""The view without a browser: a file holds all that it needs, names are text, and a server serves only this machine."""
+"""The view without a browser: a file holds all that it needs, and names are text."""
 
-import http.client
 import re
-import socket
 import sys
-import time
 from dataclasses import replace
 from html.parser import HTMLParser
-from urllib.request import urlopen
 
 import numpy as np
-import psutil
 import pytest
 from bokeh.document import Document
 from bokeh.models import HoverTool
 from bokeh.models.glyphs import Image as ImageGlyph
 
-from turtlebot_gym.drive import Drive, DriveBuffer, RoomData, Seen
+from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
@@ -25,7 +20,6 @@ from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_view import style
 from turtlebot_gym_view.maps import _extent, _picture
 from turtlebot_gym_view.page import Page
-from turtlebot_gym_view.server import Server
 from turtlebot_gym_view.view import fill
 
 pytestmark = pytest.mark.touched("lab/turtlebot_gym_view", "tests/view")
@@ -176,7 +170,6 @@ def test_plots_without_data_are_left_out():
     assert titles(robot) == ["speed", "turning"]
     guarded = replace(robot, level=np.array([0.0, 1.0, 2.0, 0.0, 0.0]))
     assert titles(guarded) == ["speed", "turning", "state"]
-    assert len(titles(robot, live=True)) == 7  # what comes is not known yet
 
 
 @pytest.mark.parametrize("number", [0, 7])
@@ -233,70 +226,19 @@ def test_the_command_writes_a_file(tmp_path, capsys):
     assert page.count("success after") == page.count("time is up after") == 1  # one steers to the bearing, the other does not
 
 
+def test_without_a_file_a_browser_shows_a_temporary_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    assert main(["watch", "--seed", "3"]) == 0
+    (path,) = tmp_path.rglob("*.html")
+    assert opened == [path.as_uri()]
+
+
 def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch):
     for name in [name for name in sys.modules if name.startswith(("bokeh", "turtlebot_gym_view."))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["watch", "--html", str(tmp_path / "a.html")]) == 2
     assert installing("view") in capsys.readouterr().err
-
-
-def test_a_server_serves_only_this_machine_and_ends():
-    with Server([DriveBuffer(make_drive(5, scans=1))], title="Served", live=False, port=0) as server:
-        port = int(server.url.rstrip("/").rpartition(":")[2])
-        listening = {
-            connection.laddr.ip
-            for connection in psutil.Process().net_connections()
-            if connection.status == psutil.CONN_LISTEN and connection.laddr.port == port
-        }
-        assert listening <= {"127.0.0.1", "::1"}
-        assert listening
-        with urlopen(server.url, timeout=20.0) as answer:
-            assert b"<h1>Served</h1>" in answer.read()
-        begun = time.monotonic()
-    assert time.monotonic() - begun < 5.0
-    with pytest.raises(OSError, match="refused"):
-        urlopen(server.url, timeout=5.0)
-
-
-def status(server, **headers):
-    """Return the status with which a server answers a request with these headers, by itself and as a WebSocket's."""
-    _, port = server.url.removeprefix("http://").rstrip("/").rsplit(":", 1)
-    statuses = []
-    for path, more in (
-        ("/", {}),
-        (
-            "/ws",
-            {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "x" * 24},
-        ),
-    ):
-        connection = http.client.HTTPConnection("127.0.0.1", int(port), timeout=20.0)
-        connection.putrequest("GET", path, skip_host=True)
-        for key, value in (headers | more).items():
-            connection.putheader(key, value.format(port=port))
-        connection.endheaders()
-        statuses.append(connection.getresponse().status)
-        connection.close()
-    return statuses
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("host", ["localhost", "0.0.0.0"])
-def test_requests_to_another_name_than_this_machines_are_refused(host):
-    with Server([DriveBuffer(make_drive(5, scans=1))], title="", live=False, host=host, port=0) as server:
-        assert status(server, Host="evil.com", Origin="http://evil.com") == [404, 404]
-        assert status(server, Host="localhost:{port}", Origin="http://evil.com") == [404, 404]
-        for own in ("localhost:{port}", "127.0.0.1:{port}", "[::1]:{port}", "192.168.1.7:8080"):  # the last behind a gateway
-            assert 404 not in status(server, Host=own, Origin=f"http://{own}")
-            assert 404 not in status(server, Host=own)
-
-
-def test_invalid_and_taken_ports_are_refused():
-    for port in (-1, 65_536):
-        with pytest.raises(ValueError, match="port must be a whole number from 0 to 65535"):
-            Server([], title="", live=False, port=port)
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        server = Server([DriveBuffer(make_drive(5, scans=1))], title="", live=False, host="127.0.0.1", port=port)
-        with pytest.raises(OSError, match=f"port {port}.*--port"), server:
-            pass

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
-from turtlebot_gym.entry_points import load_entry_point
 from turtlebot_gym.variants import flattened
 from turtlebot_gym_agents.commands.console import (
     EnvironmentOptions,
@@ -99,8 +98,6 @@ class Train(Placement, _LearningOptions):
     """Stop after this wall time, s, by which schedules end; imports, last evaluation and export are not in it."""
     resume: bool = False
     """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
-    watch: bool = False
-    """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [view]."""
     plot: FigureFile = None
     """Draw here success and return over the steps; for several seeds their mean, with its 95 % interval."""
     wandb: Annotated[str | None, tyro.conf.arg(metavar="PROJECT")] = None
@@ -111,9 +108,8 @@ class Train(Placement, _LearningOptions):
         from turtlebot_gym_agents.training.config import require_no_run
 
         folders, runner = folders_of(self.out, self.seed, self.seeds), self.runner()
-        for name in ("wandb", "watch"):
-            if getattr(self, name) and self.spread:
-                raise ValueError(f"{name} follows trainings in this process: leave out --cluster.")
+        if self.wandb and self.spread:
+            raise ValueError("wandb follows trainings in this process: leave out --cluster.")
         for folder in folders.values() if not (self.resume or self.spread) else ():
             require_no_run(folder)
         for folder in folders.values() if self.resume else ():
@@ -128,7 +124,7 @@ class Train(Placement, _LearningOptions):
             results = self._spread(config, folders, runner)
             trained = Training(config=config, folders=folders, results=dict(zip(folders, results, strict=True)))
         else:
-            more = {"resume": self.resume, "callbacks": self._callbacks, "within": self._tracked}
+            more = {"resume": self.resume, "within": self._tracked}
             trained = train(config, self.out, seeds=self.seeds, **more)
         title = ", ".join([self.env, self.algo, *self.described(), "the best model on the evaluation's seeds"])
         print_tables(*trained.tables(title=title))
@@ -161,12 +157,6 @@ class Train(Placement, _LearningOptions):
             raise ValueError("cluster trains several seeds at once, from their beginning: add --seeds, leave out --resume.")
         with progress(self.seeds) as advance_to:
             return train_seeds(config, folders, run=runner, progress=advance_to)
-
-    def _callbacks(self, config: TrainingConfig) -> list[Any]:
-        """Return the callback that shows the policy, if requested."""
-        if not self.watch:
-            return []
-        return [load_entry_point("turtlebot_gym.viewers", "watch-training", extra="view")(config)]
 
     def _tracked(self, config: TrainingConfig, folder: Path) -> Any:
         """Return the context of a run of Weights & Biases, if requested, which reads what goes to TensorBoard."""

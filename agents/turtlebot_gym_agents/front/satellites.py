@@ -17,12 +17,12 @@ GROUP = "turtlebot_gym.commands"
 def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
     """Return the view of drives, as `turtlebot-gym watch` shows it. Needs the extra [view].
 
-    For example ``watch("bearing", "ppo-nav", html="view.html")``. A notebook shows what is returned; ``serve()`` shows it in
-    a browser until the process is interrupted, and ``save("view.html")`` writes a file.
+    For example ``watch("bearing", "ppo-nav", html="view.html")``. A notebook shows what is returned, and
+    ``save("view.html")`` writes a file.
 
     Args:
         *what: Policies, as for `evaluate`, that all drive the same episode; or drives, which `drive` returned.
-        html: Also write the view to this file, which opens without a server; an existing file is replaced.
+        html: Also write the view to this file, which opens in any browser; an existing file is replaced.
         **options: The command's: ``side_by_side``; for policies also ``env``, ``seed`` and the environment's.
 
     Raises:

@@ -13,7 +13,7 @@ from typing import Any
 
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.session import INTERRUPTED
-from turtlebot_gym_ros.nodes import EXPLAINED, NODES, TOOLS, Entry, entry_of, load, programs
+from turtlebot_gym_ros.nodes import EXPLAINED, NODES, TOOLS, Entry, entry_of, load
 
 HELP = """usage: python -m turtlebot_gym_ros NODE [NODE ...] [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
@@ -28,7 +28,7 @@ without ros2cli, TOOL [--help]:
 velocity_controller starts disabled: watch the robot, and enable it. Only policies such as vfh see obstacles,
 by /scan; cmd_vel_guard stops before them unless collision_monitor:=false.
 Discovery stays on this machine unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise; to reach a robot, set it to SUBNET.
-bringup, field_test, watch and status have their own options: see their --help. --version prints the version."""
+bringup and status have their own options: see their --help. --version prints the version."""
 
 
 EXTRAS = {"rclpy": "ros", "yaml": "ros", "rosbags": "deploy", "matplotlib": "gym", "PIL": "gym"}
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(argv: Sequence[str] | None) -> int:
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
-        parts = {"nodes": NODES | programs(), "tools": TOOLS}
+        parts = {"nodes": NODES, "tools": TOOLS}
         print(HELP.format(**{part: _listed(entries) for part, entries in parts.items()}))
         return 0
     if name == "--version":

@@ -1,4 +1,4 @@
-"""The nodes of the package: the only list of them, to which satellites add programs.
+"""The nodes of the package: the only list of them.
 
 This is plain data without ROS; a node's code is loaded when it is needed. The command line, the ROS package's executables, the
 graph's modes, the diagnostics, the reference and the tests read it.
@@ -90,26 +90,20 @@ BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
 """The nodes that are blocks."""
 EXPLAINED = (*BLOCKS, "data_logger", *(name for name, entry in NODES.items() if entry.guards))
 """The nodes that take ROS arguments; all others, and the tools, parse options of their own."""
-SATELLITES = {"field_test": "lab", "watch": "view"}
-"""Programs of satellites, and the extra that brings each; the group ``turtlebot_gym.programs`` of entry points has them."""
-GROUP = "turtlebot_gym.programs"
 
 
 def entry_of(name: str) -> Entry:
-    """Return the entry of a node, a tool or a satellite's program.
+    """Return the entry of a node or a tool.
 
     Raises:
         ValueError: If the name is unknown.
-        ImportError: If its satellite is not installed.
+        ImportError: If it is a node of the guard, which is not installed.
     """
     if entry := NODES.get(name) or TOOLS.get(name):
         return entry
-    from turtlebot_gym.entry_points import load_entry_point, names_in
     from turtlebot_gym.validation import did_you_mean  # slow to import
 
-    names = dict.fromkeys((*NODES, *TOOLS, *SATELLITES, *names_in(GROUP)))
-    if name in names:
-        return load_entry_point(GROUP, name, extra=SATELLITES.get(name, "all"))
+    names = (*NODES, *TOOLS)
     if name.startswith("cmd_vel_"):
         raise ImportError(
             f"{name} is a node of the package {GUARD}, which is missing: pip install ./bridges/{GUARD} in a checkout."
@@ -117,19 +111,12 @@ def entry_of(name: str) -> Entry:
     raise ValueError(f"there is no node {name!r}; there are {', '.join(names)}.{did_you_mean(name, names)}")
 
 
-def programs() -> dict[str, Entry]:
-    """Return the entries of satellites' programs by name; one that cannot be loaded is left out."""
-    from turtlebot_gym.entry_points import loadable
-
-    return loadable(GROUP)
-
-
 def load(name: str) -> Any:
-    """Return the code of a node, a tool or a satellite's program: the class of its block, or a function of arguments.
+    """Return the code of a node or a tool: the class of its block, or a function of arguments.
 
     Raises:
         ValueError: If the name is unknown.
-        ImportError: If its satellite is not installed.
+        ImportError: If it is a node of the guard, which is not installed.
     """
     entry = entry_of(name)
     module, _, attribute = entry.target.partition(":")

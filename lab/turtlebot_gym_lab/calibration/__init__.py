@@ -2,6 +2,5 @@
 
 from turtlebot_gym_lab.calibration.calibrate import KINDS, Calibration, calibrate, detect_kind
 from turtlebot_gym_lab.calibration.estimates import CalibrationEstimate
-from turtlebot_gym_lab.calibration.tape import Leg, calibrate_by_tape
 
-__all__ = ["KINDS", "Calibration", "CalibrationEstimate", "Leg", "calibrate", "calibrate_by_tape", "detect_kind"]
+__all__ = ["KINDS", "Calibration", "CalibrationEstimate", "calibrate", "detect_kind"]

@@ -13,7 +13,7 @@ from scipy import stats
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.models.angles import wrap_all
-from turtlebot_gym_lab.drives.alignment import between
+from turtlebot_gym_lab.drives.streams import between
 
 REACH = 0.6
 """Largest clock offset that is searched, s."""

@@ -8,10 +8,7 @@ References:
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from turtlebot_gym_lab.calibration.fit import LEVEL
@@ -55,12 +52,6 @@ def covariance_of(scores: Array, information: Array, prior: Array, blocks: int) 
     by_blocks = (blocks - 1.0) / blocks * changes.T @ changes + gain @ np.diag(prior) @ gain
     wider = np.sqrt(np.maximum(np.diag(gain) / np.diag(by_blocks), 1.0))  # few blocks may agree by chance
     return by_blocks * np.outer(wider, wider)
-
-
-def deviations_of(moves: NDArray[np.floating[Any]]) -> Array:
-    """Return the standard deviations of parameters, shape (m,), from their values without each block, shape (blocks, m)."""
-    blocks = len(moves)
-    return np.sqrt((blocks - 1.0) / blocks * ((moves - moves.mean(axis=0)) ** 2).sum(axis=0))
 
 
 def quantile(blocks: int) -> float:

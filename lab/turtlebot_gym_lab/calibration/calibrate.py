@@ -26,8 +26,6 @@ from turtlebot_gym_lab.calibration.estimates import (
 from turtlebot_gym_lab.calibration.execution import fit_execution, lag_of
 from turtlebot_gym_lab.calibration.verdict import UNTESTED, Verdict
 from turtlebot_gym_lab.calibration.windows import relative
-from turtlebot_gym_lab.drives.clocks import OTHER, said
-from turtlebot_gym_lab.drives.topics import ELSEWHERE
 
 KINDS = (POSE, WHEELS)
 """Kinds of odometry."""
@@ -73,8 +71,6 @@ class Calibration:
     """Remarks on the drive: what was left out, shifted or assumed."""
     drive: Drive = field(repr=False)
     """The drive, aligned."""
-    measured: int = 0
-    """Number of measurements by tape that the wheels were fitted to; 0 if none."""
 
 
 def detect_kind(drive: Drive) -> str:
@@ -129,11 +125,8 @@ def calibrate(
         )
     kind = detect_kind(drive) if kind is None else choose("kind", kind, dict(zip(KINDS, KINDS, strict=True)))
     if not has_truth and kind == WHEELS:
-        if why := said(drive, OTHER, ELSEWHERE) if use_truth else "":
-            raise ValueError(f"{why}.")
         raise ValueError(
-            "wheel odometry alone says nothing about its error: record the truth or measured poses (a fix) beside it, or "
-            "measure the drive by tape."
+            "wheel odometry alone says nothing about its error: record the truth or measured poses (a fix) beside it."
         )
     if kind == POSE and not drive.has_odometry:
         raise ValueError("there are no measured poses to calibrate.")

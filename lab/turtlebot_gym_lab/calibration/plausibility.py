@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.models.angles import TWO_PI, wrap_all
 from turtlebot_gym.robots import Robot
-from turtlebot_gym_lab.drives.causes import cause_of
 
 DEGREES = 180.0 / math.pi
 FASTER, TURNING_FASTER = 20.0, 3.0
 """Multiples of a robot's limits of speed and turning rate that no robot of its kind reaches. Robots differ more in
 speed than in turning rate, and degrees are only 57 times radians."""
+FARTHER = 5.0
+"""Ratio of the span of poses to the way of the wheels that no slip explains."""
 FEWEST = 20
 """Fewest rows of a drive to calibrate."""
 STILL = (0.5, 1.0)
@@ -29,15 +30,15 @@ def check(drive: Drive, robot: Robot, where: str) -> None:
         raise ValueError(f"{where}: only {len(drive)} rows are good, too few to calibrate; {FEWEST} are needed{why}.")
     way, turn = _moved(drive)
     if way < STILL[0] and turn < STILL[1]:
-        why = cause_of(drive) or "record a drive of 10 m or more, with turns"
         raise ValueError(
-            f"{where}: the robot moves by {way:.2f} m and {turn:.2f} rad in all: there is nothing to fit to; {why}."
+            f"{where}: the robot moves by {way:.2f} m and {turn:.2f} rad in all: there is nothing to fit to; record a drive of "
+            "10 m or more, with turns."
         )
     require_units(drive, robot, where)
 
 
 def require_units(drive: Drive, robot: Robot, where: str) -> None:
-    """Refuse a drive that is not in metres, seconds and radians, or is wrong in another way that its data tell.
+    """Refuse a drive that is not in metres, seconds and radians.
 
     Args:
         drive: The drive.
@@ -45,7 +46,7 @@ def require_units(drive: Drive, robot: Robot, where: str) -> None:
         where: The file, for messages.
 
     Raises:
-        ValueError: If a speed is impossible, a heading is in degrees, or `cause_of` names a cause; the message says what to do.
+        ValueError: If a speed is impossible, or a heading is in degrees; the message says what to do.
     """
     _check_clock(drive, where)
     speed, rate = (float(np.percentile(np.abs(drive.twist[:, k]), 99.0)) for k in (0, 1))
@@ -58,10 +59,16 @@ def require_units(drive: Drive, robot: Robot, where: str) -> None:
                 f"{where}: the {name} reaches {value:.4g} {unit}, and the robot's limit is {limit:.4g}: if it is in {wrong}, "
                 f"divide it by {factor:.4g}; another robot is chosen by its name or file."
             )
+    way, turn = _moved(drive)
     for source, poses in (("measured", drive.odometry), ("true", drive.truth)):
-        _check_headings(poses, turn=_moved(drive)[1], what=f"{where}: the {source}")
-    if why := cause_of(drive):
-        raise ValueError(f"{where}: {why}.")
+        _check_headings(poses, turn=turn, what=f"{where}: the {source}")
+        places = poses[known(poses), :2]
+        span = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
+        if span > FARTHER * max(way, STILL[0]):
+            raise ValueError(
+                f"{where}: the {source} positions span {span:.4g} m, and the wheels have made {way:.4g} m in all: "
+                "if they are in millimetres, divide them by 1000."
+            )
 
 
 def _moved(drive: Drive) -> tuple[float, float]:

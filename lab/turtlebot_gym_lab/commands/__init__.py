@@ -1,1 +1,1 @@
-"""Subcommands of ``turtlebot-gym`` about recordings, filters and the course."""
+"""Subcommands of ``turtlebot-gym`` about recordings and filters."""

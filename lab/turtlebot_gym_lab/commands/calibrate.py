@@ -11,22 +11,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from turtlebot_gym.files import SUFFIXES
-from turtlebot_gym_agents.commands.console import FigureFile, File, ReportingOptions, print_tables, progress, save_figure
+from turtlebot_gym_agents.commands.console import FigureFile, ReportingOptions, print_tables, progress, save_figure
 from turtlebot_gym_agents.outputs import OutputFile
-from turtlebot_gym_lab.commands.recorded import StartOptions
+from turtlebot_gym_lab.commands.recorded import RecordingOptions
 
 if TYPE_CHECKING:
     from turtlebot_gym import Robot
     from turtlebot_gym.drive import Drive
     from turtlebot_gym_lab.calibration import Calibration
 
-PARTS, USUAL = 4, 150
-"""Most steps of a calibration, for its progress bar: alignment and fit, of motion and measurements, or twice by a map; and the
-usual number of evaluations of a likelihood in one."""
-
-
-MAP_BYTES = 100_000
-"""Largest file that may be a map."""
+PARTS, USUAL = 3, 150
+"""Most steps of a calibration, for its progress bar: alignment, and fit of motion and measurements; and the usual number of
+evaluations of a likelihood in one."""
 
 
 class _Bar:
@@ -52,16 +48,12 @@ class _Bar:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibrate(ReportingOptions, StartOptions):
+class Calibrate(ReportingOptions, RecordingOptions):
     """Fit the noise model to a recorded drive, and write it as a file that --noise takes everywhere.
 
     With recorded truth, such as motion capture, the whole model can be fitted; without it, everything but the bias of x and y,
-    from the innovations of measured poses. What was measured by tape (--distance, --turns, --loop, --measured) determines the
-    wheels instead: scale, turn_scale and veer; in a known place (--map) the scans of the log do, and the noise of the wheels.
-    A log with scans and none of these is calibrated scan against scan: the wheels in the LiDAR's metres, where the LiDAR is on
-    the robot, even if it looks backwards or hangs upside down, and the gyro. Tape or map, truth, scans: the first one counts.
-    The report lists what the log does not determine, and the motion that would. Its last line says how the fit to one half of
-    the log drives the other; a file that makes the wheels worse is not written.
+    from the innovations of measured poses. The report lists what the log does not determine, and the motion that would. Its
+    last line says how the fit to one half of the log drives the other; a file that makes the wheels worse is not written.
     """
 
     log: tyro.conf.Positional[Path]
@@ -76,21 +68,6 @@ class Calibrate(ReportingOptions, StartOptions):
     perhaps theta."""
     odometry: str | None = None
     """Kind of odometry: "pose" measures the pose, "wheel" integrates the wheels; detected by default."""
-    distance: float | None = None
-    """By tape: straight-line distance from the start of the log to its end, m."""
-    turns: float | None = None
-    """By tape: number of turns, such as 10, in the direction of odometry."""
-    loop: bool = False
-    """By tape: the log ends where it begins, with the same heading."""
-    measured: File = None
-    """Table of parts that were measured by tape (FILE.csv), with some of the columns log (a file beside the table; LOG if
-    empty), start and end (s from the log's first row), distance, x, y (of the end, from the start), m, and turns."""
-    tape_std: float = 0.0025
-    """Standard deviation of a distance and a place by tape, m."""
-    heading_std_deg: float = 1.0
-    """Standard deviation of a measured turn, degrees."""
-    map: Path | None = None
-    """Map of the place, as map_server takes it (FILE.yaml): the poses of the log's scans in it are the truth."""
     robot: str = "burger"
     """Robot whose speed limits a log must satisfy: a preset, such as burger, or a file of your own (FILE.yaml)."""
     integrator: str | None = None
@@ -107,55 +84,29 @@ class Calibrate(ReportingOptions, StartOptions):
         from turtlebot_gym_agents.provenance import provenance
         from turtlebot_gym_lab.calibration import calibrate
         from turtlebot_gym_lab.calibration.fit import watched
-        from turtlebot_gym_lab.calibration.tape import NAMES
-        from turtlebot_gym_lab.commands import calibration_by_scans
+        from turtlebot_gym_lab.calibration.windows import PARAMETERS
         from turtlebot_gym_lab.commands.calibration_report import calibration_figure, calibration_tables, comment
-        from turtlebot_gym_lab.evaluation.by_map import calibrate_by_map
 
         robot, refused = make_robot(self.robot), ""
-        by_tape = self._by_hand
-        if by_tape and self.map is not None:
-            raise ValueError("wheels are calibrated by a tape or by a map, not by both: leave one of them out.")
-        if self.mount is not None and self.map is None:
-            raise ValueError("--mount says where the LiDAR is, and only with --map do scans count: leave it out, or add --map.")
-        if by_tape and self.plot is not None:
-            raise ValueError("--plot shows errors along a drive, and a tape measures only its ends: leave one of them out.")
         with progress(1):
             drive = self._read(self.log, robot)
         self._fit_gyro(drive)
-        if (
-            not by_tape
-            and self.map is None
-            and calibration_by_scans.applies(drive, kind=self.odometry, use_truth=self.truth != "none")
-        ):
-            calibration_by_scans.run(self, drive)
-            return
-        fit: Callable[..., Calibration] = calibrate
-        options: dict[str, Any] = {"use_truth": self.truth != "none"}
-        if self.map is not None:
-            drive = self.localizable(drive)
-            fit, options = calibrate_by_map, {"place": self.place(self.map, drive, self.log)[1]}
         try:
             with progress(100) as advance_to, watched((bar := _Bar(advance_to)).evaluate):
-                fitted = (
-                    self._by_tape(drive, robot)
-                    if by_tape
-                    else fit(
-                        drive,
-                        kind=self.odometry,
-                        integrator=self.integrator,
-                        delay=self.delay,
-                        progress=bar.finish,
-                        **options,
-                    )
+                fitted = calibrate(
+                    drive,
+                    kind=self.odometry,
+                    use_truth=self.truth != "none",
+                    integrator=self.integrator,
+                    delay=self.delay,
+                    progress=bar.finish,
                 )
         except ValueError as error:
-            raise ValueError(f"{self.log}: {error}{self._map_hint(drive)}") from error
+            raise ValueError(f"{self.log}: {error}") from error
         print_tables(*calibration_tables(fitted, title=self.log.name))
-        lacks = [
-            f" {name} is as usual: {each.remedy}." for name, each in fitted.estimates.items() if name in NAMES and each.remedy
-        ]
-        print(f"{fitted.verdict.text}{''.join(lacks)}{self._map_hint(drive)}")
+        wheels = {name: each for name, each in fitted.estimates.items() if name in PARAMETERS[:3]}
+        lacks = [f" {name} is as usual: {each.remedy}." for name, each in wheels.items() if each.remedy]
+        print(f"{fitted.verdict.text}{''.join(lacks)}")
         if self.out is not None and not (fitted.verdict.is_good or self.force):
             refused = f"{self.out} is not written: {fitted.verdict.text} Record another drive, or write it with --force."
         elif self.out is not None:
@@ -166,11 +117,6 @@ class Calibrate(ReportingOptions, StartOptions):
         if refused:
             raise ValueError(refused)
 
-    @property
-    def _by_hand(self) -> bool:
-        """Whether something was measured by tape."""
-        return self.loop or any(value is not None for value in (self.distance, self.turns, self.measured))
-
     def _read(self, path: Path, robot: Robot) -> Drive:
         from turtlebot_gym_lab.calibration.plausibility import check
         from turtlebot_gym_lab.drives import read
@@ -178,15 +124,6 @@ class Calibrate(ReportingOptions, StartOptions):
         drive = read(path, **self.reading())
         check(drive, robot, str(path))
         return drive
-
-    def _map_hint(self, drive: Drive) -> str:
-        """Return that the log's scans can be the truth, if there is no other and nothing was measured."""
-        if self.map is not None or not drive.scans or drive.has_truth or self._by_hand:
-            return ""
-        folders = {self.log.parent, self.log} if self.log.is_dir() else {self.log.parent}
-        maps = sorted(path for folder in folders for path in folder.glob("*.yaml") if _is_map(path))
-        how = f"--map {maps[0]}" if maps else "--map FILE.yaml, with a map of the place,"
-        return f" The log has scans: {how} makes their poses the truth (and --start X Y HEADING says where it begins)."
 
     def _fit_gyro(self, drive: Drive) -> None:
         """Print and write the noise of the gyro, even if the log does not determine the rest."""
@@ -205,30 +142,9 @@ class Calibrate(ReportingOptions, StartOptions):
             noise: Any = fitted.noise  # a sensor's own parameters are written as those of noise are
             write_parameters(noise, self.imu_out, comment=f"Gyro calibrated from {self.log.name}.")
 
-    def _by_tape(self, drive: Drive, robot: Robot) -> Calibration:
-        from turtlebot_gym_lab.calibration.tape import calibrate_by_tape, leg_of, read_legs
-
-        deviations = {"place_deviation": self.tape_std, "heading_deviation": math.radians(self.heading_std_deg)}
-        legs = read_legs(self.measured, drive, lambda path: self._read(path, robot), **deviations) if self.measured else []
-        if self.loop or self.distance is not None or self.turns is not None:
-            measured = {name: value for name in ("distance", "turns") if (value := getattr(self, name)) is not None}
-            legs.append(leg_of(drive, loop=self.loop, **measured, **deviations))
-        return calibrate_by_tape(legs)
-
-
-def _is_map(path: Path) -> bool:
-    """Return whether a file is a map as map_server takes it."""
-    from turtlebot_gym.files import read_text
-
-    try:
-        names = {line.partition(":")[0] for line in read_text(path, most=MAP_BYTES).splitlines()}
-    except (OSError, ValueError):
-        return False
-    return {"image", "resolution", "origin"} <= names
-
 
 def _result_of(fitted: Calibration) -> dict[str, object]:
-    plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "lengths", "measured", "remarks")}
+    plain = {name: getattr(fitted, name) for name in ("kind", "has_truth", "integrator", "lengths", "remarks")}
     return plain | {
         "noise": asdict(fitted.noise),
         "likeliest": asdict(fitted.likeliest),

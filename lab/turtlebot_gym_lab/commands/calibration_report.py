@@ -25,8 +25,6 @@ BINS = 60
 
 
 def _basis(fitted: Calibration) -> str:
-    if fitted.measured:
-        return f"wheels by tape, {fitted.measured} numbers"
     source = "measured poses" if fitted.kind == "pose" else "wheel odometry"
     to = "the truth" if fitted.has_truth else "the innovations alone"
     return f"{source}, fitted to {to}, integrator {fitted.integrator}"

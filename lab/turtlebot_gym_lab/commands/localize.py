@@ -39,7 +39,7 @@ class Localize(ReportingOptions, StartOptions):
 
         from turtlebot_gym.drive import known
         from turtlebot_gym_lab.drives import read
-        from turtlebot_gym_lab.evaluation.localize import STATES, errors_of, evidence_of, localize, recorded_of, wheels_of
+        from turtlebot_gym_lab.evaluation.localize import STATES, errors_of, evidence_of, localize, recorded_of
 
         with progress(3) as advance_to:
             drive = self.localizable(read(self.file, **self.reading()))
@@ -48,13 +48,12 @@ class Localize(ReportingOptions, StartOptions):
             advance_to(1)
             grid, place = self.place(self.map, drive, self.file)
             rows = np.flatnonzero(known(drive.truth))
-            recorded, where = recorded_of(drive)
+            recorded, first = recorded_of(drive), place.first
             advance_to(2)
-            first = int(where[place.first])
-            course = localize(recorded, place._replace(first=first))
+            course = localize(recorded, place)
         states = {name: float(np.mean(course.states[first:] == state)) for name, state in STATES.items()}
         judged = rows[rows >= place.first]
-        errors = errors_of(course, where[judged], drive.truth[judged]) if len(judged) else {}
+        errors = errors_of(course, judged, drive.truth[judged]) if len(judged) else {}
         evidence = evidence_of(course, recorded.odometry, first)
         table = Table("", "", title=f"{self.file.name} in {self.map.name}, {course.scans} scans")
         for name, figure in errors.items():
@@ -63,8 +62,6 @@ class Localize(ReportingOptions, StartOptions):
         table.add_row("leaps of more than 0.3 m or 0.3 rad", f"{evidence['leaps']:g}")
         for name, share in states.items():
             table.add_row(f"{name}, % of the rows", f"{100.0 * share:.1f}")
-        wheels = wheels_of(course, recorded)
-        table.add_row("wheels, lately" + (": not as assumed" if wheels.has_changed else ""), wheels.text)
         print_tables(table)
         beliefs = {"poses": course.poses, "covariances": course.covariances, "fits": course.fits, "states": course.states}
         self.report(
@@ -72,7 +69,6 @@ class Localize(ReportingOptions, StartOptions):
                 "errors": errors,
                 "evidence": evidence,
                 "shares": states,
-                "wheels": wheels._asdict(),
                 "time": recorded.time,
                 **beliefs,
             }

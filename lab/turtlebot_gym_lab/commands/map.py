@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 
     from turtlebot_gym_lab.scans.mapping import DrivenMap
 
-NOTICEABLE = 0.005
-"""Share of the ranges from which a map with the wheels' metres says that it differs from the LiDAR's."""
-STEPS = 6
+STEPS = 3
 """Parts of the work, for its progress bar."""
 
 
@@ -29,9 +27,9 @@ STEPS = 6
 class Map(ReportingOptions):
     """Draw the map of a place from one recorded drive through it, by its odometry and scans, to localize the next drive in.
 
-    The scans first tell what the wheels do and where the LiDAR is, as in `calibrate`. Each scan is then matched with the map so
-    far and averaged into it. The map begins where the drive does: there x, y and heading are 0. It is for places of some tens
-    of metres whose rooms the drive goes through; loops are not closed: for a building with long ways round use slam_toolbox.
+    Each scan is matched with the map so far, from where the odometry says that it is, and averaged into it. The map begins
+    where the drive does: there x, y and heading are 0. It is for places of some tens of metres whose rooms the drive goes
+    through; loops are not closed: for a building with long ways round use slam_toolbox.
     """
 
     file: tyro.conf.Positional[Path]
@@ -40,11 +38,11 @@ class Map(ReportingOptions):
     """Write the map here, as map_server takes it (FILE.yaml), with its image FILE.pgm beside it."""
     resolution: float = 0.05
     """Side of a cell, m."""
-    metres: str = "wheels"
-    """Whose metres count: wheels corrects the ranges by the way that odometry counts, where both differ by 5 % at most; lidar
-    takes the ranges as they are. The report says by how much they differ."""
     lidar: str = "lds01"
-    """LiDAR, a preset or a file of your own (FILE.yaml), whose mount counts until the scans show another."""
+    """LiDAR, a preset or a file of your own (FILE.yaml), whose mount counts where no transform states another."""
+    mount: tuple[float, float, float] | None = None
+    """Pose of the LiDAR on the robot: x, y, heading; m, m, rad. Default: as the transforms of the bag state it, else as
+    assumed, which is said."""
     topics: Topics = field(default_factory=Topics)
     """Topics of a bag."""
     plot: FigureFile = None
@@ -53,12 +51,12 @@ class Map(ReportingOptions):
     def run(self) -> None:
         from rich.table import Table
 
-        from turtlebot_gym.validation import POSITIVE, choose
+        from turtlebot_gym.validation import POSITIVE
         from turtlebot_gym_lab.drives import read
         from turtlebot_gym_lab.scans.map_files import write_map
-        from turtlebot_gym_lab.scans.mapping import METRES, map_of
+        from turtlebot_gym_lab.scans.mapping import map_of
 
-        resolution, metres = POSITIVE.check("resolution", self.resolution), choose("metres", self.metres, METRES)
+        resolution = POSITIVE.check("resolution", self.resolution)
         done = 0
         with progress(STEPS) as advance_to:
 
@@ -67,14 +65,13 @@ class Map(ReportingOptions):
                 done += 1
                 advance_to(min(done, STEPS))
 
-            drive = read(self.file, lidar=self.lidar, topics=self.topics)
+            drive = read(self.file, lidar=self.lidar, mount=self.mount, topics=self.topics)
             for remark in drive.remarks:
                 print(remark, file=sys.stderr)
-            drawn = map_of(drive, resolution=resolution, metres=metres, progress=advance)
+            drawn = map_of(drive, resolution=resolution, progress=advance)
         write_map(drawn.grid, self.out, force=self.force)
         rows, columns = drawn.grid.cells.shape
         way = float(np.hypot(*np.diff(drawn.poses[:, :2], axis=0).T).sum())
-        x, y, theta = drawn.wheels.mount
         table = Table("", "", title=f"{self.file.name}: map {self.out.name}")
         for name, value in (
             ("size, m", f"{columns * resolution:.2f} x {rows * resolution:.2f}"),
@@ -82,18 +79,9 @@ class Map(ReportingOptions):
             ("scans averaged, of all", f"{drawn.fused} of {len(drawn.fits)}"),
             ("beams that fit, median, %", f"{100.0 * float(np.median(drawn.fits)):.1f}"),
             ("scans that fit nothing", f"{int((drawn.fits == 0.0).sum())}"),
-            ("ranges longer than the wheels say, %", f"{100.0 * (drawn.scale - 1.0):+.2f}"),
-            ("of which the map takes off, %", f"{100.0 * drawn.range_share:+.2f}"),
-            ("LiDAR at, m, m, rad", f"{x:.3f}, {y:.3f}, {theta:.3f}"),
         ):
             table.add_row(name, value)
         print_tables(table)
-        if abs(drawn.range_share) > NOTICEABLE:
-            off = f"the LiDAR's ranges are {100.0 * drawn.range_share:+.1f} % off in the wheels' metres of this map"
-            print(
-                f"{off}: localize in it with --localizer match, which estimates such a share, or draw it with --metres lidar.",
-                file=sys.stderr,
-            )
         self.report(
             {
                 "size": [rows, columns],
@@ -101,9 +89,6 @@ class Map(ReportingOptions):
                 "poses": drawn.poses,
                 "fits": drawn.fits,
                 "fused": drawn.fused,
-                "scale": drawn.scale,
-                "range_share": drawn.range_share,
-                "mount": drawn.wheels.mount._asdict() | {"upside_down": drawn.wheels.upside_down},
             }
         )
         if self.plot is not None:

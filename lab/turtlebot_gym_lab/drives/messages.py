@@ -1,7 +1,7 @@
-"""A drive from ROS 2 messages: those of a bag, decoded by `rosbags`, or those of a running graph.
+"""A drive from ROS 2 messages: those of a bag, decoded by `rosbags`.
 
-A row is a message on ``odom``, or where there is none, one of the truth. The truth is interpolated; of everything else, the
-last value holds for a while. What a message does not state stays unknown.
+A row is a message on ``odom``. The truth is interpolated; of everything else, the last value holds for a while. What a message
+does not state stays unknown.
 """
 
 from __future__ import annotations
@@ -18,22 +18,20 @@ from numpy.typing import NDArray
 from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.models.angles import sincos, yaw_of_rotation
 from turtlebot_gym.models.odometry import increment
+from turtlebot_gym.mounts import StaticFrames, differ
 from turtlebot_gym.observations import NEAREST, TRACK_BOUNDS
 from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.scan import Obstacles, Scan, read_scan, room_of, scan_of
 from turtlebot_gym.tracking.messages import tracks_of
 from turtlebot_gym.values import ORIGIN, Pose
-from turtlebot_gym_lab.drives.alignment import Stream
-from turtlebot_gym_lab.drives.clocks import Stamps
-from turtlebot_gym_lab.drives.frames import Transforms
-from turtlebot_gym_lab.drives.mounting import Mount, Mounting
-from turtlebot_gym_lab.drives.rotations import Rotations, is_unit, place_of, rotation_of
+from turtlebot_gym_lab.drives.streams import Stream
+from turtlebot_gym_lab.drives.transforms import Transforms
 
 GUARD = "cmd_vel_guard"
 """Name of the guard's node."""
-TURNED = ("odom", "true_state", "fix")
-"""Topics whose messages must state a rotation, if any, as a quaternion of length 1."""
+ROUNDED = 0.05
+"""Difference from 1 that the length of a quaternion may have: drivers leave those unset that they do not know."""
 HELD = 1.0
 """Age up to which a value holds, s; a waypoint holds indefinitely."""
 
@@ -73,11 +71,15 @@ TYPES: dict[str, tuple[str, ...]] = {
 
 def _motion(message: Any) -> list[float]:
     """Return x, y, heading, speed and turning rate; NaN for those that a message does not state, or marks as not measured."""
-    place = place_of(message)
+    place = getattr(message, "pose", None) or getattr(message, "transform", None) or getattr(message, "point", None)
+    covariance = getattr(place, "covariance", None)
+    place = None if covariance is not None and covariance[0] < 0.0 else getattr(place, "pose", place)
     position = getattr(place, "position", None) or getattr(place, "translation", place)
-    q = rotation_of(place)
+    q = getattr(place, "orientation", None) or getattr(place, "rotation", None)
     x, y = (math.nan, math.nan) if position is None else (position.x, position.y)
-    theta = yaw_of_rotation(q.w, q.x, q.y, q.z) if is_unit(q) else math.nan
+    theta = math.nan
+    if q is not None and abs(math.hypot(q.w, q.x, q.y, q.z) - 1.0) < ROUNDED:
+        theta = yaw_of_rotation(q.w, q.x, q.y, q.z)
     twist = getattr(message, "twist", None)
     twist = getattr(twist, "twist", twist) if twist is not None else (message if hasattr(message, "angular") else None)
     return [x, y, theta, *((math.nan, math.nan) if twist is None else (twist.linear.x, twist.angular.z))]
@@ -110,7 +112,7 @@ _READ: dict[str, Callable[[Any], Any]] = {
     "nis": _nis,
     "clearance": lambda message: message.range,
     "scan": _scan,
-    "imu": lambda message: (message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z),
+    "imu": lambda message: (message.angular_velocity.z,),
     "obstacles": room_of,
     "map": grid_of,
     "hypotheses": _places,
@@ -131,147 +133,131 @@ class DriveListener:
     Args:
         lidar: The robot's LiDAR, for its mounting where no transform states it.
         mount: Pose of the LiDAR on the robot, m, m, rad; None for what the transforms state.
-        guard: Name of the guard's node in ``diagnostics``, with its namespace; empty for that of any namespace.
-        live: Whether the drive has no end: then only the newest values are kept, and a stamp far back begins anew. Of a
-            recorded drive, a message with an empty stamp counts from when it was received.
     """
 
-    def __init__(
-        self, *, lidar: Lidar = LIDARS["lds01"], mount: Pose | None = None, guard: str = "", live: bool = False
-    ) -> None:
-        self._lidar, self._mount, self._guard, self._live = lidar, mount, guard, live
+    def __init__(self, *, lidar: Lidar = LIDARS["lds01"], mount: Pose | None = None) -> None:
+        self._lidar, self._mount = lidar, mount
         self._streams: dict[str, Stream] = {}
-        self.clocks: dict[str, Stamps] = {}
-        """Clocks of the stamps of a recorded drive, by topic."""
-        self.frames = {"odom": ("", ""), "scan": ("", ""), "imu": ("", "")}
-        """The newest frame of some topics' messages, and its child."""
+        self._frames = StaticFrames()
+        self._body, self._scanner = "", ""
         self.transforms = Transforms()
-        """Transforms of a recorded drive."""
-        self.rotations: dict[str, Rotations] = {}
-        """Rotations of a recorded drive, by topic."""
-        self.mounting = Mounting()
-        """Where sensors are."""
+        """All transforms."""
 
     def __getitem__(self, topic: str) -> Stream:
-        return self._streams.setdefault(topic, Stream(live=self._live))
+        return self._streams.setdefault(topic, Stream())
 
-    def hear(self, topic: str, message: Any, received: float) -> bool:
-        """Take a message, and return whether it is newer than the ones before it on its topic.
+    def hear(self, topic: str, message: Any, received: float) -> None:
+        """Take a message.
 
         Args:
             topic: A key of `TYPES`.
-            message: The message.
+            message: The message; one with an empty stamp counts from when it was received.
             received: When it was received, s.
         """
-        if topic in ("tf", "tf_static", "mounts"):
-            if not self._live and topic != "mounts":
-                self.transforms.hear(message, received, is_static=topic == "tf_static")
-            if not self._live or topic == "tf_static":
-                self.mounting.hear(message, "tf_static" if topic == "tf_static" else "tf")
-            return True
-        if topic in self.frames:
-            self.frames[topic] = message.header.frame_id, getattr(message, "child_frame_id", "")
-        time = stamp_of(message) or (0.0 if self._live else received)
-        if not self._live:
-            time = self.clocks.setdefault(topic, Stamps()).read(time, received)
-            if topic in TURNED:
-                self.rotations.setdefault(topic, Rotations()).hear(message)
+        if topic in ("tf", "tf_static"):
+            self.transforms.hear(message, received)
+            if topic == "tf_static":
+                self._frames.hear(message)
+            return
+        if topic == "odom":
+            self._body = message.child_frame_id.lstrip("/")
+        elif topic == "scan":
+            self._scanner = message.header.frame_id.lstrip("/")
+        time = stamp_of(message) or received
         if topic == "diagnostics":
-            return self._hear_reports(message, received)
+            self._hear_reports(message, received)
+            return
         value = _READ.get(topic, _motion)(message)
         if value is None or not self[topic].add(time, value):
-            return False
+            return
         if topic == "estimate":
             self["covariance"].add(time, _covariance(message))
         elif topic == "odom":
             self["received"].add(time, received)
-        return True
 
-    def _hear_reports(self, message: Any, received: float) -> bool:
+    def _hear_reports(self, message: Any, received: float) -> None:
         for status in message.status:
-            if status.name == self._guard or (not self._guard and status.name.rpartition("/")[2] == GUARD):
+            if status.name.rpartition("/")[2] == GUARD:
                 level = status.level[0] if isinstance(status.level, bytes) else status.level
-                return self["diagnostics"].add(received, (float(level), str(status.message)))
-        return False
+                self["diagnostics"].add(received, (float(level), str(status.message)))
+                return
 
-    def rows(
-        self,
-        time: NDArray[np.float64],
-        *,
-        start: float = 0.0,
-        after: float = -math.inf,
-        held: float = HELD,
-        around: RoomData | None = None,
-    ) -> Drive:
+    def rows(self, time: NDArray[np.float64], *, start: float = 0.0) -> Drive:
         """Return rows.
 
         Args:
             time: Stamps on ``odom``, shape (T,), s.
             start: Time that counts as 0, s.
-            after: Time of the row before the first one, s, whose scans are left out.
-            held: Age up to which estimate, NIS and tracks hold, s; 0 for those of the same stamp alone.
-            around: Label, room and map; by default the room and the map that were heard.
         """
         odom, truth = self["odom"].held(time, 5, fresh=0.0), self["true_state"].held(time, 5)
         truth[:, :3] = self["true_state"].interpolated(time)
         truth[np.isnan(truth[:, 0])] = np.nan
-        if around is None:
-            rooms, grids = self["obstacles"].values, self["map"].values
-            around = RoomData(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
+        rooms, grids = self["obstacles"].values, self["map"].values
+        around = RoomData(room=rooms[0] if rooms else None, grid=grids[-1] if grids else None)
         received = self["received"].held(time) if self["received"] else time
         reports = self["diagnostics"].latest(received, (math.nan, ""))
+        gyro: Any = self["imu"].nearest(time, 1)[:, 0] if self["imu"] and len(time) > 1 else None
         drive = Drive(
             time=time,
             true_state=truth,
             odometry=self["fix"].nearest(time, 3) if self["fix"] else odom[:, :3],
-            estimate=self["estimate"].held(time, 5, fresh=held),
-            covariance=self["covariance"].held(time, (5, 5), fresh=held),
+            estimate=self["estimate"].held(time, 5, fresh=HELD),
+            covariance=self["covariance"].held(time, (5, 5), fresh=HELD),
             reference=self["reference"].held(time, 5)[:, :3],
             twist=self["twist"].before(time, 5)[:, 3:] if self["twist"] else odom[:, 3:],
-            nis=self["nis"].held(time, fresh=held),
+            nis=self["nis"].held(time, fresh=HELD),
             clearance=self["clearance"].held(time, fresh=HELD),
-            gyro=self._gyro(time),
-            tracks=self["tracks"].held(time, (NEAREST, len(TRACK_BOUNDS[0])), fresh=held),
+            gyro=gyro,
+            tracks=self["tracks"].held(time, (NEAREST, len(TRACK_BOUNDS[0])), fresh=HELD),
             level=np.array([level for level, _ in reports]),
             report=tuple(text for _, text in reports),
             circles=self._walkers(time, around.room),
             hypotheses=tuple(self["hypotheses"].latest(time, np.empty((0, 4)))),
             around=around,
         )
-        return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, start, after))
+        return replace(drive, time=time - start, command=drive.twist, scans=self._scans(drive, start))
 
     def _walkers(self, time: NDArray[np.float64], room: Obstacles | None) -> tuple[NDArray[np.float64], ...]:
         """Return the circles of each row where they are others than those of the room."""
         now = self["obstacles"].latest(time, room)
         return tuple(np.array(seen.circles if room and seen.circles != room.circles else ()).reshape(-1, 3) for seen in now)
 
-    def mount(self) -> Mount:
-        """Return where the LiDAR is on the robot."""
-        return self.mounting.lidar(self.frames["odom"], self.frames["scan"][0], self._lidar, self._mount)
+    def take_truth(self, time: NDArray[np.float64], frames: str) -> None:
+        """Take where transforms place a frame at some times for the truth; see `Transforms.poses`."""
+        for at, pose in zip(time.tolist(), self.transforms.poses(frames, time).tolist(), strict=True):
+            if not math.isnan(pose[0]):
+                self["true_state"].add(at, [*pose, math.nan, math.nan])
 
-    def gyro_mount(self) -> tuple[NDArray[np.float64], str]:
-        """Return how the IMU's turning rates count, and a remark; see `mounting.Mounting.gyro`."""
-        return self.mounting.gyro(self.frames["odom"], self.frames["imu"][0])
+    def mount(self) -> tuple[Pose, str]:
+        """Return where the LiDAR is on the robot: as given, else by ``/tf_static``, else by its preset; and a remark."""
+        preset, stated, why = Pose(self._lidar.x, self._lidar.y, self._lidar.yaw), None, "nothing says"
+        if self._mount is not None:
+            return self._mount, ""
+        try:
+            stated = self._frames.mount(self._body, self._scanner)
+        except ValueError as error:
+            why = str(error)
+        if stated is None:
+            return (
+                preset,
+                f"{why}: the LiDAR is assumed {_place(preset)}, as its preset has it; --mount X Y YAW states its pose",
+            )
+        return stated, f"the LiDAR is {_place(stated)}, by /tf_static and not by its preset" if differ(stated, preset) else ""
 
-    def _gyro(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the robot's turning rate by the gyro at each row, shape (T,), rad/s; NaN where there is none."""
-        if not self["imu"] or len(time) < 2:
-            return np.full(len(time), np.nan)
-        weights, _ = self.gyro_mount()
-        rates = self["imu"].nearest(time, 3)
-        return rates[:, 2] if weights[2] == 1.0 else rates @ weights
-
-    def _scans(self, drive: Drive, start: float, after: float) -> tuple[Seen, ...]:
+    def _scans(self, drive: Drive, start: float) -> tuple[Seen, ...]:
         """Return the scans with the robot's pose at their completion, see `Drive.poses`."""
         scans: list[Seen] = []
-        mount, is_inverted, _ = self.mount()
+        mount, _ = self.mount()
         poses = drive.poses
         for stamp, scan in zip(self["scan"].times, self["scan"].values, strict=True):
             complete = stamp + scan.beam_period * len(scan.ranges)
             row = int(np.searchsorted(drive.time, complete - 1e-3))
-            if complete - 1e-3 > after and row < len(drive) and np.isfinite(poses[row]).all():
+            if row < len(drive) and np.isfinite(poses[row]).all():
                 robot = Pose(*poses[row].tolist())
                 place = increment(robot, ORIGIN, mount, sincos(robot.theta))
-                scan = scan._replace(first=-scan.first, increment=-scan.increment) if is_inverted else scan
                 scans.append(Seen(row, place, scan, stamp - start, mount))
         return tuple(scans)
+
+
+def _place(pose: Pose) -> str:
+    return f"at x {pose.x:.3f} m, y {pose.y:.3f} m, turned by {pose.theta:.3f} rad"

@@ -1,78 +1,28 @@
-"""Read a recorded drive, whatever it is recorded as."""
+"""Read a recorded drive: a bag, a table, or arrays of wheel poses and scans."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.files import in_bounds
+from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.validation import FINITE, Numbers
 from turtlebot_gym.values import Pose
-from turtlebot_gym_lab.drives.alignment import headings, interpolated
 from turtlebot_gym_lab.drives.bags import is_bag, read_bag, sensors_of
-from turtlebot_gym_lab.drives.causes import cause_of, jump_of
-from turtlebot_gym_lab.drives.clocks import judged
 from turtlebot_gym_lab.drives.laser import is_laser_arrays, read_laser_arrays
-from turtlebot_gym_lab.drives.tables import is_table, read_poses, read_table
+from turtlebot_gym_lab.drives.streams import headings, interpolated
+from turtlebot_gym_lab.drives.tables import read_poses, read_table
 from turtlebot_gym_lab.drives.topics import Topics
 
 OVERLAP = 1.0
 """Least time that a truth in a file of its own must share with a drive, s."""
-
-
-class Format(NamedTuple):
-    """A form of recordings."""
-
-    name: str
-    files: str
-    """What its files are."""
-    holds: str
-    """What is read of it."""
-    recognizes: Callable[[Path], bool]
-    """Whether a file that exists has this form, by its content."""
-    read: Callable[..., Drive]
-    """Reads a file with the options of `read` that this form has."""
-    options: tuple[str, ...] = ()
-    measures_twist: bool = True
-    """Whether a row's twist is measured over its own interval alone, so that a missing row is a loss."""
-
-
-FORMATS = (
-    Format(
-        "bag",
-        "a folder, `.mcap`, `.db3` (ROS 2), `.bag` (ROS 1)",
-        "odometry, commands, scans, tracks, a gyro on `/imu`, maps; truth and fixes as Odometry, PoseStamped, "
-        "PoseWithCovarianceStamped, TransformStamped, PointStamped or `/tf`",
-        is_bag,
-        read_bag,
-        ("topics", "lidar", "mount"),
-    ),
-    Format(
-        "laser arrays",
-        "`.npz`: `time`, `odometry`, `ranges_cm`, `reference_row`, `reference`",
-        "odometry, scans, the reference as truth",
-        is_laser_arrays,
-        read_laser_arrays,
-        ("mount",),
-        False,
-    ),
-    Format(
-        "table",
-        "text with named columns, or `.npz` with an array for each",
-        "twist, measured and true poses",
-        is_table,
-        read_table,
-        ("columns",),
-    ),
-)
-"""The forms of recordings that `read` knows, in the order in which they are tried."""
-READABLE = "; ".join(f"{form.name}: {form.files.replace('`', '')}" for form in FORMATS)
-"""All of them in a line."""
+MISSING = 1.75
+"""Ratio to the usual interval from which a row is missing."""
 
 
 @in_bounds
@@ -86,49 +36,45 @@ def read(
     lidar: str = "lds01",
     mount: Sequence[float] | None = None,
 ) -> Drive:
-    """Read a recorded drive in any of `FORMATS`.
+    """Read a recorded drive.
 
-    Rows whose time or twist is not finite, or whose time does not increase or is far from those around, are left out. A pose
-    that is not finite counts as missing. Times after a clock was set back are moved on; a topic by another clock than the
-    odometry's is moved to that. The drive's remarks say all of this, and whether rows are missing.
+    Rows whose time or twist is not finite, or whose time does not increase, are left out. A pose that is not finite counts as
+    missing. The drive's remarks say so.
 
     Args:
-        path: The file, or the folder of a bag. The content decides what it is.
+        path: A bag (a folder, ``.mcap``, ``.db3``, or ``.bag`` of ROS 1), laser arrays (``.npz``, see `laser`), or a table with
+            named columns: text, or ``.npz`` with an array for each.
         topics: Topics of a bag.
         columns: Column names of a table other than those in `tables.NAMES`, by quantity, a key of `tables.NAMES`.
         truth: A topic of a bag, with ``:PARENT.CHILD`` where it holds transforms; or a table of true poses with the columns t,
             x, y and perhaps theta, by the drive's clock. By default what the drive itself holds.
         label: Label of the drive; by default the name of the file.
-        lidar: For a bag, a LiDAR as in `turtlebot_gym.Options`, for the mount of one that no transform states.
-        mount: Pose of the LiDAR on the robot, m, m, rad; None for that of the transforms on ``/tf`` and ``/tf_static``, and
-            where none states it, for that of ``lidar``, which a remark says.
+        lidar: For a bag, a LiDAR as in `turtlebot_gym.Options`, for the mount of one that ``/tf_static`` does not state.
+        mount: Pose of the LiDAR on the robot, m, m, rad; None for that of ``/tf_static``, else of ``lidar``.
 
     Raises:
         OSError: If the file cannot be read, or is a pipe or a device.
-        ValueError: If the file holds no drive, a topic, a column or the truth is missing, or reading takes more time or memory
-            than `bounded` allows; the message names file and place.
+        ValueError: If the file holds no drive, or a topic, a column or the truth is missing; the message names file and place.
         ImportError: If the file is a bag, and rosbags is not installed.
     """
     path, beside = Path(path), Path(truth) if truth and Path(truth).is_file() else None
-    form = next((form for form in FORMATS if form.recognizes(path)), None)
-    if form is None:
-        raise ValueError(f"{path}: the file is binary, and not one of these: {READABLE}.")
-    if truth and beside is None and "topics" not in form.options:
-        raise ValueError(f"truth must be auto, none, or a file for a {form.name}, got {str(truth)!r}.")
-    if mount is not None and "mount" not in form.options:
-        raise ValueError(f"mount says where a LiDAR is, and a {form.name} holds no scans: leave it out.")
-    topics = topics or Topics()
-    topics = replace(topics, truth=str(truth)) if truth and beside is None else topics
+    label = label or path.name
     at = None if mount is None else Pose(*Numbers(FINITE, 3).check("mount", mount))
-    options = {"topics": topics, "columns": columns or {}, "lidar": lidar, "mount": at}
-    drive = form.read(path, label=label or path.name, **{name: options[name] for name in form.options})
-    drive = _with_headings(drive if beside is None else _with_truth(drive, beside))
-    if not form.measures_twist:
-        return drive
-    why = cause_of(drive) or (jump_of(drive) if "topics" in form.options else "")  # robots are moved, and their odometry reset
-    if why:
-        return replace(drive, remarks=(*drive.remarks, f"{drive.around.label}: {why}"))
-    return judged(drive)
+    if is_bag(path):
+        topics = topics or Topics()
+        topics = replace(topics, truth=str(truth)) if truth and beside is None else topics
+        drive = read_bag(path, topics=topics, label=label, lidar=lidar, mount=at)
+    elif truth and beside is None:
+        raise ValueError(f"truth must be auto, none, or a file where the recording is no bag, got {str(truth)!r}.")
+    elif is_laser_arrays(path):
+        drive = read_laser_arrays(path, label=label, mount=at)
+        return drive if beside is None else _with_headings(_with_truth(drive, beside))
+    elif at is not None:
+        raise ValueError("mount says where a LiDAR is, and a table holds no scans: leave it out.")
+    else:
+        drive = read_table(path, columns=columns or {}, label=label)
+    drive = _unwound(drive if beside is None else _with_truth(drive, beside))
+    return _with_gaps_noted(_with_headings(drive))
 
 
 @in_bounds
@@ -139,9 +85,11 @@ def pose_sensors(path: str | Path, *, truth: str = "") -> list[str]:
         path: The recording.
         truth: Topic of the truth, which is no measurement.
     """
-    path = Path(path)
-    form = next((form for form in FORMATS if form.recognizes(path)), None)
-    return sensors_of(path, truth.partition(":")[0]) if form is not None and form.read is read_bag else []
+    return sensors_of(Path(path), truth.partition(":")[0]) if is_bag(Path(path)) else []
+
+
+def _remarked(drive: Drive, remark: str) -> Drive:
+    return replace(drive, remarks=(*drive.remarks, f"{drive.around.label}: {remark}"))
 
 
 def _with_truth(drive: Drive, path: Path) -> Drive:
@@ -161,4 +109,26 @@ def _with_headings(drive: Drive) -> Drive:
     state = drive.true_state.copy()
     state[:, 2] = headings(drive.time, state[:, :2], drive.twist[:, 0])
     remark = "the truth has no heading: the direction of motion is taken for it, whose error counts for alpha3 and alpha4"
-    return replace(drive, true_state=state, remarks=(*drive.remarks, f"{drive.around.label}: {remark}"))
+    return _remarked(replace(drive, true_state=state), remark)
+
+
+def _unwound(drive: Drive) -> Drive:
+    """Take turning rates of more than half a turn to a row from the measured headings: TurtleBot3's driver wraps wrongly."""
+    turn, interval = (np.diff(each, prepend=np.nan) for each in (drive.odometry[:, 2], drive.time))
+    wrong = drive.joined & (np.abs(drive.twist[:, 1]) * interval > np.pi) & np.isfinite(turn)
+    if not wrong.any():
+        return drive
+    twist = drive.twist.copy()
+    twist[wrong, 1] = wrap_all(turn[wrong]) / interval[wrong]
+    text = f"{wrong.sum()} turning rates are more than half a turn to a row, first at {drive.time[wrong][0]:.3f} s"
+    return _remarked(replace(drive, twist=twist), f"{text}: the change of the measured heading is taken")
+
+
+def _with_gaps_noted(drive: Drive) -> Drive:
+    steps = np.diff(drive.time)
+    gaps = np.flatnonzero((steps > MISSING * drive.period) & drive.joined[1:])
+    if not len(gaps):
+        return drive
+    rows = int((np.rint(steps[gaps] / drive.period) - 1).sum())
+    text = f"{rows} rows are missing at {len(gaps)} places, first after {drive.time[gaps[0]]:.3f} s"
+    return _remarked(drive, f"{text}: the twist after each gap holds over it")

@@ -16,11 +16,9 @@ from turtlebot_gym.localization.hypotheses import correct_by_scan, nowhere
 from turtlebot_gym.localization.localizer import LEAP, LOST, TRACKING, UNSURE, locate, move, state_of, stay
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.localization.wheels import Wheels, WheelWatch
 from turtlebot_gym.models.angles import wrap, wrap_all
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_agents.evaluation.episodes import ASTRAY
-from turtlebot_gym_lab.drives.clocks import said
 from turtlebot_gym_lab.drives.topics import ELSEWHERE
 
 TRAIL = 64
@@ -176,15 +174,6 @@ def localize(recorded: RecordedScans, place: KnownPlace) -> RecordedCourse:
     return RecordedCourse(course[:, :3], covariances, course[:, 9], states, int(located.scans), float(located.scale.mean))
 
 
-def wheels_of(course: RecordedCourse, recorded: RecordedScans) -> Wheels:
-    """Return how the wheels differ from what odometry assumes, by the beliefs at the scans that confirm them."""
-    watch = WheelWatch()
-    for row in recorded.rows.tolist():
-        belief, odometry = Pose(*course.poses[row].tolist()), Pose(*recorded.odometry[row].tolist())
-        watch.see(belief, odometry, is_confirmed=bool(course.states[row] == TRACKING and np.isfinite(belief[0])))
-    return watch.wheels
-
-
 def evidence_of(course: RecordedCourse, odometry: NDArray[np.float64], first: int) -> dict[str, float]:
     """Return what a localizer shows of itself where there is no truth.
 
@@ -220,17 +209,16 @@ def clocked(recorded: RecordedScans) -> RecordedScans:
     return recorded._replace(time=time, rows=rows, last=time[rows], interval=0.0)
 
 
-def recorded_of(drive: Drive) -> tuple[RecordedScans, NDArray[np.intp]]:
-    """Return a localizer's inputs from a drive, and the rows in them of the drive's rows, shape (T,).
-
-    A scan that was recorded with an odometry pose of its own becomes a row.
+def recorded_of(drive: Drive) -> RecordedScans:
+    """Return a localizer's inputs from a drive, row by row.
 
     Raises:
         ValueError: If the drive has no odometry or no scans, or a LiDAR that moves on the robot.
     """
     if not drive.has_odometry or not drive.scans:
         lacks = "scans" if drive.has_odometry else "odometry"
-        why = said(drive, ELSEWHERE) or "a localizer needs odometry and scans"
+        elsewhere = (each.partition(": ")[2] for each in drive.remarks if ELSEWHERE in each)
+        why = next(elsewhere, "a localizer needs odometry and scans")
         raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; {why}.")
     seen = sorted(drive.scans, key=lambda scanned: (scanned.row, scanned.time))
     if len({scanned.mount for scanned in seen}) > 1:
@@ -247,24 +235,17 @@ def recorded_of(drive: Drive) -> tuple[RecordedScans, NDArray[np.intp]]:
     measured = known(drive.odometry)
     newest = np.maximum.accumulate(np.where(measured, np.arange(len(drive)), np.flatnonzero(measured)[0]))
     rows, times = np.array([scanned.row for scanned in seen]), np.array([scanned.time for scanned in seen])
-    extra = np.array([scanned.odometry is not None for scanned in seen]) & (times != drive.time[rows])
-    poses = np.array([scanned.odometry for scanned, is_extra in zip(seen, extra, strict=True) if is_extra]).reshape(-1, 3)
-    before = rows[extra]
-    time = np.insert(drive.time, before, times[extra])
-    where = np.arange(len(drive)) + np.searchsorted(before, np.arange(len(drive)), side="right")
-    rows = np.where(extra, rows + np.cumsum(extra) - 1, where[rows])
-    recorded = RecordedScans(
-        time,
-        np.insert(drive.odometry[newest], before, poses, axis=0),
+    return RecordedScans(
+        drive.time,
+        drive.odometry[newest],
         rows,
-        np.where(np.isfinite(times), times + interval * (number - 1), time[rows]),
+        np.where(np.isfinite(times), times + interval * (number - 1), drive.time[rows]),
         ranges,
         angles[0] if len(angles) == 1 else angles,
         interval,
         (mount.x, mount.y),
         min(scan.range_max, FAR),
     )
-    return recorded, where
 
 
 def errors_of(course: RecordedCourse, rows: NDArray[np.intp], reference: NDArray[np.float64]) -> dict[str, float]:

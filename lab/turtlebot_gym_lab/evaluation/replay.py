@@ -28,7 +28,6 @@ from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 from turtlebot_gym_lab.calibration.alignment import in_one_frame
 from turtlebot_gym_lab.calibration.plausibility import require_units
-from turtlebot_gym_lab.drives.clocks import OTHER, said
 from turtlebot_gym_lab.evaluation.rows import Rows, filtered, rolled
 
 if TYPE_CHECKING:
@@ -54,8 +53,6 @@ def replayable(drive: Drive, *, recorded: bool = False) -> Drive:
         raise ValueError(f"{where}: it holds no measured poses: name their topic or columns, or generate them from the truth.")
     has_truth = known(drive.truth)
     if has_truth.sum() < 2:
-        if why := said(drive, OTHER):
-            raise ValueError(f"{where}: {why}.")
         raise ValueError(f"{where}: a replay needs the true poses; record them, or name their columns or their topic.")
     require_units(drive, ANY_ROBOT, where)
     if recorded:

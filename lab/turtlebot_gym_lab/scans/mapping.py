@@ -15,19 +15,15 @@ from turtlebot_gym.localization.tuning import LocalizerTuning
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.rooms.grid import FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.values import Pose
-from turtlebot_gym_lab.evaluation.localize import beams_of
-from turtlebot_gym_lab.scans.calibrating import ByScans, by_scans, with_truth
-from turtlebot_gym_lab.scans.fit import Array, compose, driven, inverse, relative
+from turtlebot_gym_lab.evaluation.localize import beams_of, clocked, recorded_of
 from turtlebot_gym_lab.scans.fusing import chart
 
-ACCURACY = 0.05
-"""Largest share by which a LiDAR's ranges may be off: of larger differences from the wheels the wheels are the cause."""
+Array = NDArray[np.float64]
+
 TUNING = LocalizerTuning(deviation=0.01, deviation_share=0.01, scale=0.0, grain=0.02, thin=2.0, iterations=10)
 """How scans are matched with the map so far."""
 SEEN = 3.0
 """Least number of beams through a cell of the map."""
-METRES = {name: name for name in ("wheels", "lidar")}
-"""Whose metres a map may have."""
 MARGIN = 1.0
 """Width of the border around what beams reach at first, m."""
 LOST = 0.1
@@ -45,38 +41,23 @@ class DrivenMap(NamedTuple):
     """Share of each scan's beams on known ground that fit, shape (S,)."""
     fused: int
     """Number of scans that were averaged."""
-    scale: float
-    """Way by the LiDAR over that by the wheels."""
-    range_share: float
-    """Share by which ranges are too long, by the wheels; the map is without it."""
-    wheels: ByScans
-    """Wheels and mount by the scans."""
 
 
-def map_of(
-    drive: Drive, *, resolution: float = 0.05, metres: str = "wheels", progress: Callable[[str], None] = lambda done: None
-) -> DrivenMap:
+def map_of(drive: Drive, *, resolution: float = 0.05, progress: Callable[[str], None] = lambda done: None) -> DrivenMap:
     """Return the map of a drive.
 
     Args:
         drive: With odometry and scans.
         resolution: Side of a cell, m.
-        metres: Whose metres the map has: "wheels" corrects ranges by the odometry's way, where they differ by no more than
-            `ACCURACY`; "lidar" takes them as they are.
         progress: Called with the name of each finished part.
 
     Raises:
         ValueError: If the drive has no odometry or no scans, or too few of its scans fit one another.
     """
-    found = by_scans(drive, progress)
-    scale = float(found.fit.x[0])
-    share = scale - 1.0 if metres == "wheels" and found.determined[0] and abs(scale - 1.0) <= ACCURACY else 0.0
-    x = found.fit.x.copy()
-    x[0], x[1], x[2] = scale / (1.0 + share), x[1] * (1.0 + share), x[2] * (1.0 + share) ** 2
-    path, scans = driven(found.odometry, x), found.recorded
-    ranges = (scans.ranges / np.float32(1.0 + share)).astype(np.float32)
-    timing = Timing(0.0, scans.interval, found.mount.x / (1.0 + share), found.mount.y / (1.0 + share), scans.range_max)
-    frame, shape = _extent(with_truth(drive, found).truth, path[0], ranges, scans.range_max, resolution)
+    scans = clocked(recorded_of(drive))
+    path, ranges = scans.odometry, scans.ranges
+    timing = Timing(0.0, scans.interval, *scans.mount, scans.range_max)
+    frame, shape = _extent(path, ranges, scans.range_max, resolution)
     poses, fits = np.zeros((len(ranges), 3)), np.zeros(len(ranges))
     inputs = (scans.time, path, scans.rows, scans.last, ranges, beams_of(scans), timing, frame, as_tuple(TUNING))
 
@@ -94,20 +75,31 @@ def map_of(
             f"{drive.around.label or 'the drive'}: {100.0 * lost:.0f} % of the scans do not fit the map of those before them: "
             "drive slower, and where walls are within the LiDAR's range."
         )
-    begun = relative(path[:1], path[scans.rows[:1]])  # ... and the first one is where the wheels say
+    begun = compose(inverse(path[:1]), path[scans.rows[:1]])  # ... and the first one is where the wheels say
     poses = compose(compose(begun, inverse(poses[:1])), poses)
     poses[:, 2] = wrap_all(poses[:, 2])
     field, weights, fused = draw(None, True)
-    return DrivenMap(_grid(field, weights, frame), poses, fits, fused, scale, share, found)
+    return DrivenMap(_grid(field, weights, frame), poses, fits, fused)
 
 
-def _extent(
-    truth: Array, start: Array, ranges: NDArray[np.float32], reach: float, side: float
-) -> tuple[Array, tuple[int, int]]:
-    """Return the frame and the shape of a field that holds all that beams reach from a path."""
-    places = truth[np.isfinite(truth[:, 0]), :2] - start[:2]
-    cosine, sine = np.cos(start[2]), np.sin(start[2])
-    places = np.stack([cosine * places[:, 0] + sine * places[:, 1], cosine * places[:, 1] - sine * places[:, 0]], axis=1)
+def compose(first: Array, second: Array) -> Array:
+    """Return the poses of frames within frames, shape (n, 3)."""
+    cosine, sine = np.cos(first[..., 2]), np.sin(first[..., 2])
+    x = first[..., 0] + cosine * second[..., 0] - sine * second[..., 1]
+    y = first[..., 1] + sine * second[..., 0] + cosine * second[..., 1]
+    return np.stack([x, y, first[..., 2] + second[..., 2]], axis=-1)
+
+
+def inverse(pose: Array) -> Array:
+    """Return the pose of the outer frame in the inner one, shape (..., 3)."""
+    cosine, sine = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+    x, y = -cosine * pose[..., 0] - sine * pose[..., 1], sine * pose[..., 0] - cosine * pose[..., 1]
+    return np.stack([x, y, -pose[..., 2]], axis=-1)
+
+
+def _extent(path: Array, ranges: NDArray[np.float32], reach: float, side: float) -> tuple[Array, tuple[int, int]]:
+    """Return the frame and the shape of a field that holds all that beams reach from a path, where it begins at the origin."""
+    places = compose(inverse(path[:1]), path)[:, :2]
     good = ranges[(ranges > 0.0) & (ranges <= reach)]
     around = float(np.quantile(good, 0.999)) + MARGIN if len(good) else MARGIN
     low, high = places.min(axis=0) - around, places.max(axis=0) + around

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from turtlebot_gym_lab.drives.alignment import KEPT, LEAP, Stream, headings, interpolated
+from turtlebot_gym_lab.drives.streams import Stream, headings, interpolated
 
 NAN = np.nan
 
 
-def stream(pairs, **options):
-    made = Stream(**options)
+def stream(pairs):
+    made = Stream()
     for time, value in pairs:
         made.add(time, value)
     return made
@@ -33,14 +33,6 @@ def test_a_value_belongs_to_the_nearest_row():
 def test_a_value_whose_time_does_not_increase_is_left_out():
     numbers = stream([(1.0, 1), (1.0, 2), (0.5, 3), (2.0, 4)])
     assert (numbers.times, numbers.values, numbers.late, numbers.count) == ([1.0, 2.0], [1, 4], [2, 3], 4)
-
-
-def test_a_running_graph_is_remembered_for_a_while_and_begins_anew_where_time_leaps_back():
-    numbers = stream([(0.1 * k, k) for k in range(KEPT + 50)], live=True)
-    assert numbers.values == list(range(50, KEPT + 50))
-    assert not numbers.add(numbers.times[-1] - 0.5 * LEAP, -1)
-    assert numbers.add(numbers.times[-1] - 1.5 * LEAP, -2)
-    assert numbers.values == [-2]
 
 
 def test_poses_are_interpolated_over_short_gaps_alone_and_are_themselves_at_their_own_time():

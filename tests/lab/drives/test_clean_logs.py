@@ -8,7 +8,7 @@ from turtlebot_gym import make_noise
 from turtlebot_gym.drive import known
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym_lab.drives import read
-from turtlebot_gym_lab.drives.alignment import between
+from turtlebot_gym_lab.drives.streams import between
 from turtlebot_gym_lab.evaluation.calibration import simulated_log
 
 START, CAPTURE = 1e9, 30.0

@@ -81,16 +81,14 @@ GOOD = "t,vx,gyro,px,py,theta"
         ("t,vx,px,py,theta\n0,0,0,0,0\n1,0,0,0,0\n", r"no column for omega \(omega or gyro.*; there are 't', 'vx', 'px', 'py'"),
         ("t,v,omega,x,theta\n0,0,0,0,0\n1,0,0,0,0\n", r"no column for y \(y or odom_y"),
         ("t,v,omega\n0,0,0\n1,0,0\n", "no column for x or true_x"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,zero,0,0,0,0\n2,0,0,0,0,0\n", "line 3: could not convert string to float: 'zero'"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0\n2,0,0,0,0,0\n", "line 3: 3 cells instead of 6"),
-        (f"{GOOD}\n\n0,0,0,0,0,0\n1,0,0,0,0,0\n\n2,0,0,0,0,0,7\n", "line 6: 7 cells instead of 6"),
-        (f"{GOOD},vx\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "column 'vx' is there more than once"),
-        (f"{GOOD}\n0,0,0,0,0,0\n", "only 1 of 1 rows are good; a drive has at least two"),
-        (f"{GOOD}\n0,0,0,0,0,0\n1,1e308,0,0,0,0\n", "only 1 of 2 rows are good.*finite time and twist, first in line 3"),
+        (f"{GOOD},vx\n0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n", "a column is there more than once"),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,0,0,0,0,0,7\n2,0,0,0,0,0,7\n", "only 1 of 1 rows are good"),
+        (f"{GOOD}\n0,0,0,0,0\n1,0,0,0,0\n", "its rows have 5 cells instead of 6"),
+        (f"{GOOD}\n0,0,0,0,0,0\n1,zero,0,0,0,0\n", "only 1 of 2 rows are good; a drive has at least two"),
         (GOOD, "only 0 of 0 rows are good"),
         (",".join(f"c{k}" for k in range(40)) + "\n", "there are 'c0', .*'c11' and 28 more"),
-        ("\0\1\2", "the file is binary"),
-        ("\n\n", "the file is empty"),
+        ("\0\1\2", "it is no text with named columns"),
+        ("\n\n", "it is no text with named columns"),
     ],
 )
 def test_bad_tables_are_refused_with_file_and_line(tmp_path, text, message):
@@ -104,48 +102,47 @@ def test_a_file_that_is_not_a_table_is_refused(tmp_path):
     with pytest.raises(OSError, match=r"none\.csv"):
         read(tmp_path / "none.csv")
     np.savez(tmp_path / "short.npz", t=np.arange(3.0), v=np.arange(4.0))
-    with pytest.raises(ValueError, match="equally long, got lengths"):
+    with pytest.raises(ValueError, match="equally long"):
         read(tmp_path / "short.npz")
     with pytest.raises(ValueError, match="columns must name time, v, omega"):
         read(write(tmp_path / "drive.csv", columns_of(DRAWN)), columns={"speed": "v"})
 
 
 @pytest.mark.parametrize(
-    ("spoil", "lost", "remark"),
+    ("spoil", "first", "lost"),
     [
-        (lambda columns: columns["v"].__setitem__([7, 9], np.nan), 2, "without a finite time and twist, first in line 9"),
-        (lambda columns: columns["t"].__setitem__(50, columns["t"][49]), 1, "whose time does not increase, first in line 52"),
-        (lambda columns: columns["t"].__setitem__(slice(50, 53), 1.0), 3, "whose time does not increase, first in line 52"),
+        (lambda columns: columns["v"].__setitem__([7, 9], np.nan), 8, 2),
+        (lambda columns: columns["t"].__setitem__(slice(50, 53), 1.0), 51, 3),
     ],
 )
-def test_bad_rows_are_left_out_and_counted(tmp_path, columns, spoil, lost, remark):
+def test_bad_rows_are_left_out_and_counted(tmp_path, columns, spoil, first, lost):
     spoil(columns)
     path = write(tmp_path / "drive.csv", columns)
     drive = read(path)
     assert len(drive) == 600 - lost
-    assert drive.remarks == (f"{path}: {lost} of 600 rows {remark}: left out",)
+    assert (
+        f"{lost} of 600 rows have no finite time and twist, or a time that does not increase, first row {first}"
+        in drive.remarks[0]
+    )
     # what lies on both sides of a hole is not taken for one interval
     assert (~drive.joined).sum() >= 2
 
 
-def test_missing_poses_are_counted_and_repeated_ones_are_missing(tmp_path, columns):
+def test_poses_that_are_missing_or_repeated_are_not_measured(tmp_path, columns):
     for name in ("x", "y", "theta"):
         columns[name][20] = np.nan
         columns[name][31] = columns[name][30]
     drive = read(write(tmp_path / "drive.csv", columns))
-    assert len(drive) == 600
     assert set(np.flatnonzero(np.isnan(drive.odometry[:, 0]))) == {20, 31}
-    assert "measured poses are missing in 1 of 600 rows" in drive.remarks[0]
-    assert "repeated in 1 of 600 rows" in drive.remarks[1]
+    assert "1 of 600 measured poses are repeated" in drive.remarks[0]
 
 
-def test_a_last_line_that_was_cut_short_is_left_out_and_a_table_that_is_mostly_bad_refused(tmp_path, columns):
+def test_a_last_line_that_was_cut_short_is_left_out(tmp_path, columns):
     path = write(tmp_path / "drive.csv", columns)
     path.write_text(path.read_text()[:-40])
-    assert len(read(path)) == 599
-    columns["v"][100:599] = np.nan
-    with pytest.raises(ValueError, match="only 101 of 600 rows are good"):
-        read(write(path, columns))
+    drive = read(path)
+    assert len(drive) == 599
+    assert "got 8 columns instead of 9" in drive.remarks[0]
 
 
 SNAPSHOTS = """time,odom_x,odom_y,odom_theta,odom_v,odom_omega,true_state_x,true_state_y,true_state_theta,\
@@ -185,8 +182,8 @@ def test_the_recorders_snapshots_are_read_from_odometry_to_odometry(tmp_path):
         (("omega", "theta", "true_theta"), 180.0 / np.pi, "the turning rate reaches .* if it is in deg/s"),
         (("t",), 1e3, r"rows are 100 s apart: if time is in milliseconds, divide it by 1e\+03"),
         (("t",), 1e9, "nanoseconds"),
-        (("x", "y"), 1000.0, "the measured positions move by .* if they are in millimetres, divide them by 1000"),
-        (("true_x", "true_y"), 1000.0, "the true positions move by .* if they are in millimetres"),
+        (("x", "y"), 1000.0, "the measured positions span .* if they are in millimetres, divide them by 1000"),
+        (("true_x", "true_y"), 1000.0, "the true positions span .* if they are in millimetres"),
         (("theta",), 180.0 / np.pi, "the measured heading runs from .* if it is in degrees, multiply it by pi/180"),
         (("true_theta",), 180.0 / np.pi, "the true heading runs from .* if it is in degrees"),
         (("v", "omega"), 0.0, r"the robot moves by 0.00 m and 0.00 rad in all: there is nothing to fit to"),
@@ -216,13 +213,5 @@ def test_the_truth_may_be_in_a_file_of_its_own(tmp_path, columns):
     later = {**truth, "t": truth["t"] + 1000.0}
     with pytest.raises(ValueError, match="shares less than a second"):
         read(path, truth=write(tmp_path / "later.csv", later))
-    with pytest.raises(ValueError, match="truth must be auto, none, or a file for a table, got '/mocap'"):
+    with pytest.raises(ValueError, match="truth must be auto, none, or a file where the recording is no bag, got '/mocap'"):
         read(path, truth="/mocap")
-
-
-def test_a_cell_of_a_megabyte_makes_no_message_of_a_megabyte(tmp_path):
-    path = tmp_path / "long.csv"
-    path.write_text("t,v,omega,x,y,yaw\n" + f"0,0,0,0,0,{'x' * 10**6}\n" * 2)
-    with pytest.raises(ValueError, match="line 2: could not convert string to float") as refused:
-        read(path)
-    assert len(str(refused.value)) < 1000

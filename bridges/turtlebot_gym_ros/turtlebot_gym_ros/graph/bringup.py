@@ -7,14 +7,12 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from turtlebot_gym.drive import Drive, heading_error, position_error
-from turtlebot_gym.entry_points import load_entry_point
 from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import PLANTS
@@ -178,8 +176,6 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--namespace", help="namespace of all nodes and topics, such as robot1; by default none")
     parser.add_argument("--frame-prefix", help='prefix of all frames; by default that of the namespace, "robot1/"')
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
-    parser.add_argument("--watch", action="store_true", help="show the drive in a browser, until Ctrl-C")
-    parser.add_argument("--port", type=int, default=5006, help="with --watch, port on localhost (default: 5006); 0 for any")
     parser.add_argument("--json", type=Path, help="write the metrics to this file (.json)")
     parser.add_argument("--force", action="store_true", help="overwrite files that exist")
     return parser
@@ -188,8 +184,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the graph, print its metrics, and return the exit code: 130 if it was interrupted before the end of the drive."""
     options = vars(parser().parse_args(argv))
-    duration, figure, report = (options.pop(name) for name in ("duration", "figure", "json"))
-    watch, port, force = (options.pop(name) for name in ("watch", "port", "force"))
+    duration, figure, report, force = (options.pop(name) for name in ("duration", "figure", "json", "force"))
     chosen: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     try:
         POSITIVE_OR_INFINITE.check("--duration", duration)
@@ -200,41 +195,31 @@ def main(argv: Sequence[str] | None = None) -> int:
         return refuse(error)
     be_interruptible()
     try:
-        return _drive(chosen, duration, figure=figure, report=report, port=port if watch else None)
+        return _drive(chosen, duration, figure=figure, report=report)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
 
 
-def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, report: Path | None, port: int | None) -> int:
-    """Run the graph, with a view if it has a port, and return the exit code."""
+def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, report: Path | None) -> int:
+    """Run the graph, and return the exit code."""
     code = 0
-    with ExitStack() as viewing:
-        try:
-            view = None
-            if port is not None:
-                viewer = load_entry_point("turtlebot_gym.viewers", "watch-graph", extra="view")
-                title = f"bringup, policy {chosen.get('policy', 'bearing')}"
-                view = viewing.enter_context(viewer(chosen, title=title, port=port))
-            with Graph(**chosen) as graph:
-                if view:
-                    view.open()
-                try:
-                    graph.wait_until(_GraphEnd(duration), timeout=None)
-                except KeyboardInterrupt:
-                    be_interruptible()  # anew, for what follows
-                    print("interrupted", file=sys.stderr)
-                    code = INTERRUPTED
-                trajectory = graph.trajectory()
-                latest = dict(graph.latest)
-            if not code and not _was_driven(trajectory):
-                raise RuntimeError(NOTHING)
-        except (ValueError, RuntimeError, OSError, ImportError) as error:
-            go_on()  # an interrupted import may raise another error
-            return refuse(error)
-        _tell(trajectory, latest, chosen, figure=figure, report=report)
-        if view:
-            view.stay()
+    try:
+        with Graph(**chosen) as graph:
+            try:
+                graph.wait_until(_GraphEnd(duration), timeout=None)
+            except KeyboardInterrupt:
+                be_interruptible()  # anew, for what follows
+                print("interrupted", file=sys.stderr)
+                code = INTERRUPTED
+            trajectory = graph.trajectory()
+            latest = dict(graph.latest)
+        if not code and not _was_driven(trajectory):
+            raise RuntimeError(NOTHING)
+    except (ValueError, RuntimeError, OSError, ImportError) as error:
+        go_on()  # an interrupted import may raise another error
+        return refuse(error)
+    _tell(trajectory, latest, chosen, figure=figure, report=report)
     return code
 
 

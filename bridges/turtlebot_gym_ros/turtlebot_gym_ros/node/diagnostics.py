@@ -12,7 +12,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from turtlebot_gym_ros.base.names import node_name
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, OK, WARN, log, report
-from turtlebot_gym_ros.nodes import NODES, SATELLITES
+from turtlebot_gym_ros.nodes import NODES
 
 _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}
 
@@ -77,7 +77,7 @@ def _graph_problems(node: Node, endpoints: Iterable[Endpoint], *, plant: bool = 
             problems.append(NodeProblem(ERROR if mine.sole else WARN, f"{mine.topic}: {names} publish it: {effect}."))
         if plant and not mine.publishes and mine.message in _VELOCITIES:
             names = [node_name(other) for other in subscriptions]
-            strangers = {node_name(other) for other in subscriptions if other.node_name not in {*NODES, *SATELLITES}}
+            strangers = {node_name(other) for other in subscriptions if other.node_name not in NODES}
             strangers |= {name for name in names if name.endswith(f"/{node.get_name()}")} - {node.get_fully_qualified_name()}
             if names.count(node.get_fully_qualified_name()) > 1:
                 strangers.add("another simulator")

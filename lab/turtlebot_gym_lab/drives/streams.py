@@ -15,29 +15,20 @@ FRESH = 0.3
 """Longest gap between true poses over which they are interpolated, s."""
 CHORD = 0.02
 """Shortest chord from which a heading is taken, m: motion capture is exact to a millimetre, which is 0.05 rad there."""
-LEAP = 5.0
-"""Leap of the stamps of a running graph that begins another drive, s."""
-KEPT = 100
-"""Number of values of a quantity that are kept of a running graph."""
 SAME = 1e-6
 """Difference up to which two stamps are the same, s; a float resolves a quarter of that since 1970."""
 
 
 class Stream:
-    """The values of one quantity in the order of their time.
+    """The values of one quantity in the order of their time."""
 
-    Args:
-        live: Whether it has no end: then only the newest `KEPT` values are kept, and a time that is `LEAP` back begins anew.
-    """
-
-    def __init__(self, *, live: bool = False) -> None:
+    def __init__(self) -> None:
         self.times: list[float] = []
         self.values: list[Any] = []
         self.late: list[int] = []
         """Numbers, from 1, of the values that were left out because their time did not increase."""
         self.count = 0
         """Number of all values."""
-        self._live = live
 
     def __len__(self) -> int:
         return len(self.times)
@@ -45,15 +36,11 @@ class Stream:
     def add(self, time: float, value: Any) -> bool:
         """Add a value, and return whether its time is later than that of all others; it is left out if not."""
         self.count += 1
-        if self._live and self.times and time < self.times[-1] - LEAP:
-            del self.times[:], self.values[:]
         if self.times and not time > self.times[-1]:
             self.late.append(self.count)
             return False
         self.times.append(time)
         self.values.append(value)
-        if self._live:
-            del self.times[:-KEPT], self.values[:-KEPT], self.late[:]
         return True
 
     def last(self, wanted: NDArray[np.float64], *, fresh: float = math.inf) -> NDArray[np.intp]:
