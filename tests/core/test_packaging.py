@@ -28,7 +28,6 @@ PROJECT = tomllib.loads(text_of("pyproject.toml"))["project"]
 CI = yaml.safe_load(text_of(".github/workflows/ci.yml"))
 PACKAGES = ("turtlebot_gym", "agents/turtlebot_gym_agents", "bridges/turtlebot_gym_ros/turtlebot_gym_ros")
 SATELLITES = [top for top in ("lab/turtlebot_gym_lab", "lab/turtlebot_gym_view") if (ROOT / top).is_dir()]
-CHECKER = "checker/gymnasium_vector_checker"
 
 
 def test_the_version_is_the_same_everywhere_and_type_checkers_may_read_the_packages():
@@ -42,7 +41,7 @@ def test_the_version_is_the_same_everywhere_and_type_checkers_may_read_the_packa
     assert {"message", "title", "authors", "type", "license"} <= set(citation)
     assert citation["license"] == PROJECT["license"]
     assert [author["name"] for author in citation["authors"]] == [author["name"] for author in PROJECT["authors"]]
-    assert all((ROOT / package / "py.typed").is_file() for package in (*PACKAGES, *SATELLITES, CHECKER))
+    assert all((ROOT / package / "py.typed").is_file() for package in (*PACKAGES, *SATELLITES))
 
 
 @pytest.mark.skipif(find_spec("tyro") is None, reason="needs the extra [gym]")
@@ -98,15 +97,6 @@ def test_classifiers_are_known_and_name_the_versions_that_are_tested():
         assert set(PROJECT["classifiers"]) <= set(classifiers)
     versions = {match[1] for line in PROJECT["classifiers"] if (match := re.fullmatch(r".*Python :: (3\.\d+)", line))}
     assert versions == set(CI["jobs"]["test"]["strategy"]["matrix"]["python"])
-
-
-def test_the_checker_depends_on_gymnasium_and_numpy_only():
-    project = tomllib.loads(text_of("checker/pyproject.toml"))["project"]
-    assert {re.split("[<>=]", dependency)[0] for dependency in project["dependencies"]} == {"gymnasium", "numpy"}
-    assert project["license"] == PROJECT["license"]
-    source = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / CHECKER).glob("*.py"))
-    imported = {match[1] for match in re.finditer(r"^(?:from|import) (\w+)", source, re.MULTILINE)}
-    assert imported - set(sys.stdlib_module_names) == {"gymnasium", "numpy", "gymnasium_vector_checker"}
 
 
 TARGETS = {*re.findall(r"^([a-z-]+):", text_of("Makefile"), re.MULTILINE)}
