@@ -87,9 +87,6 @@ test-clients: $(READY)  ## train with every RL library, each in an environment o
 	$(RUN)python tests/clients/environments.py $(CLIENTS)
 	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
 
-test-versions: $(READY)  ## quick tests with the lowest and with the newest versions that pyproject.toml allows (15 minutes, and the installations)
-	$(RUN)python tools/test_versions.py
-
 test-kilted: $(READY)  ## the guard and the live graph on ROS 2 Kilted, in an environment of its own
 	$(RUN)python -m venv .venv-kilted && grep -v '^ros-' constraints.txt > .venv-kilted/constraints.txt
 	.venv-kilted/bin/pip install --constraint .venv-kilted/constraints.txt --editable '.[ros-kilted,deploy,dev]'
