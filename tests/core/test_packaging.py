@@ -142,7 +142,6 @@ def test_the_container_file_copies_and_installs_what_there_is():
     assert all((ROOT / name).exists() for name in sent)
     assert {
         "pyproject.toml",
-        "hatch_build.py",
         "constraints.txt",
         "README.md",
         "LICENSE",
