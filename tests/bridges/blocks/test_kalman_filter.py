@@ -293,17 +293,6 @@ def test_odometry_that_contradicts_the_command_is_refused_though_its_parts_agree
     assert "commanded to drive and does not move" in node.fault
 
 
-def test_a_filter_that_doubts_its_model_says_why_and_stops_if_asked():
-    for doubts, stops in (("report", False), ("stop", True)):
-        node = estimator(noise="wheel", doubts=doubts)
-        for k in range(200):
-            node.step(0.05 * (k > 0), seen(0.008 * k, 0.0, 0.0, Command(0.2, 0.0)))
-        said = node.fault if stops else node.notice
-        assert "the pose moves 0.80 times as far as the speed says" in said
-        assert bool(node.fault) is stops
-        assert node.figures["mean NIS of 10 s"] == "0.00"
-
-
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("dt", [0.02, 0.1])
 def test_simulated_odometry_at_full_speed_is_never_refused(noise, dt):
