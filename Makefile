@@ -57,8 +57,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 
 ##@ Test
 # What the tests use; several compile faster in one process, since systems share most kernels.
-COMPILED := nav kalman wheels gated mixture scale kalman+fixes wheels+fixes mixture+fixes rooms-kalman rooms-wheels \
-            rooms-localized
+COMPILED := nav kalman wheels gated kalman+fixes wheels+fixes rooms-kalman rooms-wheels rooms-localized
 ELSEWHERE := not slow and not clients and not cluster and not browser
 # Reordered, the files of the fewest tests, which last longest, would come last.
 IN_PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder

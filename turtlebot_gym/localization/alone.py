@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from turtlebot_gym.estimation.scale import Sixth
+from turtlebot_gym.estimation.sixth import Sixth
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.descent import SETTLED
 from turtlebot_gym.localization.information import Guess, ScanPoints, information

@@ -64,7 +64,7 @@ class Options:
     """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); in Python
     also a `turtlebot_gym.Noise` or a mapping of its fields."""
     filter: str | Path | Mapping[str, Any] | FilterTuning | Callable[..., Any] | object = "matched"
-    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, with an `imu` gyro, a file with Q and R (FILE.yaml),
+    """Filter: matched, calibrated, tutorial, gated, with an `imu` gyro, a file with Q and R (FILE.yaml),
     or one of your own (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, a class, see
     `turtlebot_gym.estimation.plain`, or an object of filterpy, see `turtlebot_gym.estimation.objects`."""
     observation: str | ObservationTerm | Sequence[str | ObservationTerm] = "ekf"

@@ -25,7 +25,7 @@ class RobotAndNoise:
     noise: str = "tutorial"
     """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     filter: str = "matched"
-    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, FILE.yaml, or MODULE:NAME. With --imu also gyro. A
+    """Filter: matched, calibrated, tutorial, gated, FILE.yaml, or MODULE:NAME. With --imu also gyro. A
     file holds Q and R; a module your own filter, or an object of filterpy."""
     observation: str = "ekf"
     """What the policy observes: ekf, odometry, truth or located, with terms after it. The task's terms come from the robot's

@@ -50,7 +50,7 @@ def test_its_estimates_are_the_environments(noise, filter):
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("fix", FIXES)
-@pytest.mark.parametrize("filter", ["matched", "slip"])
+@pytest.mark.parametrize("filter", ["matched", "gated"])
 def test_with_fixes_too_its_estimates_are_the_environments(filter, fix):
     """To the bit, though it remembers more steps; and a fix that is heard twice, or goes on being heard, counts once."""
     plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise="wheel", seed=3, fix=fix))
@@ -381,7 +381,7 @@ STANDING = seen(1.0, 0.0, 0.0)
 SEAT = Fix(Pose(5.0, -3.0, math.pi / 2.0), (0.25, 0.25, 0.07), 0.0, True)
 
 
-@pytest.mark.parametrize("filter", ["matched", "slip"])
+@pytest.mark.parametrize("filter", ["matched", "gated"])
 @pytest.mark.parametrize("noise", ["wheel", "tutorial", "clean"])
 def test_a_person_puts_a_standing_robot_elsewhere_and_odometry_goes_on_from_there(noise, filter):
     node = driving(noise=noise, filter=filter)

@@ -76,7 +76,7 @@ class KalmanFilter:
         """Noise to which it is matched: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         filter: str = "matched"
         """A name in `turtlebot_gym.presets.FILTERS`, a FILE.yaml with Q and R, or your MODULE:NAME. The names are matched,
-        calibrated, tutorial, gated, mixture, slip and scale; NAME is a filter of your own, or an object of filterpy."""
+        calibrated, tutorial and gated; NAME is a filter of your own, or an object of filterpy."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         twist: str = "executed"
