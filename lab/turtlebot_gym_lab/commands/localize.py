@@ -39,7 +39,7 @@ class Localize(ReportingOptions, StartOptions):
 
         from turtlebot_gym.drive import known
         from turtlebot_gym_lab.drives import read
-        from turtlebot_gym_lab.evaluation.localize import STATES, errors_of, evidence_of, localize, recorded_of, wheels_of
+        from turtlebot_gym_lab.evaluation.localize import STATES, errors_of, evidence_of, localize, recorded_of
 
         with progress(3) as advance_to:
             drive = self.localizable(read(self.file, **self.reading()))
@@ -63,8 +63,6 @@ class Localize(ReportingOptions, StartOptions):
         table.add_row("leaps of more than 0.3 m or 0.3 rad", f"{evidence['leaps']:g}")
         for name, share in states.items():
             table.add_row(f"{name}, % of the rows", f"{100.0 * share:.1f}")
-        wheels = wheels_of(course, recorded)
-        table.add_row("wheels, lately" + (": not as assumed" if wheels.has_changed else ""), wheels.text)
         print_tables(table)
         beliefs = {"poses": course.poses, "covariances": course.covariances, "fits": course.fits, "states": course.states}
         self.report(
@@ -72,7 +70,6 @@ class Localize(ReportingOptions, StartOptions):
                 "errors": errors,
                 "evidence": evidence,
                 "shares": states,
-                "wheels": wheels._asdict(),
                 "time": recorded.time,
                 **beliefs,
             }

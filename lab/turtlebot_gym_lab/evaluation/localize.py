@@ -16,7 +16,6 @@ from turtlebot_gym.localization.hypotheses import correct_by_scan, nowhere
 from turtlebot_gym.localization.localizer import LEAP, LOST, TRACKING, UNSURE, locate, move, state_of, stay
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.localization.wheels import Wheels, WheelWatch
 from turtlebot_gym.models.angles import wrap, wrap_all
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_agents.evaluation.episodes import ASTRAY
@@ -174,15 +173,6 @@ def localize(recorded: RecordedScans, place: KnownPlace) -> RecordedCourse:
     a, b, c, d, e, f = course[:, 3:9].T
     covariances = np.stack((a, b, c, b, d, e, c, e, f), axis=1).reshape(-1, 3, 3)
     return RecordedCourse(course[:, :3], covariances, course[:, 9], states, int(located.scans), float(located.scale.mean))
-
-
-def wheels_of(course: RecordedCourse, recorded: RecordedScans) -> Wheels:
-    """Return how the wheels differ from what odometry assumes, by the beliefs at the scans that confirm them."""
-    watch = WheelWatch()
-    for row in recorded.rows.tolist():
-        belief, odometry = Pose(*course.poses[row].tolist()), Pose(*recorded.odometry[row].tolist())
-        watch.see(belief, odometry, is_confirmed=bool(course.states[row] == TRACKING and np.isfinite(belief[0])))
-    return watch.wheels
 
 
 def evidence_of(course: RecordedCourse, odometry: NDArray[np.float64], first: int) -> dict[str, float]:
