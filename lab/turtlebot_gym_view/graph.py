@@ -23,7 +23,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Empty
 
-from turtlebot_gym.drive import DriveBuffer, RoomData
+from turtlebot_gym.drive import RoomData
 from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.worlds import find_lidar
@@ -34,6 +34,7 @@ from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
 from turtlebot_gym_ros.base.qos import LATCHED, STREAM
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
+from turtlebot_gym_view.buffer import DriveBuffer
 
 STEP = ("true_state", "estimate", "nis", "tracks")
 """Topics whose values belong to the odometry of the same stamp."""

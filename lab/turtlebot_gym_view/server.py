@@ -25,8 +25,9 @@ from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop
 from tornado.routing import Matcher, Rule, RuleRouter
 
-from turtlebot_gym.drive import Drive, DriveBuffer
+from turtlebot_gym.drive import Drive
 from turtlebot_gym.validation import as_int
+from turtlebot_gym_view.buffer import DriveBuffer
 from turtlebot_gym_view.view import View, fill
 
 EVERYWHERE = ("", "0.0.0.0")

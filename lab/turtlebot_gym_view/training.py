@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 
-from turtlebot_gym.drive import Drive, DriveBuffer
+from turtlebot_gym.drive import Drive
 from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, Callback, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_view import record_episode
+from turtlebot_gym_view.buffer import DriveBuffer
 from turtlebot_gym_view.server import Server
 
 

@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from turtlebot_gym.drive import Drive, DriveBuffer
+from turtlebot_gym.drive import Drive
 from turtlebot_gym_view import record_episode
+from turtlebot_gym_view.buffer import DriveBuffer
 from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.server import Server
 

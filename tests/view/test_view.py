@@ -16,13 +16,14 @@ from bokeh.document import Document
 from bokeh.models import HoverTool
 from bokeh.models.glyphs import Image as ImageGlyph
 
-from turtlebot_gym.drive import Drive, DriveBuffer, RoomData, Seen
+from turtlebot_gym.drive import Drive, RoomData, Seen
 from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_view import style
+from turtlebot_gym_view.buffer import DriveBuffer
 from turtlebot_gym_view.maps import _extent, _picture
 from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.server import Server
