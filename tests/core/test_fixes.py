@@ -12,11 +12,11 @@ from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_param
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.estimation.ekf import correct
 from turtlebot_gym.estimation.filters import filter_of, matrix
-from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
+from turtlebot_gym.estimation.fixes import no_fix, with_fixes
 from turtlebot_gym.estimation.sixth import Sixth, correct_both, correct_both_correlated
 from turtlebot_gym.estimation.update import correct_correlated
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.systems import open_ground, system_of
+from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Fix, Odometry, Pose, Senses, State, senses_of
 
@@ -174,25 +174,10 @@ def test_fixes_draw_numbers_of_their_own():
 
 
 def of_now(p):
-    """Return the system of some parameters, but its sensor says that late fixes are of now."""
+    """Return the system of some parameters, but its sensor says that late fixes are of now, and its filter believes that."""
     system = system_of(p)
     late = system.sensors[-1]
     return system.with_sensor(late._replace(sense=lambda *arguments: late.sense(*arguments)._replace(age=0.0)))
-
-
-def naive(p):
-    """Return a system whose filter believes that."""
-    filter, sensors = with_fixes(filter_of(p.tuning), depth_of(p.dt, p.fix.delay)), of_now(p).sensors
-    return open_ground(filter).with_sensor(sensors[-1])
-
-
-def test_fixes_of_another_age_are_left_out():
-    # A filter that takes fixes of one age would put them into the wrong step.
-    without = make_parameters(ENDLESS, noise="wheel")
-    p = make_parameters(ENDLESS, noise="wheel", fix=FixNoise(R=(0.0025, 0.0025, 0.0025), period=0.2, delay=0.1))
-    bare = [mean for (mean, P), truth in ends(without, system_of(without))]
-    assert [mean for (mean, P), truth in ends(p, of_now(p))] == bare
-    assert all(mean != other for ((mean, P), truth), other in zip(ends(p, system_of(p)), bare, strict=True))
 
 
 def ends(p, system):
@@ -208,7 +193,7 @@ def test_late_fixes_leave_the_filter_consistent_and_naive_fusion_does_not():
     # 60 independent drives: a consistent filter's sum is chi-square with 180 degrees of freedom. Fails for one seed in 10^4.
     fix = FixNoise(R=(0.0025, 0.0025, 0.0025), period=0.5, delay=0.3, dropout_probability=0.3)
     p, means = make_parameters(ENDLESS, noise="wheel", fix=fix), []
-    for system in (system_of(p), naive(p)):
+    for system in (system_of(p), of_now(p)):
         values = []
         for (mean, P), truth in ends(p, system):
             values.append(nees(np.array(mean), np.array(truth), matrix(P), components=3))
