@@ -57,8 +57,7 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 
 ##@ Test
 # What the tests use; several compile faster in one process, since systems share most kernels.
-COMPILED := nav kalman wheels gated mixture scale kalman+fixes wheels+fixes mixture+fixes rooms-kalman rooms-wheels \
-            rooms-localized
+COMPILED := nav kalman wheels gated kalman+fixes wheels+fixes rooms-kalman rooms-wheels rooms-localized
 ELSEWHERE := not slow and not clients and not cluster and not browser
 # Reordered, the files of the fewest tests, which last longest, would come last.
 IN_PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
@@ -86,9 +85,6 @@ CLIENTS := .venv-clients
 test-clients: $(READY)  ## train with every RL library, each in an environment of its own, and drive the policies (8 minutes, and the installations)
 	$(RUN)python tests/clients/environments.py $(CLIENTS)
 	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
-
-test-versions: $(READY)  ## quick tests with the lowest and with the newest versions that pyproject.toml allows (15 minutes, and the installations)
-	$(RUN)python tools/test_versions.py
 
 test-kilted: $(READY)  ## the guard and the live graph on ROS 2 Kilted, in an environment of its own
 	$(RUN)python -m venv .venv-kilted && grep -v '^ros-' constraints.txt > .venv-kilted/constraints.txt

@@ -15,15 +15,12 @@ from turtlebot_gym_lab.evaluation.estimation import estimate, in_force
 EXACT = " without floors"
 """Stands behind the name of a filter that assumes the true noise, and no more."""
 SETTINGS: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
-    "tutorial": (("matched", "matched without floors", "gated", "mixture", "tutorial"), {"noise": "tutorial"}),
-    "documented without its bias": (
-        ("matched", "gated", "mixture", "mixture without floors"),
-        {"noise": "documented", "bias": False},
-    ),
-    "documented": (("matched", "mixture"), {"noise": "documented"}),
+    "tutorial": (("matched", "matched without floors", "gated", "tutorial"), {"noise": "tutorial"}),
+    "documented without its bias": (("matched", "gated"), {"noise": "documented", "bias": False}),
+    "documented": (("matched",), {"noise": "documented"}),
     "wheel": (("matched", "matched without floors"), {"noise": "wheel"}),
-    "rough without slip": (("matched", "gated", "mixture", "mixture without floors"), {"noise": "rough", "slip": False}),
-    "rough": (("matched", "gated", "mixture", "slip"), {"noise": "rough"}),
+    "rough without slip": (("matched", "gated"), {"noise": "rough", "slip": False}),
+    "rough": (("matched", "gated"), {"noise": "rough"}),
 }
 """Filters and noise of each setting."""
 

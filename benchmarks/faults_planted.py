@@ -29,10 +29,10 @@ from harness.study import Study, each, run
 
 ROOT = Path(__file__).parents[1]
 TABLE = Path(__file__).with_suffix(".toml")
-PARTS = "turtlebot_gym", "agents", "bridges", "lab", "checker", "benchmarks", "tests", "pyproject.toml", "README.md"
+PARTS = "turtlebot_gym", "agents", "bridges", "lab", "benchmarks", "tests", "pyproject.toml", "README.md"
 """What a copy holds."""
 _BUILD = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]
-PATHS = (*dict.fromkeys(str(Path(package).parent) for package in _BUILD["wheel"]["packages"]), "checker")
+PATHS = tuple(dict.fromkeys(str(Path(package).parent) for package in _BUILD["wheel"]["packages"]))
 """Where its packages are: those of the wheel, so that none is imported from where the project is installed."""
 WITNESS = """
 with open({imported!r}, "a") as _imported:

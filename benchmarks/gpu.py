@@ -26,9 +26,8 @@ from turtlebot_gym.files import write_text
 
 SYSTEMS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
-    "rough, mixture": {"noise": "rough", "filter": "mixture"},
+    "rough, gated": {"noise": "rough", "filter": "gated"},
     "wheel, late fixes": {"noise": "wheel", "fix": "late"},
-    "rough, slip": {"noise": "rough", "filter": "slip"},
 }
 """Systems that are compared with the engine; the first one is measured."""
 STEPS = 300

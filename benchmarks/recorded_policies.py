@@ -24,7 +24,7 @@ DRIVES: dict[str, dict[str, Any]] = {
 """Policies, and where they drive."""
 NOISES = ("tutorial", "documented", "wheel", "recorded")
 KNOWING: dict[str, dict[str, Any]] = {
-    **{name: {"filter": name} for name in ("gated", "mixture", "slip", "scale", "calibrated")},
+    **{name: {"filter": name} for name in ("gated", "calibrated")},
     "gyro": {"filter": "gyro", "imu": "calibrated"},
     "matched, fix localization": {"fix": "localization"},
 }

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".yaml", ".yml")
 """File name endings."""
-DESCRIPTIONS = (".urdf", ".xacro")
-"""File name endings of descriptions of robots."""
 
 MAX_DEPTH, MAX_VALUES = 100, 100_000
 """How deep the contents of a file may be nested, and how many values a YAML file may have."""
@@ -56,14 +54,11 @@ def kind_of(kind: type) -> str:
 
 def is_file(name: object) -> TypeGuard[str | Path]:
     """Return whether a name is that of a file."""
-    return isinstance(name, Path) or (isinstance(name, str) and name.endswith((*SUFFIXES, *DESCRIPTIONS)))
+    return isinstance(name, Path) or (isinstance(name, str) and name.endswith(SUFFIXES))
 
 
 def read_parameters(kind: type[T], path: str | Path) -> T:
     """Read a noise model, a robot, a fix or a filter.
-
-    A robot may also be a URDF or Nav2's parameters, or several files, see `ros_files.robot.read_robot`; a noise model may be
-    the parameters of robot_localization's ``ekf_node``.
 
     Args:
         kind: `turtlebot_gym.Noise`, `turtlebot_gym.Robot`, `turtlebot_gym.FixNoise` or `turtlebot_gym.FilterTuning`.
@@ -74,31 +69,16 @@ def read_parameters(kind: type[T], path: str | Path) -> T:
             file and field.
         ImportError: If PyYAML is not installed.
     """
-    if kind is Robot and (("+" in str(path) and not Path(path).exists()) or str(path).endswith(DESCRIPTIONS)):
-        from turtlebot_gym.ros_files.robot import read_robot
-
-        return read_robot(str(path))  # pyright: ignore[reportReturnType]
     try:
         content = load(path)
     except OSError as error:
         raise ValueError(f"There is no {kind_of(kind)} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
     try:
-        if kind in (Robot, Noise) and _has_nodes(content):
-            from turtlebot_gym.ros_files.robot import noise_of, read_robot
-
-            return read_robot(str(path)) if kind is Robot else noise_of(content, path)  # pyright: ignore[reportReturnType]
         if kind is FilterTuning and isinstance(content, Mapping) and "P0" in content and not content.get("from_origin"):
             raise ValueError("filter: P0 is read with from_origin: true only: add that, or leave out P0.")
         return build(kind, content, kind_of(kind))
     except ValueError as error:
         raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
-
-
-def _has_nodes(content: Any) -> bool:
-    """Return whether a file's content is parameters of ROS nodes."""
-    from turtlebot_gym.ros_files.parameters import nodes_in
-
-    return bool(nodes_in(content))
 
 
 def write_parameters(value: Noise | Robot | FixNoise | FilterTuning, path: Path, *, comment: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Meshes, as worlds and robot descriptions name them: STL, OBJ and DAE, read by trimesh."""
+"""Meshes, as worlds name them: STL, OBJ and DAE, read by trimesh."""
 
 from __future__ import annotations
 

@@ -217,30 +217,7 @@ class Gated(Gate):
     """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mixture(Gate):
-    """The filter that models heading spikes, `estimation.mixture`."""
-
-    spike_probability: Annotated[float, PROBABILITY]
-    """Probability per measurement of a heading spike."""
-    spike: Annotated[float, NON_NEGATIVE]
-    """Size of a heading spike, rad."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Slip(Mixture):
-    """The filter that models heading spikes, and slip as in `FilterTuning.process`: `estimation.slip`."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scale(Gate):
-    """The filter that also estimates the executed share of a twist, `estimation.scale`."""
-
-    scale_deviation: Annotated[float, NON_NEGATIVE] = 0.05
-    """Initial standard deviation of the executed share of a commanded twist."""
-
-
-KINDS: dict[str, type] = {kind.__name__: kind for kind in (Kalman, DeadReckoning, Gated, Mixture, Slip, Scale)}
+KINDS: dict[str, type] = {kind.__name__: kind for kind in (Kalman, DeadReckoning, Gated)}
 """Filters' own numbers by name."""
 
 
@@ -261,8 +238,8 @@ class FilterTuning:
     process: ProcessNoise = field(default_factory=ProcessNoise)
     """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
     kind: Any = field(default_factory=Kalman)
-    """The filter, with what it alone reads: `Kalman`, `DeadReckoning`, `Gated`, `Mixture`, `Slip` or `Scale`; in a file its
-    name, or a mapping of its name and its fields: ``{name: Gated, heading_gate: 6.6}``."""
+    """The filter, with what it alone reads: `Kalman`, `DeadReckoning` or `Gated`; in a file its name, or a
+    mapping of its name and its fields: ``{name: Gated, heading_gate: 6.6}``."""
 
     def __post_init__(self) -> None:
         check_fields(self)

@@ -17,12 +17,9 @@ from turtlebot_gym.parameters import (
     FixNoise,
     Gated,
     Kalman,
-    Mixture,
     Noise,
     OdometryNoise,
     ProcessNoise,
-    Scale,
-    Slip,
 )
 from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.robots import ROBOTS, Robot
@@ -160,37 +157,11 @@ def _calibrated(noise: Noise) -> FilterTuning:
     return replace(tuning, process=replace(tuning.process, **_systematic(noise.process)))
 
 
-def _without_spikes(noise: Noise) -> Noise:
-    return replace(noise, odometry=replace(noise.odometry, spike_probability=0.0))
-
-
-def _of_kind(tuning: FilterTuning, kind: Any) -> FilterTuning:
-    """Return a tuning for a filter that corrects; with wheel odometry, which measures nothing, dead reckoning stays."""
-    return tuning if isinstance(tuning.kind, DeadReckoning) else replace(tuning, kind=kind)
-
-
 def _gated(noise: Noise) -> FilterTuning:
     """Return the matched tuning for the noise without spikes, with a gate that refuses 1 % of correct headings."""
-    return _of_kind(matched(_without_spikes(noise)), Gated(heading_gate=HEADING_GATE, **POSE_GATE))
-
-
-def _mixture(noise: Noise) -> FilterTuning:
-    """Return the matched tuning, without spikes in R, of the filter that models spikes: `estimation.mixture`."""
-    spikes, size = noise.odometry.spike_probability, noise.odometry.spike
-    return _of_kind(matched(_without_spikes(noise)), Mixture(spike_probability=spikes, spike=size, **POSE_GATE))
-
-
-def _slip(noise: Noise) -> FilterTuning:
-    """Return the tuning of the filter that models spikes and slip: `estimation.slip`."""
-    process, odometry = noise.process, noise.odometry
-    steady = matched(_without_spikes(replace(noise, process=replace(process, slip=0.0))))
-    kind = Slip(spike_probability=odometry.spike_probability, spike=odometry.spike, **POSE_GATE)
-    return _of_kind(replace(steady, process=replace(process, **_EXACT)), kind)
-
-
-def _scale(noise: Noise) -> FilterTuning:
-    """Return the matched tuning of the filter that estimates the executed share of a twist: `estimation.scale`."""
-    return _of_kind(matched(noise), Scale(**POSE_GATE))
+    tuning = matched(replace(noise, odometry=replace(noise.odometry, spike_probability=0.0)))
+    is_corrected = not isinstance(tuning.kind, DeadReckoning)  # wheel odometry measures nothing
+    return replace(tuning, kind=Gated(heading_gate=HEADING_GATE, **POSE_GATE)) if is_corrected else tuning
 
 
 def _gyro(noise: Noise, imu: Any) -> FilterTuning:
@@ -208,9 +179,6 @@ FILTERS: dict[str, Callable[..., FilterTuning]] = {
     "calibrated": _calibrated,
     "tutorial": lambda noise: TUTORIAL_FILTER,
     "gated": _gated,
-    "mixture": _mixture,
-    "slip": _slip,
-    "scale": _scale,
     "gyro": _gyro,
 }
 """Filter tunings by name, as functions of the noise in use; `gyro` also takes that of the gyro."""
@@ -299,7 +267,7 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
 
 
 def reduced(tuning: Any, noise: Noise) -> list[str]:
-    """Return a remark if a filter, chosen by name, is the usual one with a noise, as one of spikes without spikes is."""
+    """Return a remark if a filter, chosen by name, is the usual one with a noise, as all are with wheel odometry."""
     if not isinstance(tuning, str) or tuning in ("matched", "gyro") or tuning not in FILTERS:
         return []
     why = "with wheel odometry no filter corrects" if noise.odometry.wheel else "there is nothing else to model"

@@ -1,4 +1,4 @@
-"""Files that robot descriptions and worlds name by a URI: ``model://``, ``package://``, ``file://``, or a relative path."""
+"""Files that worlds name by a URI: ``model://``, ``package://``, ``file://``, or a relative path."""
 
 from __future__ import annotations
 

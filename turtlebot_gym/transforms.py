@@ -1,4 +1,4 @@
-"""Homogeneous transforms, shape (4, 4), as SDF and URDF state them."""
+"""Homogeneous transforms, shape (4, 4), as SDF states them."""
 
 from __future__ import annotations
 

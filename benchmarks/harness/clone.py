@@ -21,13 +21,13 @@ def clone_calls(env_id: str, size: int, form: str) -> Callable[[int], Any]:
     Args:
         env_id: Environment of `turtlebot_gym`, whichever clone that is.
         size: Number of environments stepped together.
-        form: "scalar", "vector", or a vector with the noise "rough" or with the filter "slip".
+        form: "scalar", "vector", or a vector with the noise "rough".
     """
     import gymnasium as gym
 
     import turtlebot_gym  # noqa: F401
 
-    options: dict[str, Any] = {"rough": {"noise": "rough"}, "slip": {"filter": "slip"}}.get(form, {})
+    options: dict[str, Any] = {"rough": {"noise": "rough"}}.get(form, {})
     scalar = form == "scalar"
     env: Any = gym.make(env_id) if scalar else gym.make_vec(env_id, size, "vector_entry_point", **options)
     env.reset(seed=0)

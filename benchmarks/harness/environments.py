@@ -25,7 +25,6 @@ OURS, GYMNASIUM = "turtlebot_gym", "gymnasium"
 _MORE: dict[str, dict[str, Any]] = {
     "info full": {"info": "full"},
     "randomized": {"drawn": True},
-    "filter slip": {"filter": "slip"},
     "fix late": {"fix": "late"},
 }
 """What is measured for the first size only, by name."""

@@ -44,7 +44,6 @@ ENTRIES = {
     "scalar": Entry(NAV, 1, "scalar"),
     "vector of 4096": Entry(NAV, 4096, "vector"),
     "vector of 4096, noise rough": Entry(NAV, 4096, "rough"),
-    "vector of 4096, filter slip": Entry(NAV, 4096, "slip"),
     "rooms, vector of 512": Entry(ROOMS, 512, "vector"),
 }
 """What is compared, by name."""

@@ -18,7 +18,6 @@ PACKAGES = {
 }
 FIRST = (
     "turtlebot_gym.envs",
-    "turtlebot_gym.wrappers",
     "turtlebot_gym.presets",
     "turtlebot_gym.parameters",
     "turtlebot_gym.tasks",

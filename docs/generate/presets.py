@@ -58,7 +58,7 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
         print(f"| `{name}` | {', '.join(differences(fix))} |", file=page)
     print(f"\n## Filters\n\n`matched` follows from the noise in force: {said('presets.matched').partition('. ')[2]}", file=page)
     print(f"\n`tutorial`: {said('presets.TUTORIAL_FILTER')}\n", file=page)
-    for name in ("gated", "mixture", "slip", "scale", "gyro"):
+    for name in ("gated", "gyro"):
         print(f"`{name}`: {said(f'presets.{presets.FILTERS[name].__name__}').removeprefix('Return the ')}\n", file=page)
     table("filter", "noise", "parameters")
     for name, tuning in presets.FILTERS.items():

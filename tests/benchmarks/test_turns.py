@@ -95,7 +95,7 @@ def test_ours_are_compared_with_cartpole_of_the_same_size(few):
             for env in (
                 "TurtleBotNav-v0",
                 "TurtleBotSquare-v0",
-                *(f"TurtleBotNav-v0, {more}" for more in ("noise rough", "info full", "randomized", "filter slip", "fix late")),
+                *(f"TurtleBotNav-v0, {more}" for more in ("noise rough", "info full", "randomized", "fix late")),
             )
         ),
     }

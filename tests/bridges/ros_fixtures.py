@@ -170,8 +170,8 @@ def busy():
 
 @pytest.fixture(scope="session")
 def builder():
-    """The script that builds nav2_msgs and tf2_msgs, as a module."""
-    return script("tools/build_nav2_msgs")
+    """The module that builds nav2_msgs and tf2_msgs."""
+    return script("tests/bridges/built_interfaces")
 
 
 NAV2 = """#goal definition
@@ -198,7 +198,7 @@ builtin_interfaces/Duration estimated_time_remaining
 int16 number_of_recoveries
 float32 distance_remaining
 """
-"""``nav2_msgs/action/NavigateToPose.action`` of Nav2's tags 1.3.0 to 1.3.13, Jazzy, independent of what ``tools/`` builds."""
+"""``nav2_msgs/action/NavigateToPose.action`` of Nav2's tags 1.3.0 to 1.3.13, Jazzy, independent of what the builder has."""
 
 
 @pytest.fixture(scope="session")
@@ -231,7 +231,7 @@ def hash_of(files, builder):
 
 @pytest.fixture(scope="session")
 def interfaces(install, builder):
-    """The environment variables by which a process has nav2_msgs and tf2_msgs, built as a user builds them."""
+    """The environment variables by which a process has nav2_msgs and tf2_msgs."""
     if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
         return {}
     return install("ours", builder.FILES)

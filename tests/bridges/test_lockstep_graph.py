@@ -55,7 +55,7 @@ DRIVES = [
             (("bearing", "rough", "time", "matched", "none"), False, {}),
             (("ppo-square", "tutorial", "arrival", "matched", "none"), False, {}),
             (("bearing", "wheel", "arrival", "matched", "none"), False, {}),
-            (("bearing", "rough.yaml", "arrival", "slip", "none"), False, {"filter": "matched"}),
+            (("bearing", "rough.yaml", "arrival", "gated", "none"), False, {"filter": "matched"}),
             (("bearing", "wheel", "arrival", "matched", "late"), False, {"fix": "none"}),
             (("bearing", "wheel", "arrival", "matched", "markers"), False, {"fix": "none"}),
         )

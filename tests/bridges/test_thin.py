@@ -64,7 +64,7 @@ def test_filter_policy_and_guard_give_the_same_bits_without_what_trains_and_draw
 @guarded
 def test_the_program_depends_on_what_it_computes():
     rows = thin().drive(5)
-    assert len(set(rows)) > 15  # two of the four begin alike
+    assert len(set(rows)) == len(rows)
 
 
 def declared(extra=None):

@@ -151,6 +151,5 @@ def test_without_a_ros_installation_it_is_refused_on_one_line(launch):
     _, stderr = process.communicate(timeout=30.0)
     assert process.returncode == 2
     assert stderr == (
-        "error: publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or build it with "
-        "tools/build_nav2_msgs.py of the repository.\n"
+        "error: publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or take ROS from RoboStack with pixi.\n"
     )

@@ -35,7 +35,7 @@ SYSTEMS = {
     "tutorial": SQUARE,
     "wheel": {"task": "pose", "noise": "wheel", "robot": "turtlebot4", "dt": 0.2, "delay": 2},
     "pose": {"task": "pose", "noise": SHAKY, "integrator": "midpoint", "arrival": "belief"},
-    **{kind: {"task": "nav", "noise": SHAKY, "filter": kind} for kind in ("gated", "mixture", "scale", "slip")},
+    "gated": {"task": "nav", "noise": SHAKY, "filter": "gated"},
     "fixes": {"task": "nav", "noise": "wheel", "fix": "late"},
     "gyro": {"task": "square", "laps": 2, "noise": "rough", "filter": "gyro", "imu": "mpu9250", "fix": "beacons"},
 }

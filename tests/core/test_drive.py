@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from drive_samples import COLUMNS, random_drive
 
-from turtlebot_gym.drive import Drive, DriveBuffer, concatenate, heading_error, position_error
+from turtlebot_gym.drive import Drive, concatenate, heading_error, position_error
 
 
 def same(first, second):
@@ -56,23 +56,6 @@ def test_slices_make_the_whole(cuts):
     same(concatenate([drive[a:b] for a, b in pairwise(cuts)]), drive)
     with pytest.raises(ValueError, match="at least one"):
         concatenate([])
-
-
-def test_a_reader_of_a_growing_drive_misses_nothing_and_reads_nothing_twice():
-    drive, rng = random_drive(30), np.random.default_rng(1)
-    growing, read, number, pieces = DriveBuffer(), [], -1, 0
-    for row in range(30):
-        growing.add(drive[row : row + 1])
-        if rng.random() < 0.4 or row == 29:
-            number, fresh, pieces = growing.read(number, pieces)
-            read.append(fresh)
-    same(concatenate(read), drive)
-    assert growing.read(number, pieces) == (number, None, pieces)
-    growing.restart(drive[4:6])
-    later, fresh, pieces = growing.read(number, pieces)
-    assert later != number
-    assert pieces == 1
-    same(fresh, drive[4:6])
 
 
 def test_position_error_is_the_distance_for_any_batch_and_that_of_an_unknown_pose_is_unknown():

@@ -51,17 +51,17 @@ CASES = {
     "heavy and late": {"noise": "rough", "robot": HEAVY, "delay": 2, "integrator": "midpoint"},
     "odometry shown": {"noise": "rough", "observation": "odometry"},
     "truth shown": {"noise": "clean", "observation": "truth", "integrator": "midpoint"},
-    **{kind: {"noise": SHAKY, "filter": kind} for kind in ("gated", "mixture", "slip", "scale")},
+    "gated": {"noise": SHAKY, "filter": "gated"},
     **{fix: {"fix": fix} for fix in ("localization", "markers", "motion-capture")},
     "wheels and late fixes": {"noise": "wheel", "fix": LATE},
-    "spikes and fixes in time": {"noise": SHAKY, "filter": "mixture", "fix": "beacons"},
+    "spikes and fixes in time": {"noise": SHAKY, "filter": "gated", "fix": "beacons"},
     "gyro": {"noise": "rough", "filter": "gyro", "imu": "calibrated"},
     "gyro under late fixes": {"noise": "rough", "filter": "gyro", "imu": "mpu9250", "fix": "late"},
-    "gyro that the filter does not read": {"noise": "rough", "filter": "mixture", "imu": "mpu9250", "fix": "beacons"},
+    "gyro that the filter does not read": {"noise": "rough", "imu": "mpu9250", "fix": "beacons"},
     "a class as filter": {"noise": "rough", "filter": "own_parts:Extended", "fix": "late"},
 }
 if find_spec("mujoco"):
-    CASES["physics"] = {"plant": MujocoBurger(friction=0.5), "noise": "rough", "filter": "slip", "delay": 1}
+    CASES["physics"] = {"plant": MujocoBurger(friction=0.5), "noise": "rough", "filter": "gated", "delay": 1}
 
 
 def drive(observations, rng):

@@ -1,4 +1,4 @@
-"""The filter as an object, tunings, and filters that know of outliers, slip and scale; algebra: `test_textbook_filter`."""
+"""The filter as an object, and tunings; algebra: `test_textbook_filter`."""
 
 import math
 from dataclasses import replace
@@ -7,28 +7,19 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.estimation.filters import KalmanFilter, entries, filter_of, matrix
-from turtlebot_gym.estimation.mixture import exp_minus
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import (
     DeadReckoning,
     Gate,
     Gated,
     Kalman,
-    Mixture,
-    Noise,
-    OdometryNoise,
-    ProcessNoise,
-    Scale,
-    Slip,
 )
 from turtlebot_gym.presets import DOCUMENTED, POSE_GATE, ROUGH, TUTORIAL_FILTER, make_filter, matched
+from turtlebot_gym.systems.imu import IMUS
 from turtlebot_gym.values import STOP, Command, Covariance, Odometry, Pose, Senses
 
 TUNING = replace(matched(DOCUMENTED), kind=Kalman())
 GATED = replace(TUNING, kind=Kalman(gate=9.0, max_rejections=2))
-KINDS = ("gated", "mixture", "slip", "scale")
-MORE = ("mixture", "slip", "scale")
-"""Those that remember more than a belief."""
 
 
 def drive(seed, steps=300):
@@ -40,7 +31,7 @@ def drive(seed, steps=300):
         yield command, odometry if rng.random() > 0.2 else None
 
 
-TUNINGS = [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, kind=DeadReckoning()), *(make_filter(kind, ROUGH) for kind in KINDS)]
+TUNINGS = [TUNING, GATED, TUTORIAL_FILTER, replace(TUNING, kind=DeadReckoning()), make_filter("gated", ROUGH)]
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -86,9 +77,9 @@ def test_what_it_shows_is_a_copy(name):
     np.testing.assert_array_equal(getattr(kf, name), before)
 
 
-@pytest.mark.parametrize("kind", MORE)
-def test_a_filter_that_remembers_more_than_a_belief_begins_with_a_measurement_and_has_no_halves(kind):
-    kf, tuning = KalmanFilter(make_filter(kind, ROUGH)), make_filter(kind, ROUGH)
+def test_a_filter_that_remembers_more_than_a_belief_begins_with_a_measurement_and_has_no_halves():
+    tuning = make_filter("gyro", ROUGH, imu=IMUS["calibrated"])
+    kf = KalmanFilter(tuning)
     for given in ({"state": (1.0, 0.0, 0.0, 0.0, 0.0)}, {"covariance": np.eye(5)}):
         with pytest.raises(ValueError, match="begins with its first measurement"):
             KalmanFilter(tuning, **given)
@@ -159,21 +150,12 @@ def test_a_covariance_lies_row_by_row():
 
 def test_tunings_by_name():
     """Numbers of the preset rough: 0.02 rad, spikes of 0.3 rad in 2 %, half of the motion lost in slip."""
-    gated, mixture, slip, scale = (make_filter(name, ROUGH) for name in KINDS)
-    known = make_filter("matched", ROUGH)
-    spikes = {"spike_probability": 0.02, "spike": 0.3}
-    assert (known.kind, gated.kind, scale.kind) == (
-        Kalman(**POSE_GATE),
-        Gated(heading_gate=6.635, **POSE_GATE),
-        Scale(**POSE_GATE),
-    )
-    assert (mixture.kind, slip.kind) == (Mixture(**spikes, **POSE_GATE), Slip(**spikes, **POSE_GATE))
+    known, gated = make_filter("matched", ROUGH), make_filter("gated", ROUGH)
+    assert (known.kind, gated.kind) == (Kalman(**POSE_GATE), Gated(heading_gate=6.635, **POSE_GATE))
     assert known.R[2] == pytest.approx(0.02**2 + 0.02 * 0.3**2)
-    assert gated.R[2] == mixture.R[2] == slip.R[2] == 0.02**2
-    assert scale == replace(known, kind=Scale(**POSE_GATE))
-    assert mixture.process == gated.process == known.process
-    assert mixture.process.alpha1 > 0.05  # what slip adds in the mean
-    assert slip.process == ProcessNoise(slip=0.5, slip_start=0.01, slip_end=0.2)
+    assert gated.R[2] == 0.02**2
+    assert gated.process == known.process
+    assert known.process.alpha1 > 0.05  # what slip adds in the mean
 
 
 def test_a_tuning_of_no_filter_is_refused():
@@ -181,53 +163,3 @@ def test_a_tuning_of_no_filter_is_refused():
         filter_of(replace(TUNING, kind=ROUGH))
     with pytest.raises(ValueError, match="FilterTuning has no gate; it has Q, R"):
         make_filter({"Q": (0.0,) * 5, "R": (1.0,) * 3, "gate": 9.0}, ROUGH)
-
-
-NOISE = Noise(
-    process=ProcessNoise(alpha1=0.02, alpha2=0.002, alpha3=0.05, alpha4=0.02, slip=0.4, slip_start=0.05, slip_end=0.2),
-    odometry=OdometryNoise(R=(0.03**2, 0.02**2, 0.05**2), spike_probability=0.1, spike=0.4, dropout_probability=0.1),
-)
-
-
-def estimates(tuning, poses):
-    """Return a filter's estimates at the first pose, and after a step to each of the others."""
-    start, step, *_ = filter_of(tuning)
-    log = [start(Senses(Odometry(poses[0], STOP, True)), tuning)]
-    for pose in poses[1:]:
-        senses = Senses(Odometry(pose, STOP, True))
-        log.append(step(log[-1], senses, senses, tuning, 0.1, 0.0))
-    return log
-
-
-@pytest.mark.parametrize("kind", ["mixture", "slip"])
-@pytest.mark.parametrize("spike", [0.4, -0.4])
-@pytest.mark.parametrize("deviation", [0.05, 0.004])
-def test_a_spike_in_the_first_measurement_is_found_out(kind, spike, deviation):
-    """A filter that took the first heading for the true one would take all that follow for spikes.
-
-    With the better sensor the wrong explanations are less likely than any number can say. The fifth measurement is another
-    spike, which the right explanation alone can explain.
-    """
-    tuning = replace(make_filter(kind, NOISE), R=(0.03**2, 0.02**2, deviation**2))
-    headings = [1.0 + spike, *[1.0] * 4, 1.0 - spike, *[1.0] * 5]
-    first, *_, last = (estimate.belief for estimate in estimates(tuning, [Pose(0.0, 0.0, theta) for theta in headings]))
-    assert first.mean.theta == pytest.approx(1.0 + spike)
-    assert first.covariance.tt == pytest.approx(deviation**2 + 0.1 * 0.4**2)
-    assert last.mean.theta == pytest.approx(1.0, abs=0.01)
-    assert last.covariance.tt < 0.03**2
-
-
-@pytest.mark.parametrize("kind", ["mixture", "slip"])
-def test_what_is_certain_stays_certain(kind):
-    """Neither the measurement nor the motion has any noise: then nothing can be weighed, and nothing may break."""
-    tuning = replace(make_filter(kind, NOISE), R=(0.0, 0.0, 0.0), Q=(0.0,) * 5, process=ProcessNoise())
-    tuning = replace(tuning, kind=replace(tuning.kind, spike=0.0))
-    belief = estimates(tuning, [Pose(0.1, 0.2, 0.3)] * 21)[-1].belief
-    assert belief.mean == (0.1, 0.2, 0.3, 0.0, 0.0)
-    assert max(map(abs, belief.covariance)) == 0.0
-
-
-def test_exponentials_are_those_of_the_library():
-    for q in np.concatenate([[0.0], np.geomspace(1e-300, 60.0, 4000)]).tolist():
-        assert exp_minus(q) == pytest.approx(math.exp(-q), rel=3e-12, abs=0.0)
-    assert exp_minus(1e9) == exp_minus(60.0)

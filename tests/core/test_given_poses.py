@@ -11,10 +11,9 @@ from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 
-pytestmark = pytest.mark.filterwarnings("ignore:filter 'slip' changes nothing")  # on wheels, which is said
 OPEN = {
     "Nav": {},
-    "Pose": {"noise": "wheel", "filter": "slip"},
+    "Pose": {"noise": "wheel"},
     "Nav, its past in plain Python": {"observation": "ekf,uncertainty*3", "filter": own_parts.Extended},
     "Nav, late fixes": {"noise": "wheel", "fix": "late"},
 }

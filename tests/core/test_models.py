@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from turtlebot_gym.models.angles import sincos, wrap, wrap_once
+from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.models.odometry import increment, measure, quantize
 from turtlebot_gym.models.unicycle import INTEGRATORS, accelerate, advance, execute, execution_variances, expected, limit, slips
 from turtlebot_gym.parameters import OdometryNoise, ProcessNoise
@@ -28,13 +28,6 @@ def test_wrap_stays_in_its_interval_and_on_the_circle(angles):
         assert math.remainder(wrap(wrapped) - wrapped, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-15)
         turns = (angle - wrapped) / (2.0 * math.pi)
         assert turns == pytest.approx(round(turns), abs=1e-14)
-
-
-def test_wrap_once_is_wrap_to_the_bit_within_a_turn_of_its_interval():
-    tried = [angle for angle in (*EDGES, *NEAR, *RANDOM, 0.0, 5e-324, -1e-17) if -3.0 * math.pi <= angle < 3.0 * math.pi]
-    assert len(tried) > 3000
-    assert [wrap_once(angle) for angle in tried] == [wrap(angle) for angle in tried]
-    assert wrap_once(-0.0).hex() == wrap(-0.0).hex()
 
 
 @pytest.mark.parametrize("reach", [math.pi / 4.0, math.pi, 50.0, 1e4, 99_999.0])

@@ -20,7 +20,7 @@ OBSERVED = {
     "two scans": (ROOMS, "ekf,scan*2", {}, 86),
     "a sensor that looks around": (MISSIONS, "located,own_terms:GAPS", LOCALIZED, 56),
     "terms in another order": (ROOMS, "scan_age,scan*3@2,goal,twist*4,own_terms:BUMPER*2", {}, 1 + 108 + 5 + 8 + 2),
-    "a few": (NAV, ["goal", "twist"], {"noise": "rough", "filter": "mixture"}, 7),
+    "a few": (NAV, ["goal", "twist"], {"noise": "rough", "filter": "gated"}, 7),
 }
 
 

@@ -30,7 +30,7 @@ def test_the_same_equations_as_a_class_give_the_same_estimates(options):
 
 def test_a_function_of_the_noise_may_return_any_tuning():
     noise = make_noise("rough")
-    assert make_filter(lambda noise: make_filter("slip", noise), noise) == make_filter("slip", noise)
+    assert make_filter(lambda noise: make_filter("gated", noise), noise) == make_filter("gated", noise)
     assert isinstance(Episode(make_parameters(filter=lambda noise: make_filter("gated", noise))).world.estimate, ekf.Estimate)
 
 

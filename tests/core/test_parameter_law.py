@@ -18,7 +18,7 @@ from turtlebot_gym.envs.navigation_vector import NavigationVectorEnv
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.observations import Observation
-from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman, Mixture, Scale, Slip
+from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gated, Kalman
 from turtlebot_gym.presets import matched
 from turtlebot_gym.rewards import ON_GROUND, default_weights
 from turtlebot_gym.robots import LidarMount, Robot
@@ -82,7 +82,6 @@ BASE = Parameters(
 
 # For each class the values that are in force, how they get into the parameters, and for each field another value; where the
 # change shows in another setting only, a pair of settings.
-SPIKY = {"spike_probability": 0.1, "spike": 0.4}
 
 
 def of_filter(value):
@@ -162,9 +161,6 @@ LAW = {
         {"leap": 10.0, "leap_turn": 0.05},
     ),
     Gated: (Gated(heading_gate=0.3, **GATE), of_filter, {"heading_gate": 0.2, **RULES}),
-    Mixture: (Mixture(**SPIKY, **GATE), of_filter, {"spike_probability": 0.05, "spike": 0.3, **RULES}),
-    Slip: (Slip(**SPIKY, **GATE), of_filter, {"spike_probability": 0.05, "spike": 0.3, **RULES}),
-    Scale: (Scale(**GATE), of_filter, {"scale_deviation": 0.1, **RULES}),
     Gyro: (
         Gyro(variance=1e-4, bias_deviation=0.05, bias_walk=0.01, **GATE),
         lambda value: of_filter(value)._replace(imu=IMU),

@@ -110,7 +110,7 @@ def test_a_limit_that_cuts_a_task_short_causes_a_warning():
 
 KINDS = {
     "Nav": {},
-    "Pose": {"filter": "mixture", "noise": "rough", "delay": 2},
+    "Pose": {"filter": "gated", "noise": "rough", "delay": 2},
     "Square": {"switch": "time", "laps": 2, "fix": "late", "noise": "wheel"},
     "Rooms": {"world": "clutter", "lidar": "ideal"},
 }

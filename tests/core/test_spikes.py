@@ -19,7 +19,7 @@ Read = senses_of(("odometry", "imu"))
 
 NOISE = Noise(process=WHEEL.process, odometry=OdometryNoise(R=(0.05**2, 0.05**2, 0.05**2)))
 """Wheels as recorded, and a sensor of the pose."""
-FILTERS = ("matched", "calibrated", "gated", "mixture", "slip", "scale")
+FILTERS = ("matched", "calibrated", "gated")
 DRIVES = 6
 
 
@@ -61,9 +61,8 @@ def test_a_spike_costs_no_more_than_a_plain_gated_filter_of_filterpy(name, spike
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("spike", SPIKES)
-@pytest.mark.parametrize("name", ["matched", "mixture", "scale"])
-def test_without_the_gate_for_the_pose_it_does(name, spike, drives, peers):
-    assert not holds(name, spike, drives, peers, gate=math.inf)
+def test_without_the_gate_for_the_pose_it_does(spike, drives, peers):
+    assert not holds("matched", spike, drives, peers, gate=math.inf)
 
 
 def steps_until_back(name, dt, away, **rules):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from textbook import Mixture, Textbook, difference, off
+from textbook import Textbook, difference, off
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation.consistency import cramer_rao_bound
@@ -92,7 +92,7 @@ def test_the_textbook_notices_a_number_of_the_tuning_that_is_off_by_1_percent(wr
     assert np.abs(ours.covariance - book.P).max() > 1e-7
 
 
-# Spikes, slip, scale and a gyro's bias: filters that know of more than a pose and a twist.
+# A gyro's bias: a filter that knows of more than a pose and a twist.
 
 DT, SEEN = 0.1, senses_of(("odometry", "imu"))
 NOISE = Noise(
@@ -100,7 +100,6 @@ NOISE = Noise(
     odometry=OdometryNoise(R=(0.03**2, 0.02**2, 0.05**2), spike_probability=0.1, spike=0.4, dropout_probability=0.1),
 )
 GYRO = ImuNoise(variance=1e-4, bias_deviation=0.05, bias_walk=0.01)
-MODES = {False: ((0.95, 0.2), 1.0), True: ((0.05, 0.8), 0.6)}
 
 
 def noisy_drive(seed, steps=80):
@@ -128,43 +127,23 @@ def ours(tuning, seed):
         yield estimate, command, gyro.omega, z
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize(("kind", "modes"), [("mixture", None), ("slip", MODES)])
-@pytest.mark.parametrize("seed", range(4))
-def test_mixtures_are_those_of_the_textbook(kind, modes, seed):
-    tuning, book, doubt = make_filter(kind, NOISE), None, 0.0
-    for estimate, command, _, z in ours(tuning, seed):
-        if book is None:
-            book = Mixture(z, tuning, modes)
-        else:
-            book.step(command, z)
-        belief = book.belief()
-        assert belief.weight == pytest.approx(1.0)
-        assert estimate.nis == pytest.approx(book.nis, rel=1e-6, abs=1e-9)
-        assert_same(estimate.belief.mean, matrix(estimate.belief.covariance), belief, rtol=0.0, atol=1e-11)
-        doubt = max(doubt, belief.P[2, 2])
-    assert doubt > 3.0 * tuning.R[2]
-
-
-@pytest.mark.parametrize(("kind", "first"), [("scale", 1.0), ("gyro", 0.0)])
-def test_the_scale_and_the_gyros_bias_are_a_sixth_state_of_the_textbooks_filter(kind, first):
-    tuning, book = make_filter(kind, NOISE, imu=GYRO), None
+def test_the_gyros_bias_is_a_sixth_state_of_the_textbooks_filter():
+    tuning, book = make_filter("gyro", NOISE, imu=GYRO), None
     for estimate, command, turning, z in ours(tuning, 5):
         if book is None:
             P = np.diag([*tuning.R, 0.0, 0.0, 0.05**2])
-            book = Textbook([*z, 0.0, 0.0, first], P, tuning, scales=kind == "scale")
+            book = Textbook([*z, 0.0, 0.0, 0.0], P, tuning)
         else:
             book.predict(command)
-            if kind == "gyro":
-                book.P[5, 5] += GYRO.bias_walk**2 * DT
-                book.update([turning], [GYRO.variance], np.array([[0.0, 0.0, 0.0, 0.0, 1.0, 1.0]]))
+            book.P[5, 5] += GYRO.bias_walk**2 * DT
+            book.update([turning], [GYRO.variance], np.array([[0.0, 0.0, 0.0, 0.0, 1.0, 1.0]]))
             if z is not None:
                 book.update(z)
-        sixth = estimate.scale if kind == "scale" else estimate.bias
+        sixth = estimate.bias
         P = np.zeros((6, 6))
         P[:5, :5], P[5, :5], P[:5, 5], P[5, 5] = matrix(estimate.belief.covariance), sixth.column, sixth.column, sixth.variance
         assert_same([*estimate.belief.mean, sixth.mean], P, book, rtol=0.0, atol=1e-11)
-    assert kind == "scale" or abs(sixth.mean - 0.04) < 4.0 * math.sqrt(sixth.variance)
+    assert abs(sixth.mean - 0.04) < 4.0 * math.sqrt(sixth.variance)
 
 
 @pytest.mark.parametrize("options", [{}, {"dt": 0.1, "integrator": "euler"}, {"dt": 0.25, "integrator": "midpoint"}], ids=str)

@@ -190,8 +190,6 @@ def test_numbers_that_never_change_or_always_equal_another_are_found():
         assert classes["world.course.following.theta"] == "world.course.reference.theta"
     assert quiet["world.body.command.v"] == "world.body.true_state.v"
     assert rough["world.body.command.v"] == "world.body.command.v"
-    late = classes_of(fix="late")
-    assert all(late[f"world.estimate.history[{ago}].fix.arrived"] is False for ago in range(3))
 
 
 def test_episodes_go_on_only_where_what_is_taken_for_granted_holds():

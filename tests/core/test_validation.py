@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Robot, Task
-from turtlebot_gym.parameters import FilterTuning, Gated, Kalman, Mixture, Scale, Slip
+from turtlebot_gym.parameters import FilterTuning, Gated, Kalman
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.rules import RoomRules
@@ -220,9 +220,6 @@ CLASSES = (
     FilterTuning,
     Kalman,
     Gated,
-    Mixture,
-    Slip,
-    Scale,
     Task,
     RoomRules,
     Lidar,
@@ -234,8 +231,6 @@ NEEDED = {
     FixNoise: {"R": (0.1, 0.1)},
     FilterTuning: {"Q": (0.1,) * 5, "R": (0.1,) * 3},
     Gated: {"heading_gate": 6.0},
-    Mixture: {"spike_probability": 0.1, "spike": 0.3},
-    Slip: {"spike_probability": 0.1, "spike": 0.3},
 }
 WITHOUT_RULE = {(FilterTuning, "kind"), (RoomRules, "kind"), (RoomRules, "start"), (RoomRules, "goal"), (Lidar, "dead")}
 

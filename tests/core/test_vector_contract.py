@@ -1,4 +1,4 @@
-"""What clients ask of a vector environment: beside `SyncVectorEnv`, bare and in Gymnasium's wrappers, and by the checker."""
+"""What clients ask of a vector environment: beside `SyncVectorEnv`, bare and in Gymnasium's wrappers."""
 
 from functools import partial
 
@@ -10,7 +10,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector
 
 import turtlebot_gym  # noqa: F401  # registers the environments
-from gymnasium_vector_checker import check_vector_env
 
 IDS = [f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square", "Rooms")]
 NAV = IDS[0]
@@ -132,16 +131,3 @@ def test_every_environment_is_sync_vector_env(id, mode):
         for outcome, other in zip(seen[:-1], expected[:-1], strict=True):
             np.testing.assert_array_equal(outcome, other)
         assert compare(seen[-1], expected[-1]) > 0
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("info", ["default", "full"])
-@pytest.mark.parametrize("name", ["Nav", "Pose", "Square"])
-def test_every_id_keeps_the_contract_in_every_mode(name, info):
-    make = partial(gym.make_vec, f"turtlebot_gym/TurtleBot{name}-v0", info=info, noise="rough")
-    assert check_vector_env(make) == tuple(AutoresetMode)
-
-
-@pytest.mark.nightly
-def test_a_batch_of_several_tiles_keeps_the_contract():
-    check_vector_env(partial(gym.make_vec, "turtlebot_gym/TurtleBotNav-v0", info="full"), num_envs=35, steps=16)

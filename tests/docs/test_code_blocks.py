@@ -39,7 +39,6 @@ LONG = (
     "robot",
     "train",
     "watch",
-    "wrappers",
     "gallery",
     "start",
     "tutorial",

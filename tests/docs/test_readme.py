@@ -1,12 +1,9 @@
-"""The README: it is short, its figures are the measured ones, and package indexes get a text without broken links."""
+"""The README: it is short, and its figures are the measured ones."""
 
 import re
-import sys
-from urllib.parse import urlsplit
 
 import pytest
 import tomllib
-from markdown_it import MarkdownIt
 from pages import PAGES, ROOT, blocks_of, measured
 
 OFFICE = "office", "ppo-rooms"
@@ -119,26 +116,6 @@ def test_all_pages_together_can_be_read():
     pages = [*PAGES, ROOT / "CONTRIBUTING.md"]
     words = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").split()) for path in pages}
     assert sum(words.values()) <= MOST_WORDS, sorted(words.items(), key=lambda item: -item[1])[:10]
-
-
-def test_a_package_index_gets_no_link_into_the_repository():
-    pytest.importorskip("hatchling", reason="needs the extra [dev]")
-    sys.path.insert(0, str(ROOT))
-    from hatch_build import long_description
-
-    description = long_description(README)
-    inline = [child for token in MarkdownIt("commonmark").enable("table").parse(description) for child in token.children or ()]
-    targets = [str(value) for child in inline for name, value in child.attrs.items() if name in ("href", "src")]
-    assert targets
-    assert all(urlsplit(target).scheme == "https" for target in targets)
-    assert "<!--" not in description
-    assert "Start here (`docs/start.md`)" in description
-    assert "<picture" not in description
-    assert re.findall(r"^#+ .*", description, re.MULTILINE) == re.findall(r"^#+ .*", README, re.MULTILINE)
-    assert long_description('<picture>\n  <img src="b.gif" alt="a">\n</picture>\n\nText') == "Text"
-    assert long_description("![a](b.png)\n\n[c](d.md#e) [f](https://g)") == "c (`d.md`) [f](https://g)"
-    assert long_description('<picture>\n<img src="a.gif">\n</picture>\n\nb') == "b"
-    assert "<img" not in description
 
 
 def test_its_film_lasts_15_seconds_and_can_be_read_on_light_and_dark_pages():

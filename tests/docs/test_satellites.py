@@ -116,7 +116,7 @@ def copy(request, tmp_path_factory):
         lines += [f"[{group}]", *(f"{name} = {target}" for name, target in points.items())]
     (metadata / "entry_points.txt").write_text("\n".join(lines) + "\n")
     (folder / "path" / "sitecustomize.py").write_text(FORGET.format(packages=request.param))
-    parts = (".", "agents", "bridges/turtlebot_gym_ros", "bridges/cmd_vel_guard", "lab", "checker")
+    parts = (".", "agents", "bridges/turtlebot_gym_ros", "bridges/cmd_vel_guard", "lab")
     paths = [str(folder / "path"), *(str(root / part) for part in parts)]
     return Copy(root, request.param, {**os.environ, "PYTHONPATH": os.pathsep.join(paths)})
 

@@ -126,9 +126,6 @@ def check(line, ros):
             assert (ROOT / script).is_file()
         case ["python", script] if script.startswith("docs/"):
             assert (ROOT / script).is_file()
-        case ["python", script, "dist"]:
-            assert script.startswith("tools/")
-            assert (ROOT / script).is_file()
         case ["pip", "install", where] | ["pip", "install", "-e", where]:
             assert re.fullmatch(r"\.\[\w+\]", where)
             assert re.search(rf"^{where[2:-1]} = \[", (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
@@ -163,7 +160,6 @@ def test_commands_of_the_pages_name_what_exists(page, ros):
         "turtlebot-gym train --sedes 3",
         "sbatch --array=0-31 agents/configs/slrum.sh",
         "rosrun turtlebot_gym_ros kalman_filter",
-        "python tools/build_nav_msgs.py dist",
     ],
 )
 def test_wrong_names_are_noticed(line, ros):

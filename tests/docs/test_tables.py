@@ -156,7 +156,7 @@ def test_each_hazard_names_tests_and_faults_that_exist():
     }
     parts = yaml.safe_load((ROOT / "docs" / "generate" / "hazards.yaml").read_text(encoding="utf-8"))
     rows = [row for part in parts.values() for row in part]
-    assert len(rows) == 26
+    assert len(rows) == 25
     assert all(row["tests"] and exist.issuperset(row["tests"]) for row in rows)
     assert {kind for row in rows for kind in row.get("faults", ())} <= measured("faults")["faults"].keys()
     assert all(("faults" in row) != ("after" in row) for row in rows)

@@ -10,7 +10,7 @@ from typing import Any
 
 from turtlebot_gym import FixNoise, Noise, OdometryNoise, ProcessNoise, Robot, Task
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.parameters import FilterTuning, Gated, Kalman, Mixture, Scale, Slip
+from turtlebot_gym.parameters import FilterTuning, Gated, Kalman
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER, make_filter
 from turtlebot_gym.robots import ROBOTS
@@ -31,9 +31,6 @@ CLASSES = (
     FilterTuning,
     Kalman,
     Gated,
-    Mixture,
-    Slip,
-    Scale,
     Task,
     RoomRules,
     Lidar,

@@ -33,14 +33,14 @@ HASHES = Path(__file__).parent / "golden.json"
 SEEDS, STEPS = (3, 4), 25
 MODES = ("plain", "scalar", "vector")
 
-FILTERS = ("matched", "tutorial", "gated", "mixture", "slip", "scale")
+FILTERS = ("matched", "tutorial", "gated")
 NOISES = ("clean", "tutorial", "documented", "wheel", "rough")
 FIXES = ("beacons", "late", "localization", "markers", "motion-capture")
 WORLDS = ("clutter", "dense", "corridor", "office", "cellular", "crowd")
 LIDARS = ("lds01", "lds02", "a1", "ideal")
 OPEN = ("Nav", "Pose", "Square")
 COMPILED = ("matched", "tutorial")
-"""Filters whose combinations with fixes and rooms run compiled too; a system for each of the others would take minutes."""
+"""Filters whose combinations with fixes and rooms run compiled too; systems for the other one would take minutes."""
 
 
 def combinations() -> Iterator[dict[str, Any]]:
@@ -51,14 +51,15 @@ def combinations() -> Iterator[dict[str, Any]]:
         yield {"id": id, "filter": filter, "noise": noise, "fix": fix}
     for fix in FIXES:
         yield {"id": "Nav", "filter": "matched", "noise": "wheel", "fix": fix}
-    for id, filter, noise in itertools.product(OPEN, ("matched", "mixture"), ("documented", "wheel")):
-        yield {"id": id, "filter": filter, "noise": noise, "plant": "mujoco"}
-    yield {"id": "Nav", "filter": "scale", "noise": "wheel", "plant": "mujoco", "fix": "late"}
+    for id, noise in itertools.product(OPEN, ("documented", "wheel")):
+        yield {"id": id, "filter": "matched", "noise": noise, "plant": "mujoco"}
     for at, (world, lidar) in enumerate(itertools.product(WORLDS, LIDARS)):
         yield {"id": "Rooms", "world": world, "lidar": lidar, "noise": NOISES[at % 3], "filter": "matched"}
-        yield {"id": "Rooms", "world": world, "lidar": lidar, "noise": "rough", "filter": FILTERS[at % 6]}
-        noise, filter, fix = NOISES[at % 5], FILTERS[at % 6], FIXES[at % 5]
-        yield {"id": "Rooms", "world": world, "lidar": lidar, "noise": noise, "filter": filter, "fix": fix}
+        if at % 6 < len(FILTERS):
+            filter = FILTERS[at % 6]
+            yield {"id": "Rooms", "world": world, "lidar": lidar, "noise": "rough", "filter": filter}
+            noise, fix = NOISES[at % 5], FIXES[at % 5]
+            yield {"id": "Rooms", "world": world, "lidar": lidar, "noise": noise, "filter": filter, "fix": fix}
     for world in WORLDS:
         yield {"id": "Rooms", "world": world, "lidar": "ideal", "noise": "wheel", "filter": "matched"}
     for id, (name, value) in itertools.product(

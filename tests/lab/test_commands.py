@@ -36,7 +36,7 @@ def test_replay_prints_the_errors_of_each_file(tmp_path, drive, capsys):
 
 
 REFUSED = [
-    (["estimate", "--filter", "mixtur"], "Did you mean 'mixture'?"),
+    (["estimate", "--filter", "gatd"], "Did you mean 'gated'?"),
     (["estimate", "--runs", "0"], "runs must be a whole number of at least 1, got 0"),
     (["estimate", "--seconds", "nan"], "seconds must be a positive number from 1e-15 to 1e+09, got nan"),
     (["replay"], "At least one FILE"),

@@ -2,17 +2,16 @@
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise, make_filter
 from turtlebot_gym.estimation.consistency import cramer_rao_bound, heading_information, true_tuning
-from turtlebot_gym.parameters import DeadReckoning, Kalman
+from turtlebot_gym.parameters import DeadReckoning
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_lab.evaluation import estimation
-from turtlebot_gym_lab.evaluation.estimation import estimate, in_force, innovations
+from turtlebot_gym_lab.evaluation.estimation import estimate, innovations
 
 pytestmark = pytest.mark.touched("lab", "tests/lab")
 
@@ -38,24 +37,6 @@ def test_a_matched_filter_reaches_the_bound_and_is_consistent_and_a_wrong_one_is
     assert right.ratio[0].value == pytest.approx(right.rmse[-1, 0] / result.bound[-1, 0])
 
 
-@pytest.mark.nightly
-def test_filters_that_model_spikes_and_slip_come_nearer_to_the_bound():
-    def tunings(*names):
-        model = in_force("rough", slip=names[-1] == "slip")
-        found = {name: make_filter(name, model) for name in names}
-        return found | {"without gate": replace(found["matched"], kind=Kalman())}
-
-    filters = estimate(tunings("matched", "mixture", "slip"), noise="rough", runs=600).filters
-    heading = {name: errors.ratio[2].value for name, errors in filters.items()}
-    position = {name: errors.ratio[0].value for name, errors in filters.items()}
-    assert heading["slip"] < 2.3 < heading["mixture"] < 4.0 < heading["without gate"]
-    assert heading["matched"] < 0.8 * heading["without gate"]
-    assert position["slip"] < 1.35 < position["matched"]
-    steady = estimate(tunings("matched", "mixture"), noise="rough", runs=600, slip=False).filters
-    assert steady["mixture"].ratio[2].value < 1.15 < 2.0 < steady["without gate"].ratio[2].value
-    assert steady["matched"].ratio[2].value < 1.3
-
-
 def test_a_bias_can_be_left_out():
     both = (estimate(["matched"], noise="documented", runs=300, bias=bias) for bias in (True, False))
     with_bias, without = (result.filters["matched"] for result in both)
@@ -75,12 +56,12 @@ def test_wheels_alone_drift_as_the_filter_says():
 @pytest.mark.nightly
 def test_drives_depend_neither_on_the_filter_nor_on_the_batch(monkeypatch):
     alone = estimate(["matched"], runs=30, seconds=1.0)
-    both = estimate(["mixture", "matched"], runs=30, seconds=1.0)
+    both = estimate(["gated", "matched"], runs=30, seconds=1.0)
     np.testing.assert_array_equal(alone.bound, both.bound)
     np.testing.assert_array_equal(alone.filters["matched"].rmse, both.filters["matched"].rmse)
     monkeypatch.setattr(estimation, "BATCH", 10)
     ended = []
-    several = estimate(["matched", "mixture"], runs=30, seconds=1.0, progress=ended.append)
+    several = estimate(["matched", "gated"], runs=30, seconds=1.0, progress=ended.append)
     assert ended == [5, 10, 15, 20, 25, 30]
     assert several.bound[0] == pytest.approx(alone.bound[0])
 
@@ -136,14 +117,14 @@ def test_the_true_noise_has_no_floors():
 
 def test_the_command_line_prints_a_table_and_writes_files(capsys, tmp_path):
     files = tmp_path / "result.json", tmp_path / "result.png"
-    argv = ["estimate", "--noise", "rough", "--filter", "matched", "slip", "--runs", "40", "--no-bias"]
+    argv = ["estimate", "--noise", "rough", "--filter", "matched", "gated", "--runs", "40", "--no-bias"]
     assert main([*argv, "--json", str(files[0]), "--plot", str(files[1])]) == 0
     shown = capsys.readouterr().out
     assert "matched" in shown
     assert "bound" in shown
     written = json.loads(files[0].read_text())
     assert written["config"]["bias"] is False
-    assert set(written["filters"]) == {"matched", "slip"}
+    assert set(written["filters"]) == {"matched", "gated"}
     assert len(written["bound"]) == 31
     assert written["band"][0] < 3.0 < written["band"][1]
     assert files[1].stat().st_size > 10_000

@@ -137,7 +137,7 @@ def test_measurements_are_lost_as_the_preset_says_and_a_seed_repeats_itself():
     assert np.abs(first.estimate - other.estimate).max() > 1e-3
 
 
-@pytest.mark.parametrize("name", ["matched", "mixture"])
+@pytest.mark.parametrize("name", ["matched", "gated"])
 def test_the_compiled_filter_has_the_bits_of_plain_python(name, monkeypatch):
     drive, loop_of = perfect_drive(400), rows._loop_of.__wrapped__
     fast = replay(drive, filter=name, seed=2)

@@ -203,7 +203,7 @@ def test_the_cell_for_colab_is_the_first_and_the_same_in_all():
     assert len({cell.replace(installed[name], "") for name, cell in cells.items()}) == 1
 
 
-@pytest.mark.parametrize("place", ["turtlebot_gym-0.0.0-py3-none-any.whl", "project/hatch_build.py"])
+@pytest.mark.parametrize("place", ["turtlebot_gym-0.0.0-py3-none-any.whl", "project/constraints.txt"])
 def test_it_installs_a_wheel_or_a_checkout_in_colab_only(place, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ran = []

@@ -19,7 +19,7 @@ from turtlebot_gym.validation import as_int, choose
 _FILTERS: dict[str, dict[str, Any]] = {
     "kalman": {},
     "wheels": {"noise": "wheel"},
-    **{name: {"filter": name} for name in ("gated", "mixture", "slip", "scale")},
+    "gated": {"filter": "gated"},
 }
 SYSTEMS: dict[str, dict[str, Any]] = {
     "nav": {},

@@ -18,8 +18,6 @@ from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.estimation.update import (
     Variances,
     correct_correlated,
-    innovation_variance,
-    inverse_of,
     of_heading,
     of_x,
     of_y,
@@ -122,7 +120,7 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, int
 
 
 @kernel
-def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Belief, float, float, float]:
+def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tuple[Belief, float, float]:
     """Condition the belief on the position part of a measured pose.
 
     Args:
@@ -132,17 +130,13 @@ def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tupl
         turn: The heading's innovation, rad.
 
     Returns:
-        The posterior, with its heading not wrapped yet; the normalized innovation squared; the inverse determinant of the
-        innovation covariance; and the rest of the heading's innovation, reduced by the turn that x and y already explain, which
-        avoids wrapping twice.
+        The posterior, with its heading not wrapped yet; the normalized innovation squared; and the rest of the heading's
+        innovation, reduced by the turn that x and y already explain, which avoids wrapping twice.
     """
     prior = belief.mean.theta
-    h_x = of_x(belief.covariance)
-    belief, nis_x = update(belief, h_x, z.x - belief.mean.x, R[0])
-    h_y = of_y(belief.covariance)
-    belief, nis_y = update(belief, h_y, z.y - belief.mean.y, R[1])
-    precision = inverse_of(innovation_variance(h_x, R[0])) * inverse_of(innovation_variance(h_y, R[1]))
-    return belief, nis_x + nis_y, precision, turn - (belief.mean.theta - prior)
+    belief, nis_x = update(belief, of_x(belief.covariance), z.x - belief.mean.x, R[0])
+    belief, nis_y = update(belief, of_y(belief.covariance), z.y - belief.mean.y, R[1])
+    return belief, nis_x + nis_y, turn - (belief.mean.theta - prior)
 
 
 @kernel
@@ -158,7 +152,7 @@ def correct(belief: Belief, z: Pose, R: Variances, wraps: bool = True) -> tuple[
     Returns:
         The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = H P H' + R`` and ``H = [I 0]``.
     """
-    belief, nis, _, turn = correct_position(belief, z, R, innovation(belief.mean, z, wraps).theta)
+    belief, nis, turn = correct_position(belief, z, R, innovation(belief.mean, z, wraps).theta)
     belief, nis_theta = update(belief, of_heading(belief.covariance), turn, R[2])
     return wrapped(belief), nis + nis_theta
 
@@ -185,7 +179,7 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
 @kernel
 def fix(estimate: Estimate, z: Pose, R: Variances, tuning: FilterTuning) -> Estimate:
     """Condition the belief on an external pose measurement; see `interface.Filter`."""
-    belief, _, _ = correct_correlated(estimate.belief, z, R)
+    belief, _ = correct_correlated(estimate.belief, z, R)
     return Estimate(belief, estimate.nis, estimate.rejections)
 
 
@@ -198,7 +192,7 @@ def _gated_step(
     prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
     z, measured = odometry.pose, odometry.measured
     turn = innovation(prior.mean, z).theta
-    placed, nis, _, turn = correct_position(prior, z, tuning.R, turn)
+    placed, nis, turn = correct_position(prior, z, tuning.R, turn)
     turned, nis_theta = update(placed, of_heading(placed.covariance), turn, tuning.R[2])
     misplaced = nis > rules.gate
     is_outlier = misplaced | (nis_theta > rules.heading_gate)

@@ -13,9 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import DEAD_RECKONING, EXTENDED_KALMAN, GATED, Estimate
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.mixture import MIXTURE
-from turtlebot_gym.estimation.scale import SCALE
-from turtlebot_gym.estimation.slip import SLIP
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gate, Kalman
 from turtlebot_gym.validation import POSITIVE, choose, refusal
@@ -23,7 +20,7 @@ from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Po
 
 _UPPER = np.triu_indices(5)
 
-FILTERS = {type(known.kind): known for known in (EXTENDED_KALMAN, DEAD_RECKONING, GATED, MIXTURE, SLIP, SCALE)}
+FILTERS = {type(known.kind): known for known in (EXTENDED_KALMAN, DEAD_RECKONING, GATED)}
 """Filters by the class of their own numbers."""
 
 

@@ -85,7 +85,7 @@ def _values_of(names: tuple[str, ...]) -> Callable[[Any], Any]:
     return kernel(lambda senses: (getattr(senses, name),) + rest(senses))  # noqa: RUF005
 
 
-def _put(count: int) -> Callable[[Any, int, Fix], Any]:
+def _put(count: int) -> Callable[[Any, float, Fix], Any]:
     """Return the kernel that puts a fix into one of ``count`` steps."""
     if count == 1:
         return kernel(lambda history, at, fix: (_with_fix(history[0], fix, at == 0),))
@@ -93,27 +93,33 @@ def _put(count: int) -> Callable[[Any, int, Fix], Any]:
     return kernel(lambda history, at, fix: (_with_fix(history[0], fix, at == 0),) + rest(history[1:], at - 1, fix))  # noqa: RUF005
 
 
-@kernel
-def _step_at(history: Any, count: float, age: float) -> int:
-    """Return how many steps ago an age, s, is: that of the nearest step end; -1 if that step is no longer stored."""
-    nearest, off, passed = 0, abs(age), 0.0
-    for steps in range(int(count)):
-        passed += history[steps].dt
-        is_nearer = abs(age - passed) < off
-        nearest = steps + 1 if is_nearer else nearest
-        off = abs(age - passed) if is_nearer else off
-    return nearest if off <= 0.5 * history[0].dt + 1e-9 else -1
-
-
-def _replay(advance: Callable[..., Any], count: int) -> Callable[..., Any]:
-    """Return the kernel that repeats the last ``count`` steps, without a loop."""
-    if count == 0:
-        return kernel(lambda estimate, stored, tuning, integrator: estimate)
-    rest, before = _replay(advance, count - 1), count - 1
+def _nearest(at: int, depth: int) -> Callable[..., Any]:
+    """Return the kernel that goes on from step ``at`` to find the step end nearest to an age, s, and how far off it is, s."""
+    if at == depth:
+        return kernel(lambda history, count, age, nearest, off, passed: (nearest, off))
+    rest = _nearest(at + 1, depth)
 
     @kernel
-    def replay(estimate, stored, tuning, integrator):
-        return rest(advance(estimate, stored[count], stored[before], tuning, integrator), stored, tuning, integrator)
+    def nearest_of(history, count, age, nearest, off, passed):
+        ago = passed + history[at].dt
+        is_nearer = (at < count) & (abs(age - ago) < off)
+        return rest(history, count, age, at + 1.0 if is_nearer else nearest, abs(age - ago) if is_nearer else off, ago)
+
+    return nearest_of
+
+
+def _replay(advance: Callable[..., Any], last: int) -> Callable[..., Any]:
+    """Return the kernel that repeats the last ``count`` of at most ``last`` steps, without a loop."""
+    if last == 0:
+        return kernel(lambda estimate, stored, count, tuning, integrator: estimate)
+    rest, before = _replay(advance, last - 1), last - 1
+
+    @kernel
+    def replay(estimate, stored, count, tuning, integrator):
+        moved = estimate
+        if last <= count:
+            moved = advance(estimate, stored[last], stored[before], tuning, integrator)
+        return rest(moved, stored, count, tuning, integrator)
 
     return replay
 
@@ -167,18 +173,17 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         depth: Number of stored steps.
     """
     (start, remember, advance), fix_in, put = _remembering(filter, depth), filter.fix, _put(depth + 1)
+    nearest_of, replay = _nearest(0, depth), _replay(advance, depth)
 
     @kernel
     def insert(estimate, fix, tuning, integrator):
         stored, oldest, count = estimate.history, estimate.oldest, estimate.steps
-        at = _step_at(stored, count, fix.age)
-        if at == count:
+        at, off = nearest_of(stored, count, fix.age, 0.0, abs(fix.age), 0.0)
+        is_stored = off <= 0.5 * stored[0].dt + 1e-9
+        if is_stored & (at == count):
             oldest = fix_in(oldest, fix.pose, fix.R + fix.cross, tuning)
-        else:
-            stored = put(stored, at, fix)
-        newest = oldest
-        for ago in range(int(count), 0, -1):
-            newest = advance(newest, stored[ago], stored[ago - 1], tuning, integrator)
+        stored = put(stored, at if is_stored & (at < count) else -1.0, fix)
+        newest = replay(oldest, stored, count, tuning, integrator)
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, count)
 
     @kernel
@@ -190,39 +195,3 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         return remembered
 
     return filter._replace(start=start, step=step_on, reads=(*filter.reads, "fix"))
-
-
-@cache
-def with_fixes_of_age(filter: Filter, late: int) -> Filter:
-    """Return a filter that also takes fixes, from the sensor "fix", which all come ``late`` steps late.
-
-    Each such fix belongs to the oldest estimate, from which the stored steps are repeated; one in time needs no stored step.
-    The results are those of `with_fixes` to the bit. The filter leaves out fixes of another age: `with_fixes` takes all.
-    """
-    fix_in, step, (start, remember, advance) = filter.fix, filter.step, _remembering(filter, max(late, 1))
-    replay = _replay(advance, late)
-
-    @kernel
-    def is_expected(age, dt):
-        return abs(age - late * dt) <= 0.5 * dt + 1e-9
-
-    @kernel
-    def step_in_time(estimate, before, senses, tuning, dt, integrator):
-        now, moved = senses.fix, step(estimate, before, senses, tuning, dt, integrator)
-        if now.arrived and is_expected(now.age, dt):
-            moved = fix_in(moved, now.pose, now.R + now.cross, tuning)
-        return moved
-
-    @kernel
-    def step_late(estimate, before, senses, tuning, dt, integrator):
-        now, after = senses.fix, remember(estimate, before, senses, tuning, dt, integrator)
-        if now.arrived and is_expected(now.age, dt):
-            oldest = fix_in(after.oldest, now.pose, now.R + now.cross, tuning)
-            newest = replay(oldest, after.history, tuning, integrator)
-            after = Remembered(newest.belief, newest.nis, newest, after.history, oldest, after.steps)
-        return after
-
-    reads = (*filter.reads, "fix")
-    return (
-        filter._replace(start=start, step=step_late, reads=reads) if late else filter._replace(step=step_in_time, reads=reads)
-    )

@@ -21,9 +21,6 @@ ONE_MEASUREMENT = -1.0
 """Number of refusals that stands for a belief which rests on one measurement."""
 
 
-Three = tuple[float, float, float]
-
-
 class Verdict(NamedTuple):
     """What becomes of a measured pose."""
 
@@ -67,9 +64,3 @@ def choose(verdict: Verdict, measured: bool, prior: Belief, posterior: Belief, r
     """Return the belief after a step: predicted, corrected, or anew."""
     refused = restarted if verdict.lost else prior
     return refused if verdict.refused else (posterior if measured else prior)
-
-
-@kernel
-def either(which: bool, one: Three, other: Three) -> Three:
-    """Return one of two sets of three weights."""
-    return (one[0] if which else other[0], one[1] if which else other[1], one[2] if which else other[2])

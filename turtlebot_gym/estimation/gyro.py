@@ -13,7 +13,7 @@ from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.gate import ONE_MEASUREMENT
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.scale import Sixth, correct_both_correlated, moved_column, settle_both, update_both
+from turtlebot_gym.estimation.sixth import Sixth, correct_both_correlated, moved_column, settle_both, update_both
 from turtlebot_gym.estimation.update import Projection, Variances, wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning, Gate

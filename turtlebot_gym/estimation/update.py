@@ -177,23 +177,20 @@ def independent(R: Variances) -> tuple[float, float, float, tuple[float, float, 
 
 
 @kernel
-def correct_correlated(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float, float]:
+def correct_correlated(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float]:
     """Condition the belief on a pose whose errors may be correlated, with R as in `independent`.
 
     Returns:
-        The posterior, the normalized innovation squared, and the inverse determinant of the innovation covariance; both without
-        the heading if that was not measured. Without correlations the first two are those of `ekf.correct`, to the last bit.
+        The posterior, and the normalized innovation squared, without the heading if that was not measured. Without correlations
+        they are those of `ekf.correct`, to the last bit.
     """
     prior, turn = belief.mean, wrap(z.theta - belief.mean.theta)
     a, b, c, (r_x, r_y, r_theta) = independent(R)
     h = of_x(belief.covariance)
     belief, nis_x = update(belief, h, z.x - prior.x, r_x)
-    precision = inverse_of(innovation_variance(h, r_x))
     h, now = of_row(belief.covariance, (a, 1.0, 0.0)), belief.mean
     belief, nis_y = update(belief, h, a * (z.x - now.x) + (z.y - now.y), r_y)
-    precision = precision * inverse_of(innovation_variance(h, r_y))
     h, now = of_row(belief.covariance, (b, c, 1.0)), belief.mean
     off = b * (z.x - now.x) + c * (z.y - now.y) + (turn - (now.theta - prior.theta))
     belief, nis_theta = update(belief, h, off, r_theta)
-    inverse = inverse_of(innovation_variance(h, r_theta))
-    return wrapped(belief), nis_x + nis_y + nis_theta, precision * (inverse if inverse > 0.0 else 1.0)
+    return wrapped(belief), nis_x + nis_y + nis_theta

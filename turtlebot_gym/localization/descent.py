@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.estimation.scale import Sixth
+from turtlebot_gym.estimation.sixth import Sixth
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.information import Guess, ScanPoints, blurred, condition, information
 from turtlebot_gym.localization.passing import AGAINST, agreeing, verdict

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from turtlebot_gym.estimation.scale import Sixth
+from turtlebot_gym.estimation.sixth import Sixth
 from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.localization.descent import LEAST_BEAMS, best_descent, widened

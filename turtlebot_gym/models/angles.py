@@ -32,16 +32,6 @@ def wrap(angle: float) -> float:
     return -PI if wrapped < -PI else wrapped
 
 
-@kernel
-def wrap_once(angle: float) -> float:
-    """Wrap an angle in [-3 pi, 3 pi), such as a sum of two wrapped ones: as `wrap` to the bit, in fewer instructions."""
-    turned = angle + PI
-    wrapped = angle - TWO_PI if turned >= TWO_PI else angle
-    wrapped = angle + TWO_PI if turned < 0.0 else wrapped
-    wrapped = wrapped - TWO_PI if wrapped >= PI else wrapped
-    return -PI if wrapped < -PI else wrapped
-
-
 def wrap_all(angles: ArrayLike) -> NDArray[np.float64]:
     """Wrap an array of angles to [-pi, pi); unlike `wrap`, it keeps NaN."""
     return np.asarray(np.remainder(np.asarray(angles, np.float64) + PI, TWO_PI) - PI)

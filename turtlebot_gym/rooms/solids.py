@@ -1,4 +1,4 @@
-"""Solid shapes of SDF and URDF, cut at the height of a LiDAR: circles, boxes, and outlines.
+"""Solid shapes of SDF, cut at the height of a LiDAR: circles, boxes, and outlines.
 
 The robot stands on the ground: z = 0, or a box below everything else. What it drives over (up to `STEP`) and what it passes
 below (from `HEADROOM` on) is left out. Everything else is an obstacle with its outline at `SCAN_HEIGHT`; what does not reach
@@ -117,8 +117,8 @@ def _size(shape: Element, name: str, *default: float) -> float:
 
 
 def _sizes(shape: Element, name: str, count: int, default: Sequence[float] = ()) -> list[float]:
-    """Return positive numbers of an SDF element, or of a URDF's attribute."""
-    values = numbers_of(shape.findtext(name, shape.get(name)), count, default)
+    """Return positive numbers of an SDF element."""
+    values = numbers_of(shape.findtext(name), count, default)
     if min(values) <= 0.0:
         raise MalformedError(f"{name} must be positive, not {min(values):g}")
     return values

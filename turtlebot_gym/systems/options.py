@@ -58,14 +58,13 @@ class Options:
     """What to reach: nav, pose, square, room or mission; in Python also a `turtlebot_gym.Task`, whose finite ``max_steps``
     truncates too. None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
     robot: str | Path | Mapping[str, Any] | Robot = "burger"
-    """Robot: a preset (the names in `turtlebot_gym.ROBOTS`, which an unknown one lists), or a file: your own (FILE.yaml), a
-    URDF, Nav2's parameters, or several joined by "+", see `turtlebot_gym.ros_files.robot`; in Python also a
-    `turtlebot_gym.Robot` or a mapping of its fields."""
+    """Robot: a preset (the names in `turtlebot_gym.ROBOTS`, which an unknown one lists), or a file of your own
+    (FILE.yaml); in Python also a `turtlebot_gym.Robot` or a mapping of its fields."""
     noise: str | Path | Mapping[str, Any] | Noise = "tutorial"
-    """Noise: clean, tutorial, documented, wheel, rough, or a file: your own (FILE.yaml), or the parameters of
-    robot_localization's ``ekf_node``; in Python also a `turtlebot_gym.Noise` or a mapping of its fields."""
+    """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); in Python
+    also a `turtlebot_gym.Noise` or a mapping of its fields."""
     filter: str | Path | Mapping[str, Any] | FilterTuning | Callable[..., Any] | object = "matched"
-    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, with an `imu` gyro, a file with Q and R (FILE.yaml),
+    """Filter: matched, calibrated, tutorial, gated, with an `imu` gyro, a file with Q and R (FILE.yaml),
     or one of your own (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, a class, see
     `turtlebot_gym.estimation.plain`, or an object of filterpy, see `turtlebot_gym.estimation.objects`."""
     observation: str | ObservationTerm | Sequence[str | ObservationTerm] = "ekf"

@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any
 
 from turtlebot_gym.estimation.filters import filter_of
-from turtlebot_gym.estimation.fixes import late_by, with_fixes_of_age
+from turtlebot_gym.estimation.fixes import depth_of, late_by, with_fixes
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
@@ -149,7 +149,7 @@ def system_of(parameters: Parameters) -> System:
         ImportError: If the plant needs an engine that is not installed.
     """
     filter, fix = filter_of(parameters.tuning), parameters.fix
-    filter = with_fixes_of_age(filter, late_by(fix.delay, parameters.dt)) if fix else filter
+    filter = with_fixes(filter, depth_of(parameters.dt, fix.delay)) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
     system = physical(system, parameters.plant) if parameters.plant else system
     system = localizing(system) if parameters.localizer else system

@@ -61,7 +61,7 @@ def _paths_of(name: str) -> list[Path]:
         spec = find_spec(module)
         path = Path(str(spec.origin)) if spec else path
     if not path.is_file():
-        return [part for word in name.split("+") for part in _paths_of(word)] if "+" in name else []  # parts of a robot
+        return []
     content = load(path) if path.suffix in (".yaml", ".yml") else None
     image = path.parent / str(content.get("image")) if isinstance(content, Mapping) else path
     return [path, image] if image != path and image.is_file() else [path]

@@ -91,8 +91,8 @@ class Compile:
     """
 
     system: tuple[str, ...] = _USUAL
-    """What to compile: nav, the default options on open ground; the task square with a filter (kalman, wheels, gated, mixture,
-    slip, scale), FILTER+fixes with fixes in time; and rooms-FILTER, for any noise, robot and task."""
+    """What to compile: nav, the default options on open ground; the task square with a filter (kalman, wheels, gated),
+    FILTER+fixes with fixes in time; and rooms-FILTER, for any noise, robot and task."""
     all: bool = False
     """Compile all of them."""
     processes: int = os.cpu_count() or 1

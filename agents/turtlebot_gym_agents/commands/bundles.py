@@ -47,7 +47,7 @@ class Export(WritingOptions, Overridable):
     noise: str | None = None
     """Noise of the training: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     filter: str | None = None
-    """Filter of the training: matched, calibrated, tutorial, gated, mixture, slip, scale, gyro, or your own (MODULE:NAME)."""
+    """Filter of the training: matched, calibrated, tutorial, gated, gyro, or your own (MODULE:NAME)."""
     observation: str | None = None
     """What the policy observed: ekf, odometry, truth or located, with terms after it, see train --help-all."""
     rate: float | None = None

@@ -69,7 +69,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
     noise: tuple[str, ...] = ("tutorial",)  # pyright: ignore[reportIncompatibleVariableOverride]
     """Noises: clean, tutorial, documented, wheel, rough, or FILE.yaml."""
     filter: tuple[str, ...] = ("matched",)  # pyright: ignore[reportIncompatibleVariableOverride]
-    """Filters: matched, calibrated, tutorial, gated, mixture, slip, scale, FILE.yaml, or MODULE:NAME. With --imu also gyro."""
+    """Filters: matched, calibrated, tutorial, gated, FILE.yaml, or MODULE:NAME. With --imu also gyro."""
     observation: tuple[str, ...] = ("ekf",)  # pyright: ignore[reportIncompatibleVariableOverride]
     """What the policy observes: ekf, odometry, truth or located, with terms after it, see train --help-all."""
     episodes: int = EPISODES

@@ -21,12 +21,11 @@ class RobotAndNoise:
     GROUP: ClassVar[str] = "robot and noise"
 
     robot: str = "burger"
-    """Robot: burger, waffle, turtlebot4, tutorial, or FILE.yaml. A file is your own, a URDF, Nav2's parameters, or some of
-    these joined by +, such as robot.urdf+nav2_params.yaml."""
+    """Robot: burger, waffle, turtlebot4, tutorial, or a file of your own (FILE.yaml)."""
     noise: str = "tutorial"
-    """Noise: clean, tutorial, documented, wheel, rough, or FILE.yaml. A file is your own, or robot_localization's ekf.yaml."""
+    """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     filter: str = "matched"
-    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, FILE.yaml, or MODULE:NAME. With --imu also gyro. A
+    """Filter: matched, calibrated, tutorial, gated, FILE.yaml, or MODULE:NAME. With --imu also gyro. A
     file holds Q and R; a module your own filter, or an object of filterpy."""
     observation: str = "ekf"
     """What the policy observes: ekf, odometry, truth or located, with terms after it. The task's terms come from the robot's

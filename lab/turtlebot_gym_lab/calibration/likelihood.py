@@ -1,6 +1,6 @@
 """Likelihood of a recorded drive under a noise model: the core's own filter, run over the rows in compiled loops.
 
-By the equations of `estimation.mixture`, each measured pose is given all before it, which needs no truth.
+By the equations of `spikes`, each measured pose is given all before it, which needs no truth.
 
 References:
     Schweppe, "Evaluation of likelihood functions for Gaussian signals", *IEEE Transactions on Information Theory* 11 (1965).
@@ -17,10 +17,20 @@ from numpy.typing import NDArray
 from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
 from turtlebot_gym.estimation.ekf import predict
-from turtlebot_gym.estimation.mixture import Hypotheses, Three, begin, least_exponent, scaled, track, track_all, weigh
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.parameters import FilterTuning, Mixture, Noise
+from turtlebot_gym.parameters import FilterTuning, Noise
 from turtlebot_gym.values import Belief, Command, Odometry, Pose
+from turtlebot_gym_lab.calibration.spikes import (
+    Hypotheses,
+    Spikes,
+    Three,
+    begin,
+    least_exponent,
+    scaled,
+    track,
+    track_all,
+    weigh,
+)
 
 CERTAIN = 1.0 - 1e-13
 """Probability of a hypothesis above which the others are dropped."""
@@ -105,7 +115,7 @@ def tuning_of(noise: Noise) -> FilterTuning:
         Q=(0.0,) * 5,
         R=odometry.R,
         process=noise.process,
-        kind=Mixture(spike_probability=odometry.spike_probability, spike=odometry.spike),
+        kind=Spikes(spike_probability=odometry.spike_probability, spike=odometry.spike),
     )
 
 

@@ -27,8 +27,8 @@ class Estimate(ReportingOptions):
     All filters see the same short drives, whose commands do not depend on the estimate.
     """
 
-    filter: tuple[str, ...] = ("matched", "gated", "mixture", "slip")
-    """Filters: matched, calibrated, tutorial, gated, mixture, slip, scale, or of your own (MODULE:NAME)."""
+    filter: tuple[str, ...] = ("matched", "gated")
+    """Filters: matched, calibrated, tutorial, gated, or of your own (MODULE:NAME)."""
     noise: str = "tutorial"
     """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
     robot: str = "burger"
@@ -76,7 +76,7 @@ class Replay(ReportingOptions, RecordingOptions):
     files: tyro.conf.Positional[tuple[Path, ...]]
     """Recordings with truth: bags, laser arrays, or tables with named columns."""
     filter: str = "matched"
-    """Filter: matched, calibrated, tutorial, gated, mixture, slip, scale, or one of your own (MODULE:NAME)."""
+    """Filter: matched, calibrated, tutorial, gated, or one of your own (MODULE:NAME)."""
     measured: str = "auto"
     """Measured poses: recorded, generated (from the true ones), or auto: recorded if there are any, such as those on
     /amcl_pose, /pose or /pose_fix of a bag (or another topic by --topics.fix), and generated otherwise."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.compiled.cache import in_machine_code
-from turtlebot_gym.estimation.scale import Sixth
+from turtlebot_gym.estimation.sixth import Sixth
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.localization.descent import descend
 from turtlebot_gym.localization.information import Guess, ScanPoints

@@ -17,6 +17,7 @@ from turtlebot_gym_lab.calibration.coordinates import PARAMETERS, from_coordinat
 from turtlebot_gym_lab.calibration.estimates import _of_headings
 from turtlebot_gym_lab.calibration.likelihood import Rows, innovations
 from turtlebot_gym_lab.calibration.shown import drift, residuals
+from turtlebot_gym_lab.calibration.spikes import exp_minus
 
 ALPHAS = (0.004, 0.006, 0.003, 0.005)
 
@@ -213,3 +214,9 @@ def test_a_calibration_says_how_far_it_is(monkeypatch, tmp_path):
     assert moved == sorted(moved)
     assert len(set(moved)) > 20
     assert moved[-1] <= 100
+
+
+def test_exponentials_are_those_of_the_library():
+    for q in np.concatenate([[0.0], np.geomspace(1e-300, 60.0, 4000)]).tolist():
+        assert exp_minus(q) == pytest.approx(math.exp(-q), rel=3e-12, abs=0.0)
+    assert exp_minus(1e9) == exp_minus(60.0)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from turtlebot_gym.estimation.agreement import Agreement
-from turtlebot_gym.estimation.doubt import Doubt
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
@@ -18,7 +17,7 @@ from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.parameters import MAX_FIX_AGE, DeadReckoning, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
-from turtlebot_gym.validation import Names, Range, check_fields, choose
+from turtlebot_gym.validation import Range, check_fields, choose
 from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, senses_of
 from turtlebot_gym_ros.base.live import Live
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility, Gate, bounded
@@ -77,7 +76,7 @@ class KalmanFilter:
         """Noise to which it is matched: a name in `turtlebot_gym.presets.NOISES`, or a FILE.yaml."""
         filter: str = "matched"
         """A name in `turtlebot_gym.presets.FILTERS`, a FILE.yaml with Q and R, or your MODULE:NAME. The names are matched,
-        calibrated, tutorial, gated, mixture, slip and scale; NAME is a filter of your own, or an object of filterpy."""
+        calibrated, tutorial and gated; NAME is a filter of your own, or an object of filterpy."""
         integrator: str = "euler"
         """"euler" or "midpoint"."""
         twist: str = "executed"
@@ -92,10 +91,6 @@ class KalmanFilter:
         """Longest interval predicted in one step, s."""
         max_gap: Annotated[float, Range(0.0, 60.0, open_low=True, open_high=True, unit="s")] = 1.0
         """Gap in the odometry after which the filter restarts, s."""
-
-        doubts: Annotated[str, Names(("report", "stop"))] = "report"
-        """If 10 s of odometry do not fit the model: "report", or "stop" until a person enables. See `estimation.doubt`; the
-        report is a warning in the diagnostics."""
         publish_tf: bool = False
         """Whether to publish the estimate on ``/tf`` too, if the robot's bring-up does not. The transform from the world frame
         to the robot's must have one owner. Needs a ROS installation."""
@@ -130,8 +125,7 @@ class KalmanFilter:
         self._filter = filter_of(self._tuning)
         by_command = choose("twist", params.twist, {"executed": False, "commanded": True})
         self._agreement = Agreement(self._robot, noise, leaps=by_command)  # a robot follows its command late
-        self._gate, self._stops = Gate(), params.doubts == "stop"
-        self._doubt = Doubt(noise, degrees=0 if isinstance(self._tuning.kind, DeadReckoning) else 3)
+        self._gate = Gate()
         self._integrator = choose("integrator", params.integrator, INTEGRATORS)
         if by_command:
             self.inputs = {**self.inputs, "command": replace(COMMANDED, lock_step="refused")}
@@ -146,7 +140,7 @@ class KalmanFilter:
         """Why the last message was refused, until the next one of its kind is accepted."""
         self._verdict = Credibility()
         self.figures: dict[str, Any] = {"refused odometry": 0, "refused fixes": 0, "refused initial poses": 0}
-        """Number of messages that were refused, by kind, and what the last ten seconds say of the filter's model."""
+        """Number of messages that were refused, by kind."""
         self.reset()
 
     @property
@@ -189,7 +183,6 @@ class KalmanFilter:
         self._time = self._unused = 0.0
         self._last_fix: tuple[Fix, float] | None = None
         self._gate.forget()
-        self._doubt.begin()
 
     def pause(self) -> None:
         """Restart with the next odometry, which must be about where it was: nobody knows how long it has paused."""
@@ -236,7 +229,6 @@ class KalmanFilter:
             after = self._advance(senses, dt)
             self._gate.remember(self._time, after.belief)
         self._estimate, self._senses = after, senses
-        self._judge_model(dt, now, after.nis)
         return {"nis": Nis(after.nis), "estimate": after} | self._verdict.news(self._agreement.cause)
 
     def _advance(self, senses: Any, dt: float) -> Any:
@@ -248,20 +240,6 @@ class KalmanFilter:
         for _ in range(n - 1):
             estimate = self._filter.step(estimate, before, nothing, self._tuning, share, self._integrator)
         return self._filter.step(estimate, before, senses, self._tuning, share, self._integrator)
-
-    def _judge_model(self, dt: float, odometry: Odometry, nis: float) -> None:
-        """Report what the last ten seconds say of the filter's model."""
-        before, found = self._doubt.found, self._doubt.add(dt, odometry, nis)
-        if found is before:
-            return
-        self.figures["mean NIS of 10 s"] = f"{found.nis:.2f}"
-        self.figures["of positions, headings"] = f"{found.position:.2f}, {found.heading:.2f} times their variance"
-        if found.cause:
-            self.notice = f"the filter doubts its model: {found.cause}"
-            if self._stops:
-                self._agreement.cause = found.cause
-        elif self.notice and self.notice.startswith("the filter doubts"):
-            self.notice = None
 
     def _take_seat(self, odometry: Odometry, initial_pose: Fix) -> FilterTuning:
         """Start anew where a person says that the robot is, if it stands; return the tuning to start with."""

@@ -17,7 +17,6 @@ from turtlebot_gym.localization.information import ScanPoints
 from turtlebot_gym.localization.localizer import LOST, SILENT, TRACKING, UNSURE, Located, locate, move, state_of
 from turtlebot_gym.localization.points import Timing, directions, remember, rest, swept, to_points
 from turtlebot_gym.localization.tuning import make_localizer
-from turtlebot_gym.localization.wheels import WheelWatch
 from turtlebot_gym.models.angles import TWO_PI, sincos, wrap
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.parameters import REFERENCE_PERIOD
@@ -72,8 +71,7 @@ class Localizer:
     Where it starts, ``start`` says. A robot that is lost looks for itself in the whole map; while it is lost, no estimate is
     published, so that everything that rests on the estimate stops by the age of its inputs, unless ``when_lost`` is "drive".
     A pose on ``initialpose``, as RViz sends it, puts it elsewhere; the service ``reinitialize_global_localization`` makes it
-    look anew. The diagnostics show whether it is tracking, unsure or lost, the share of fitting beams, and how the wheels
-    differ from what odometry assumes, see `WheelWatch`: a tyre or a floor that changes. They are not corrected.
+    look anew. The diagnostics show whether it is tracking, unsure or lost, and the share of fitting beams.
 
     Odometry that contradicts itself or the command in force (`agreement`) is refused, as by `KalmanFilter`.
 
@@ -184,7 +182,6 @@ class Localizer:
         self._considered: tuple[Pose, ...] = ()
         self._leaps: list[float] = []
         self._agreement.begin()
-        self._watch = WheelWatch()
         self.notice = None
 
     @property
@@ -286,10 +283,7 @@ class Localizer:
         number = to_points(ranges, beams, int(located.scans), timing, self._trail, self._points)
         unseen, points = swept(timing, len(ranges), self._trail), self._points
         sight = ScanPoints(self._field, self._grid.frame, points, number)
-        after = look(located, self._bank, sight, self._wheels(), q, unseen)
-        confirmed = state_of(after, q) == TRACKING
-        self._watch.see(Pose(*after.belief.mean[:3]), self._wheels(), is_confirmed=confirmed)
-        return after
+        return look(located, self._bank, sight, self._wheels(), q, unseen)
 
     def _wheels(self) -> Pose:
         """Return the odometry at the present pose."""
@@ -319,7 +313,6 @@ class Localizer:
             "weight of the best hypothesis": f"{located.weight:.2f}",
             "scans without a fit": max(int(located.misfits), 0),
             "scans used": int(located.scans),
-            "wheels": self._watch.wheels.text + (": they have changed" if self._watch.wheels.has_changed else ""),
         }
         others = tuple(Pose(*place) for place in followed(located, self._bank, self._wheels(), self._q)[:, :3].tolist())
         places = {"places": PoseCandidates(others)} if others or self._considered else {}

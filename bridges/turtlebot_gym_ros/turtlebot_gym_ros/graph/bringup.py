@@ -149,11 +149,9 @@ def parser() -> argparse.ArgumentParser:
         "--policy", help="bearing (default), vfh or another baseline, ppo-square, FILE.onnx, or module:callable"
     )
     parser.add_argument("--allow-mismatch", action="store_true", help="also drive a policy made for another task")
-    parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml or .urdf (default: burger)")
+    parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml (default: burger)")
     parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default: tutorial)")
-    parser.add_argument(
-        "--filter", help="matched (default), calibrated, tutorial, gated, mixture, slip, scale, FILE.yaml, or MODULE:NAME"
-    )
+    parser.add_argument("--filter", help="matched (default), calibrated, tutorial, gated, FILE.yaml, or MODULE:NAME")
     parser.add_argument("--fix", help=f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default: none)")
     parser.add_argument("--localizer", help="with a world, localize by scans instead: match, robot, or FILE.yaml")
     parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')

@@ -53,10 +53,7 @@ _UNUSED_IN_POSE, _UNUSED_IN_TWIST = (14, 21, 28), (7, 14, 21, 28)
 _NIS = ("nis", "fits", "weight")
 SURPRISING = 16.27
 """NIS that one measurement in a thousand exceeds for a consistent filter (chi-square, 3 degrees of freedom)."""
-NO_TF = (
-    "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or build it with tools/build_nav2_msgs.py of the "
-    "repository."
-)
+NO_TF = "publish_tf needs tf2_msgs, which PyPI lacks: source a ROS installation, or take ROS from RoboStack with pixi."
 """Refusal of a node that would publish on ``/tf``."""
 
 CONVERSIONS: dict[type, Conversion] = dict(ROOM_CONVERSIONS)

@@ -25,8 +25,8 @@ NAME = "navigate_to_pose"
 NAVIGATOR = "bt_navigator"
 """Name of Nav2's node that serves it."""
 MISSING = (
-    f"the action {NAME} is not offered, since nav2_msgs is missing: install it with ROS (ros-DISTRO-nav2-msgs), or build it "
-    "with tools/build_nav2_msgs.py of the repository."
+    f"the action {NAME} is not offered, since nav2_msgs is missing: install it with ROS (ros-DISTRO-nav2-msgs), or take ROS "
+    "from RoboStack with pixi."
 )
 """Remark of a node that would offer the action."""
 

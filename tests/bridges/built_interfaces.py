@@ -1,10 +1,7 @@
 """Build nav2_msgs/action/NavigateToPose and tf2_msgs/msg/TFMessage as a wheel, where ROS comes from PyPI, which lacks both.
 
-    python tools/build_nav2_msgs.py dist && pip install dist/turtlebot_gym_interfaces-*.whl
-
 ROS's generators are installed from PyPI into a temporary environment, for a few minutes. CMake, g++ and Python's headers must
 be installed.
-With a ROS installation: ``sudo apt install ros-DISTRO-nav2-msgs ros-DISTRO-tf2-msgs``.
 
 References:
     Nav2, ``nav2_msgs/action/NavigateToPose.action``; Geometry2, ``tf2_msgs/msg/TFMessage.msg``; both of ROS 2 Jazzy and Kilted.
@@ -93,7 +90,7 @@ def build(target: Path, files: Mapping[str, tuple[str, str]] = FILES) -> Path:
     pinned = sorted(f"{name}=={version}" for name, version in versions.items() if name.startswith("ros-"))
     ros = next((name for name in ("jazzy", "kilted") if f"ros-{name}-rclpy" in versions), None)
     if ros is None:
-        raise ValueError("no ROS of PyPI is installed here; with a ROS installation: sudo apt install ros-DISTRO-nav2-msgs")
+        raise ValueError("no ROS of PyPI is installed here")
     with TemporaryDirectory() as folder:
         tools, out = Path(folder, "tools"), Path(folder, "out")
         venv.create(tools, with_pip=True)
@@ -157,12 +154,3 @@ def _pack(out: Path, target: Path, ros: str) -> Path:
 def _run(*command: str | Path, **environment: str) -> None:
     without = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
     subprocess.run(list(map(str, command)), check=True, env={**without, **environment})
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
-        raise SystemExit(__doc__)
-    try:
-        print(build(Path(sys.argv[1])))
-    except (ValueError, OSError, subprocess.CalledProcessError) as error:
-        raise SystemExit(f"error: {error}") from None

@@ -1,18 +1,14 @@
-"""A sixth state beside the five of the robot: a scalar that a filter learns, such as the scale of a twist or a gyro's bias.
+"""A sixth state beside the five of the robot: a scalar that a filter learns, such as a gyro's bias or the scale of ranges.
 
-Five states have their covariance written out; a sixth needs its mean, its variance and its covariance with the five. The filter
-here is the extended Kalman filter of `ekf` with a constant one, the executed share of a twist: wheels 2 % larger than stated
-drive 2 % farther.
+Five states have their covariance written out; a sixth needs its mean, its variance and its covariance with the five.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import innovation, predict
-from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, choose, judge, restart
-from turtlebot_gym.estimation.interface import Filter
+from turtlebot_gym.estimation.ekf import innovation
+from turtlebot_gym.estimation.gate import choose, judge, restart
 from turtlebot_gym.estimation.update import (
     Projection,
     Variances,
@@ -29,8 +25,8 @@ from turtlebot_gym.estimation.update import (
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import motion
-from turtlebot_gym.parameters import FilterTuning, Scale
-from turtlebot_gym.values import Belief, Command, Covariance, Pose, Senses, State
+from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.values import Belief, Pose, State
 
 
 class Sixth(NamedTuple):
@@ -89,16 +85,6 @@ def correct_both_correlated(belief: Belief, sixth: Sixth, z: Pose, R: Variances)
     return wrapped(belief), sixth
 
 
-class _ScaleEstimate(NamedTuple):
-    belief: Belief
-    nis: float
-    """Normalized innovation squared of the last measurement."""
-    scale: Sixth
-    """The executed share of a twist."""
-    rejections: float
-    """See `ekf.Estimate`."""
-
-
 @kernel
 def settle_both(
     rejections: float,
@@ -130,62 +116,3 @@ def settle_both(
         new.omega if takes else old.omega,
     )
     return belief, Sixth(mean, variance, column), nis, verdict.rejections
-
-
-@kernel
-def _start(senses: Senses, tuning: FilterTuning) -> _ScaleEstimate:
-    """Start from the first measurement, with a scale of 1; see `interface.Filter`."""
-    belief = ekf.initialize(senses.odometry.pose, tuning).belief
-    deviation = tuning.kind.scale_deviation
-    scale = Sixth(1.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    return _ScaleEstimate(belief, 0.0, scale, ONE_MEASUREMENT)
-
-
-@kernel
-def _predict(
-    belief: Belief, scale: Sixth, twist: Command, tuning: FilterTuning, dt: float, integrator: float
-) -> tuple[Belief, Sixth]:
-    """Move the pose; then the twist becomes the executed share of the new one."""
-    share, variance = scale.mean, scale.variance
-    to = moved_column(scale, belief.mean, dt, integrator)
-    (x, y, heading, _, _), P = predict(belief, twist, tuning, dt, integrator)
-    V, W = twist.v, twist.omega
-    covariance = Covariance(
-        P.xx,
-        P.xy,
-        P.xt,
-        V * to.x,
-        W * to.x,
-        P.yy,
-        P.yt,
-        V * to.y,
-        W * to.y,
-        P.tt,
-        V * to.theta,
-        W * to.theta,
-        P.vv + V * V * variance,
-        V * W * variance,
-        P.ww + W * W * variance,
-    )
-    mean = State(x, y, heading, share * V, share * W)
-    return Belief(mean, covariance), Sixth(share, variance, State(to.x, to.y, to.theta, V * variance, W * variance))
-
-
-@kernel
-def _step(
-    estimate: _ScaleEstimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float
-) -> _ScaleEstimate:
-    """Predict with the executed share of the twist, and correct; see `interface.Filter`."""
-    z, twist, measured = senses.odometry
-    prior, scale = _predict(estimate.belief, estimate.scale, twist, tuning, dt, integrator)
-    belief, scale, nis, rejections = settle_both(estimate.rejections, prior, scale, z, measured, tuning, dt)
-    return _ScaleEstimate(belief, nis if measured else estimate.nis, scale, rejections)
-
-
-@kernel
-def _fix(estimate: _ScaleEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _ScaleEstimate:
-    belief, scale = correct_both_correlated(estimate.belief, estimate.scale, z, R)
-    return _ScaleEstimate(belief, estimate.nis, scale, estimate.rejections)
-
-
-SCALE = Filter(_start, _step, _fix, kind=Scale())

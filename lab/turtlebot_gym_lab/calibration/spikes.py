@@ -1,0 +1,171 @@
+"""Beliefs about a pose whose measured headings may be off by a spike: true, or too large or too small by it.
+
+A measurement is a mixture of the three, and the posterior is approximated by a Gaussian with the mixture's mean and covariance.
+The first measurement has no prior to be weighed against, so three beliefs start, one for each explanation, and later
+measurements decide between them.
+
+References:
+    Alspach, Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", *IEEE Transactions on Automatic
+    Control* 17 (1972). Bar-Shalom, Li, Kirubarajan (2001), section 1.4.16: the moments of a mixture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+from turtlebot_gym.estimation import ekf
+from turtlebot_gym.estimation.ekf import innovation, predict
+from turtlebot_gym.estimation.update import absorb, innovation_variance, inverse_of, of_heading, of_x, of_y, update, wrapped
+from turtlebot_gym.kernel import kernel, sqrt
+from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.parameters import FilterTuning
+from turtlebot_gym.validation import NON_NEGATIVE, PROBABILITY, check_fields
+from turtlebot_gym.values import Belief, Odometry, Pose, State
+
+Three = tuple[float, float, float]
+
+_LEAST = 1e-100
+"""Least density of a measurement, without its exponent, so that one that was certain beforehand does not count as
+impossible."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spikes:
+    """Spikes of the measured heading, as the ``kind`` of a `FilterTuning`."""
+
+    spike_probability: Annotated[float, PROBABILITY]
+    """Probability per measurement of a heading spike."""
+    spike: Annotated[float, NON_NEGATIVE]
+    """Size of a heading spike, rad."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+class Hypotheses(NamedTuple):
+    """Beliefs for each explanation of the first heading: true, too large by a spike, too small by one."""
+
+    true: Belief
+    high: Belief
+    low: Belief
+
+
+class _Tracked(NamedTuple):
+    """A hypothesis, and the measurement's likelihood under it, ``factor e^-exponent``."""
+
+    belief: Belief
+    exponent: float
+    factor: float
+
+
+class Tracks(NamedTuple):
+    """All hypotheses, in the order of `Hypotheses`."""
+
+    true: _Tracked
+    high: _Tracked
+    low: _Tracked
+
+
+@kernel
+def exp_minus(q: float) -> float:
+    """Return ``e^-q`` for ``q >= 0``, to 2e-12 relative, without a branch; above 60 as for 60."""
+    # A Taylor series, squared seven times: 2^7 = 128.
+    x = min(q, 60.0) * (1.0 / 128.0)
+    y = 2.505210838544172e-08 - x * 2.08767569878681e-09
+    y = 2.48015873015873e-05 - x * (2.7557319223985893e-06 - x * (2.755731922398589e-07 - x * y))
+    y = 0.008333333333333333 - x * (0.001388888888888889 - x * (0.0001984126984126984 - x * y))
+    y = 1.0 - x * (1.0 - x * (0.5 - x * (0.16666666666666666 - x * (0.041666666666666664 - x * y))))
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    y = y * y
+    return y * y
+
+
+@kernel
+def _turned(belief: Belief, turn: float) -> Belief:
+    x, y, theta, v, omega = belief.mean
+    return Belief(State(x, y, wrap(theta + turn), v, omega), belief.covariance)
+
+
+@kernel
+def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
+    """Return a belief for each explanation of the first heading, and their probabilities."""
+    belief, spikes = wrapped(ekf.initialize(z, tuning).belief), tuning.kind
+    half = 0.5 * spikes.spike_probability
+    hypotheses = Hypotheses(belief, _turned(belief, -spikes.spike), _turned(belief, spikes.spike))
+    return hypotheses, (1.0 - spikes.spike_probability, half, half)
+
+
+@kernel
+def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, integrator: float) -> _Tracked:
+    """Predict a hypothesis, and correct it by a measurement's three explanations."""
+    R, share, spike, measured = tuning.R, tuning.kind.spike_probability, tuning.kind.spike, odometry.measured
+    prior, z = predict(belief, odometry.twist, tuning, dt, integrator), odometry.pose
+    turn = innovation(prior.mean, z).theta
+    h_x = of_x(prior.covariance)
+    placed, nis_x = update(prior, h_x, z.x - prior.mean.x, R[0])
+    h_y = of_y(placed.covariance)
+    placed, nis_y = update(placed, h_y, z.y - placed.mean.y, R[1])
+    precision = inverse_of(innovation_variance(h_x, R[0])) * inverse_of(innovation_variance(h_y, R[1]))
+    nis, turn = nis_x + nis_y, turn - (placed.mean.theta - prior.mean.theta)
+    h = of_heading(placed.covariance)
+    inverse = inverse_of(innovation_variance(h, R[2]))
+    high, low = turn - spike, turn + spike
+    q_true, q_high, q_low = turn * turn * inverse, high * high * inverse, low * low * inverse
+    # Relative to the likeliest explanation; its own power is e^0 = 1.
+    near, far = min(q_high, q_low), max(q_high, q_low)
+    least, other = min(q_true, near), max(q_true, near)
+    of_other, of_far = exp_minus(0.5 * (other - least)), exp_minus(0.5 * (far - least))
+    of_true, of_near = (1.0 if q_true <= near else of_other), (of_other if q_true <= near else 1.0)
+    is_true = (1.0 - share) * of_true
+    is_high = 0.5 * share * (of_near if q_high <= q_low else of_far)
+    is_low = 0.5 * share * (of_far if q_high <= q_low else of_near)
+    likely = is_true + is_high + is_low
+    scale = 1.0 / likely
+    is_true, is_high, is_low = is_true * scale, is_high * scale, is_low * scale
+    mean = is_true * turn + is_high * high + is_low * low
+    off_true, off_high, off_low = turn - mean, high - mean, low - mean
+    spread = is_true * off_true * off_true + is_high * off_high * off_high + is_low * off_low * off_low
+    posterior = wrapped(absorb(placed, h.column, mean * inverse, inverse - spread * inverse * inverse))
+    return _Tracked(
+        posterior if measured else prior,
+        0.5 * (nis + least) if measured else 0.0,
+        likely * max(sqrt(precision * inverse), _LEAST) if measured else 1.0,
+    )
+
+
+@kernel
+def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, dt: float, integrator: float) -> Tracks:
+    """Predict and correct all hypotheses."""
+    return Tracks(
+        track(hypotheses.true, odometry, tuning, dt, integrator),
+        track(hypotheses.high, odometry, tuning, dt, integrator),
+        track(hypotheses.low, odometry, tuning, dt, integrator),
+    )
+
+
+@kernel
+def least_exponent(tracks: Tracks) -> float:
+    """Return the likeliest hypothesis' exponent, to subtract before weighing."""
+    return min(tracks.true.exponent, min(tracks.high.exponent, tracks.low.exponent))
+
+
+@kernel
+def weigh(weights: Three, tracks: Tracks, least: float) -> Three:
+    """Return the weights of the hypotheses after a measurement, not normalized yet."""
+    true, high, low = tracks
+    return (
+        weights[0] * true.factor * exp_minus(true.exponent - least),
+        weights[1] * high.factor * exp_minus(high.exponent - least),
+        weights[2] * low.factor * exp_minus(low.exponent - least),
+    )
+
+
+@kernel
+def scaled(weights: Three, factor: float) -> Three:
+    """Return weights times a factor."""
+    return (weights[0] * factor, weights[1] * factor, weights[2] * factor)
