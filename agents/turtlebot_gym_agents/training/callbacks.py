@@ -29,7 +29,6 @@ from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
-from turtlebot_gym_agents.training.gaussian import GaussianPolicy
 from turtlebot_gym_agents.training.history import read_history
 from turtlebot_gym_agents.training.judging import Judged, judge
 from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
@@ -54,7 +53,7 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     """Return a model's deterministic policy: ``model.predict`` to the bit, in half the time."""
     policy: Any = model.policy
     inputs, outputs = model.observation_space, model.action_space
-    gaussian = type(policy) in (ActorCriticPolicy, GaussianPolicy) and type(policy.action_dist) is DiagGaussianDistribution
+    gaussian = type(policy) is ActorCriticPolicy and type(policy.action_dist) is DiagGaussianDistribution
     if not gaussian or not isinstance(outputs, spaces.Box) or not isinstance(inputs, spaces.Box) or len(inputs.shape) != 1:
         return lambda observations: model.predict(observations, deterministic=True)[0]
     policy.set_training_mode(False)

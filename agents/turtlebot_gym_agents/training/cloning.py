@@ -26,7 +26,6 @@ from torch import nn
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of, require_terms
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, shown
-from turtlebot_gym_agents.training.adam import Adam
 from turtlebot_gym_agents.training.callbacks import Callback, mean_actions
 from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -79,7 +78,7 @@ def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: in
     assert isinstance(network, ActorCriticPolicy)
     with torch.no_grad():
         network.log_std.fill_(float(np.log(DEVIATION)))
-    optimizer = Adam(_actor(network), lr=RATE, eps=1e-8)
+    optimizer = torch.optim.Adam(_actor(network), lr=RATE)
     random = np.random.default_rng(seed)
     observations, _ = envs.reset(seed=seed)
     over = np.ones(envs.num_envs, np.bool_)
@@ -105,7 +104,7 @@ def _actor(network: ActorCriticPolicy) -> Iterator[nn.Parameter]:
     yield from network.action_net.parameters()
 
 
-def _fit(network: ActorCriticPolicy, optimizer: Adam, observed: torch.Tensor, labels: torch.Tensor) -> None:
+def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, observed: torch.Tensor, labels: torch.Tensor) -> None:
     """Reduce the mean squared difference between actions and labels."""
     for _ in range(PASSES):
         for rows in torch.randperm(len(observed)).split(BATCH):

@@ -198,7 +198,6 @@ def _of_sb3(
     from stable_baselines3.common.vec_env import VecNormalize
 
     from turtlebot_gym_agents.training import sb3_policy
-    from turtlebot_gym_agents.training.layers import graph_of
     from turtlebot_gym_agents.training.sb3_network import network_of
 
     sb3_policy.require_actions(model)
@@ -224,12 +223,9 @@ def _of_sb3(
     stages = sb3_policy.stages_of(model, space, env, statistics, wrappers)
     if doubt:
         sb3_policy.require_within(model, space, doubt)
-    network, width, chain = network_of(model)
-    size = space.shape[0]
-    program = None if stages or chain is None else graph_of(chain, size)
-    if program is None:
-        staged = Staged([stage.module for stage in stages], network, width)
-        program = program_of(staged, size, staged.memory)
+    network, width = network_of(model)
+    staged = Staged([stage.module for stage in stages], network, width)
+    program = program_of(staged, space.shape[0], staged.memory)
     return _Converted(program, sb3_policy.Sb3Policy(model, stages), sb3_policy.library_of(model, stages, width))
 
 

@@ -30,10 +30,8 @@ from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.policies.policy import shown
-from turtlebot_gym_agents.training.adam import Adam
 from turtlebot_gym_agents.training.arguments import ALGORITHMS, NETWORK, arguments
-from turtlebot_gym_agents.training.config import ON_POLICY, TrainingConfig
-from turtlebot_gym_agents.training.gaussian import GaussianPolicy
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.staggering import Staggered
@@ -75,13 +73,6 @@ def _stands(observations: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.zeros((len(observations), 2), np.float32)
 
 
-def _is_gaussian(config: TrainingConfig) -> bool:
-    """Return whether `GaussianPolicy` is what Stable-Baselines3 would build."""
-    network = config.hyper[NETWORK]
-    special = config.hyper.get("use_sde", False) or not network.get("share_features_extractor", True)
-    return config.algo in ON_POLICY and config.hyper["policy"] == "MlpPolicy" and not special
-
-
 def make_model(
     config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | None = None, checkpoint: Path | None = None
 ) -> BaseAlgorithm:
@@ -109,18 +100,15 @@ def make_model(
         "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
     }
     keywords, device = arguments(config.algo, config.hyper), _choose_device(config.device, config.algo)
-    ours: dict[str, Any] = (
-        {"optimizer_class": Adam} if config.algo == "ppo" and "optimizer_kwargs" not in keywords[NETWORK] else {}
-    )
     adapter = Sb3VecEnv(Staggered(envs, driver, STAGGER), reward_scale=config.hyper.get("reward_scale", 1.0))
     try:
         model = ALGORITHMS[config.algo](
-            GaussianPolicy if _is_gaussian(config) else config.hyper["policy"],
+            config.hyper["policy"],
             adapter,
             seed=config.seed,
             device=device,
             tensorboard_log=None if tensorboard is None else str(tensorboard),
-            **{**keywords, NETWORK: normalization | ours | keywords[NETWORK]},
+            **{**keywords, NETWORK: normalization | keywords[NETWORK]},
         )
     except (TypeError, ValueError, AssertionError) as error:
         reason = " ".join(str(error).split())

@@ -35,17 +35,12 @@ def ranges_in(terms: Sequence[ObservationTerm]) -> tuple[int, int]:
     return place.start, place.stop
 
 
-def split_at(ranges: tuple[int, int], size: int) -> tuple[int, int, int]:
-    """Return how many of ``size`` columns come before the ranges, how many they are, and how many come after them."""
-    start, stop = ranges
-    return start, stop - start, size - stop
-
-
 def _spread_ranges(observations: torch.Tensor, ranges: tuple[int, int]) -> torch.Tensor:
     """Return observations (..., n) with the ranges of a scan as logarithms."""
-    if ranges[0] == ranges[1]:
+    start, stop = ranges
+    if start == stop:
         return observations
-    before, scan, after = observations.split(split_at(ranges, observations.shape[-1]), dim=-1)
+    before, scan, after = observations.split((start, stop - start, observations.shape[-1] - stop), dim=-1)
     return torch.cat((before, torch.log(scan + NEAR), after), dim=-1)
 
 
