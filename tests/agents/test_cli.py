@@ -84,7 +84,7 @@ REFUSED = [
     (["fly"], "command must be one of 'evaluate', 'train', "),
     *((arguments, f"Did you mean {meant!r}?") for arguments, meant in MISSPELT),
     (["evaluate", "--policy", "vfh"], f"vfh: it steers by a LiDAR, which {NAV} does not have: choose --env {ROOMS}."),
-    (["evaluate", "--policy", "gap+safety", "--allow-mismatch"], f"choose --env {ROOMS}."),
+    (["evaluate", "--policy", "vfh+safety", "--allow-mismatch"], f"choose --env {ROOMS}."),
     (["evaluate", "--policy", "ppo-nav", "--robot", "waffle"], "max_wheel 0.2097 there, 0.26 here). --allow-mismatch ("),
     (["evaluate", "--policy", "clever"], "FILE.onnx, FILE.yaml, FILE.json or 'module:callable', got 'clever'"),
     (["evaluate", "--policy"], "policy must name at least one value, got none"),

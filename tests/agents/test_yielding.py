@@ -145,7 +145,7 @@ def test_more_robots_reach_their_goals_among_people():
 def test_its_memory_is_that_of_the_policy_within():
     policy = make_policy("planner+yield")
     assert policy.reset == policy.policy.reset
-    assert not hasattr(make_policy("gap+yield"), "reset")
+    assert not hasattr(make_policy("bearing+yield"), "reset")
 
 
 def test_a_policy_that_stops_for_people_needs_tracks():
