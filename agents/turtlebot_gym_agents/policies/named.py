@@ -17,7 +17,7 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, SUFFIXES, load_baseline
 from turtlebot_gym_agents.policies.policy import Policy, Wrapped, numbers_of, terms_of
-from turtlebot_gym_agents.policies.protection import SafetyLayer
+from turtlebot_gym_agents.policies.protection import within_layer
 from turtlebot_gym_agents.policies.yielding import Yielding
 
 SAFETY = "+safety"
@@ -82,7 +82,7 @@ def make_policy(
     name = str(name)
     if name.endswith(SAFETY):
         driver = make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt, noise=noise, allow_mismatch=allow_mismatch)
-        return SafetyLayer(driver, robot, dt, noise=noise)
+        return within_layer(driver, robot, dt, noise=noise)
     if name.endswith(YIELD):
         driver = make_policy(name.removesuffix(YIELD), robot=robot, dt=dt, noise=noise, allow_mismatch=allow_mismatch)
         return Yielding(driver, robot, dt)
