@@ -12,7 +12,6 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import Options, Parameters, Robot
-from turtlebot_gym.bounded import bounded
 from turtlebot_gym.files import read_bytes, replacing
 from turtlebot_gym.observations import (
     OBSERVED,
@@ -164,7 +162,6 @@ class BundlePolicy:
         self._path, content = path, read_bytes(path)
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
-        bounded(partial(self._open, content), path, again=True)  # to run it may take any time and memory
         self._open(content)
         require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self.memory = self._network.memory
