@@ -224,7 +224,7 @@ def zip_of_a_model_that_is_a_bomb(folder, rng):
                 part.write((unit * 2**20)[: 2**20 // len(unit) * len(unit)])
             part.write(b"1]")
         archive.writestr("policy.pth", bytes(large(rng, 5.0, 8.0)))
-    return partial(load_model, path, allow_pickle=True)
+    return partial(load_model, path, "ppo", allow_pickle=True)
 
 
 # What is no file
@@ -264,7 +264,7 @@ BY_SUFFIX: dict[str, Callable[[Path], Any]] = {
     ".json": load,
     ".world": lambda path: find_world(str(path)),
     ".onnx": BundlePolicy,
-    ".zip": lambda path: load_model(path, allow_pickle=True),
+    ".zip": lambda path: load_model(path, "ppo", allow_pickle=True),
 }
 
 

@@ -97,8 +97,8 @@ def make_policy(
         return BundlePolicy(bundle, **fit)
     if name.endswith((".zip", ".pkl", ".pt", ".pth")):
         raise ValueError(
-            f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "
-            f"turtlebot-gym export {name} --allow-pickle"
+            f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: `turtlebot-gym export` of a "
+            "training by this package, or export(model, ...) in Python."
         )
     if not all(name.partition(":")):
         names = (*POLICIES, *sorted(path.stem for path in pretrained_folder().glob("*.onnx")))
