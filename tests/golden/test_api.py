@@ -14,6 +14,7 @@ STORED = json.loads((Path(__file__).parent / "api.json").read_text())
 GONE = {
     "exports.turtlebot_gym.World",
     "commands.export.--vec-normalize",
+    "commands.train.--seconds",
     *(f"commands.replay.--columns.{name}" for name in ("time", "v", "omega", "x", "y", "theta")),
 }
 """What has gone on purpose."""

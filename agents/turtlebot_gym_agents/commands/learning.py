@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields
@@ -95,8 +94,6 @@ class Train(Placement, _LearningOptions):
     until: Annotated[str | None, tyro.conf.arg(metavar="success=SHARE")] = None
     """Stop when an evaluation during training reaches this, success=SHARE or return=VALUE. Its --episodes are the same ones
     each time, and `evaluate` drives other ones. Schedules follow --steps."""
-    seconds: float | None = None
-    """Stop after this wall time, s, by which schedules end; imports, last evaluation and export are not in it."""
     resume: bool = False
     """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
     watch: bool = False
@@ -121,9 +118,8 @@ class Train(Placement, _LearningOptions):
                 remark = "continues in new episodes: its policy will not be that of an uninterrupted training"
                 print(f"turtlebot-gym: {folder} {remark}.", file=sys.stderr)
         config = self.training()
-        with _loading(config) as compiled:
+        with _loading(config):
             trainer()
-        start = {"start and imports": time.process_time() - compiled[0], "compiled loops": compiled[0]}
         if self.spread:
             results = self._spread(config, folders, runner)
             trained = Training(config=config, folders=folders, results=dict(zip(folders, results, strict=True)))
@@ -132,16 +128,9 @@ class Train(Placement, _LearningOptions):
             trained = train(config, self.out, seeds=self.seeds, **more)
         title = ", ".join([self.env, self.algo, *self.described(), "the best model on the evaluation's seeds"])
         print_tables(*trained.tables(title=title))
-        content = trained.content()[0]
-        if not self.spread:
-            results = trained.results.values()
-            phases = dict.fromkeys(phase for result in results for phase in result.cpu)
-            cpu = start | {phase: sum(result.cpu.get(phase, 0.0) for result in results) for phase in phases}
-            content = {**content, "cpu": cpu}
-            print(f"CPU seconds: {', '.join(f'{seconds:.1f} {phase}' for phase, seconds in cpu.items())}.")
         if ends := trained.ends():
             print(ends)
-        self.report(content)
+        self.report(trained.content()[0])
         if self.plot is not None:
             from turtlebot_gym_agents.figures import learning_figure
 
@@ -232,12 +221,8 @@ class Tune(Placement, _LearningOptions):
 
 
 @contextmanager
-def _loading(config: TrainingConfig) -> Iterator[list[float]]:
-    """Load a training's compiled loops in a second thread during this block, which imports torch.
-
-    Yields a list that then holds the thread's CPU seconds.
-    """
-    spent: list[float] = []
+def _loading(config: TrainingConfig) -> Iterator[None]:
+    """Load a training's compiled loops in a second thread during this block, which imports torch."""
 
     def load() -> None:
         import numpy as np
@@ -250,12 +235,11 @@ def _loading(config: TrainingConfig) -> Iterator[list[float]]:
             envs.reset(seed=0)
             envs.step(np.zeros((1, 2), np.float32))
             envs.close()
-        spent.append(time.thread_time())
 
     beside = threading.Thread(target=load)
     beside.start()
     try:
-        yield spent
+        yield
     finally:
         beside.join()
 

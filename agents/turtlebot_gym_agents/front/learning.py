@@ -137,7 +137,7 @@ class Training(Result):
         runs, times = [], []
         for (seed, result), folder in zip(self.results.items(), self.folders.values(), strict=True):
             facts = asdict(result)
-            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second", "cpu")}})
+            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second")}})
             runs.append({"seed": seed, "folder": folder, **facts})
         return {"runs": runs, "times": times}, self.config.settings()
 

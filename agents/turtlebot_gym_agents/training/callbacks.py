@@ -33,7 +33,6 @@ from turtlebot_gym_agents.training.history import read_history
 from turtlebot_gym_agents.training.judging import Judged, judge
 from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
-from turtlebot_gym_agents.training.timing import Stopwatch
 
 EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
@@ -93,12 +92,11 @@ class CheckpointCallback(Callback):
     Args:
         path: The file, replaced atomically. The replay buffer is beside it, see `model.replay_path`.
         seconds: Least time between two checkpoints, see `Callback`.
-        watch: Charges them to the phase "files".
     """
 
-    def __init__(self, path: Path, *, seconds: float = 5.0, watch: Stopwatch | None = None) -> None:
+    def __init__(self, path: Path, *, seconds: float = 5.0) -> None:
         super().__init__(seconds=seconds)
-        self._path, self._saved, self._watch = path, 0, watch or Stopwatch()
+        self._path, self._saved = path, 0
 
     def _on_training_start(self) -> None:
         self._wait_after(time.monotonic())
@@ -113,8 +111,7 @@ class CheckpointCallback(Callback):
 
     def save(self) -> None:
         begun = time.monotonic()
-        with self._watch.phase("files"):
-            save_checkpoint(self.model, self._path)
+        save_checkpoint(self.model, self._path)
         self._saved = self.num_timesteps
         self._wait_after(begun)
 
@@ -134,7 +131,6 @@ class EvaluationCallback(BaseCallback):
         seed: First seed of the evaluation.
         go_on: Called with the figures; the training stops if it returns false.
         confirm: Whether it stops only if ``go_on`` also returns false for the figures of all seeds.
-        watch: Charges them to the phase "evaluations".
     """
 
     def __init__(
@@ -148,10 +144,9 @@ class EvaluationCallback(BaseCallback):
         seed: int = EVALUATION_SEED,
         go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
         confirm: bool = False,
-        watch: Stopwatch | None = None,
     ) -> None:
         super().__init__()
-        self._watch, self._confirm = watch or Stopwatch(), confirm
+        self._confirm = confirm
         self._envs, self._every, self._path, self._seed, self._go_on = envs, every, path, seed, go_on
         self._episodes = envs.num_envs if episodes is None else episodes
         self._next, self._kept, self._most = every, history, -np.inf
@@ -221,8 +216,7 @@ class EvaluationCallback(BaseCallback):
                 save_model(self.model, self._path)
 
     def _judge(self, episodes: int) -> Judged:
-        with self._watch.phase("evaluations"):
-            return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
+        return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
 
     def _figures(self, judged: Judged) -> dict[str, float]:
         return {"steps": float(self.model.num_timesteps), **judged.figures()}
@@ -235,12 +229,11 @@ class RecordCallback(Callback):
         config: Configuration of the training.
         folder: Folder of the run; the best model is in its ``best.zip``.
         judge: The evaluation, an earlier one of the callbacks: it determines the best model.
-        watch: Charges the bundle to the phase "export".
     """
 
-    def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback, watch: Stopwatch) -> None:
+    def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback) -> None:
         super().__init__()
-        self._config, self._folder, self._judge, self._watch = config, folder, judge, watch
+        self._config, self._folder, self._judge = config, folder, judge
         self._begun = time.monotonic()
 
     def _on_training_start(self) -> None:
@@ -251,7 +244,7 @@ class RecordCallback(Callback):
     def _on_training_end(self) -> None:
         seconds = round(time.monotonic() - self._begun, 1)
         about = {**self._record, "steps": self.num_timesteps, "seconds": seconds, "evaluation": self._judge.best}
-        with self._watch.phase("export"), weights_of(self.model, self._folder / "best.zip"):
+        with weights_of(self.model, self._folder / "best.zip"):
             card = self._config.card(self._judge.parameters, about)
             options = {"vec_normalize": "none", "card": card, "steps": CHECKED, **self._config.options}
             export(self.model, self._folder / "policy.onnx", env=self._config.env, **options)

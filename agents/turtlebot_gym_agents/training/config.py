@@ -35,7 +35,7 @@ ROWS = 128
 """Most environments of an evaluation."""
 _RANDOMIZED = ("speed_error", "turn_error", "veer")
 """Fields that ``randomize`` reads."""
-_FREE = ("steps", "until", "seconds", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
+_FREE = ("steps", "until", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
 """Fields that may differ when a run is resumed; the contents of the file ``config`` may not."""
 
 
@@ -71,8 +71,6 @@ class TrainingConfig(Options):
     until: str | None = None
     """Stop when an evaluation during training reaches this, success=SHARE or return=VALUE: of ``episodes`` episodes, the same
     ones each time, which `evaluate` does not drive. Schedules follow ``steps``."""
-    seconds: Annotated[float | None, Range(0.0, 1e9, open_low=True)] = None
-    """Stop after this wall time, s, by which schedules end; imports, last evaluation and export are not in it."""
     config: Path | Mapping[str, Any] | None = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package; in Python also a
     mapping."""

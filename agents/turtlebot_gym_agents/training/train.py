@@ -35,7 +35,6 @@ from turtlebot_gym_agents.training.cloning import begin_with
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 from turtlebot_gym_agents.training.history import NAME
 from turtlebot_gym_agents.training.model import make_model
-from turtlebot_gym_agents.training.timing import Stopwatch, StopwatchCallback, TimeLimitCallback
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +52,7 @@ class TrainingResult:
     history: list[dict[str, float]] = field(default_factory=list)
     """Figures of all evaluations of the run, with those before an interruption."""
     stopped: str | None = None
-    """What ended the training before its number of steps: "until", "seconds" or nothing."""
-    cpu: Mapping[str, float] = field(default_factory=dict)
-    """CPU seconds of this call by phase: setup, rollouts, updates, evaluations, files and export."""
+    """What ended the training before its number of steps: "until" or nothing."""
 
 
 def train(
@@ -82,7 +79,7 @@ def train(
         ValueError: If the device is missing, or the folder holds a run and ``resume`` is not set, or a run of another
             configuration.
     """
-    start, folder, watch = time.perf_counter(), Path(folder), Stopwatch()
+    start, folder = time.perf_counter(), Path(folder)
     checkpoint = folder / "checkpoint.zip"
     begun = checkpoint if checkpoint.exists() else None
     if not resume:
@@ -92,7 +89,6 @@ def train(
     written = folder / "result.json"
     reached = begun is not None and written.is_file() and config.reached(load(written)["best"])
     bar = ProgressCallback(config.total, label=config.title)
-    limit = None if config.seconds is None else TimeLimitCallback(config.seconds)
     with closing(config.make_training()) as envs, closing(config.make_judging()) as judges:
         judge = EvaluationCallback(
             judges,
@@ -102,14 +98,13 @@ def train(
             episodes=config.episodes,
             go_on=lambda figures: not config.reached(figures),
             confirm=True,
-            watch=watch,
         )
-        saver = CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds, watch=watch)
-        watching = [*([bar] if progress else []), *callbacks, *([limit] if limit else [])]
+        saver = CheckpointCallback(checkpoint, seconds=config.checkpoint_seconds)
+        watching = [*([bar] if progress else []), *callbacks]
         try:
             # A finished run has nothing left to learn, but the callbacks restore its best model.
-            recorder = RecordCallback(config, folder, judge, watch)
-            observers = [StopwatchCallback(watch), judge, saver, RewardCallback(), *watching, recorder]
+            recorder = RecordCallback(config, folder, judge)
+            observers = [judge, saver, RewardCallback(), *watching, recorder]
             model = learn(config, envs, observers, tensorboard=folder / "tensorboard", checkpoint=begun, finished=reached)
         finally:
             bar.stop()
@@ -120,8 +115,7 @@ def train(
         steps_per_second=(model.num_timesteps - judge.begun) / seconds,
         best=judge.best,
         history=judge.history,
-        stopped="until" if reached or judge.stopped else "seconds" if limit and limit.stopped else None,
-        cpu=watch.seconds(),
+        stopped="until" if reached or judge.stopped else None,
     )
     replace_json(written, asdict(result))
     return result
