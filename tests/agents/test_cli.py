@@ -212,7 +212,7 @@ def test_a_command_takes_a_count_with_an_exponent(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["train", "--out", "run"], "The same command with --resume continues from the last checkpoint in run."),
+        (["train", "--out", "run"], ""),
         (["train", "--out", "run", "--cluster", "local"], "The same command continues: finished trainings are in run."),
         (["evaluate"], "Nothing was kept; a study keeps what is finished: turtlebot-gym study FILE.yaml."),
         (["study", "study.yaml", "--out", "run"], "The same command continues: finished jobs are in run."),
@@ -252,7 +252,7 @@ def test_weights_and_biases_gets_the_configuration_and_reads_tensorboards_curves
     monkeypatch.setitem(sys.modules, "wandb", SimpleNamespace(init=init))
     assert main([*short, "--out", str(tmp_path / "run")]) == 0
     (options,) = begun
-    assert options.items() >= {"project": "mine", "dir": tmp_path / "run", "resume": "auto", "sync_tensorboard": True}.items()
+    assert options.items() >= {"project": "mine", "dir": tmp_path / "run", "sync_tensorboard": True}.items()
     recorded = json.loads((tmp_path / "run" / "config.json").read_text())
     assert options["config"].items() <= recorded.items()
     monkeypatch.setitem(sys.modules, "wandb", None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -87,15 +86,11 @@ class Train(Placement, _LearningOptions):
 
     out: Annotated[Path, FOLDER] = Path(RUN)
     """Folder of the run; each of several seeds has a folder seed-N in it."""
-    checkpoint_seconds: float = 5.0
-    """Least time between two checkpoints, s."""
     seeds: int = SEEDS
     """Number of seeds to train."""
     until: Annotated[str | None, tyro.conf.arg(metavar="success=SHARE")] = None
     """Stop when an evaluation during training reaches this, success=SHARE or return=VALUE. Its --episodes are the same ones
     each time, and `evaluate` drives other ones. Schedules follow --steps."""
-    resume: bool = False
-    """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
     watch: bool = False
     """Show the current policy in a browser every few seconds, at localhost:5006; needs the extra [view]."""
     plot: FigureFile = None
@@ -111,12 +106,8 @@ class Train(Placement, _LearningOptions):
         for name in ("wandb", "watch"):
             if getattr(self, name) and self.spread:
                 raise ValueError(f"{name} follows trainings in this process: leave out --cluster.")
-        for folder in folders.values() if not (self.resume or self.spread) else ():
+        for folder in folders.values() if not self.spread else ():
             require_no_run(folder)
-        for folder in folders.values() if self.resume else ():
-            if (folder / "checkpoint.zip").exists() and not (folder / "policy.onnx").exists():
-                remark = "continues in new episodes: its policy will not be that of an uninterrupted training"
-                print(f"turtlebot-gym: {folder} {remark}.", file=sys.stderr)
         config = self.training()
         with _loading(config):
             trainer()
@@ -124,7 +115,7 @@ class Train(Placement, _LearningOptions):
             results = self._spread(config, folders, runner)
             trained = Training(config=config, folders=folders, results=dict(zip(folders, results, strict=True)))
         else:
-            more = {"resume": self.resume, "callbacks": self._callbacks, "within": self._tracked}
+            more = {"callbacks": self._callbacks, "within": self._tracked}
             trained = train(config, self.out, seeds=self.seeds, **more)
         title = ", ".join([self.env, self.algo, *self.described(), "the best model on the evaluation's seeds"])
         print_tables(*trained.tables(title=title))
@@ -139,15 +130,13 @@ class Train(Placement, _LearningOptions):
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
-        if self.spread:
-            return f"The same command continues: finished trainings are in {self.out}."
-        return f"The same command with --resume continues from the last checkpoint in {self.out}."
+        return f"The same command continues: finished trainings are in {self.out}." if self.spread else ""
 
     def _spread(self, config: TrainingConfig, folders: dict[int, Path], runner: Run) -> list[TrainingResult]:
         from turtlebot_gym_agents.cluster.trainings import train_seeds
 
-        if self.resume or self.seeds == 1:
-            raise ValueError("cluster trains several seeds at once, from their beginning: add --seeds, leave out --resume.")
+        if self.seeds == 1:
+            raise ValueError("cluster trains several seeds at once: add --seeds.")
         with progress(self.seeds) as advance_to:
             return train_seeds(config, folders, run=runner, progress=advance_to)
 
@@ -164,9 +153,7 @@ class Train(Placement, _LearningOptions):
         with needs("wandb"):
             import wandb  # pyright: ignore[reportMissingImports]
         folder.mkdir(parents=True, exist_ok=True)
-        return wandb.init(
-            project=self.wandb, name=config.title, dir=folder, config=config.record(), resume="auto", sync_tensorboard=True
-        )
+        return wandb.init(project=self.wandb, name=config.title, dir=folder, config=config.record(), sync_tensorboard=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Callbacks for training with Stable-Baselines3: progress, evaluation on separate seeds, checkpoints that survive a kill.
+"""Callbacks for training with Stable-Baselines3: progress, evaluation on separate seeds, and the files of a run.
 
 They do not depend on the command line: scripts can pass them to ``model.learn(callback=[...])``.
 """
@@ -29,9 +29,8 @@ from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
-from turtlebot_gym_agents.training.history import read_history
 from turtlebot_gym_agents.training.judging import Judged, judge
-from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
+from turtlebot_gym_agents.training.model import save_model, weights_of
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 EVALUATION_SEED = 2**40
@@ -86,36 +85,6 @@ class Callback(BaseCallback):
         self._due = now + max(self._seconds, 20.0 * (now - begun))
 
 
-class CheckpointCallback(Callback):
-    """Save the model at intervals and at the end, including the replay buffer of algorithms that have one.
-
-    Args:
-        path: The file, replaced atomically. The replay buffer is beside it, see `model.replay_path`.
-        seconds: Least time between two checkpoints, see `Callback`.
-    """
-
-    def __init__(self, path: Path, *, seconds: float = 5.0) -> None:
-        super().__init__(seconds=seconds)
-        self._path, self._saved = path, 0
-
-    def _on_training_start(self) -> None:
-        self._wait_after(time.monotonic())
-        self._saved = self.num_timesteps
-
-    def _on_rollout_start(self) -> None:
-        if time.monotonic() >= self._due and self.num_timesteps > self._saved:
-            self.save()
-
-    def _on_training_end(self) -> None:
-        self.save()
-
-    def save(self) -> None:
-        begun = time.monotonic()
-        save_checkpoint(self.model, self._path)
-        self._saved = self.num_timesteps
-        self._wait_after(begun)
-
-
 class EvaluationCallback(BaseCallback):
     """Evaluate the deterministic policy on separate seeds, during training and at its end; keep the best model, and log.
 
@@ -125,9 +94,7 @@ class EvaluationCallback(BaseCallback):
         envs: Vector environment in the mode SAME_STEP, not the training's.
         every: Steps between evaluations.
         episodes: Number of seeds; None for as many as environments.
-        path: File of the model with the highest mean return; None to keep none. A resumed training keeps the existing file
-            until there is a better model.
-        history: File of all evaluations' figures, which a resumed training continues; None for none.
+        path: File of the model with the highest mean return; None to keep none.
         seed: First seed of the evaluation.
         go_on: Called with the figures; the training stops if it returns false.
         confirm: Whether it stops only if ``go_on`` also returns false for the figures of all seeds.
@@ -140,7 +107,6 @@ class EvaluationCallback(BaseCallback):
         every: int,
         episodes: int | None = None,
         path: Path | None = None,
-        history: Path | None = None,
         seed: int = EVALUATION_SEED,
         go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
         confirm: bool = False,
@@ -149,25 +115,16 @@ class EvaluationCallback(BaseCallback):
         self._confirm = confirm
         self._envs, self._every, self._path, self._seed, self._go_on = envs, every, path, seed, go_on
         self._episodes = envs.num_envs if episodes is None else episodes
-        self._next, self._kept, self._most = every, history, -np.inf
+        self._next, self._most = every, -np.inf
         self.stopped = False
         """Whether `go_on` has ended the training."""
         self.best: dict[str, float] = {"return": -np.inf}
         """Figures of the best model, with its number of training steps."""
         self.history: list[dict[str, float]] = []
-        """Figures of all evaluations, with those before an interruption where they are written."""
-        self.begun = 0
-        """Number of training steps at the beginning, more than 0 for a resumed training."""
+        """Figures of all evaluations."""
 
     def _on_training_start(self) -> None:
-        self._next, self.begun = self.num_timesteps + self._every, self.num_timesteps
-        if self.num_timesteps > 0 and self._path is not None and self._path.is_file():
-            # The same seeds reproduce the figures, so they need no file, which a kill could leave out of step with the model.
-            with weights_of(self.model, self._path):
-                self.best = self._figures(self._judge(INTERIM))
-            self._most = self.best["return"]
-        if self.num_timesteps > 0 and self._kept is not None and self._kept.is_file():
-            self.history = read_history(self._kept.parent, steps=self.num_timesteps)
+        self._next = self.num_timesteps + self._every
 
     def _on_step(self) -> bool:
         return not self.stopped
@@ -193,8 +150,6 @@ class EvaluationCallback(BaseCallback):
         judged = self._judge(episodes)
         reached = self._figures(judged)
         self.history = [*(row for row in self.history if row["steps"] < reached["steps"]), reached]
-        if self._kept is not None:
-            replace_json(self._kept, self.history)
         for name, value in reached.items():
             self.logger.record(f"eval/{name}", value)
         self._keep_best(judged, reached)

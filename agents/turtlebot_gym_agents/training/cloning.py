@@ -41,14 +41,13 @@ WARM_UP = 0.1
 """Share of the training's steps in which only the critic learns."""
 
 
-def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *, is_new: bool) -> BaseCallback:
+def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig) -> BaseCallback:
     """Let a training begin with the policy of its configuration, and return the callback that it needs.
 
     Args:
         model: The model.
         envs: The training's environments.
         config: Configuration of the training, which names a policy.
-        is_new: Whether the model is new; a checkpoint already holds the clone.
 
     Raises:
         ValueError: If the policy was made for another robot, rate or observation.
@@ -60,8 +59,7 @@ def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *,
     require_terms(policy, config.from_policy, config.env)
     terms: Any = getattr(envs.unwrapped, "observation_terms")  # noqa: B009  # Gymnasium's type does not have it
     policy = shown(policy, config.from_policy, terms)
-    if is_new:
-        clone(model, envs, policy, seed=CLONING_SEED + config.seed)
+    clone(model, envs, policy, seed=CLONING_SEED + config.seed)
     return _WarmUpCallback(round(WARM_UP * config.total))
 
 
