@@ -40,7 +40,8 @@ demo: $(READY)  ## drive a noisy TurtleBot on an EKF's estimate, train a policy,
 	else echo "There is no recorded drive in $(DATA): the replay is left out."; fi
 	$(RUN)turtlebot-gym evaluate --policy proportional bearing ppo-nav --noise tutorial documented \
 		--json $(OUT)/nav.json --plot $(OUT)/nav.png --force
-	$(RUN)turtlebot-gym train --env $(SQUARE) --out $(OUT)/square --resume --plot $(OUT)/learning.png --force
+	[ -f $(OUT)/square/policy.onnx ] || \
+		{ rm -rf $(OUT)/square; $(RUN)turtlebot-gym train --env $(SQUARE) --out $(OUT)/square --plot $(OUT)/learning.png --force; }
 	$(RUN)turtlebot-gym evaluate --env $(SQUARE) --policy bearing $(OUT)/square/policy.onnx
 	$(RUN)python -m turtlebot_gym_ros bringup --policy $(OUT)/square/policy.onnx --duration 40 --figure $(OUT)/graph.png --force
 	$(RUN)turtlebot-gym watch --env turtlebot_gym/TurtleBotRooms-v0 --world office --policy vfh ppo-rooms --seed 1 \

@@ -77,8 +77,6 @@ class Config:
     policy: tuple[str, ...] = (
         "bearing",
         "bearing+safety",
-        "gap",
-        "dwa",
         "vfh",
         "vfh+safety",
         "planner",

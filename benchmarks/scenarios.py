@@ -12,6 +12,7 @@ from functools import partial
 from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 from unittest.mock import patch
 
@@ -114,7 +115,8 @@ def trained(folder: Path, seed: int, steps: int | None, **options: Any) -> Path:
     """Return the folder of a training, which is run if missing; the options are those of `TrainingConfig`."""
     run = folder / f"ppo-{slug(**options)}-{seed}"
     if not (run / "policy.onnx").exists():
-        train(TrainingConfig(steps=steps, seed=seed, **options), run, resume=True, progress=False)
+        rmtree(run, ignore_errors=True)  # of an interrupted training
+        train(TrainingConfig(steps=steps, seed=seed, **options), run, progress=False)
     return run
 
 

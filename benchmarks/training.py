@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -55,8 +55,6 @@ RECIPES = {
     "Rooms, from vfh": Recipe(("--from", "vfh", "--steps", ROOMS), "rooms", "vfh"),
 }
 """Trainings by name; "limit" is `limit.py`."""
-IMPORTS, COMPILE, LEARNING = ("imports", "start and imports"), ("compile", "compiled loops"), ("setup", "rollouts", "updates")
-"""Phases of a training, whose remainder are evaluations and files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,13 +73,6 @@ class Config(Study):
     """File of the finished trainings, with which a repeated command goes on."""
 
 
-def phases(cpu: Mapping[str, float]) -> dict[str, float]:
-    """Return the CPU seconds of imports, compiled loops, learning and the rest."""
-    parts = {"imports": IMPORTS, "compile": COMPILE, "learning": LEARNING}
-    spent = {name: sum(cpu.get(phase, 0.0) for phase in part) for name, part in parts.items()}
-    return {**spent, "rest": sum(cpu.values()) - sum(spent.values()), "total": sum(cpu.values())}
-
-
 @cache
 def baseline(env: str, policy: str, episodes: int) -> Any:
     """Return the evaluation of a baseline."""
@@ -93,7 +84,7 @@ def limit(seed: int, rollouts: int) -> dict[str, Any]:
     command = [sys.executable, str(HERE / "benchmarks" / "limit.py"), str(seed), str(rollouts)]
     done = subprocess.run(command, env=environment_of(HERE), check=True, capture_output=True, text=True)
     result = json.loads(done.stdout)
-    return {**result, "cpu": phases(result["cpu"])}
+    return {**result, "cpu": sum(result["cpu"].values())}
 
 
 def ours(recipe: Recipe, seed: int, episodes: int) -> dict[str, Any]:
@@ -102,14 +93,17 @@ def ours(recipe: Recipe, seed: int, episodes: int) -> dict[str, Any]:
         written, out = Path(folder, "result.json"), Path(folder, "run")
         command = [sys.executable, "-m", "turtlebot_gym_agents", "train", "--env", recipe.env, *recipe.arguments]
         command += ["--seed", str(seed), "--out", str(out), "--json", str(written)]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(command, env=environment_of(HERE), check=True, capture_output=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
         result = json.loads(written.read_text(encoding="utf-8"))
         driven = evaluate(out / "policy.onnx", env=recipe.env, episodes=episodes, seed=UNSEEN)
     other = baseline(recipe.env, recipe.baseline, episodes)
     both = driven["success"] & other["success"]
     ratio = float(np.mean(driven["time"][both]) / np.mean(other["time"][both]))
     success = float(np.mean(driven["success"]))
-    return {"steps": result["runs"][0]["steps"], "cpu": phases(result["cpu"]), "success": success, "time": ratio}
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {"steps": result["runs"][0]["steps"], "cpu": cpu, "success": success, "time": ratio}
 
 
 def trained(seed: int, name: str, episodes: int, rollouts: int) -> dict[str, Any]:
@@ -124,18 +118,18 @@ def measure(config: Config) -> tuple[dict[str, Any], list[Table]]:
     units = [(seed, name, config.episodes, config.rollouts) for seed in range(config.seeds) for name in config.only]
     pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
     done = list(each(finished(trained, units, config.kept, about, pool), "trainings", len(units)))
-    table = Table("training", "steps", "imports", "compiled loops", "learning", "rest", "CPU s", "success", "time")
-    limits = {run["seed"]: run["cpu"]["total"] for run in done if run["name"] == "limit"}
+    table = Table("training", "steps", "CPU s", "success", "time")
+    limits = {run["seed"]: run["cpu"] for run in done if run["name"] == "limit"}
     rows: dict[str, dict[str, Any]] = {}
     for name in config.only:
         runs = [run for run in done if run["name"] == name]
-        spent = {phase: median(run["cpu"][phase] for run in runs) for phase in runs[0]["cpu"]}
+        spent = median(run["cpu"] for run in runs)
         worst = {"success": min(run["success"] for run in runs)}
         worst |= {"time": max(run["time"] for run in runs)} if "time" in runs[0] else {}
-        rows[name] = {"trainings": len(runs), "steps": runs[0]["steps"], **spent, **worst}
-        rows[name]["ratio"] = median(run["cpu"]["total"] / limits[run["seed"]] for run in runs) if limits else None
-        seconds = (f"{spent[phase]:.2f}" for phase in ("imports", "compile", "learning", "rest", "total"))
-        table.add_row(name, f"{runs[0]['steps']:,}", *seconds, f"{worst['success']:.1%}", f"{worst.get('time', np.nan):.3f}")
+        rows[name] = {"trainings": len(runs), "steps": runs[0]["steps"], "total": spent, **worst}
+        rows[name]["ratio"] = median(run["cpu"] / limits[run["seed"]] for run in runs) if limits else None
+        shown = f"{runs[0]['steps']:,}", f"{spent:.2f}", f"{worst['success']:.1%}", f"{worst.get('time', np.nan):.3f}"
+        table.add_row(name, *shown)
     return {"machine": {**begun, "load_after": os.getloadavg()[0]}, "recipes": rows}, [table]
 
 

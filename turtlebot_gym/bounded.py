@@ -23,19 +23,18 @@ _EXHAUSTED = re.compile("bad_alloc|(unable|failed) to allocate|out of memory|Mem
 T = TypeVar("T")
 
 
-def bounded(call: Callable[[], T], path: str | Path, *, size: int = 0, again: bool = False) -> T:
+def bounded(call: Callable[[], T], path: str | Path, *, size: int = 0) -> T:
     """Return what a call returns, which must be picklable.
 
     Args:
         call: Reads a file.
         path: The file, for the message.
         size: Its size, bytes.
-        again: Whether the call is made in this process afterwards, so that each may take half of the time.
 
     Raises:
         ValueError: If the call takes more time or memory than a file may.
     """
-    seconds = max(SECONDS, size // RATE) // (2 if again else 1)
+    seconds = max(SECONDS, size // RATE)
     receiver, sender = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of other threads, whose locks the copy does not take

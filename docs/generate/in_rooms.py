@@ -21,7 +21,7 @@ def worlds():
 
 def policies():
     """Return successes and collisions by policy in two worlds."""
-    names = ("bearing", "gap", "dwa", "vfh", "ppo-rooms", "ppo, 3 trainings", "ppo-rooms+safety", "planner+safety", "oracle")
+    names = ("bearing", "vfh", "ppo-rooms", "ppo, 3 trainings", "ppo-rooms+safety", "planner+safety", "oracle")
     panels = [
         Panel(label, [series(rooms(), world, names, "policy", part, setting=world) for world in ("dense", "office")], 100.0)
         for label, part in (("goals reached (%)", "success"), ("drives that collide (%)", "collision"))

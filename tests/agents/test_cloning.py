@@ -12,7 +12,7 @@ from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.judging import judge
 from turtlebot_gym_agents.training.model import make_model
-from turtlebot_gym_agents.training.train import learn, train
+from turtlebot_gym_agents.training.train import learn
 
 HYPER = {"n_envs": 128, "n_timesteps": 2048, "policy": "MlpPolicy", "n_steps": 16, "batch_size": 1024, "n_epochs": 1}
 HYPER |= {"policy_kwargs": {"net_arch": [64, 64], "activation_fn": "ReLU", "log_std_init": -0.5}}
@@ -26,7 +26,7 @@ def made(config=small):
 
 def test_the_network_drives_like_its_teacher_in_the_states_that_it_reaches():
     (model, envs), teacher, judges = made(), make_policy("bearing"), small.make(200)
-    cloning.begin_with(model, envs, small, is_new=True)
+    cloning.begin_with(model, envs, small)
     act = policy_of(model)
     reached, of_teacher = (judge(judges, policy, seed=EVALUATION_SEED, episodes=200).figures() for policy in (act, teacher))
     assert reached["success"] >= of_teacher["success"] - 0.05
@@ -46,13 +46,6 @@ def test_actions_learn_after_the_critic(monkeypatch, share, learns):
     actor = {name for name in after if "policy_net" in name or "action_net" in name or name == "log_std"}
     assert {name for name in after if "value" in name} <= changed
     assert actor & changed == (actor if learns else set())
-
-
-def test_a_resumed_training_does_not_begin_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(cloning, "ROUNDS", 1)
-    first = train(small, tmp_path, progress=False)
-    monkeypatch.setattr(cloning, "clone", lambda *arguments, **others: pytest.fail("cloned again"))
-    assert train(replace(small, steps=2 * first.steps), tmp_path, progress=False, resume=True).steps > first.steps
 
 
 @pytest.mark.parametrize(

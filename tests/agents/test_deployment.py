@@ -310,13 +310,14 @@ class TestTheFilterInside:
             Deployment("bearing", filter=tuning)
 
 
-def test_with_a_margin_a_policy_that_sees_drives_within_a_safety_layer():
+def test_with_a_margin_a_policy_that_sees_drives_within_a_safety_layer(tmp_path):
     """Towards a wall 0.25 m ahead of the LiDAR: without a layer, with a small margin, and with a large one, where it creeps."""
     angles = 2.0 * math.pi * np.arange(360) / 360.0
     with np.errstate(divide="ignore"):
         wall = np.where(np.cos(angles) > 0.05, 0.25 / np.cos(angles), np.inf).astype(np.float32)
     scan = Scan(wall, 0.0, 2.0 * math.pi / 360.0, 0.12, 3.5)
-    drives = [Deployment("dwa", safety_margin=margin) for margin in (0.0, 0.02, 0.15)]
+    (tmp_path / "bold.yaml").write_text("{policy: vfh, caution: 0.1, margin: 0.0, sight: 0.1}")
+    drives = [Deployment(str(tmp_path / "bold.yaml"), safety_margin=margin) for margin in (0.0, 0.02, 0.15)]
     speeds = [drive.act((0.0, 0.0, 0.0), np.zeros(3), (0.0, 0.0), scan, (0.3, 0.0, 0.0)).v for drive in drives]
     assert speeds[0] >= speeds[1] > NEARER / SafetyLayer.reserve > speeds[2]
     assert (

@@ -3,18 +3,16 @@
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import DDPG, PPO, TD3
+from stable_baselines3 import PPO
 
 from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, bounds_of
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training import export as module
-from turtlebot_gym_agents.training import layers, normalization
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.files import load_model
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.network import TOLERANCE
-from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 SHORT = {
     "ppo": {"n_steps": 32, "batch_size": 256, "n_epochs": 2, "learning_rate": 0.003},
@@ -53,24 +51,11 @@ def test_bundle_equals_model_on_10000_observations(model, tmp_path):
     assert [file.name for file in path.parent.iterdir()] == ["policy.onnx"]
 
 
-@pytest.mark.sample(2)
-def test_a_saved_model_is_loaded_as_what_it_is(model, tmp_path):
-    model.save(tmp_path / "model.zip")
-    loaded = load_model(tmp_path / "model.zip", allow_pickle=True)
-    assert type(loaded) is {DDPG: TD3}.get(type(model), type(model))  # for acting, the two are the same
-    observations = np.random.default_rng(0).uniform(*bounds_of(OPEN_GROUND), (50, 13)).astype(np.float32)
-    expected, _ = model.predict(observations, deterministic=True)
-    np.testing.assert_array_equal(loaded.predict(observations, deterministic=True)[0], expected)
-
-
-@pytest.mark.parametrize("wrong", ["activation", "shift"])
-def test_a_bundle_that_acts_differently_is_not_written(tmp_path, monkeypatch, wrong):
-    model = untrained()
-    changed = {
-        "activation": (torch.nn.Tanh, lambda graph, layer: graph.add("Relu")),
-        "shift": (normalization.NormalizedObservation, lambda graph, layer: graph.add("Div", layer.std)),
-    }[wrong]
-    monkeypatch.setitem(layers._WRITERS, *changed)
+def test_a_bundle_that_acts_differently_is_not_written(tmp_path, monkeypatch):
+    right, model = module.program_of, untrained()
+    half = torch.nn.Linear(2, 2, bias=False)
+    half.weight.data = 0.5 * torch.eye(2)
+    monkeypatch.setattr(module, "program_of", lambda network, *sizes: right(torch.nn.Sequential(network, half), *sizes))
     (tmp_path / "policy.onnx").write_text("the old one")
     with pytest.raises(RuntimeError, match="differ from the network's"):
         export(model, tmp_path / "policy.onnx", steps=20)
@@ -89,47 +74,18 @@ def untrained(env=TrainingConfig.env, options=None, **network):
     return model
 
 
-def without_torchs_exporter(monkeypatch):
-    monkeypatch.setattr(module, "program_of", lambda *_: pytest.fail("the graph was not written directly"))
-
-
-@pytest.mark.nightly
-def test_the_graph_is_that_of_torchs_exporter(tmp_path, monkeypatch):
-    model, seen = untrained(activation_fn="ReLU", net_arch=[32, 16, 8]), np.random.default_rng(3).normal(size=(5000, 13))
-    with monkeypatch.context() as patch:
-        without_torchs_exporter(patch)
-        export(model, tmp_path / "ours.onnx", steps=20)
-    monkeypatch.setattr(layers, "graph_of", lambda layers, size: None)
-    export(model, tmp_path / "torchs.onnx", steps=20)
-    ours, torchs = (BundlePolicy(tmp_path / f"{exporter}.onnx")(seen) for exporter in ("ours", "torchs"))
-    np.testing.assert_array_equal(ours, torchs)
-    assert ours.std() > 0.01
-
-
 def test_files_that_are_no_models_and_models_of_other_sizes_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"must have actions \(2,\)"):
         export(PPO("MlpPolicy", "Pendulum-v1", device="cpu"), tmp_path / "policy.onnx", env=TrainingConfig.env)
     for content in (b"", b"no zip at all"):
         (tmp_path / "model.zip").write_bytes(content)
         with pytest.raises(ValueError, match=r"model\.zip is not a model"):
-            load_model(tmp_path / "model.zip", allow_pickle=True)
-
-
-@pytest.mark.nightly
-def test_only_layers_of_other_kinds_are_left_to_torchs_exporter(tmp_path, monkeypatch):
-    model = untrained(activation_fn="ELU")
-    assert export(model, tmp_path / "policy.onnx", steps=20) <= TOLERANCE
-    without_torchs_exporter(monkeypatch)
-    with pytest.raises(pytest.fail.Exception):
-        export(model, tmp_path / "policy.onnx", steps=20)
-    plain = PPO("MlpPolicy", Sb3VecEnv(TrainingConfig().make(8)), n_steps=8, device="cpu", seed=0)  # without normalization
-    assert export(plain, tmp_path / "policy.onnx", steps=20) <= TOLERANCE
+            load_model(tmp_path / "model.zip", "ppo", allow_pickle=True)
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("terms", [ROOM, LOCATED_ROOM])
-def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, monkeypatch, terms):
-    without_torchs_exporter(monkeypatch)
+def test_ranges_of_a_room_are_written_as_logarithms(tmp_path, terms):
     room, located = "turtlebot_gym/TurtleBotRooms-v0", {"noise": "wheel", "localizer": "match", "observation": "located"}
     model = untrained(room, located if terms == LOCATED_ROOM else {})
     assert export(model, tmp_path / "policy.onnx", steps=20) <= TOLERANCE

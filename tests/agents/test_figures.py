@@ -129,11 +129,11 @@ def test_a_learning_curve_is_the_mean_of_seeds_with_its_interval(axes):
 
 
 def test_an_evaluation_in_rooms_shows_walls_in_each_panel_and_how_each_drive_ended():
-    evaluations = {name: evaluate(name, env=ROOMS, world="office", episodes=3, consistency=True) for name in ("vfh", "gap")}
+    evaluations = {name: evaluate(name, env=ROOMS, world="office", episodes=3, consistency=True) for name in ("vfh", "bearing")}
     figure = evaluation_figure(evaluations, title="rooms")
     panels = {axes.get_title().partition("\n")[0]: axes for axes in figure.axes}
-    assert {"vfh", "gap", ALL} < set(panels)
-    for name in ("vfh", "gap", ALL):
+    assert {"vfh", "bearing", ALL} < set(panels)
+    for name in ("vfh", "bearing", ALL):
         assert sum(isinstance(patch, Rectangle) for patch in panels[name].patches) == 1
     for name, evaluation in evaluations.items():
         assert panels[name].get_title().endswith(evaluation.trajectory.outcome)

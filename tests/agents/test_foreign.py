@@ -1,17 +1,13 @@
 """Other libraries' policies: their bundles act as they do, with all that they were trained with, or are refused."""
 
-import shutil
-
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-import yaml
 
 pytest.importorskip("sb3_contrib", reason="needs the extra [dev]")
 
-from foreign import KINDS, NAV, ROOMS, SMALL, Agent, deployed, envs_of, exported, library_actions, mlp, torch_actions, trained
-from stable_baselines3.common.vec_env import VecNormalize
+from foreign import KINDS, NAV, ROOMS, SMALL, Agent, deployed, exported, library_actions, mlp, torch_actions, trained
 from torch import nn
 
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
@@ -44,14 +40,11 @@ def close(actions, expected):
 @pytest.mark.parametrize("kind", [kind if kind in DAILY else pytest.param(kind, marks=pytest.mark.nightly) for kind in KINDS])
 def test_a_model_acts_in_its_bundle_and_deployment_as_in_its_library(tmp_path, kind):
     model = trained(kind, tmp_path)
-    export(tmp_path / "model.zip", tmp_path / "file.onnx", env=NAV, allow_pickle=True, steps=100)
-    observations, begins, actions = deployed(tmp_path / "file.onnx")
+    export(model, tmp_path / "policy.onnx", env=NAV, steps=100)
+    observations, begins, actions = deployed(tmp_path / "policy.onnx")
     expected = library_actions(model, observations, begins)
     close(actions, expected)
-    close(bundle_actions(tmp_path / "file.onnx", observations, begins), expected)
-    if kind == "normalized":  # the same from the object
-        export(model, tmp_path / "object.onnx", steps=50)
-        close(bundle_actions(tmp_path / "object.onnx", observations, begins), expected)
+    close(bundle_actions(tmp_path / "policy.onnx", observations, begins), expected)
 
 
 # Folders and command lines.
@@ -73,106 +66,30 @@ def test_the_best_model_of_a_training_in_rooms_is_exported_by_its_folder(tmp_pat
 @pytest.mark.nightly  # the kernels of these terms are compiled
 def test_own_terms_and_a_history_go_on_the_card(tmp_path):
     options = {"observation": "goal,twist,uncertainty,scan*2", "world": "clutter", "robot": "waffle", "dt": 0.2}
-    trained("ppo", tmp_path, env=ROOMS, steps=128, **options)
-    export(tmp_path / "model.zip", tmp_path / "policy.onnx", env=ROOMS, allow_pickle=True, steps=50, **options)
+    export(trained("ppo", tmp_path, env=ROOMS, steps=128, **options), tmp_path / "policy.onnx", env=ROOMS, steps=50, **options)
     policy = BundlePolicy(tmp_path / "policy.onnx", robot="waffle", dt=0.2)
     assert [term.spelled for term in policy.terms] == ["goal", "twist", "uncertainty", "scan*2"]
-
-
-def zoo_run(folder, *, hyper=None, **env_kwargs):
-    """Lay out a run as rl-baselines3-zoo does: RUN/ENV.zip, and RUN/ENV/ with args.yml, config.yml and vecnormalize.pkl.
-
-    References:
-        DLR-RM, rl-baselines3-zoo, rl_zoo3/exp_manager.py, `_save_config` and `save_trained_model`.
-    """
-    from collections import OrderedDict
-
-    env = NAV.replace("/", "-")
-    run, inner = folder / "ppo" / f"{env}_1", folder / "ppo" / f"{env}_1" / env
-    inner.mkdir(parents=True)
-    model = trained("normalized", folder, **env_kwargs)
-    shutil.move(folder / "model.zip", run / f"{env}.zip")
-    shutil.move(folder / "vecnormalize.pkl", inner / "vecnormalize.pkl")
-    content = OrderedDict(n_envs=2, n_timesteps=256.0, normalize=True, policy="MlpPolicy", **hyper or {})
-    (inner / "config.yml").write_text(yaml.dump(content))
-    (inner / "args.yml").write_text(yaml.dump(OrderedDict(algo="ppo", env=NAV, env_kwargs=env_kwargs or None, seed=3)))
-    return model, run
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("named", ["folder", pytest.param("zip", marks=pytest.mark.nightly)])
-def test_a_run_of_rl_baselines3_zoo(tmp_path, capsys, named):
-    model, run = zoo_run(tmp_path, robot="waffle")
-    file = run if named == "folder" else run / f"{run.name.removesuffix('_1')}.zip"
-    status, said = exported(capsys, file, "--out", tmp_path / "zoo.onnx", "--allow-pickle")
-    assert (status, "with normalization" in said) == (0, True), said
-    assert BundlePolicy(tmp_path / "zoo.onnx").card.robot["name"] == "waffle"
-    observations, begins, actions = deployed(tmp_path / "zoo.onnx", steps=100)
-    close(actions, library_actions(model, observations, begins))
-
-
-def test_a_wrapper_of_rl_baselines3_zoo_is_refused(tmp_path, capsys):
-    _, run = zoo_run(tmp_path, hyper={"env_wrapper": "rl_zoo3.wrappers.TimeFeatureWrapper"})
-    status, said = exported(capsys, run, "--out", tmp_path / "zoo.onnx", "--allow-pickle")
-    assert (status, "env_wrapper 'rl_zoo3.wrappers.TimeFeatureWrapper' changes what the model sees" in said) == (2, True), said
 
 
 # Networks without a library's model around them.
 
 
-def as_module(network, path):
-    torch.save(network, path)
+def as_onnx(network, path):
+    axes = {"input_names": ["obs"], "output_names": ["action"], "dynamic_axes": {"obs": {0: "n"}}}
+    torch.onnx.export(network, (torch.zeros(1, 13),), path, dynamo=False, **axes)
 
 
-def as_torch_script(network, path):
-    torch.jit.script(network).save(path)
-
-
-def as_onnx(network, path, *, rows=True, **more):
-    axes = {"dynamic_axes": {"obs": {0: "n"}}} if rows else {}
-    names = {"input_names": ["obs"], "output_names": ["action"]} | more
-    torch.onnx.export(network, (torch.zeros(1, 13),), path, dynamo=False, **names, **axes)
-
-
-FILES = {
-    "module.pt": as_module,
-    "script.pt": as_torch_script,
-    "rows.onnx": as_onnx,
-    "one.onnx": lambda network, path: as_onnx(network, path, rows=False),
-}
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("name", FILES)
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a_networks_file_acts_in_its_bundle_as_in_torch(tmp_path, capsys, name):
+def test_an_onnx_model_that_fits_gets_a_card(tmp_path, capsys):
     network = mlp()
-    FILES[name](network, tmp_path / name)
+    as_onnx(network, tmp_path / "rows.onnx")
     words = ["--env", NAV, "--robot", "waffle", "--noise", "rough", "--rate", "20", "--observation", "odometry"]
-    pickled = [] if name.endswith("onnx") else ["--allow-pickle"]
-    status, said = exported(capsys, tmp_path / name, "--out", tmp_path / "out.onnx", *words, *pickled)
+    status, said = exported(capsys, tmp_path / "rows.onnx", "--out", tmp_path / "out.onnx", *words)
     assert status == 0, said
     card = BundlePolicy(tmp_path / "out.onnx", robot="waffle", dt=0.05).card
     assert (card.env, card.noise, card.observation) == (NAV, "rough", "odometry")
     observations, _, actions = deployed(tmp_path / "out.onnx")
     close(actions, torch_actions(network, observations))
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("name", ["module.pt", "one.onnx"])
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_statistics_beside_a_network_must_be_named_or_denied(tmp_path, capsys, name):
-    FILES[name](network := mlp(), tmp_path / name)
-    statistics = VecNormalize(envs_of(count=1))
-    statistics.obs_rms.mean, statistics.obs_rms.var = np.linspace(-1.0, 1.0, 13), np.linspace(1e-9, 4.0, 13)
-    statistics.save(tmp_path / "vecnormalize.pkl")
-    words = [tmp_path / name, "--out", tmp_path / "out.onnx", "--allow-pickle"]
-    status, said = exported(capsys, *words)
-    assert (status, "--vec-normalize none" in said) == (2, True), said
-    status, said = exported(capsys, *words, "--vec-normalize", tmp_path / "vecnormalize.pkl")
-    assert (status, "with normalization" in said) == (0, True), said
-    observations, _, actions = deployed(tmp_path / "out.onnx", steps=100)
-    close(actions, torch_actions(network, statistics.normalize_obs(observations)))
 
 
 def test_an_agent_of_cleanrl_with_its_normalization_of_gymnasium(tmp_path):

@@ -34,7 +34,7 @@ from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 
 SMALL = {"n_envs": 16, "n_timesteps": 1024, "policy": "MlpPolicy", "n_steps": 16, "batch_size": 128, "n_epochs": 1}
-QUICK = {"config": SMALL, "evaluations": 2, "episodes": 4, "checkpoint_seconds": 1e9, "progress": False}
+QUICK = {"config": SMALL, "evaluations": 2, "episodes": 4, "progress": False}
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def result(request, compared):
     [
         (evaluate, "evaluate", {"env": "env", "episodes": "episodes", "seed": "seed"}),
         (compare, "evaluate", {"env": "env", "episodes": "episodes", "seed": "seed"}),
-        (train, "train", {"env": "env", "folder": "out", "seeds": "seeds", "resume": "resume"}),
+        (train, "train", {"env": "env", "folder": "out", "seeds": "seeds"}),
         (export, "export", {"path": "out", "env": "env"}),
     ],
 )
@@ -237,7 +237,7 @@ def test_a_training_drives_in_a_comparison_and_by_its_file(trained):
 
 
 def test_a_training_goes_into_a_folder_once(trained, tmp_path):
-    with pytest.raises(ValueError, match=r"holds a run already: resume it with --resume \(resume=True\)"):
+    with pytest.raises(ValueError, match="holds a run already: choose another folder"):
         train("nav", trained.policies[0].parent, **QUICK)
     config = TrainingConfig(env="nav", config=SMALL, evaluations=1, episodes=4)
     assert config.env == "turtlebot_gym/TurtleBotNav-v0"

@@ -49,7 +49,7 @@ def test_a_law_by_name_is_made_for_the_robot_and_the_period(name):
 LOCATED = {"env": ROOMS, "world": "office", "noise": "wheel", "localizer": "match", "observation": "located"}
 
 
-@pytest.mark.parametrize("name", ["bearing", "vfh", "dwa", "planner", "vfh+safety"])
+@pytest.mark.parametrize("name", ["bearing", "vfh", "planner", "vfh+safety"])
 def test_rules_ignore_a_localizers_evidence(name):
     seen = np.random.default_rng(1).uniform(0.1, 1.0, (40, 3, size_of(ROOM))).astype(np.float32)
     two, three = make_policy(name), make_policy(name)

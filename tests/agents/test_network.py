@@ -55,7 +55,7 @@ class Repeating(nn.Module):
     ("network", "message"),
     [
         (mlp(outputs=4), r"must give actions \(n, 2\), got \(3, 4\)"),
-        (Repeating(), "must not depend on how many observations"),
+        (Repeating(), "its model must be from float observations"),
     ],
 )
 def test_refuses_networks_with_other_actions_or_that_are_traced_for_one_number_of_rows_only(tmp_path, network, message):

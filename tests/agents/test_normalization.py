@@ -70,7 +70,7 @@ def test_ranges_are_spread_and_nothing_else():
     open_ground = torch.ones((2, 13))
     assert _spread_ranges(open_ground, (0, 0)) is open_ground
     space = spaces.Box(0.0, 1.0, (50,), np.float32)
-    network = NormalizedObservation(space, mean=[0.5] * 50, std=[0.1] * 50)
+    network = NormalizedObservation(space, mean=[0.5] * 50, std=[0.1] * 50, ranges=(13, 49))
     np.testing.assert_allclose(network(rows), np.clip((spread.numpy() - 0.5) / 0.1, -10.0, 10.0), rtol=0, atol=1e-5)
 
 

@@ -128,7 +128,7 @@ def test_missing_folders_of_files_are_made_and_existing_ones_kept(folder):
 
 def test_a_run_is_not_trained_over(folder, capsys):
     (folder / "runs" / "seed-1").mkdir(parents=True)
-    (folder / "runs" / "seed-1" / "checkpoint.zip").touch()
+    (folder / "runs" / "seed-1" / "config.json").touch()
     assert main(["train", "--out", "runs", "--seeds", "2"]) == 2
     assert "seed-1 holds a run already" in capsys.readouterr().err
     assert not (folder / "runs" / "seed-0").exists()

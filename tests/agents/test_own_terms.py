@@ -27,7 +27,7 @@ def trained(request, tmp_path_factory):
     """Return a policy after a short training with a term of one's own, and what it was trained with."""
     (env, observation), folder = CASES[request.param], tmp_path_factory.mktemp(request.param)
     small = {"n_envs": 16, "n_timesteps": 512, "policy": "MlpPolicy", "n_steps": 32, "batch_size": 256, "n_epochs": 1}
-    config = TrainingConfig(env=env, observation=observation, config=small, evaluations=1, episodes=4, checkpoint_seconds=1e9)
+    config = TrainingConfig(env=env, observation=observation, config=small, evaluations=1, episodes=4)
     train(config, folder / "run", progress=False)
     return request.param, env, observation, folder / "run" / "policy.onnx"
 

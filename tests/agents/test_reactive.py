@@ -13,7 +13,7 @@ from turtlebot_gym_agents.policies import POLICIES, make_policy
 from turtlebot_gym_agents.policies.sight import UNSEEN, arc, look, time_to_contact
 
 ROOMS = "turtlebot_gym/TurtleBotRooms-v0"
-IN_ROOMS = ("vfh", "gap", "dwa", "planner")
+IN_ROOMS = ("vfh", "planner")
 
 
 def mirrored(rows):
@@ -111,25 +111,6 @@ def test_the_goal_is_driven_to_but_not_into_a_wall_and_left_and_right_are_alike(
     assert alike.mean() > 0.9  # where both sides are equally good, one of them is taken
 
 
-def test_the_dynamic_window_knows_how_far_each_arc_is_free():
-    """Against distances that are computed one by one, at the twenty points of each arc that is looked at."""
-    policy = POLICIES["dwa"](BURGER, 0.1)
-    points = look(random_sights(40), BURGER, 0.1, 0.06).points  # more rows than are looked at together
-    bends = [0.3 * (25.0 / 0.3) ** (k / 9) for k in range(10)]
-    curvatures = [-bend for bend in reversed(bends)] + [0.0] + bends
-    lengths = [BURGER.max_linear * 4.7 * k / 20 for k in range(1, 21)]
-    radius = BURGER.radius + 0.075
-    expected = np.full((len(points), len(curvatures)), np.inf)
-    for column, curvature in enumerate(curvatures):
-        for length in reversed(lengths):
-            turned = curvature * length
-            at = (np.sin(turned) + 1j * (1.0 - np.cos(turned))) / curvature if curvature else length
-            expected[np.abs(points - at).min(axis=-1) <= radius, column] = length - lengths[0]
-    np.testing.assert_allclose(policy._free_length(points), expected, rtol=0.0, atol=1e-12)
-    assert 0.2 < np.isinf(expected).mean() < 0.95
-    np.testing.assert_array_equal(policy._free_length(points[7]), policy._free_length(points)[7])
-
-
 LEFT, RIGHT = np.ones(SECTORS), np.ones(SECTORS)
 LEFT[[0, 1]], RIGHT[[0, -1]] = 0.3 / SIGHT, 0.3 / SIGHT
 
@@ -176,13 +157,10 @@ def test_a_number_that_breaks_its_rule_is_refused_by_name(name):
 @pytest.mark.nightly
 def test_geometry_finds_its_way_and_the_oracle_bounds_it():
     """60 dense rooms. With the rates that 1000 had, a bound is missed by fewer than one seed in a thousand."""
-    summaries = {
-        name: evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("vfh", "gap", "dwa", "bearing", "oracle")
-    }
+    summaries = {name: evaluate(name, env=ROOMS, episodes=60, seed=3).summary() for name in ("vfh", "bearing", "oracle")}
     success = {name: s["success"].value for name, s in summaries.items()}
     assert success["oracle"] > 0.95
     assert success["vfh"] > 0.8 > success["bearing"] + 0.1
-    assert min(success["gap"], success["dwa"]) > success["bearing"]
     assert summaries["vfh"]["collision"].value <= 0.05
     assert summaries["oracle"]["spl"].value >= max(s["spl"].value for s in summaries.values())
     assert all(0.0 <= s["barn"].value <= 0.5 for s in summaries.values())

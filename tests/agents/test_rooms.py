@@ -38,7 +38,6 @@ def bundle(tmp_path_factory):
         config=folder / "small.yaml",
         evaluations=1,
         episodes=8,
-        checkpoint_seconds=1e9,
     )
     train(config, folder / "run", progress=False)
     return folder / "run" / "policy.onnx"

@@ -15,13 +15,11 @@ from turtlebot_gym import ROBOTS
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training.callbacks import (
     EVALUATION_SEED,
-    CheckpointCallback,
     EvaluationCallback,
     ProgressCallback,
     policy_of,
 )
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.history import read_history
 from turtlebot_gym_agents.training.judging import judge
 from turtlebot_gym_agents.training.model import _choose_device, make_model
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
@@ -77,7 +75,7 @@ def test_learns_and_the_best_is_what_its_figures_and_its_log_say(short):
 
 def test_leaves_its_files(short):
     config, result, folder = short
-    names = {"config.json", "checkpoint.zip", "best.zip", "policy.onnx", "evaluations.json", "result.json", "tensorboard"}
+    names = {"config.json", "best.zip", "policy.onnx", "result.json", "tensorboard"}
     assert {path.name for path in folder.iterdir()} == names
     record = json.loads((folder / "config.json").read_text())
     assert record["config"] == config.settings()
@@ -85,7 +83,7 @@ def test_leaves_its_files(short):
     assert {"version", "commit", "libraries"} <= set(record)
     assert {"python", "numpy", "torch", "stable-baselines3"} <= set(record["libraries"])
     written = json.loads((folder / "result.json").read_text())
-    assert written["history"] == result.history == read_history(folder)
+    assert written["history"] == result.history
     assert written["best"]["steps"] in [figures["steps"] for figures in result.history]
     assert written["best"]["return"] >= result.history[-1]["return"]  # the last one drives all episodes, as the best does
     card = BundlePolicy(folder / "policy.onnx", robot="burger", dt=0.1).card
@@ -123,7 +121,7 @@ def test_options_reach_the_bundle(tmp_path):
 
 
 WRONG = {
-    **{"steps": 0, "episodes": 0, "evaluations": -1, "seed": -1, "threads": 0, "checkpoint_seconds": -1.0, "speed_error": 1.0},
+    **{"steps": 0, "episodes": 0, "evaluations": -1, "seed": -1, "threads": 0, "speed_error": 1.0},
     **{"algo": "dreamer", "noise": "x", "env": "nothing/Here-v0", "device": "tpu", "randomize": "yes"},
 }
 
@@ -164,9 +162,8 @@ def test_callbacks_serve_a_users_script(tmp_path, capsys):
     model = PPO("MlpPolicy", Sb3VecEnv(make(64)), n_steps=32, batch_size=2048, n_epochs=1, seed=0, device="cpu")
     judge = EvaluationCallback(make(8), every=2048, path=tmp_path / "best.zip")
     bar = ProgressCallback(6144, label="mine")
-    model.learn(6144, callback=[judge, CheckpointCallback(tmp_path / "last.zip", seconds=0.0), bar])
+    model.learn(6144, callback=[judge, bar])
     assert [figures["steps"] for figures in judge.history] == [2048, 4096, 6144]
-    assert PPO.load(tmp_path / "last.zip").num_timesteps == 6144
     assert PPO.load(tmp_path / "best.zip").num_timesteps == judge.best["steps"]
     assert "mine" in capsys.readouterr().err
     judge = EvaluationCallback(make(8), every=1024, go_on=lambda reached: reached["steps"] < 2048)

@@ -10,7 +10,7 @@ from turtlebot_gym.values import Command
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.fit import ROOMS
-from turtlebot_gym_agents.policies.protection import SafetyLayer
+from turtlebot_gym_agents.policies.protection import within_layer
 from turtlebot_gym_agents.policies.sight import arc
 from turtlebot_gym_agents.policies.yielding import Yielding, passing
 
@@ -43,7 +43,7 @@ def contacts(robot, lied=0.0, *, layer=False, robots=400, steps=80, seed=0):
     say, in random directions, and ``lied`` times as much.
     """
     random, policy = np.random.default_rng(seed), Yielding(Wishes(seed), robot)
-    policy = SafetyLayer(policy, robot) if layer else policy
+    policy = within_layer(policy, robot, DT) if layer else policy
     body = ROBOTS[robot]
     limits = np.array([body.max_linear, body.max_angular])
     at, heading, twist = np.zeros(robots, complex), np.exp(2j * np.pi * random.random(robots)), np.zeros((robots, 2))
@@ -145,7 +145,7 @@ def test_more_robots_reach_their_goals_among_people():
 def test_its_memory_is_that_of_the_policy_within():
     policy = make_policy("planner+yield")
     assert policy.reset == policy.policy.reset
-    assert not hasattr(make_policy("gap+yield"), "reset")
+    assert not hasattr(make_policy("bearing+yield"), "reset")
 
 
 def test_a_policy_that_stops_for_people_needs_tracks():

@@ -3,8 +3,6 @@
 ``KINDS`` has a function for each kind: it writes a file into a folder, by a random generator, and returns what reads the file.
 """
 
-import hashlib
-import itertools
 import os
 import socket
 import struct
@@ -16,9 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
-from bundles import rewritten, small_bundle
-from onnx import helper, numpy_helper
 from PIL import Image
 
 from turtlebot_gym import Noise, read_parameters
@@ -218,119 +213,6 @@ def image_of_another_kind(folder, rng):
 # Policies
 
 
-def model_with(nodes, numbers=()):
-    def change(model):
-        del model.graph.node[1:]
-        model.graph.node.extend(nodes)
-        model.graph.initializer.extend(numpy_helper.from_array(np.asarray(value), name) for name, value in numbers)
-
-    return change
-
-
-def onnx_file(folder, change):
-    return partial(BundlePolicy, rewritten(small_bundle(folder), change=change))
-
-
-def doubled(before, count, axis):
-    nodes = []
-    for k in range(count):
-        nodes.append(helper.make_node("Concat", [before, before], [f"twice{k}"], axis=axis))
-        before = f"twice{k}"
-    return nodes, before
-
-
-CUT = [("first", [0]), ("end", [2]), ("axis", [1])]
-
-
-@kind
-def onnx_of_concats(folder, rng):
-    nodes, last = doubled("W" if rng.random() < 0.3 else "product", int(rng.integers(18, 40)), int(rng.integers(2)))
-    nodes += [helper.make_node("Slice", [last, "first", "end", "axis"], ["cut"]), helper.make_node("Tanh", ["cut"], ["action"])]
-    return onnx_file(folder, model_with(nodes, CUT))
-
-
-@kind
-def onnx_with_a_wide_window(folder, rng):
-    size = large(rng, 7.0, 9.3)
-    name = str(rng.choice(["Conv", "MaxPool", "AveragePool"]))
-    kernel = int(rng.choice([3, size]))
-    options: dict[str, Any] = {"kernel_shape": [kernel], "pads": [size - 1, size - 1]}
-    inputs = ["row", "kernel"] if name == "Conv" else ["row"]
-    if kernel == 3 and name != "AveragePool":
-        options["dilations"] = [int(rng.choice([1, size // 2]))]
-    nodes = [
-        helper.make_node("Unsqueeze", ["product", "axis"], ["row"]),
-        helper.make_node(name, inputs, ["wide"], **options),
-        helper.make_node("GlobalMaxPool", ["wide"], ["one"]),
-        helper.make_node("Concat", ["one", "one"], ["two"], axis=2),
-        helper.make_node("Squeeze", ["two", "axis"], ["action"]),
-    ]
-    return onnx_file(folder, model_with(nodes, [("axis", [1]), ("kernel", np.ones((1, 1, 3), np.float32))]))
-
-
-@kind
-def onnx_of_outer_products(folder, rng):
-    nodes, last = [], "product"
-    for k in range(int(rng.integers(2, 8))):
-        nodes.append(helper.make_node("Unsqueeze", [last, "axis"], [f"wide{k}"]))
-        nodes.append(helper.make_node("Unsqueeze", [last, "back"], [f"tall{k}"]))
-        nodes.append(helper.make_node("Add", [f"wide{k}", f"tall{k}"], [f"all{k}"]))
-        nodes.append(helper.make_node("Reshape", [f"all{k}", "rows"], [f"flat{k}"]))
-        last = f"flat{k}"
-    nodes += [helper.make_node("Slice", [last, "first", "end", "axis"], ["action"])]
-    return onnx_file(folder, model_with(nodes, [*CUT, ("back", [2]), ("rows", [0, -1])]))
-
-
-@kind
-def onnx_that_multiplies_matrices(folder, rng):
-    side = int(rng.integers(100, 1200))
-    nodes = [helper.make_node("MatMul", ["M", "M"], ["m0"])]
-    nodes += [helper.make_node("MatMul", [f"m{k}", "M"], [f"m{k + 1}"]) for k in range(int(rng.integers(50, 2000)))]
-    nodes += [
-        helper.make_node("ReduceMax", [nodes[-1].output[0]], ["most"], keepdims=0),
-        helper.make_node("Mul", ["product", "most"], ["much"]),
-        helper.make_node("Tanh", ["much"], ["action"]),
-    ]
-    return onnx_file(folder, model_with(nodes, [("M", np.zeros((side, side), np.float32))]))
-
-
-@kind
-def onnx_of_many_nodes(folder, rng):
-    count = large(rng, 3.0, 5.3)
-    names = ["product", *(f"n{k}" for k in range(count)), "action"]
-    return onnx_file(folder, model_with([helper.make_node("Tanh", [a], [b]) for a, b in itertools.pairwise(names)]))
-
-
-@kind
-def onnx_of_many_fields(folder, rng):
-    """A file in the wire format of ONNX of tiny fields, with its own hash."""
-    blank = (
-        b'"sha256": "'
-        + b"0" * 64
-        + b'"'
-        + bytes(rng.choice([b"\x08\x01", b"\x3a\x00", b"\x3a\x02\x0a\x00"])) * (large(rng, 5.0, 7.6) // 3)
-    )
-    blank = b"\xfa\x06" + bytes([11 + 64 + 1]) + blank  # field 111: a text with the hash
-    return partial(
-        BundlePolicy, written(folder / "a.onnx", blank.replace(b"0" * 64, hashlib.sha256(blank).hexdigest().encode(), 1))
-    )
-
-
-@kind
-def onnx_that_lies_about_tensors(folder, rng):
-    def change(model):
-        tensor = model.graph.initializer[0]
-        tensor.dims[:] = [large(rng, 4.0, 10.0) for _ in range(int(rng.integers(1, 4)))]
-        if rng.random() < 0.5:
-            tensor.ClearField("raw_data")
-        if rng.random() < 0.3:
-            values = onnx.helper.make_tensor("values", 1, [1], [1.0])
-            indices = onnx.helper.make_tensor("indices", 7, [1], [5])
-            model.graph.sparse_initializer.append(onnx.helper.make_sparse_tensor(values, indices, [large(rng, 8.0, 10.0)]))
-
-    return onnx_file(folder, change)
-
-
 @kind
 def zip_of_a_model_that_is_a_bomb(folder, rng):
     path, size = folder / "model.zip", large(rng, 7.0, 9.7)
@@ -342,7 +224,7 @@ def zip_of_a_model_that_is_a_bomb(folder, rng):
                 part.write((unit * 2**20)[: 2**20 // len(unit) * len(unit)])
             part.write(b"1]")
         archive.writestr("policy.pth", bytes(large(rng, 5.0, 8.0)))
-    return partial(load_model, path, allow_pickle=True)
+    return partial(load_model, path, "ppo", allow_pickle=True)
 
 
 # What is no file
@@ -382,7 +264,7 @@ BY_SUFFIX: dict[str, Callable[[Path], Any]] = {
     ".json": load,
     ".world": lambda path: find_world(str(path)),
     ".onnx": BundlePolicy,
-    ".zip": lambda path: load_model(path, allow_pickle=True),
+    ".zip": lambda path: load_model(path, "ppo", allow_pickle=True),
 }
 
 

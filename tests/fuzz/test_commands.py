@@ -133,7 +133,6 @@ OPTIONS = {name: options_of(command) for name, command in KNOWN.items()}
 FLAGS = {
     "--details",
     "--randomize",
-    "--resume",
     "--allow-pickle",
     "--allow-mismatch",
     "--force",

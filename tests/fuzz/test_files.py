@@ -189,7 +189,6 @@ def test_tuned_baselines(data):
     tuned = {
         "format": "turtlebot-gym-baseline/1",
         "policy": "bearing",
-        "layout": 1,
         "dt": 0.1,
         "numbers": {"gain": 2.0},
         "robot": {"name": "burger", **plain(EXAMPLES[Robot])},

@@ -104,8 +104,8 @@ def tune(
     space = {name: values for name, values in choose("algo", config.algo, SPACES).items() if name not in config.overrides}
     if not space:
         raise ValueError("overrides leave nothing to search: leave out one of them.")
-    if config.until is not None or config.seconds is not None:
-        raise ValueError("until and seconds end a training, and trials are compared after equal steps: leave them out.")
+    if config.until is not None:
+        raise ValueError("until ends a training, and trials are compared after equal steps: leave it out.")
     for name, number in (("trials", trials), ("generation", 1 if generation is None else generation)):
         as_int(name, number, 1, 1_000_000)
     study = _open_study(folder, storage, config, space, generation)

@@ -56,9 +56,7 @@ def train_seeds(
 
 def settings_of(config: TrainingConfig) -> dict[str, Any]:
     """Return all on which a training depends, files included, as JSON types."""
-    settings = {
-        name: value for name, value in config.settings().items() if name not in ("config", "checkpoint_seconds", "device")
-    }
+    settings = {name: value for name, value in config.settings().items() if name not in ("config", "device")}
     return {**settings, "hyperparameters": dict(config.hyper), **files_in([config.from_policy, *config.options.values()])}
 
 

@@ -20,25 +20,20 @@ from turtlebot_gym_agents.outputs import OutputFile
 
 @dataclass(frozen=True, kw_only=True)
 class Export(WritingOptions, Overridable):
-    """Convert a policy of another library into a policy bundle, and check that both return the same actions.
+    """Make a policy bundle of a training's best model or of an ONNX model, and check that both return the same actions.
 
-    The check drives in the environment of the training, with its normalization and its stack of observations. What lies beside
-    the file is found: config.json of this package, args.yml of rl-baselines3-zoo, and vecnormalize.pkl; give the rest as
-    options.
+    The check drives in the environment of the training, which the config.json beside a model names; of an ONNX model, the
+    options do. Models of other libraries are exported in Python, by export(model, ...).
     """
 
     EXAMPLE: ClassVar = "world=office dt=0.05 noise.odometry.spike=0.1"
 
     model: tyro.conf.Positional[Path]
-    """A model of Stable-Baselines3 or sb3-contrib (.zip), a torch module or TorchScript (.pt), an ONNX model, or the folder of
-    a training by rl-baselines3-zoo or by this package."""
+    """The folder of a training by this package, a model in it (.zip), or an ONNX model (.onnx) from observations to actions."""
     out: Annotated[Path, OutputFile((".onnx",))] = Path(BUNDLE)
     """The bundle."""
     allow_pickle: bool = False
-    """Confirm that you trust the files: loading a .zip, .pt or .pkl can run any code in it."""
-    vec_normalize: Annotated[str | None, tyro.conf.arg(metavar="FILE|none")] = None
-    """Statistics of VecNormalize by which observations were normalized; none if they were not. By default the vecnormalize.pkl
-    beside the model, if it was trained so."""
+    """Confirm that you trust the file: loading a .zip can run any code in it."""
     env: str | None = None
     """Environment: nav, pose, square, rooms, missions, or the id of another one; by default the one that the folder names, else
     nav."""
@@ -81,7 +76,7 @@ class Export(WritingOptions, Overridable):
             raise ValueError("rate and dt exclude each other: leave out one of them.")
         if self.rate is not None:
             options["dt"] = 1.0 / POSITIVE.check("rate", self.rate)
-        given = {"env": self.env, "vec_normalize": self.vec_normalize, "allow_pickle": self.allow_pickle}
+        given = {"env": self.env, "allow_pickle": self.allow_pickle}
         Console().print(str(export(self.model, self.out, **given, **self.varied(options))))
 
 

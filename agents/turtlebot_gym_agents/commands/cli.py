@@ -63,7 +63,7 @@ class Evaluate(Placement, ReportingOptions, DriveOptions):
 
     policy: tuple[str, ...] = POLICIES
     """Policies: bearing, proportional, in rooms vfh and planner, ppo-nav, ppo-rooms, FILE.onnx, or MODULE:NAME of your own.
-    Further baselines: corner, polar, rotate-drive-rotate; for rooms gap, dwa; ones with other gains (FILE.yaml, FILE.json).
+    Further baselines: corner, polar, rotate-drive-rotate; ones with other gains (FILE.yaml, FILE.json).
     Shipped with the package: ppo-nav, ppo-pose, ppo-square, ppo-rooms. In rooms also oracle, which knows the map, NAME+safety,
     within a safety layer, and NAME+yield, which stops for people."""
     noise: tuple[str, ...] = ("tutorial",)  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -178,7 +178,7 @@ class Placement:
 
     def settings(self) -> Mapping[str, Any]:
         """Return the options that results depend on."""
-        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "resume", "force", "wandb"}
+        elsewhere = {item.name for item in fields(Placement)} | {"json", "plot", "storage", "force", "wandb"}
         return {name: value for name, value in asdict(self).items() if name not in elsewhere}
 
 

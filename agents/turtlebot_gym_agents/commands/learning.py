@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields
@@ -87,17 +85,11 @@ class Train(Placement, _LearningOptions):
 
     out: Annotated[Path, FOLDER] = Path(RUN)
     """Folder of the run; each of several seeds has a folder seed-N in it."""
-    checkpoint_seconds: float = 5.0
-    """Least time between two checkpoints, s."""
     seeds: int = SEEDS
     """Number of seeds to train."""
     until: Annotated[str | None, tyro.conf.arg(metavar="success=SHARE")] = None
     """Stop when an evaluation during training reaches this, success=SHARE or return=VALUE. Its --episodes are the same ones
     each time, and `evaluate` drives other ones. Schedules follow --steps."""
-    seconds: float | None = None
-    """Stop after this wall time, s, by which schedules end; imports, last evaluation and export are not in it."""
-    resume: bool = False
-    """Resume from the checkpoints in the folder, in new episodes: the result differs from an uninterrupted training's."""
     plot: FigureFile = None
     """Draw here success and return over the steps; for several seeds their mean, with its 95 % interval."""
     wandb: Annotated[str | None, tyro.conf.arg(metavar="PROJECT")] = None
@@ -110,34 +102,21 @@ class Train(Placement, _LearningOptions):
         folders, runner = folders_of(self.out, self.seed, self.seeds), self.runner()
         if self.wandb and self.spread:
             raise ValueError("wandb follows trainings in this process: leave out --cluster.")
-        for folder in folders.values() if not (self.resume or self.spread) else ():
+        for folder in folders.values() if not self.spread else ():
             require_no_run(folder)
-        for folder in folders.values() if self.resume else ():
-            if (folder / "checkpoint.zip").exists() and not (folder / "policy.onnx").exists():
-                remark = "continues in new episodes: its policy will not be that of an uninterrupted training"
-                print(f"turtlebot-gym: {folder} {remark}.", file=sys.stderr)
         config = self.training()
-        with _loading(config) as compiled:
+        with _loading(config):
             trainer()
-        start = {"start and imports": time.process_time() - compiled[0], "compiled loops": compiled[0]}
         if self.spread:
             results = self._spread(config, folders, runner)
             trained = Training(config=config, folders=folders, results=dict(zip(folders, results, strict=True)))
         else:
-            more = {"resume": self.resume, "within": self._tracked}
-            trained = train(config, self.out, seeds=self.seeds, **more)
+            trained = train(config, self.out, seeds=self.seeds, within=self._tracked)
         title = ", ".join([self.env, self.algo, *self.described(), "the best model on the evaluation's seeds"])
         print_tables(*trained.tables(title=title))
-        content = trained.content()[0]
-        if not self.spread:
-            results = trained.results.values()
-            phases = dict.fromkeys(phase for result in results for phase in result.cpu)
-            cpu = start | {phase: sum(result.cpu.get(phase, 0.0) for result in results) for phase in phases}
-            content = {**content, "cpu": cpu}
-            print(f"CPU seconds: {', '.join(f'{seconds:.1f} {phase}' for phase, seconds in cpu.items())}.")
         if ends := trained.ends():
             print(ends)
-        self.report(content)
+        self.report(trained.content()[0])
         if self.plot is not None:
             from turtlebot_gym_agents.figures import learning_figure
 
@@ -146,15 +125,13 @@ class Train(Placement, _LearningOptions):
 
     def resuming(self) -> str:
         """Return how to continue after an interruption."""
-        if self.spread:
-            return f"The same command continues: finished trainings are in {self.out}."
-        return f"The same command with --resume continues from the last checkpoint in {self.out}."
+        return f"The same command continues: finished trainings are in {self.out}." if self.spread else ""
 
     def _spread(self, config: TrainingConfig, folders: dict[int, Path], runner: Run) -> list[TrainingResult]:
         from turtlebot_gym_agents.cluster.trainings import train_seeds
 
-        if self.resume or self.seeds == 1:
-            raise ValueError("cluster trains several seeds at once, from their beginning: add --seeds, leave out --resume.")
+        if self.seeds == 1:
+            raise ValueError("cluster trains several seeds at once: add --seeds.")
         with progress(self.seeds) as advance_to:
             return train_seeds(config, folders, run=runner, progress=advance_to)
 
@@ -165,9 +142,7 @@ class Train(Placement, _LearningOptions):
         with needs("wandb"):
             import wandb  # pyright: ignore[reportMissingImports]
         folder.mkdir(parents=True, exist_ok=True)
-        return wandb.init(
-            project=self.wandb, name=config.title, dir=folder, config=config.record(), resume="auto", sync_tensorboard=True
-        )
+        return wandb.init(project=self.wandb, name=config.title, dir=folder, config=config.record(), sync_tensorboard=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,12 +197,8 @@ class Tune(Placement, _LearningOptions):
 
 
 @contextmanager
-def _loading(config: TrainingConfig) -> Iterator[list[float]]:
-    """Load a training's compiled loops in a second thread during this block, which imports torch.
-
-    Yields a list that then holds the thread's CPU seconds.
-    """
-    spent: list[float] = []
+def _loading(config: TrainingConfig) -> Iterator[None]:
+    """Load a training's compiled loops in a second thread during this block, which imports torch."""
 
     def load() -> None:
         import numpy as np
@@ -240,12 +211,11 @@ def _loading(config: TrainingConfig) -> Iterator[list[float]]:
             envs.reset(seed=0)
             envs.step(np.zeros((1, 2), np.float32))
             envs.close()
-        spent.append(time.thread_time())
 
     beside = threading.Thread(target=load)
     beside.start()
     try:
-        yield spent
+        yield
     finally:
         beside.join()
 

@@ -54,7 +54,7 @@ def export(model: Any, path: str | Path = BUNDLE, *, env: str | None = None, **o
     """Write a policy of another library as a bundle, if both return the same actions.
 
     Args:
-        model: A model of Stable-Baselines3 or sb3-contrib, a torch module, an ONNX model, or a file of one, see
+        model: A model of Stable-Baselines3 or sb3-contrib, a torch module, an ONNX model, or a file, see
             `training.export.export`.
         path: The bundle's file; an existing one is replaced.
         env: Id or short name of the environment that it was trained in; None for what the model says, else Nav.

@@ -61,7 +61,7 @@ class Training(Result):
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Figures of the evaluations, shape (seeds, evaluations), NaN where a resumed training has none; and their steps."""
+        """Figures of the evaluations, shape (seeds, evaluations), NaN where a training has ended; and their steps."""
         steps = sorted({figures["steps"] for result in self.results.values() for figures in result.history})
         at = {step: column for column, step in enumerate(steps)}
         arrays: dict[str, NDArray[Any]] = {"steps": np.array(steps)}
@@ -137,7 +137,7 @@ class Training(Result):
         runs, times = [], []
         for (seed, result), folder in zip(self.results.items(), self.folders.values(), strict=True):
             facts = asdict(result)
-            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second", "cpu")}})
+            times.append({"seed": seed, **{name: facts.pop(name) for name in ("seconds", "steps_per_second")}})
             runs.append({"seed": seed, "folder": folder, **facts})
         return {"runs": runs, "times": times}, self.config.settings()
 
@@ -158,7 +158,6 @@ def train(
     folder: str | Path = RUN,
     *,
     seeds: int = SEEDS,
-    resume: bool = False,
     progress: bool = True,
     callbacks: Sequence[BaseCallback] | Callable[[TrainingConfig], Sequence[BaseCallback]] = (),
     within: Callable[[TrainingConfig, Path], AbstractContextManager[Any]] = lambda config, folder: nullcontext(),
@@ -172,19 +171,18 @@ def train(
         env: The environment's id or short name, or a configuration, whose fields ``options`` then change.
         folder: Folder of the run; each of several seeds has a folder seed-N in it.
         seeds: Number of seeds to train, from ``seed`` on.
-        resume: Resume from the checkpoints in the folder, in new episodes.
         progress: Whether to show a bar.
         callbacks: Additional callbacks of Stable-Baselines3, or a function that returns those of a seed's configuration.
         within: Returns a context for each run, of its configuration and folder, such as that of an experiment tracker.
         **options: Fields of `TrainingConfig`: ``steps``, ``algo``, ``config`` (hyper-parameters), the environment's, and so on.
 
     Raises:
-        ValueError: If an argument is unknown or out of its range, or the folder holds a run and ``resume`` is not set.
+        ValueError: If an argument is unknown or out of its range, or the folder holds a run.
         ImportError: If Stable-Baselines3 is missing.
     """
     first = replace(env, **options) if isinstance(env, TrainingConfig) else TrainingConfig(env=env, **options)
     folders = folders_of(folder, first.seed, seeds)
-    for run in () if resume else folders.values():
+    for run in folders.values():
         require_no_run(run)
     train_one = trainer()
     results = {}
@@ -192,7 +190,7 @@ def train(
         config = replace(first, seed=seed)
         with within(config, run):
             own = callbacks(config) if callable(callbacks) else callbacks
-            results[seed] = train_one(config, run, resume=resume, progress=progress, callbacks=own)
+            results[seed] = train_one(config, run, progress=progress, callbacks=own)
     return Training(config=first, folders=folders, results=results)
 
 

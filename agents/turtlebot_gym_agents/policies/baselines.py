@@ -27,7 +27,7 @@ from turtlebot_gym_agents.policies.geometric import (
 )
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import Policy
-from turtlebot_gym_agents.policies.reactive import DynamicWindowPolicy, FollowTheGapPolicy, VectorFieldHistogramPolicy
+from turtlebot_gym_agents.policies.reactive import VectorFieldHistogramPolicy
 
 SUFFIXES = (".json", *files.SUFFIXES)
 """Ends of the names of files of baselines."""
@@ -40,11 +40,9 @@ POLICIES: dict[str, type[Baseline]] = {
     "polar": PolarPolicy,
     "rotate-drive-rotate": RotateDriveRotatePolicy,
     "vfh": VectorFieldHistogramPolicy,
-    "gap": FollowTheGapPolicy,
-    "dwa": DynamicWindowPolicy,
     "planner": PlannerPolicy,
 }
-"""Baselines by name; the last four are for rooms."""
+"""Baselines by name; the last two are for rooms."""
 
 
 def default_numbers(name: str) -> dict[str, float]:

@@ -44,7 +44,7 @@ from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.geometric import baseline_in
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, terms_of
-from turtlebot_gym_agents.policies.protection import SafetyLayer
+from turtlebot_gym_agents.policies.protection import SafetyLayer, within_layer
 from turtlebot_gym_agents.policies.seen_space import LIDAR_X, LOOK, SeenSpace
 from turtlebot_gym_agents.policies.yielding import Yielding
 
@@ -128,8 +128,8 @@ class BeliefDriver:
         if NON_NEGATIVE.check("safety_margin", safety_margin) and self.sees:
             behind = max(safety_margin, SafetyLayer.margin_behind)
             margins: dict[str, Any] = {"margin": safety_margin, "margin_behind": behind, "least_margin": _LEAST_MARGIN}
-            self._policy = SafetyLayer(self._policy, self.robot, self.period, noise=motion, **margins)
-            self.terms = self._policy.terms
+            self._policy = within_layer(self._policy, self.robot, self.period, noise=motion, **margins)
+            self.terms = terms_of(self._policy) or OPEN_GROUND
         self._yaw, self._returns = FINITE.check("lidar_yaw", lidar_yaw), PROBABILITY.check("lidar_returns", lidar_returns)
         self.pool = Pooling(yaw=self._yaw, beams=lidar_beams)
         """Pools scans into the sectors of the observation."""

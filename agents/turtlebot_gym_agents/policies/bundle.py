@@ -12,7 +12,6 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import Options, Parameters, Robot
-from turtlebot_gym.bounded import bounded
 from turtlebot_gym.files import read_bytes, replacing
 from turtlebot_gym.observations import (
     OBSERVED,
@@ -35,7 +33,6 @@ from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.validation import choose, short_repr
 from turtlebot_gym_agents.policies.fit import describe_robot, require_fit
 from turtlebot_gym_agents.policies.onnx_network import OnnxNetwork
-from turtlebot_gym_agents.policies.policy import LAYOUTS
 from turtlebot_gym_agents.provenance import plain
 
 if TYPE_CHECKING:
@@ -164,7 +161,6 @@ class BundlePolicy:
         self._path, content = path, read_bytes(path)
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
-        bounded(partial(self._open, content), path, again=True)  # to run it may take any time and memory
         self._open(content)
         require_fit(path, self.card.robot, self.card.dt, robot, dt)
         self.memory = self._network.memory
@@ -231,8 +227,7 @@ class BundlePolicy:
 def _read_card(path: str | Path, content: Any) -> Card:
     """Return the card in a bundle's metadata, without fields that this version does not know.
 
-    A version that changes the meaning of other fields has another `FORMAT` or `ACTION`, and is refused. Earlier ones numbered
-    the terms of an observation.
+    A version that changes the meaning of other fields has another `FORMAT` or `ACTION`, and is refused.
 
     Raises:
         ValueError: If the format differs, or a field is missing, of another type or out of its range.
@@ -243,12 +238,7 @@ def _read_card(path: str | Path, content: Any) -> Card:
     theirs = {name: content.get(name) for name in ours}
     if theirs != ours:
         raise ValueError(f"{path}: made as {short_repr(theirs)}, but this version reads {ours}.")
-    layout: Any = content.get("layout")
-    if "terms" not in content and (isinstance(layout, bool) or layout not in [*LAYOUTS]):
-        raise ValueError(
-            f"{path}: its card has neither terms nor a layout of {', '.join(map(str, LAYOUTS))}, got {short_repr(layout)}."
-        )
-    terms: Any = content["terms"] if "terms" in content else described(LAYOUTS[layout])
+    terms: Any = content.get("terms")
     if not isinstance(terms, (list, tuple)) or not terms or not all(isinstance(term, Mapping) for term in terms):
         raise ValueError(f"{path}: terms on its card must be a list of terms, got {short_repr(terms)}.")
     content = {**content, "terms": tuple(terms)}

@@ -17,7 +17,7 @@ from turtlebot_gym.robots import Robot
 from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, SUFFIXES, load_baseline
 from turtlebot_gym_agents.policies.policy import Policy, Wrapped, numbers_of, terms_of
-from turtlebot_gym_agents.policies.protection import SafetyLayer
+from turtlebot_gym_agents.policies.protection import within_layer
 from turtlebot_gym_agents.policies.yielding import Yielding
 
 SAFETY = "+safety"
@@ -63,8 +63,8 @@ def make_policy(
     """Return a policy by its name.
 
     Args:
-        name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh", "gap",
-            "dwa" or "planner"; one with other numbers, ``*.yaml`` or ``*.json`` (see `baselines`); "ppo-nav", "ppo-pose",
+        name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh"
+            or "planner"; one with other numbers, ``*.yaml`` or ``*.json`` (see `baselines`); "ppo-nav", "ppo-pose",
             "ppo-square" or "ppo-rooms", which are shipped with the package; a bundle's file, ``*.onnx``; or "module:callable"
             for one of your own: a function is the policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords.
             In rooms, the suffix "+safety" wraps any of them in a `SafetyLayer`, and "+yield" lets it stop for people
@@ -82,7 +82,7 @@ def make_policy(
     name = str(name)
     if name.endswith(SAFETY):
         driver = make_policy(name.removesuffix(SAFETY), robot=robot, dt=dt, noise=noise, allow_mismatch=allow_mismatch)
-        return SafetyLayer(driver, robot, dt, noise=noise)
+        return within_layer(driver, robot, dt, noise=noise)
     if name.endswith(YIELD):
         driver = make_policy(name.removesuffix(YIELD), robot=robot, dt=dt, noise=noise, allow_mismatch=allow_mismatch)
         return Yielding(driver, robot, dt)
@@ -97,8 +97,8 @@ def make_policy(
         return BundlePolicy(bundle, **fit)
     if name.endswith((".zip", ".pkl", ".pt", ".pth")):
         raise ValueError(
-            f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: "
-            f"turtlebot-gym export {name} --allow-pickle"
+            f"{name}: loading it can run code that it holds. If you trust it, make a bundle of it: `turtlebot-gym export` of a "
+            "training by this package, or export(model, ...) in Python."
         )
     if not all(name.partition(":")):
         names = (*POLICIES, *sorted(path.stem for path in pretrained_folder().glob("*.onnx")))

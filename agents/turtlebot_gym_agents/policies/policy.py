@@ -41,18 +41,12 @@ class ShrinkingPolicy(PolicyWithMemory, Protocol):
         ...
 
 
-LAYOUTS = {1: OPEN_GROUND, 2: ROOM, 3: LOCATED_ROOM}
-"""Terms of the observations that files of earlier versions number."""
-
-
 def terms_of(policy: object) -> tuple[ObservationTerm, ...] | None:
     """Return the terms that a policy, or a class of policies, reads; None if it reads whatever it is shown.
 
     Raises:
         ValueError: If there is no such term.
     """
-    if hasattr(policy, "layout"):
-        raise ValueError("a policy has no layout any more: name the terms that it reads, such as terms = ('goal', 'scan').")
     terms = getattr(policy, "terms", None)
     if terms is None or all(isinstance(term, ObservationTerm) for term in terms):
         return terms

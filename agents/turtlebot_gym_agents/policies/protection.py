@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
-from typing import Annotated
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.models.unicycle import execution_variances
-from turtlebot_gym.observations import ROOM, TRACKS, columns_of
+from turtlebot_gym.observations import ROOM, columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.robots import Robot
@@ -34,7 +34,7 @@ from turtlebot_gym_agents.policies.sight import (
     look,
     time_to_contact,
 )
-from turtlebot_gym_agents.policies.yielding import PeopleStop
+from turtlebot_gym_agents.policies.yielding import Yielding
 
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.0])
 """Shares of the commanded speed to try."""
@@ -66,8 +66,6 @@ class SafetyLayer:
 
     In a passage that is slightly too narrow the robot is inside the margins of both sides. There it may drive on: inside the
     margin of an obstacle, down to ``least_margin``, arcs are admissible that approach it by less than `NEARER`.
-
-    If the policy reads tracks of people, the robot stands while it might touch a person, see `yielding.PeopleStop`.
 
     An obstacle is assumed anywhere in its sector, at the sector's range. One that comes too near for the LiDAR is remembered,
     for the policy too. What was never seen is unknown: an LDS-01 sees nothing up to 0.047 m from a Burger's back, which
@@ -111,7 +109,6 @@ class SafetyLayer:
         """The terms of its observations."""
         self._shown, self._sight = shown(self.policy, "policy", self.terms), columns_of(ROOM, self.terms)
         self._robot = make_robot(self.robot)
-        self._people = PeopleStop(self._robot, self.dt, self.terms) if TRACKS in self.terms else None
         variance, _ = execution_variances(Command(0.0, self._robot.max_angular), make_noise(self.noise).process, self.dt)
         self._drift = variance * self.dt  # growth of the place's variance at the highest turning rate, m^2/s
         self._sway = np.float64(SURE * np.sqrt(self._drift * self.reserve))
@@ -157,8 +154,6 @@ class SafetyLayer:
         self._left = np.where(stopped, round(self.way_out / self.dt), np.maximum(self._left - 1.0, 0.0))
         out = self._left > 0.0
         action[out] = self._admissible(guided[out], points[out])
-        if self._people:
-            action[self._people(seen, action)] = 0.0
         return action
 
     def _remembered(
@@ -225,3 +220,10 @@ class SafetyLayer:
         kept = np.maximum(np.abs(points) - self._robot.radius - NEARER, self.least_margin)
         radius = self._robot.radius + np.minimum(margin, kept)
         return time_to_contact(points, v, omega, radius).min(axis=-1) >= self.reserve
+
+
+def within_layer(policy: Policy, robot: str | Robot, dt: float, **numbers: Any) -> Policy:
+    """Return a policy within a `SafetyLayer` of these numbers; one that yields to people does so last, outside the layer."""
+    if isinstance(policy, Yielding):
+        return replace(policy, policy=within_layer(policy.policy, robot, dt, **numbers))
+    return SafetyLayer(policy, robot, dt, **numbers)

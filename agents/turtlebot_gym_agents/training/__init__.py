@@ -1,1 +1,1 @@
-"""Training with Stable-Baselines3: adapter, hyper-parameters, checkpoints and export."""
+"""Training with Stable-Baselines3: adapter, hyper-parameters and export."""

@@ -39,11 +39,10 @@ _OF_NETWORK = ("observation_space", "action_space", "lr_schedule", "use_sde", *_
 """Arguments of networks that are set here."""
 _CLASSES = {"activation_fn": (torch.nn, "ReLU"), "optimizer_class": (torch.optim, "Adam")}
 """Arguments of networks that are classes of a module, with an example."""
-_ELSEWHERE = "leave it out, or train with rl-baselines3-zoo and `turtlebot-gym export` its folder."
 _ZOO = {
-    "normalize": f"observations are normalized within the policy, and rewards are not: {_ELSEWHERE}",
-    "frame_stack": f"the option --observation shows past values, such as 'ekf,scan*2': {_ELSEWHERE}",
-    **dict.fromkeys(("env_wrapper", "vec_env_wrapper", "monitor_kwargs", "callback", "vec_env_class"), _ELSEWHERE),
+    "normalize": "observations are normalized within the policy, and rewards are not: leave it out.",
+    "frame_stack": "the option --observation shows past values, such as 'ekf,scan*2': leave it out.",
+    **dict.fromkeys(("env_wrapper", "vec_env_wrapper", "monitor_kwargs", "callback", "vec_env_class"), "leave it out."),
 }
 """Settings of rl-baselines3-zoo that are no arguments of an algorithm, and what to do instead."""
 

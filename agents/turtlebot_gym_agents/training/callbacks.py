@@ -1,4 +1,4 @@
-"""Callbacks for training with Stable-Baselines3: progress, evaluation on separate seeds, checkpoints that survive a kill.
+"""Callbacks for training with Stable-Baselines3: progress, evaluation on separate seeds, and the files of a run.
 
 They do not depend on the command line: scripts can pass them to ``model.learn(callback=[...])``.
 """
@@ -29,12 +29,9 @@ from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.export import export
-from turtlebot_gym_agents.training.gaussian import GaussianPolicy
-from turtlebot_gym_agents.training.history import read_history
 from turtlebot_gym_agents.training.judging import Judged, judge
-from turtlebot_gym_agents.training.model import save_checkpoint, save_model, weights_of
+from turtlebot_gym_agents.training.model import save_model, weights_of
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
-from turtlebot_gym_agents.training.timing import Stopwatch
 
 EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
@@ -54,7 +51,7 @@ def policy_of(model: BaseAlgorithm) -> Policy:
     """Return a model's deterministic policy: ``model.predict`` to the bit, in half the time."""
     policy: Any = model.policy
     inputs, outputs = model.observation_space, model.action_space
-    gaussian = type(policy) in (ActorCriticPolicy, GaussianPolicy) and type(policy.action_dist) is DiagGaussianDistribution
+    gaussian = type(policy) is ActorCriticPolicy and type(policy.action_dist) is DiagGaussianDistribution
     if not gaussian or not isinstance(outputs, spaces.Box) or not isinstance(inputs, spaces.Box) or len(inputs.shape) != 1:
         return lambda observations: model.predict(observations, deterministic=True)[0]
     policy.set_training_mode(False)
@@ -88,38 +85,6 @@ class Callback(BaseCallback):
         self._due = now + max(self._seconds, 20.0 * (now - begun))
 
 
-class CheckpointCallback(Callback):
-    """Save the model at intervals and at the end, including the replay buffer of algorithms that have one.
-
-    Args:
-        path: The file, replaced atomically. The replay buffer is beside it, see `model.replay_path`.
-        seconds: Least time between two checkpoints, see `Callback`.
-        watch: Charges them to the phase "files".
-    """
-
-    def __init__(self, path: Path, *, seconds: float = 5.0, watch: Stopwatch | None = None) -> None:
-        super().__init__(seconds=seconds)
-        self._path, self._saved, self._watch = path, 0, watch or Stopwatch()
-
-    def _on_training_start(self) -> None:
-        self._wait_after(time.monotonic())
-        self._saved = self.num_timesteps
-
-    def _on_rollout_start(self) -> None:
-        if time.monotonic() >= self._due and self.num_timesteps > self._saved:
-            self.save()
-
-    def _on_training_end(self) -> None:
-        self.save()
-
-    def save(self) -> None:
-        begun = time.monotonic()
-        with self._watch.phase("files"):
-            save_checkpoint(self.model, self._path)
-        self._saved = self.num_timesteps
-        self._wait_after(begun)
-
-
 class EvaluationCallback(BaseCallback):
     """Evaluate the deterministic policy on separate seeds, during training and at its end; keep the best model, and log.
 
@@ -129,13 +94,10 @@ class EvaluationCallback(BaseCallback):
         envs: Vector environment in the mode SAME_STEP, not the training's.
         every: Steps between evaluations.
         episodes: Number of seeds; None for as many as environments.
-        path: File of the model with the highest mean return; None to keep none. A resumed training keeps the existing file
-            until there is a better model.
-        history: File of all evaluations' figures, which a resumed training continues; None for none.
+        path: File of the model with the highest mean return; None to keep none.
         seed: First seed of the evaluation.
         go_on: Called with the figures; the training stops if it returns false.
         confirm: Whether it stops only if ``go_on`` also returns false for the figures of all seeds.
-        watch: Charges them to the phase "evaluations".
     """
 
     def __init__(
@@ -145,35 +107,24 @@ class EvaluationCallback(BaseCallback):
         every: int,
         episodes: int | None = None,
         path: Path | None = None,
-        history: Path | None = None,
         seed: int = EVALUATION_SEED,
         go_on: Callable[[dict[str, float]], bool] = lambda figures: True,
         confirm: bool = False,
-        watch: Stopwatch | None = None,
     ) -> None:
         super().__init__()
-        self._watch, self._confirm = watch or Stopwatch(), confirm
+        self._confirm = confirm
         self._envs, self._every, self._path, self._seed, self._go_on = envs, every, path, seed, go_on
         self._episodes = envs.num_envs if episodes is None else episodes
-        self._next, self._kept, self._most = every, history, -np.inf
+        self._next, self._most = every, -np.inf
         self.stopped = False
         """Whether `go_on` has ended the training."""
         self.best: dict[str, float] = {"return": -np.inf}
         """Figures of the best model, with its number of training steps."""
         self.history: list[dict[str, float]] = []
-        """Figures of all evaluations, with those before an interruption where they are written."""
-        self.begun = 0
-        """Number of training steps at the beginning, more than 0 for a resumed training."""
+        """Figures of all evaluations."""
 
     def _on_training_start(self) -> None:
-        self._next, self.begun = self.num_timesteps + self._every, self.num_timesteps
-        if self.num_timesteps > 0 and self._path is not None and self._path.is_file():
-            # The same seeds reproduce the figures, so they need no file, which a kill could leave out of step with the model.
-            with weights_of(self.model, self._path):
-                self.best = self._figures(self._judge(INTERIM))
-            self._most = self.best["return"]
-        if self.num_timesteps > 0 and self._kept is not None and self._kept.is_file():
-            self.history = read_history(self._kept.parent, steps=self.num_timesteps)
+        self._next = self.num_timesteps + self._every
 
     def _on_step(self) -> bool:
         return not self.stopped
@@ -199,8 +150,6 @@ class EvaluationCallback(BaseCallback):
         judged = self._judge(episodes)
         reached = self._figures(judged)
         self.history = [*(row for row in self.history if row["steps"] < reached["steps"]), reached]
-        if self._kept is not None:
-            replace_json(self._kept, self.history)
         for name, value in reached.items():
             self.logger.record(f"eval/{name}", value)
         self._keep_best(judged, reached)
@@ -222,8 +171,7 @@ class EvaluationCallback(BaseCallback):
                 save_model(self.model, self._path)
 
     def _judge(self, episodes: int) -> Judged:
-        with self._watch.phase("evaluations"):
-            return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
+        return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
 
     def _figures(self, judged: Judged) -> dict[str, float]:
         return {"steps": float(self.model.num_timesteps), **judged.figures()}
@@ -236,12 +184,11 @@ class RecordCallback(Callback):
         config: Configuration of the training.
         folder: Folder of the run; the best model is in its ``best.zip``.
         judge: The evaluation, an earlier one of the callbacks: it determines the best model.
-        watch: Charges the bundle to the phase "export".
     """
 
-    def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback, watch: Stopwatch) -> None:
+    def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback) -> None:
         super().__init__()
-        self._config, self._folder, self._judge, self._watch = config, folder, judge, watch
+        self._config, self._folder, self._judge = config, folder, judge
         self._begun = time.monotonic()
 
     def _on_training_start(self) -> None:
@@ -252,7 +199,7 @@ class RecordCallback(Callback):
     def _on_training_end(self) -> None:
         seconds = round(time.monotonic() - self._begun, 1)
         about = {**self._record, "steps": self.num_timesteps, "seconds": seconds, "evaluation": self._judge.best}
-        with self._watch.phase("export"), weights_of(self.model, self._folder / "best.zip"):
+        with weights_of(self.model, self._folder / "best.zip"):
             card = self._config.card(self._judge.parameters, about)
             options = {"vec_normalize": "none", "card": card, "steps": CHECKED, **self._config.options}
             export(self.model, self._folder / "policy.onnx", env=self._config.env, **options)

@@ -26,7 +26,6 @@ from torch import nn
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of, require_terms
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, shown
-from turtlebot_gym_agents.training.adam import Adam
 from turtlebot_gym_agents.training.callbacks import Callback, mean_actions
 from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -42,14 +41,13 @@ WARM_UP = 0.1
 """Share of the training's steps in which only the critic learns."""
 
 
-def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *, is_new: bool) -> BaseCallback:
+def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig) -> BaseCallback:
     """Let a training begin with the policy of its configuration, and return the callback that it needs.
 
     Args:
         model: The model.
         envs: The training's environments.
         config: Configuration of the training, which names a policy.
-        is_new: Whether the model is new; a checkpoint already holds the clone.
 
     Raises:
         ValueError: If the policy was made for another robot, rate or observation.
@@ -61,8 +59,7 @@ def begin_with(model: BaseAlgorithm, envs: VectorEnv, config: TrainingConfig, *,
     require_terms(policy, config.from_policy, config.env)
     terms: Any = getattr(envs.unwrapped, "observation_terms")  # noqa: B009  # Gymnasium's type does not have it
     policy = shown(policy, config.from_policy, terms)
-    if is_new:
-        clone(model, envs, policy, seed=CLONING_SEED + config.seed)
+    clone(model, envs, policy, seed=CLONING_SEED + config.seed)
     return _WarmUpCallback(round(WARM_UP * config.total))
 
 
@@ -79,7 +76,7 @@ def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: in
     assert isinstance(network, ActorCriticPolicy)
     with torch.no_grad():
         network.log_std.fill_(float(np.log(DEVIATION)))
-    optimizer = Adam(_actor(network), lr=RATE, eps=1e-8)
+    optimizer = torch.optim.Adam(_actor(network), lr=RATE)
     random = np.random.default_rng(seed)
     observations, _ = envs.reset(seed=seed)
     over = np.ones(envs.num_envs, np.bool_)
@@ -105,7 +102,7 @@ def _actor(network: ActorCriticPolicy) -> Iterator[nn.Parameter]:
     yield from network.action_net.parameters()
 
 
-def _fit(network: ActorCriticPolicy, optimizer: Adam, observed: torch.Tensor, labels: torch.Tensor) -> None:
+def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, observed: torch.Tensor, labels: torch.Tensor) -> None:
     """Reduce the mean squared difference between actions and labels."""
     for _ in range(PASSES):
         for rows in torch.randperm(len(observed)).split(BATCH):

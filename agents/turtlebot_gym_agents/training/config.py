@@ -14,7 +14,6 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Options, Parameters
-from turtlebot_gym.files import load
 from turtlebot_gym.validation import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
 from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
@@ -23,8 +22,6 @@ from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.randomization import randomized
 
-RESIZED = ("n_envs", "batch_size")
-"""Hyper-parameters that follow from the number of steps, see `hyperparameters.for_steps`."""
 STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
 NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
@@ -35,8 +32,6 @@ ROWS = 128
 """Most environments of an evaluation."""
 _RANDOMIZED = ("speed_error", "turn_error", "veer")
 """Fields that ``randomize`` reads."""
-_FREE = ("steps", "until", "seconds", "config", "evaluations", "episodes", "checkpoint_seconds", "device", "threads")
-"""Fields that may differ when a run is resumed; the contents of the file ``config`` may not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +66,6 @@ class TrainingConfig(Options):
     until: str | None = None
     """Stop when an evaluation during training reaches this, success=SHARE or return=VALUE: of ``episodes`` episodes, the same
     ones each time, which `evaluate` does not drive. Schedules follow ``steps``."""
-    seconds: Annotated[float | None, Range(0.0, 1e9, open_low=True)] = None
-    """Stop after this wall time, s, by which schedules end; imports, last evaluation and export are not in it."""
     config: Path | Mapping[str, Any] | None = None
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package; in Python also a
     mapping."""
@@ -83,8 +76,6 @@ class TrainingConfig(Options):
     """Number of evaluations during training."""
     episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500
     """Episodes of the evaluation at the end; those during training have the first 100."""
-    checkpoint_seconds: Annotated[float, NON_NEGATIVE] = 5.0
-    """Least time between two checkpoints, s."""
     device: str = "cpu"
     """Device of the network: cpu, cuda, or auto, which uses a GPU for SAC and TD3 if there is one, and the CPU for PPO."""
     threads: Annotated[int, Range(1, 4096, whole=True)] = 1
@@ -195,29 +186,6 @@ class TrainingConfig(Options):
         card = Card.of(self.env, brought_by(self.env) | self.options, parameters, training)
         return replace(card, noise="randomized") if self.randomize else card
 
-    def continuing(self, folder: Path) -> TrainingConfig:
-        """Return this configuration for the run that a folder holds, whose number of environments does not change.
-
-        Raises:
-            ValueError: If that run has another configuration.
-        """
-        earlier, continued = read_record(folder / "config.json"), replace(self)
-        if self.config is None and earlier["config"].get("config") is None:
-            kept = {key: earlier["hyperparameters"].get(key, self.hyper[key]) for key in RESIZED if key in self.hyper}
-            object.__setattr__(continued, "hyper", {**self.hyper, **kept})
-        continued._require_same(folder, earlier)
-        return continued
-
-    def _require_same(self, folder: Path, earlier: Mapping[str, Any]) -> None:
-        settings = TrainingConfig().settings() | earlier["config"]  # an earlier version wrote fewer fields
-        hyper = hyperparameters.load(settings["algo"], settings["env"], earlier["hyperparameters"])
-        for before, now in ((settings, self.settings()), (hyper, self.hyper)):
-            for key in sorted((set(before) | set(now)) - set(_FREE)):
-                value, new = before.get(key), now.get(key)
-                same = value == new or (key == "arrival" and {value, new} == {None, "truth"})  # the tasks' default is the truth
-                if not same:
-                    raise ValueError(f"{folder} holds a run with {key} {value!r}: it cannot be resumed with {new!r}.")
-
 
 def require_env(env: str) -> str:
     """Return the id of an environment that is given by it or by its short name.
@@ -245,18 +213,6 @@ def steps_of(env: str) -> int | None:
 
 
 def require_no_run(folder: Path) -> None:
-    """Raise ValueError if a folder holds a run, which only resuming may change."""
-    if (folder / "checkpoint.zip").exists():
-        raise ValueError(f"{folder} holds a run already: resume it with --resume (resume=True), or choose another folder.")
-
-
-def read_record(path: Path) -> dict[str, Any]:
-    """Return the config.json of a training.
-
-    Raises:
-        ValueError: If the file is something else.
-    """
-    record = load(path)
-    if not isinstance(record, dict) or not isinstance(record.get("config", {}), dict):
-        raise ValueError(f"{path} must be what training leaves: a mapping with a mapping under 'config'.")
-    return record
+    """Raise ValueError if a folder holds a run."""
+    if (folder / "config.json").exists():
+        raise ValueError(f"{folder} holds a run already: choose another folder, or remove it.")

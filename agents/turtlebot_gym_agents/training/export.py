@@ -1,4 +1,4 @@
-"""Make a policy bundle of what people have: models and networks of other libraries, and their files.
+"""Make a policy bundle of what people have: models and networks of other libraries, and ONNX models.
 
 The bundle takes along all that the policy needs: the normalization of observations, a stack of them, and the state of a
 recurrent network. It is written only if it acts as the library itself does, in the environment of the training.
@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
-import torch
+import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
+from numpy.typing import NDArray
 from torch import nn
 
 from turtlebot_gym import Options
@@ -26,13 +27,13 @@ from turtlebot_gym.variants import BASE, split
 from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import arguments_of, brought_by
 from turtlebot_gym_agents.policies import PolicyWithMemory
-from turtlebot_gym_agents.policies.bundle import Card
+from turtlebot_gym_agents.policies.bundle import KEY, Card
 from turtlebot_gym_agents.policies.fit import parameters_of
+from turtlebot_gym_agents.policies.onnx_network import OnnxNetwork
 from turtlebot_gym_agents.training import files
 from turtlebot_gym_agents.training.config import base_of, require_env
-from turtlebot_gym_agents.training.foreign_onnx import OnnxPolicy, network_model, script_model
 from turtlebot_gym_agents.training.network import ROWS, STEPS, program_of, write_checked
-from turtlebot_gym_agents.training.stages import Staged, normalization_of, other_size
+from turtlebot_gym_agents.training.stages import Staged, normalization_of
 from turtlebot_gym_agents.training.torch_policy import Called, TorchPolicy
 
 NONE = "none"
@@ -65,12 +66,12 @@ def export(
     Args:
         model: A model of Stable-Baselines3 or sb3-contrib, with the `VecNormalize` and the `VecFrameStack` of its environment;
             a torch module, or a function of tensors, from observations (n, k) to actions (n, 2), of which those beyond 1 are
-            clipped; a TorchScript module; an ONNX model; or a file of one of these, or the folder of a training, see
-            `files.read`.
+            clipped; an ONNX model that fits, which gets a card and is not changed; or a file of one, or the folder of a
+            training, see `files.read`.
         path: The bundle's file, replaced atomically.
         env: Id of the environment that it was trained in; None for the one that the model or its folder names, else Nav.
-        vec_normalize: What normalized observations: a `VecNormalize`, Gymnasium's `NormalizeObservation`, a file of the first,
-            or "none"; None for what the model's environment has, or what lies beside the file.
+        vec_normalize: What normalized observations: a `VecNormalize`, Gymnasium's `NormalizeObservation`, or "none"; None for
+            what the model's environment has.
         memory: Of a torch module with a state: how many numbers that has. The module then maps observations and the state (n,
             memory), zeros where an episode begins, to actions and the next state.
         allow_pickle: Whether files may be read that can run code.
@@ -99,19 +100,12 @@ def export(
         space: Any = envs.single_observation_space
         if not isinstance(space, spaces.Box) or len(space.shape) != 1:
             raise refusal("env", "an environment whose observations are terms, such as those of this package", env)
-        converted = _convert(model, space, env, vec_normalize, memory, found, allow_pickle)
+        converted = _convert(model, space, env, NONE if found.training else vec_normalize, memory)
         if card is None:
             used = brought_by(env) | arguments_of(options)
             card = Card.of(env, used, parameters_of(envs), {**found.training, **converted.training, **(training or {})})
             card = card if found.noise is None else replace(card, noise=found.noise)
-        try:
-            return write_checked(converted.program, path, card, converted.original, envs, steps=steps)
-        except ValueError as error:
-            if getattr(converted.original, "one", False):
-                raise ValueError(
-                    f"model was exported for one observation: export it with a dynamic first axis: {error}"
-                ) from error
-            raise
+        return write_checked(converted.program, path, card, converted.original, envs, steps=steps)
 
 
 def _based(value: Any, name: str, env: str, trained: Mapping[str, Any]) -> Any:
@@ -154,36 +148,19 @@ def _environment_of(model: Any) -> tuple[str | None, dict[str, Any]]:
     }
 
 
-def _convert(
-    model: Any, space: spaces.Box, env: str, vec_normalize: Any, memory: int, found: files.Found, allow_pickle: bool
-) -> _Converted:
+def _convert(model: Any, space: spaces.Box, env: str, vec_normalize: Any, memory: int) -> _Converted:
     """Return a policy of another library as ONNX, and by its library."""
-    if isinstance(vec_normalize, (str, Path)) and vec_normalize != NONE:
-        vec_normalize = files.load_statistics(Path(vec_normalize), allow_pickle=allow_pickle)
     if _is_sb3(model):
-        return _of_sb3(model, space, env, vec_normalize, found.statistics, allow_pickle)
-    if vec_normalize is None and found.statistics:
-        raise ValueError(
-            f"model may need the statistics in {found.statistics[0]}, and does not say so: name them, --vec-normalize FILE, or "
-            "--vec-normalize none (vec_normalize=...) if its observations were not normalized."
-        )
+        return _of_sb3(model, space, env, vec_normalize)
+    size = space.shape[0]
+    if type(model).__name__ == "ModelProto":
+        return _Converted(model, _OnnxPolicy(model, size), {})
     layer = None if vec_normalize in (None, NONE) else normalization_of(vec_normalize)
-    size, about = space.shape[0], {"normalized": True} if layer else {}
+    about = {"normalized": True} if layer else {}
     if layer is not None and layer.size != size:
         raise ValueError(f"vec_normalize must hold statistics of {size} observations, as {env} has, got {layer.size}.")
-    if isinstance(model, torch.jit.ScriptModule):
-        original = TorchPolicy(model, layer, 0)
-        original.try_on(space)
-        script = script_model(model, size)
-        return _Converted(network_model(script, OnnxPolicy(script, layer), size), original, about)
-    if type(model).__name__ == "ModelProto":
-        original = OnnxPolicy(model, layer)
-        if isinstance(original.size, int) and original.size != size:
-            raise other_size(size, env, original.size)
-        return _Converted(network_model(model, original, size), original, about)
     if not callable(model):
-        rule = "a model of Stable-Baselines3, a torch module, a function of tensors, an ONNX model or a file of one"
-        raise refusal("model", rule, model)
+        raise refusal("model", "a model of Stable-Baselines3, a torch module, a function of tensors or an ONNX model", model)
     network = model if isinstance(model, nn.Module) else Called(model)
     original = TorchPolicy(network, layer, as_int("memory", memory))
     original.try_on(space)
@@ -191,56 +168,49 @@ def _convert(
     return _Converted(program_of(staged, size, staged.memory), original, {**about, **({"state": memory} if memory else {})})
 
 
-def _of_sb3(
-    model: Any, space: spaces.Box, env: str, vec_normalize: Any, beside: tuple[Path, ...], allow_pickle: bool
-) -> _Converted:
+class _OnnxPolicy:
+    """An ONNX model as a policy, run as it is."""
+
+    def __init__(self, model: Any, size: int) -> None:
+        if any(entry.key == KEY for entry in model.metadata_props):
+            raise ValueError("model is a policy bundle already: drive it as it is, --policy FILE.onnx.")
+        self._network = OnnxNetwork("model", model.SerializeToString())
+        self._network.require_shapes(size)
+        self._memory = np.zeros((0, self._network.memory), np.float32)
+
+    def reset(self, mask: NDArray[np.bool_]) -> None:
+        if len(self._memory) != len(mask):
+            self._memory = np.zeros((len(mask), self._network.memory), np.float32)
+        self._memory = np.where(mask[:, None], np.float32(0.0), self._memory)
+
+    def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        actions, self._memory = self._network.run(observations, self._memory)
+        return actions
+
+
+def _of_sb3(model: Any, space: spaces.Box, env: str, vec_normalize: Any) -> _Converted:
     """Return a model of Stable-Baselines3 as ONNX, and by its own ``predict``."""
     from stable_baselines3.common.vec_env import VecNormalize
 
     from turtlebot_gym_agents.training import sb3_policy
-    from turtlebot_gym_agents.training.layers import graph_of
     from turtlebot_gym_agents.training.sb3_network import network_of
 
     sb3_policy.require_actions(model)
-    wrappers = sb3_policy.wrappers_of(model) if hasattr(model, "get_env") else []
+    has_env = hasattr(model, "get_env") and model.get_env() is not None
+    wrappers = sb3_policy.wrappers_of(model) if has_env else []
     own = [wrapper for wrapper in wrappers if isinstance(wrapper, VecNormalize)]
     if len(own) > 1:
         raise ValueError("model must be trained within at most one VecNormalize, got several.")
-    statistics, doubt = None, ""
-    if vec_normalize is None and hasattr(model, "get_env"):
+    if vec_normalize is None:
+        if not has_env:
+            raise ValueError(
+                "model has no environment, which would say what normalized its observations: name their VecNormalize, "
+                "export(model, ..., vec_normalize=...), or 'none'."
+            )
         sb3_policy.require_no_observation_wrapper(model)
-    if vec_normalize == NONE:
-        doubt = "vec_normalize cannot be none"
-    elif vec_normalize is not None:
-        statistics = vec_normalize
-    elif own:
-        statistics = own[0]
-    elif (needs := sb3_policy.was_normalized(model, space)) or (
-        needs is None and (beside or getattr(model, "num_timesteps", 0))
-    ):
-        statistics = files.load_statistics(_one_of(beside), allow_pickle=allow_pickle)
-    else:
-        doubt = "statistics are missing"
-    stages = sb3_policy.stages_of(model, space, env, statistics, wrappers)
-    if doubt:
-        sb3_policy.require_within(model, space, doubt)
-    network, width, chain = network_of(model)
-    size = space.shape[0]
-    program = None if stages or chain is None else graph_of(chain, size)
-    if program is None:
-        staged = Staged([stage.module for stage in stages], network, width)
-        program = program_of(staged, size, staged.memory)
+        vec_normalize = own[0] if own else NONE
+    stages = sb3_policy.stages_of(model, space, env, None if vec_normalize == NONE else vec_normalize, wrappers)
+    network, width = network_of(model)
+    staged = Staged([stage.module for stage in stages], network, width)
+    program = program_of(staged, space.shape[0], staged.memory)
     return _Converted(program, sb3_policy.Sb3Policy(model, stages), sb3_policy.library_of(model, stages, width))
-
-
-def _one_of(beside: tuple[Path, ...]) -> Path:
-    """Return the only file of statistics beside a model that needs one."""
-    if len(beside) == 1:
-        return beside[0]
-    found = (
-        f"several are beside it: {', '.join(path.name for path in beside)}" if beside else "no vecnormalize.pkl is beside it"
-    )
-    raise ValueError(
-        f"model was trained within VecNormalize, and needs its statistics, but {found}: name them, --vec-normalize FILE "
-        "(vec_normalize=...), or none if only rewards were normalized."
-    )

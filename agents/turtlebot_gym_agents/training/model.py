@@ -1,7 +1,7 @@
-"""Models of Stable-Baselines3: made for the configuration of a training, saved and restored.
+"""Models of Stable-Baselines3: made for the configuration of a training, and saved.
 
-A saved model is a zip file. Besides the weights it holds pickled objects, which could run any code. A training makes its model
-anew from its configuration, and reads only the weights, the optimizer's state and the counters from such a file.
+A saved model is a zip file. Besides the weights it holds pickled objects, which could run any code. A training reads only the
+weights and the number of steps from such a file.
 """
 
 from __future__ import annotations
@@ -20,20 +20,17 @@ import torch
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.save_util import load_from_zip_file, recursive_setattr
+from stable_baselines3.common.save_util import load_from_zip_file
 
-from turtlebot_gym.files import SMALL, in_bounds, read_arrays, replacing, require_small
+from turtlebot_gym.files import in_bounds, replacing, require_small
 from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.policies.policy import shown
-from turtlebot_gym_agents.training.adam import Adam
 from turtlebot_gym_agents.training.arguments import ALGORITHMS, NETWORK, arguments
-from turtlebot_gym_agents.training.config import ON_POLICY, TrainingConfig
-from turtlebot_gym_agents.training.gaussian import GaussianPolicy
+from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.staggering import Staggered
@@ -45,8 +42,6 @@ STAGGER = 300
 NORMALIZATION_SEED = 2**41
 TRAINING_SEED = 2**42
 """A run's environments have seeds from (1 + its seed) times this, separate from others."""
-_COUNTERS = ("num_timesteps", "_n_updates", "_episode_num")
-_COLUMNS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
 
 def _choose_device(device: str, algo: str) -> str:
@@ -75,26 +70,16 @@ def _stands(observations: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.zeros((len(observations), 2), np.float32)
 
 
-def _is_gaussian(config: TrainingConfig) -> bool:
-    """Return whether `GaussianPolicy` is what Stable-Baselines3 would build."""
-    network = config.hyper[NETWORK]
-    special = config.hyper.get("use_sde", False) or not network.get("share_features_extractor", True)
-    return config.algo in ON_POLICY and config.hyper["policy"] == "MlpPolicy" and not special
-
-
-def make_model(
-    config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | None = None, checkpoint: Path | None = None
-) -> BaseAlgorithm:
-    """Return a new model, or one that continues from a checkpoint.
+def make_model(config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | None = None) -> BaseAlgorithm:
+    """Return a new model.
 
     Args:
         config: Configuration of the training.
         envs: Environments to train in.
         tensorboard: Folder of the logs.
-        checkpoint: A file by `save_checkpoint`.
 
     Raises:
-        ValueError: If Stable-Baselines3 refuses the hyper-parameters, or the checkpoint is not one of this configuration.
+        ValueError: If Stable-Baselines3 refuses the hyper-parameters.
     """
     parameters = parameters_of(envs)
     terms: tuple[ObservationTerm, ...] = envs.unwrapped.observation_terms  # pyright: ignore[reportAttributeAccessIssue]
@@ -109,26 +94,20 @@ def make_model(
         "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
     }
     keywords, device = arguments(config.algo, config.hyper), _choose_device(config.device, config.algo)
-    ours: dict[str, Any] = (
-        {"optimizer_class": Adam} if config.algo == "ppo" and "optimizer_kwargs" not in keywords[NETWORK] else {}
-    )
     adapter = Sb3VecEnv(Staggered(envs, driver, STAGGER), reward_scale=config.hyper.get("reward_scale", 1.0))
     try:
         model = ALGORITHMS[config.algo](
-            GaussianPolicy if _is_gaussian(config) else config.hyper["policy"],
+            config.hyper["policy"],
             adapter,
             seed=config.seed,
             device=device,
             tensorboard_log=None if tensorboard is None else str(tensorboard),
-            **{**keywords, NETWORK: normalization | ours | keywords[NETWORK]},
+            **{**keywords, NETWORK: normalization | keywords[NETWORK]},
         )
     except (TypeError, ValueError, AssertionError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"Stable-Baselines3 refuses the hyper-parameters of {config.algo}, see --config: {reason}") from error
-    if checkpoint is not None:
-        _restore(model, checkpoint)
-    # Making the model has set the model's own seed there. A resumed training must not repeat its first episodes.
-    adapter.seed((1 + config.seed) * TRAINING_SEED + model.num_timesteps)
+    adapter.seed((1 + config.seed) * TRAINING_SEED)  # making the model has set the model's own seed there
     if isinstance(model, OnPolicyAlgorithm):
         adapter.bootstrap_with(model)
     return model
@@ -140,33 +119,6 @@ def save_model(model: BaseAlgorithm, path: Path) -> None:
         model.save(file)
 
 
-def save_checkpoint(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model with its replay buffer, if it has one, so that `make_model` continues from them."""
-    if isinstance(model, OffPolicyAlgorithm):
-        assert isinstance(model.replay_buffer, ReplayBuffer)
-        _write_buffer(model.replay_buffer, _replay_path(path))
-    save_model(model, path)
-
-
-def _restore(model: BaseAlgorithm, path: Path) -> None:
-    """Bring a new model into the state of a checkpoint by `save_checkpoint`; nothing pickled in it is run.
-
-    Raises:
-        ValueError: If the file is not a checkpoint of such a model, or its replay buffer is missing.
-    """
-    counters, parameters, variables = _read(path, model)
-    try:
-        model.set_parameters(parameters, device=model.device)
-        for name, value in variables.items():
-            recursive_setattr(model, f"{name}.data", value.data)
-    except (ValueError, RuntimeError) as error:
-        raise ValueError(f"{path} is the checkpoint of another network: {' '.join(str(error).split())}") from error
-    vars(model).update(counters)
-    if isinstance(model, OffPolicyAlgorithm):
-        assert isinstance(model.replay_buffer, ReplayBuffer)
-        _load_buffer(model.replay_buffer, _replay_path(path))
-
-
 @contextmanager
 def weights_of(model: BaseAlgorithm, path: Path) -> Iterator[None]:
     """Give a model's policy the weights of a saved model, and its number of steps, within this block.
@@ -175,25 +127,18 @@ def weights_of(model: BaseAlgorithm, path: Path) -> Iterator[None]:
         ValueError: If the file is not a saved model.
     """
     state, steps = deepcopy(model.policy.state_dict()), model.num_timesteps
-    counters, parameters, _ = _read(path, model)
+    try:
+        reached = int(data_of(path)["num_timesteps"])
+        parameters: Any = load_from_zip_file(path, load_data=False, device=model.device)[1]
+    except (zipfile.BadZipFile, UnpicklingError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise ValueError(f"{path} is not a model of Stable-Baselines3: {' '.join(str(error).split())}") from error
     model.policy.load_state_dict(parameters["policy"])
-    model.num_timesteps = counters["num_timesteps"]
+    model.num_timesteps = reached
     try:
         yield
     finally:
         model.policy.load_state_dict(state)
         model.num_timesteps = steps
-
-
-def _read(path: Path, model: BaseAlgorithm) -> tuple[dict[str, int], Any, Any]:
-    """Return the counters, parameters and further tensors in a saved model."""
-    try:
-        data = data_of(path)
-        counters = {name: int(data[name]) for name in _COUNTERS}
-        _, parameters, variables = load_from_zip_file(path, load_data=False, device=model.device)
-    except (zipfile.BadZipFile, UnpicklingError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"{path} is not a model of Stable-Baselines3: {' '.join(str(error).split())}") from error
-    return counters, parameters, variables or {}
 
 
 @in_bounds
@@ -202,23 +147,3 @@ def data_of(path: Path) -> dict[str, Any]:
     require_small(path)
     with zipfile.ZipFile(path) as archive:
         return dict(json.loads(archive.read("data")))
-
-
-def _replay_path(checkpoint: Path) -> Path:
-    """Return the path of a checkpoint's replay buffer, a ``.npz`` file."""
-    return checkpoint.with_suffix(".replay.npz")
-
-
-def _write_buffer(buffer: ReplayBuffer, path: Path) -> None:
-    columns: dict[str, Any] = {name: getattr(buffer, name)[: buffer.size()] for name in _COLUMNS}
-    with replacing(path) as beside, beside.open("wb") as file:
-        np.savez(file, position=buffer.pos, full=buffer.full, **columns)
-
-
-def _load_buffer(buffer: ReplayBuffer, path: Path) -> None:
-    if not path.is_file():
-        raise ValueError(f"{path} is missing, without which the run cannot be resumed: train again in another folder.")
-    content = read_arrays(path, most=2 * sum(getattr(buffer, name).nbytes for name in _COLUMNS) + SMALL)
-    for name in _COLUMNS:
-        getattr(buffer, name)[: len(content[name])] = content[name]
-    buffer.pos, buffer.full = int(content["position"]), bool(content["full"])

@@ -18,7 +18,7 @@ from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, SCAN, ObservationTerm, size_of, slices_of
+from turtlebot_gym.observations import SCAN, ObservationTerm, slices_of
 from turtlebot_gym_agents.policies import Policy
 
 CLIP = 10.0
@@ -35,17 +35,12 @@ def ranges_in(terms: Sequence[ObservationTerm]) -> tuple[int, int]:
     return place.start, place.stop
 
 
-def split_at(ranges: tuple[int, int], size: int) -> tuple[int, int, int]:
-    """Return how many of ``size`` columns come before the ranges, how many they are, and how many come after them."""
-    start, stop = ranges
-    return start, stop - start, size - stop
-
-
 def _spread_ranges(observations: torch.Tensor, ranges: tuple[int, int]) -> torch.Tensor:
     """Return observations (..., n) with the ranges of a scan as logarithms."""
-    if ranges[0] == ranges[1]:
+    start, stop = ranges
+    if start == stop:
         return observations
-    before, scan, after = observations.split(split_at(ranges, observations.shape[-1]), dim=-1)
+    before, scan, after = observations.split((start, stop - start, observations.shape[-1] - stop), dim=-1)
     return torch.cat((before, torch.log(scan + NEAR), after), dim=-1)
 
 
@@ -56,18 +51,15 @@ class NormalizedObservation(BaseFeaturesExtractor):
         observation_space: One-dimensional box.
         mean: Shape (n,).
         std: Shape (n,), positive.
-        ranges: The first column of the ranges, and the one after the last; None for those of a task's own terms.
+        ranges: The first column of the ranges, and the one after the last.
     """
 
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(
-        self, observation_space: spaces.Box, mean: list[float], std: list[float], ranges: tuple[int, int] | None = None
-    ) -> None:
+    def __init__(self, observation_space: spaces.Box, mean: list[float], std: list[float], ranges: tuple[int, int]) -> None:
         super().__init__(observation_space, features_dim=int(np.prod(observation_space.shape)))
-        terms = next((terms for terms in (ROOM, LOCATED_ROOM) if size_of(terms) == len(mean)), OPEN_GROUND)
-        self.ranges = ranges_in(terms) if ranges is None else (int(ranges[0]), int(ranges[1]))
+        self.ranges = ranges
         self.register_buffer("mean", torch.tensor(mean, dtype=torch.float32))
         self.register_buffer("std", torch.tensor(std, dtype=torch.float32))
 

@@ -11,11 +11,9 @@ from stable_baselines3.common.policies import BasePolicy
 from torch import nn
 from torch.nn import functional
 
-from turtlebot_gym_agents.training.layers import flat
 
-
-def network_of(model: BaseAlgorithm | BasePolicy) -> tuple[nn.Module, int, list[nn.Module] | None]:
-    """Return the network from an observation to the deterministic action, the size of its memory, and the layers of a chain.
+def network_of(model: BaseAlgorithm | BasePolicy) -> tuple[nn.Module, int]:
+    """Return the network from an observation to the deterministic action, and the size of its memory.
 
     Raises:
         ValueError: If it is an LSTM of a kind that a bundle cannot hold.
@@ -24,7 +22,7 @@ def network_of(model: BaseAlgorithm | BasePolicy) -> tuple[nn.Module, int, list[
     policy.set_training_mode(False)
     squash: list[nn.Module] = [nn.Tanh()] * bool(getattr(policy, "squash_output", False))
     if hasattr(policy, "lstm_actor"):
-        return (network := _Recurrent(policy, squash)), network.memory, None
+        return (network := _Recurrent(policy, squash)), network.memory
     actor: Any = getattr(policy, "actor", None)
     if hasattr(getattr(policy, "mlp_extractor", None), "policy_net"):  # PPO, A2C, TRPO
         layers = [policy.pi_features_extractor, policy.mlp_extractor.policy_net, policy.action_net, *squash]
@@ -33,9 +31,8 @@ def network_of(model: BaseAlgorithm | BasePolicy) -> tuple[nn.Module, int, list[
     elif hasattr(actor, "mu"):  # TD3, DDPG
         layers = [actor.features_extractor, actor.mu]
     else:
-        return _Predicting(policy), 0, None
-    chain = list(flat(layers))
-    return nn.Sequential(*chain), 0, chain
+        return _Predicting(policy), 0
+    return nn.Sequential(*layers), 0
 
 
 class _Predicting(nn.Module):

@@ -11,7 +11,6 @@ from gymnasium import ObservationWrapper, spaces
 from gymnasium.vector import VectorObservationWrapper
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
@@ -22,10 +21,6 @@ from turtlebot_gym_agents.training.stages import FrameStack, Normalization, norm
 
 _SEES_NOTHING = ("VecMonitor", "VecCheckNan", "VecVideoRecorder")
 """Wrappers of Stable-Baselines3 that leave observations as they are."""
-_SPREAD = 1e-3
-"""Share of its bounds' width by which an observation may be beyond them: rounding."""
-_ALIKE, _SHARE = 0.02, 0.2
-"""Least share of the numbers of an observation that change by less than so much in a step: goal's distance, deviations."""
 
 
 def discrete(name: str) -> ValueError:
@@ -183,43 +178,6 @@ def stages_of(
             "export(model, ..., vec_normalize=WRAPPER) in Python."
         )
     return stages
-
-
-def was_normalized(model: BaseAlgorithm | BasePolicy, space: spaces.Box) -> bool | None:
-    """Return whether a model was trained within `VecNormalize`, as far as it tells; None if it does not.
-
-    On-policy algorithms note an original observation only within `VecNormalize`. Off-policy ones note there the one before the
-    last otherwise, which is like the last.
-    """
-    last, original = (getattr(model, name, None) for name in ("_last_obs", "_last_original_obs"))
-    if original is None:
-        return None if last is None and not getattr(model, "num_timesteps", 0) else False
-    if not isinstance(model, OffPolicyAlgorithm):
-        return True
-    if last is None:
-        return None
-    return bool(
-        np.shape(last) != np.shape(original) or _is_beyond(model, space) or np.mean(abs(last - original) < _ALIKE) < _SHARE
-    )
-
-
-def _is_beyond(model: Any, space: spaces.Box) -> bool:
-    """Return whether the last observations that a model saw, or one of a stack, are beyond the environment's bounds."""
-    last = getattr(model, "_last_obs", None)
-    if not isinstance(last, np.ndarray) or last.ndim != 2 or last.shape[1] % len(space.low):
-        return False
-    rows = last.reshape(-1, len(space.low))
-    slack = _SPREAD * np.maximum(space.high - space.low, 1.0)
-    return bool((((rows < space.low - slack) | (rows > space.high + slack)) & (rows != 0.0)).any())  # stacks begin with 0
-
-
-def require_within(model: Any, space: spaces.Box, who: str) -> None:
-    """Refuse a model that is said to see the environment's observations, but last saw something beyond their bounds."""
-    if _is_beyond(model, space):
-        raise ValueError(
-            "model was trained on observations that a wrapper changed: the last ones it saw are beyond the bounds of the "
-            f"environment's, so {who}: name their statistics, --vec-normalize FILE (vec_normalize=...)."
-        )
 
 
 def library_of(model: BaseAlgorithm | BasePolicy, stages: list[Sb3Stage], memory: int) -> dict[str, Any]:

@@ -81,7 +81,7 @@ def test_two_workers_write_the_same_file_as_none(command, tmp_path, monkeypatch)
         {"policy": "bearing", "env": NAV, "episodes": 51, "seed": 7},
         {"policy": "ppo-nav", "env": NAV, "episodes": 50, "seed": 0, "noise": "documented"},
         {"policy": "corner", "env": SQUARE, "episodes": 11, "seed": 0, "arrival": "belief"},
-        {"policy": "gap", "env": ROOMS, "episodes": 9, "seed": 0, "world": "clutter"},
+        {"policy": "vfh", "env": ROOMS, "episodes": 9, "seed": 0, "world": "clutter"},
     ],
     ids=["bearing", "bundle", "with memory of the course", "room"],
 )
