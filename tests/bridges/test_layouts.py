@@ -1,4 +1,4 @@
-"""Layouts of Foxglove and PlotJuggler show what there is, and a recorded MCAP log opens for other people's readers."""
+"""The layout for Foxglove shows what there is, and a recorded MCAP log opens for other people's readers."""
 
 import json
 import re
@@ -7,7 +7,6 @@ import sys
 from collections import defaultdict
 from importlib import import_module
 from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 import yaml
@@ -24,9 +23,8 @@ from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import load
 from turtlebot_gym_ros.recording.bag import Bag
 
-LAYOUTS = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "layouts"
-FOXGLOVE = json.loads((LAYOUTS / "foxglove.json").read_text())
-PLOTJUGGLER = ElementTree.parse(LAYOUTS / "plotjuggler.xml").getroot()
+LAYOUT = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "layouts" / "foxglove.json"
+FOXGLOVE = json.loads(LAYOUT.read_text())
 DRAWN_BY_FOXGLOVE = {
     "geometry_msgs/msg/PoseStamped",
     "geometry_msgs/msg/PoseWithCovarianceStamped",
@@ -138,29 +136,6 @@ def test_the_line_of_the_nis_is_that_of_95_per_cent():
     assert f"{line:.2f}" in plot["foxglovePanelTitle"]
     message = conversion(Nis).write(Nis(1.25), Header())
     assert float(message.status[0].values[0].value) == 1.25
-
-
-def test_plotjuggler_plots_what_there_is(types):
-    curves = [*PLOTJUGGLER.iter("curve")]
-    names = {curve.get("curve_x") or curve.get("name") for curve in curves} | {curve.get("curve_y") for curve in curves} - {
-        None
-    }
-    for name in names:
-        _, topic, *fields = name.split("/")
-        kind = types[f"/{topic}"]
-        if kind == "diagnostic_msgs/msg/DiagnosticArray":  # it names them by hardware, name and key
-            (status,) = conversion(Nis).write(Nis(1.0), Header(frame_id=Common().body)).status
-            assert fields == [status.hardware_id, status.name, status.values[0].key]
-        else:
-            assert field_type(kind, fields) in ("double", "float"), name
-    assert {"/estimate/pose/pose/position/x", "/cmd_vel/twist/linear/x"} <= names
-
-
-def test_plotjuggler_shares_out_the_room():
-    for splitter in PLOTJUGGLER.iter("DockSplitter"):
-        shares = [float(share) for share in splitter.get("sizes", "").split(";")]
-        assert len(shares) == int(splitter.get("count", "")) == len(splitter.findall("DockArea"))
-        assert sum(shares) == pytest.approx(1.0, abs=1e-5)
 
 
 mcap_reader = pytest.importorskip("mcap.reader", reason="needs mcap")
