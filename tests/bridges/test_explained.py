@@ -97,7 +97,7 @@ ALSO = {
     "localizer": [{"map": "MAP"}],
     "turtlebot_simulator": [{"world": "dense", "noise": "wheel", "localizer": "match"}, {"fix": "markers"}, {"speed": 2.0}],
     "velocity_controller": [{"policy": "vfh"}],
-    "waypoint_generator": [{"waypoints": "room", "frame": "map"}],
+    "waypoint_generator": [{"waypoints": "room"}],
 }
 """Parameters that bring a node further topics."""
 
