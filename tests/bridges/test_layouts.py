@@ -16,11 +16,10 @@ from rclpy.serialization import serialize_message
 from scipy.stats import chi2
 from std_msgs.msg import Header, String
 
-from turtlebot_gym_ros import Graph, Shell
+from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.node.block import Nis
 from turtlebot_gym_ros.node.convert import conversion
-from turtlebot_gym_ros.nodes import load
 from turtlebot_gym_ros.recording.bag import Bag
 
 LAYOUT = Path(__file__).parents[2] / "bridges" / "turtlebot_gym_ros" / "layouts" / "foxglove.json"
@@ -32,7 +31,7 @@ DRAWN_BY_FOXGLOVE = {
     "sensor_msgs/msg/LaserScan",
     "visualization_msgs/msg/MarkerArray",
 }
-"""Types that its 3D panel draws; Odometry is not one of them, so that paths come from /markers."""
+"""Types that its 3D panel draws; Odometry is not one of them."""
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +89,6 @@ def test_foxgloves_own_package_knows_each_setting(panel):
         "/scan": layouts.BaseRendererLaserScanTopicSettings,
         "/reference": layouts.BaseRendererPoseTopicSettings,
         "/pose_fix": layouts.BaseRendererPoseTopicSettings,
-        "/markers": layouts.BaseRendererRosMarkerTopicSettings,
         "/obstacles": layouts.BaseRendererRosMarkerTopicSettings,
     }
     kinds = {
@@ -208,14 +206,12 @@ def test_a_recorded_drive_opens_by_the_book(runner, peer, wait_for, launch, hall
     monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
     folder = tmp_path / "run"
     process = launch("-m", "turtlebot_gym_ros", "data_logger", "--ros-args", "-p", f"output:={folder}", "-p", "storage:=mcap")
-    picture = load("visualization")
-    runner.add(Shell(picture, picture.Params, context=runner.context))
     with Graph(world=str(hall), policy="vfh", speed=1.0) as graph:
 
         def recorded(topic):
             return any(subscriber.node_name == "data_logger" for subscriber in peer.node.get_subscriptions_info_by_topic(topic))
 
-        wait_for(lambda: all(map(recorded, ("/odom", "/map", "/markers", "/cmd_vel", "/diagnostics"))))
+        wait_for(lambda: all(map(recorded, ("/odom", "/map", "/cmd_vel", "/diagnostics"))))
         begun = graph.time
         graph.wait_until(lambda graph: graph.time >= begun + 3.0)
         wait_for(lambda: graph.latest.get("map"))
@@ -225,7 +221,7 @@ def test_a_recorded_drive_opens_by_the_book(runner, peer, wait_for, launch, hall
     log = Log(folder)
     log.require_form()
     shown = {"/odom", "/true_state", "/estimate", "/reference", "/cmd_vel", "/nis", "/scan", "/clearance", "/obstacles"}
-    assert shown | {"/map", "/markers", "/diagnostics", "/velocity_controller/state"} <= set(log.messages)
+    assert shown | {"/map", "/diagnostics", "/velocity_controller/state"} <= set(log.messages)
     assert log.is_latched("/map")
     assert log.is_latched("/velocity_controller/state")
     assert not any(map(log.is_latched, shown))

@@ -266,7 +266,7 @@ def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, 
 
 
 def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_fixes_say():
-    chain = [load(name) for name in BLOCKS if name not in ("turtlebot_simulator", "visualization")]
+    chain = [load(name) for name in BLOCKS if name != "turtlebot_simulator"]
     ends = {
         end.topic: end.sole
         for block in chain

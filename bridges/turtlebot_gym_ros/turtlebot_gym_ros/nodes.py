@@ -59,7 +59,6 @@ NODES = {
         "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel"
     ),
     "data_logger": Entry("recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV"),
-    "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers"),
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": Entry("graph.status:main", "prints which node waits for what"),
 }
