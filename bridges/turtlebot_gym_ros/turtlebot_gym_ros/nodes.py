@@ -65,9 +65,7 @@ NODES = {
 TOOLS = {
     "topics": Entry("tools.topics:topics", "lists topics and who is at them, or services"),
     "echo": Entry("tools.topics:echo", "prints the messages of a topic"),
-    "hz": Entry("tools.topics:hz", "prints the rate of a topic"),
-    "pub": Entry("tools.topics:pub", "publishes on a topic"),
-    "call": Entry("tools.services:call", "calls a service"),
+    "button": Entry("tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
     "enable": Entry("tools.services:enable", "enables nodes, or disables them"),
     "params": Entry("tools.services:params", "lists, prints or sets a node's parameters"),
     "goal": Entry("tools.goal:goal", "sends the robot to a place"),

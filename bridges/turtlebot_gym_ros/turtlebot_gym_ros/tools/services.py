@@ -1,4 +1,4 @@
-"""``call``, ``enable`` and ``params``: services and parameters of the graph's nodes."""
+"""``enable`` and ``params``: services and parameters of the graph's nodes."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool
 
 from turtlebot_gym.validation import did_you_mean
-from turtlebot_gym_ros.base.names import absolute, message_type
+from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, result_of, settle, type_in, until
-from turtlebot_gym_ros.tools.messages import filled, plain_of, text_of
+from turtlebot_gym_ros.tools.messages import plain_of
 
 ENABLE, KIND, GUARD = "/enable", "std_srvs/srv/SetBool", "/cmd_vel_guard"
 """The service of nodes that can be enabled, its type, and the node that is enabled first."""
@@ -32,28 +32,6 @@ def _answer(node: Node, kind: Any, name: str, request: Any, seconds: float) -> A
         ),
     )
     return result_of(client.call_async(request), name, seconds)
-
-
-@answered
-def call(argv: Any = None) -> int:
-    """Call a service, print its response, and return 1 if its field ``success`` is false."""
-    parser = parser_of(
-        "call", "Call a service, and print its response; the exit code is 1 if it says success: false.", waits_for="each answer"
-    )
-    parser.add_argument("service")
-    parser.add_argument("type", nargs="?", default="", help="such as std_srvs/srv/SetBool; by default the one of the graph")
-    parser.add_argument("values", nargs="?", default="", help="fields of the request in YAML, such as '{data: true}'")
-    options = parser.parse_args(argv)
-    if options.type and not options.values and "/" not in options.type:
-        options.type, options.values = "", options.type
-    with asking() as node:
-        name, kind = type_in(node, options.service, "service", options.wait)
-        if options.type not in ("", kind):
-            raise ValueError(f"{name} is {kind}, not {options.type}.")
-        service = message_type(kind)
-        response = _answer(node, service, name, filled(service.Request(), options.values), options.wait)
-    print(text_of(response))
-    return 0 if getattr(response, "success", True) else 1
 
 
 @answered
