@@ -76,14 +76,6 @@ def parameters_of(node, classes):
         yield f"| `{name}` | {type(default).__name__} | `{default!r}` | {meaning} |"
 
 
-def live_parameters_of(block):
-    """Yield the rows of the parameters that can be set while a block runs, as they are with the default parameters."""
-    for name, live in getattr(block, "live", {}).items():
-        package, _, place = f"{live.owner.__module__}.{live.owner.__qualname__}.{live.field}".partition(".")
-        meaning = f"{told(sources[package][place])} Can be set while the node runs."
-        yield f"| `{name}` | {type(live.value).__name__} | `{live.value!r}` | {meaning} |"
-
-
 def write(page, node, description, classes, block=None):
     """Write a node's section."""
     print(f"## {node.get_name()}\n\n{re.split('Inputs:|Parameters:', cleandoc(description))[0].strip()}\n", file=page)
@@ -101,7 +93,7 @@ def write(page, node, description, classes, block=None):
             sep="\n",
             file=page,
         )
-    rows = (*parameters_of(node, classes), *live_parameters_of(block))
+    rows = parameters_of(node, classes)
     print("| parameter | type | default | meaning |\n|---|---|---|---|", *rows, "", sep="\n", file=page)
 
 
@@ -111,8 +103,8 @@ with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryD
     print(
         "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as "
         "usual. The parameters `qos_overrides.TOPIC...` override the quality of service of a block's topics. Parameters are "
-        "fixed once a node runs, but for those that say otherwise; a wrong name, type or value is refused. `/cmd_vel` carries "
-        "TwistStamped, or Twist where `enable_stamped_cmd_vel` is false.\n",
+        "fixed once a node runs; a wrong name, type or value is refused. `/cmd_vel` carries TwistStamped, or Twist where "
+        "`enable_stamped_cmd_vel` is false.\n",
         file=page,
     )
     context = Context()

@@ -50,7 +50,7 @@ def declared(name, context, config):
     if name in SHELLS:
         block = SHELLS[name]
         shell = Shell(block, block.Params, name=name, context=context, arguments=arguments[1:])
-        names = {*shell.node.list_parameters([], 0).names} - {*getattr(shell.block, "live", ())}  # of the policy, the filter
+        names = {*shell.node.list_parameters([], 0).names}
         shell.close()
     else:
         modules = {"cmd_vel_guard": parameters, "cmd_vel_standby": standby, "data_logger": logger}

@@ -135,22 +135,11 @@ def graph(runner):
 
 
 @pytest.mark.nightly
-def test_topics_parameters_and_services_of_a_live_graph(ask, graph):
+def test_topics_and_services_of_a_live_graph(ask, graph):
     controller = graph[0]
     code, out, _ = ask("topics", "cmd_vel", "--verbose")
     assert code == 0
     assert "publishes: /velocity_controller  [geometry_msgs/msg/TwistStamped]  reliable" in out
-    code, out, _ = ask("params", "velocity_controller")
-    assert code == 0
-    assert "gains.kv: 0.5  # Gain on the distance, 1/s." in out
-    assert ask("params", "velocity_controller", "gains.kv", "0.7")[0] == 0
-    assert controller.block.driver.gains["kv"] == 0.7
-    code, _, error = ask("params", "velocity_controller", "gains.kv", "-1")
-    assert (code, error.count("\n")) == (2, 1)
-    assert "kv must be a positive number" in error
-    code, _, error = ask("params", "velocity_controller", "gains.kw")
-    assert code == 2
-    assert "Did you mean" in error
     assert not controller.switch.safety.enabled
     assert ask("enable") == (0, f"/velocity_controller: enabled. {BLIND}\n", "")
     assert controller.switch.safety.enabled

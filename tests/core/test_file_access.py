@@ -67,7 +67,6 @@ ALLOWED = {
     "turtlebot_gym/compiled/store.py": "machine code that the package has stored, in a format of its own",
     "turtlebot_gym/extras.py": "metadata of the installed package",
     "turtlebot_gym_ros/tools/messages.py": "a text for the terminal",
-    "turtlebot_gym_ros/tools/services.py": "a text of the command line",
     "turtlebot_gym_lab/drives/laser.py": "within the bounds of `drives.read`",
     "turtlebot_gym_lab/drives/salvage.py": "within the bounds of `drives.read`, into a temporary folder",
     "turtlebot_gym_lab/drives/tables.py": "within the bounds of `drives.read`",

@@ -67,7 +67,6 @@ TOOLS = {
     "echo": Entry("tools.topics:echo", "prints the messages of a topic"),
     "button": Entry("tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
     "enable": Entry("tools.services:enable", "enables nodes, or disables them"),
-    "params": Entry("tools.services:params", "lists, prints or sets a node's parameters"),
     "goal": Entry("tools.goal:goal", "sends the robot to a place"),
     "foxglove": Entry("tools.foxglove:foxglove", "serves the live graph to Foxglove"),
 }

@@ -9,7 +9,7 @@ from inspect import cleandoc
 from typing import Any
 
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym_ros.base.explain import Setting, Topic, explain, parameters_of
+from turtlebot_gym_ros.base.explain import Topic, explain, parameters_of
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.node.block import Correction, Every, Input, Output
@@ -46,8 +46,7 @@ def explain_block(name: str, block: Any) -> str:
     by_clock = isinstance(trigger, Every)
     runs = f"every {trigger.period:g} s" if by_clock else f"with each message on {block.inputs[trigger.input].topic}"
     summary = f"{_first(block.__doc__)} It steps {runs}."
-    live = [Setting(key + "NAME" * key.endswith("."), "", text) for key, text in getattr(block, "live_names", {}).items()]
-    return explain(f"{PROGRAM} {name}", summary, topics_of(block), [*parameters_of(Common, block.Params), *live])
+    return explain(f"{PROGRAM} {name}", summary, topics_of(block), parameters_of(Common, block.Params))
 
 
 def _first(docstring: str | None) -> str:
