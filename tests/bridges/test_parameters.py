@@ -63,7 +63,6 @@ REFUSED = [
     ("turtlebot_simulator", {"world": "no_such.world"}, "no_such.world"),
     ("turtlebot_simulator", {"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
     ("turtlebot_simulator", {"world": "dense", "random_start": True}, "random_start must be false"),
-    ("turtlebot_simulator", {"emulate_driver": "roomba"}, "emulate_driver must be one of none, turtlebot3, turtlebot4"),
     (
         "turtlebot_simulator",
         {"world": "dense", "lidar": "ideal", "period": 0.2},

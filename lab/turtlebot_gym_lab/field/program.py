@@ -27,7 +27,6 @@ from turtlebot_gym_lab.field.steps import walk
 from turtlebot_gym_ros.base.explain import descriptions
 from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, processes, refuse
-from turtlebot_gym_ros.blocks.simulator import SPEECHES
 
 WORDS = """It says before each motion what the robot will do, and waits for your word. Nothing moves before guard, standby and
 emergency stop are alive and a press has stopped the guard. Ctrl-C stops the robot, and the report is written all the same."""
@@ -75,7 +74,7 @@ def parser() -> argparse.ArgumentParser:
     options.add_argument("--out", type=Path, help="new folder of report, bag and noise file (default: field-test-TIME)")
     options.add_argument("--with-guard", action="store_true", help="start guard and standby here: run this on the robot then")
     options.add_argument("--twist", action="store_true", help="with --with-guard: the robot hears Twist, not TwistStamped")
-    options.add_argument("--simulate", choices=list(SPEECHES), help="rehearse with a simulated robot that speaks like this one")
+    options.add_argument("--simulate", choices=["turtlebot3", "turtlebot4"], help="rehearse with a simulated robot")
     options.add_argument("--noise", default="wheel", help="with --simulate: noise of the robot, a preset or FILE.yaml")
     options.add_argument("--yes", action="store_true", help="agree to every motion without being asked")
     options.add_argument("--answers", type=Path, help="YAML or JSON file: a_straight, a_turn and square, as measured")
@@ -125,7 +124,7 @@ def _field(
     """Start what listens, and what is asked for: guard and standby, a simulated robot and its person."""
     nodes = guards(options.robot, stamped=not options.twist) if options.with_guard or options.simulate else []
     if options.simulate:
-        nodes += simulated(options.simulate, options.robot, folder, noise=options.noise)
+        nodes += simulated(options.robot, folder, noise=options.noise)
     ending.enter_context(processes(nodes, QUIET))
     runner = Runner(["--ros-args", *QUIET], local=bool(options.simulate))
     ending.callback(runner.close)
@@ -153,7 +152,7 @@ def _write(folder: Path, seen: Sequence[Finding], field: Field | None, options: 
     """Write the report and its findings as JSON, with a bag that is complete."""
     if field:
         field.recording.close()
-    robot = f"simulated, speaks like a recorded {options.simulate}" if options.simulate else options.robot
+    robot = f"a simulated {options.simulate}" if options.simulate else options.robot
     about = {
         "Robot": robot,
         "Time": time.strftime("%Y-%m-%d %H:%M"),

@@ -1,4 +1,4 @@
-"""A simulated robot that speaks like a recorded one, and a person who measures it: a field test without a robot."""
+"""A simulated robot, and a person who measures it: a field test without a robot."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ def guards(robot: str, *, stamped: bool) -> list[tuple[str, dict[str, Any]]]:
     return [("cmd_vel_guard", {"robot": robot, **required, **types}), ("cmd_vel_standby", types)]
 
 
-def simulated(emulate_driver: str, robot: str, folder: Path, **parameters: Any) -> list[tuple[str, dict[str, Any]]]:
+def simulated(robot: str, folder: Path, **parameters: Any) -> list[tuple[str, dict[str, Any]]]:
     """Return the simulated robot, in a hall."""
     world = folder / "hall.sdf"
     world.write_text(HALL)
-    values = {"robot": robot, "emulate_driver": emulate_driver, "noise": "wheel", "world": str(world), **parameters}
+    values = {"robot": robot, "noise": "wheel", "world": str(world), **parameters}
     return [("turtlebot_simulator", values)]
 
 

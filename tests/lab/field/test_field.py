@@ -15,8 +15,7 @@ from swallowed import require_end
 from turtlebot_gym import read_parameters
 from turtlebot_gym.parameters import Noise
 from turtlebot_gym.presets import WHEEL
-from turtlebot_gym.rooms.lidar import DRIVERS
-from turtlebot_gym.rooms.scan import Scan, as_sent
+from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_lab.calibration.verdict import Verdict
 from turtlebot_gym_lab.field import findings, program, session, steps
@@ -89,15 +88,6 @@ class TestOdometry:
 
 class TestScans:
     WHOLE = Scan(np.full(360, 2.0, np.float32), 0.0, 2.0 * math.pi / 360, 0.12, 3.5)
-
-    def test_those_of_a_recorded_driver_are_fine(self):
-        rng, lidar = np.random.default_rng(0), DRIVERS["lds02"].lidar
-        whole = Scan(np.full(lidar.beams, 2.0, np.float32), 0.0, 2.0 * math.pi / lidar.beams, 0.16, 8.0)
-        finding = findings.judge_scans([as_sent(whole, DRIVERS["lds02"], rng) for _ in range(50)])
-        figures = {figure.name: figure.value for figure in finding.figures}
-        assert finding.verdict == FINE
-        assert 258 <= figures["fewest beams"] <= figures["most beams"] <= 263
-        assert 3.0 < figures["missing beams"] < 14.0
 
     def test_a_gap_wider_than_two_sectors_is_said(self):
         ranges = self.WHOLE.ranges.copy()

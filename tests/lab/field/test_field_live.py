@@ -68,7 +68,7 @@ def field_test(launch, peer, tmp_path):
 
     def run(simulator=(), guards=("cmd_vel_guard", "cmd_vel_standby"), has_button=True):
         for node, options in (
-            ("turtlebot_simulator", ("-p", "emulate_driver:=turtlebot3", *simulator)),
+            ("turtlebot_simulator", ("-p", "world:=dense", *simulator)),
             *((name, ()) for name in guards),
         ):
             launch("-m", "turtlebot_gym_ros", node, "--ros-args", *options)

@@ -93,8 +93,6 @@ class Output:
     """Whether a pose sent as Odometry is also published on ``/tf``, as the transform to its child frame."""
     mount: Mount | None = None
     """Frame of a value given in a sensor's own frame; if the block publishes transforms, it is also on ``/tf_static``."""
-    states_mount: bool = False
-    """Whether it is there in any case, if ``tf2_msgs`` is installed."""
 
 
 class Nis(NamedTuple):

@@ -103,7 +103,7 @@ def _of_shell(block: Any) -> Iterator[Topic]:
     if "publish_tf" in {item.name for item in fields(block.Params)} and not any(end.type is Correction for end in inputs):
         yield Topic("publishes", "/tf", TF, "reliable", "with publish_tf")
         if is_plant:
-            yield Topic("publishes", "/tf_static", TF, "latched", "with publish_tf or emulate_driver")
+            yield Topic("publishes", "/tf_static", TF, "latched", "with publish_tf")
     yield Topic("publishes", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "reliable", "at 1 Hz: what it waits for")
     yield Topic("serves", "~/reset", "std_srvs/srv/Trigger", note="begin anew")
     if moves:
