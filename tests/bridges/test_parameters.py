@@ -81,7 +81,7 @@ def test_what_a_block_cannot_do_is_refused(node, given, said):
 
 def test_parameters_are_frozen_and_take_keywords_only():
     with pytest.raises(FrozenInstanceError):
-        LoggerParameters().snapshot_period = 100.0
+        LoggerParameters().output = "bag"
     with pytest.raises(TypeError):
         LoggerParameters("bags")
 

@@ -58,7 +58,7 @@ NODES = {
     "calibration_drive": Entry(
         "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel"
     ),
-    "data_logger": Entry("recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV"),
+    "data_logger": Entry("recording.logger:main", "records every message to a bag"),
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": Entry("graph.status:main", "prints which node waits for what"),
 }
