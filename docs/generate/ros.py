@@ -15,11 +15,10 @@ import mkdocs_gen_files
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from cmd_vel_guard import guard, robots, standby
+from cmd_vel_guard import guard, standby
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.guarded import numbers_of
 from turtlebot_gym_ros.node.block import Every
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, load
@@ -98,7 +97,6 @@ def write(page, node, description, classes, block=None):
 
 
 prepare()
-robots.SOURCES.append(numbers_of)
 with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryDirectory() as folder:
     print(
         "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as "

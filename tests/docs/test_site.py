@@ -26,7 +26,6 @@ import turtlebot_gym
 pytest.importorskip("rclpy", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-from cmd_vel_guard import robots
 from turtlebot_gym_agents.ids import SHORT
 from turtlebot_gym_lab.field.program import parser as field_test_parser
 from turtlebot_gym_ros.base.process import Runner
@@ -46,7 +45,6 @@ def ros():
     made.close = lambda: None
     with pytest.MonkeyPatch.context() as patched, warnings.catch_warnings(action="ignore"):  # rclpy's parser warns
         patched.setitem(sys.modules, "mkdocs_gen_files", SimpleNamespace(open=lambda path, mode: made))
-        patched.setattr(robots, "SOURCES", [*robots.SOURCES])
         patched.chdir(ROOT)
         runpy.run_path("docs/generate/ros.py")
     return made.getvalue()

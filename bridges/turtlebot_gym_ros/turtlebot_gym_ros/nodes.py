@@ -129,10 +129,4 @@ def load(name: str) -> Any:
     """
     entry = entry_of(name)
     module, _, attribute = entry.target.partition(":")
-    code = getattr(import_module(f"{entry.package}.{module}"), attribute)
-    if not entry.guards:
-        return code
-    from turtlebot_gym_ros.guarded import numbers_of  # slow to import
-
-    import_module(f"{GUARD}.robots").SOURCES.append(numbers_of)  # also where nothing is installed
-    return code
+    return getattr(import_module(f"{entry.package}.{module}"), attribute)
