@@ -8,15 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from turtlebot_gym_ros.__main__ import main
-from turtlebot_gym_ros.base.explain import Setting, Topic, brief, explain, parameters_of
+from turtlebot_gym_ros.base.explain import Setting, brief, explain, parameters_of
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.node.explained import topics_of
-from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, NODES, SATELLITES, TOOLS, load, programs
 from turtlebot_gym_ros.recording import logger
 
@@ -87,53 +82,9 @@ def test_the_first_sentence_ends_at_a_full_stop_before_a_new_one():
 
 def test_a_long_text_is_wrapped_beside_its_name(monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")
-    lines = explain("run", "Do. " * 30, [Topic("publishes", "odom", "K")], [Setting("gain", "1.0", "word " * 20)]).splitlines()
+    lines = explain("run", "Do. " * 30, [Setting("gain", "1.0", "word " * 20)]).splitlines()
     assert max(map(len, lines)) <= 60
     assert sum(line.startswith(" " * 13 + "word") for line in lines) >= 1
-
-
-ALSO = {
-    "kalman_filter": [{"takes_fixes": True}],
-    "localizer": [{"map": "MAP"}],
-    "turtlebot_simulator": [{"world": "dense", "noise": "wheel", "localizer": "match"}, {"fix": "markers"}, {"speed": 2.0}],
-    "velocity_controller": [{"policy": "vfh"}],
-    "waypoint_generator": [{"waypoints": "room"}],
-}
-"""Parameters that bring a node further topics."""
-
-
-@pytest.mark.parametrize("name", BLOCKS)
-def test_a_nodes_help_lists_the_topics_and_services_that_the_node_has(runner, tmp_path, name):
-    (tmp_path / "map.pgm").write_bytes(b"P5 9 9 255\n" + b"\xff" * 40 + b"\0" * 41)
-    values = "image: map.pgm\nresolution: 0.5\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
-    (tmp_path / "map.yaml").write_text(values)
-    block, live = load(name), set()
-    for given in ({}, *ALSO.get(name, ())):
-        overrides = {key: str(tmp_path / "map.yaml") if value == "MAP" else value for key, value in given.items()}
-        shell = Shell(block, block.Params, name=name, context=runner.context, overrides=overrides)
-        live |= rows_of(shell.node)
-        shell.close()
-    live.discard(("subscribes", "/emergency_stop", "std_msgs/msg/Bool", "best effort"))  # beside the reliable one
-    shown = {
-        (topic.verb, "/" + topic.name.replace("~", name).lstrip("/"), topic.kind, topic.quality)
-        for topic in topics_of(block)
-        if not topic.kind.startswith(NOT_ON_PYPI) and not (NOT_ON_PYPI and topic.note == "beside the action")
-    }
-    assert shown == live
-
-
-def rows_of(node: Node):
-    """Return the topics and services of a node, without those that every node of ROS has."""
-    rows = set()
-    for verb, ends in (("publishes", node.publishers), ("subscribes", node.subscriptions)):
-        for end in ends:
-            reliable = end.qos_profile.reliability == ReliabilityPolicy.RELIABLE
-            latched = end.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-            quality = "latched" if latched else "reliable" if reliable else "best effort"
-            rows.add((verb, end.topic_name, type_name(end.msg_type), quality))
-    for service in node.services:
-        rows.add(("serves", node.resolve_service_name(service.srv_name), type_name(service.srv_type), ""))
-    return {row for row in rows if row[1] not in ("/rosout", "/parameter_events") and "_interfaces/" not in row[2]}
 
 
 def test_a_help_loads_neither_a_compiler_nor_a_context():

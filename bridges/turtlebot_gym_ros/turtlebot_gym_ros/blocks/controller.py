@@ -128,7 +128,6 @@ class VelocityController:
         "disagreement": HALT,
     }
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
-    conditional = {"for a policy that sees": {"scan": SCAN}}
     trigger = On("estimate", period=0.1)
 
     def __init__(self, params: Params) -> None:

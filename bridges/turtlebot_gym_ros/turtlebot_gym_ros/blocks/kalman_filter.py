@@ -107,7 +107,6 @@ class KalmanFilter:
         "estimate": Output(topic="estimate", type=Estimate),
         "disagreement": DISAGREEMENT,
     }
-    conditional = {"with takes_fixes": {"fix": FIX}}
     trigger = On("odometry")
 
     def __init__(self, params: Params) -> None:

@@ -146,7 +146,6 @@ class TurtlebotSimulator:
         "truth": Output(topic="true_state", type=State),
         "odometry": Output(topic="odom", type=Odometry),
     }
-    conditional = {"with fix": FIX_OUTPUTS, "in a world": ROOM_OUTPUTS, "for a map, or with localizer": MAP_OUTPUTS}
     trigger = Every(0.1, 1.0, through=THROUGH)
 
     def __init__(self, params: Params) -> None:

@@ -83,7 +83,6 @@ class WaypointGenerator:
         "following": Output(topic="next_reference", type=Pose),
         "reference": Output(topic="reference", type=Pose),
     }
-    conditional = {"for waypoints room": {"room_goal": ROOM_GOAL}}
     trigger = Every(0.1, answers="estimate")
 
     def __init__(self, params: Params) -> None:

@@ -237,8 +237,6 @@ class Block(Protocol):
     that is shown as an error; ``figures``, numbers by name, which the diagnostics show; ``services``, functions without
     arguments by name, which the node offers as ``std_srvs/Empty``; ``nav2_name``, the node of Nav2 for which it stands, so that
     clients find that one active; and ``pause``, called instead of ``reset`` after a gap in the messages on which it runs.
-    For its ``--help``, inputs, outputs and trigger are class attributes, too; ``conditional`` has inputs and outputs that it
-    has only sometimes, by when; and ``service_names`` names its ``services``.
     """
 
     @property

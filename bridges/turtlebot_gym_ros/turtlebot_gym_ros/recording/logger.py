@@ -30,7 +30,6 @@ from rclpy.subscription import Subscription
 from rosbags.interfaces import Connection
 
 from turtlebot_gym_ros.base.executor import PolledGroup, waiting
-from turtlebot_gym_ros.base.explain import Topic
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
@@ -55,13 +54,6 @@ class Parameters:
     """New folder for the bag; by default ``bags/`` and the time. The namespace stands before the time."""
     enable_stamped_cmd_vel: bool = True
     """Type to record if a topic has both: TwistStamped (true) or Twist (false)."""
-
-
-TOPICS = (
-    Topic("subscribes", "*", "every type that is installed", "as published", "in a namespace, those below it and of the root"),
-    Topic("publishes", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "reliable", "at 1 Hz"),
-)
-"""Its topics, for its help."""
 
 
 class _LoggedTopic(NamedTuple):
