@@ -12,7 +12,7 @@ Trainings and drives are kept under `out/`, by commit, so an interrupted run res
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from shutil import copyfile
@@ -25,7 +25,7 @@ from harness.study import write_summary
 from harness.tables import table
 from scenarios import best_of_trainings, kept, name_of, results_folder, run_all, slug, trainings
 from turtlebot_gym.rooms.grid import OCCUPIED, GridMap
-from turtlebot_gym.rooms.lidar import DRIVERS
+from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.maps import FAR_ENOUGH
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS as WORLDS
@@ -41,12 +41,14 @@ MAP = "map"
 """Setting whose world is the map of a hall, see `hall`."""
 ELSEWHERE = ("office", "cellular", "corridor", "crowd")
 """Worlds besides "dense" that are driven with other LiDARs too."""
+TURNS = ("lds02", {"beams": 261, "rate": 9.1}), ("a1", {"beams": 720, "rate": 1.0 / 0.135})
+"""LiDARs as they turned on recorded robots."""
 SETTINGS: dict[str, dict[str, Any]] = {
     **{world: {"world": world} for world in WORLDS},
     MAP: {},
     **{f"dense, {lidar}": {"world": "dense", "lidar": lidar} for lidar in ("lds02", "a1", "urg04lx", "ideal")},
     **{f"{world}, {lidar}": {"world": world, "lidar": lidar} for world in ELSEWHERE for lidar in ("lds02", "a1", "ideal")},
-    **{f"dense, {lidar} as recorded": {"world": "dense", "lidar": DRIVERS[lidar].lidar} for lidar in ("lds02", "a1")},
+    **{f"dense, {lidar} as recorded": {"world": "dense", "lidar": replace(LIDARS[lidar], **turns)} for lidar, turns in TURNS},
     **{
         f"dense, {observation}, noise {noise}": {"world": "dense", "observation": observation, "noise": noise}
         for noise in ("documented", "rough")

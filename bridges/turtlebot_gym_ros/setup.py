@@ -29,8 +29,5 @@ setup(
     ],
     install_requires=["setuptools"],
     zip_safe=False,
-    entry_points={
-        "console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node in PROGRAMS],
-        "cmd_vel_guard.robots": [f"turtlebot_gym = {NAME}.guarded:numbers_of"],
-    },
+    entry_points={"console_scripts": [f"{node} = {NAME}.__main__:run_as_program" for node in PROGRAMS]},
 )

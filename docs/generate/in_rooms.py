@@ -1,7 +1,7 @@
 """Figures of policies in rooms."""
 
 from panels import Panel, Series, dots, series
-from rows import as_robot, barn, read, rooms
+from rows import barn, read, rooms
 
 WORLDS = ("clutter", "dense", "corridor", "office", "cellular", "crowd", "map")
 
@@ -51,14 +51,6 @@ def challenge():
     parts = (("goals reached (%)", "success"), ("drives that collide (%)", "collision"))
     panels = [Panel(label, [Series("", [row[part] for row in rows])], 100.0) for label, part in parts]
     return dots([row["name"] for row in rows], *panels)
-
-
-def messages():
-    """Return successes by perfect messages and by those of a robot."""
-    rows = as_robot()
-    return dots(
-        [row["name"] for row in rows], Panel("goals reached (%)", [Series("", [row["success"] for row in rows])], 100.0)
-    )
 
 
 def people():

@@ -15,11 +15,10 @@ import mkdocs_gen_files
 from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from cmd_vel_guard import guard, robots, standby
+from cmd_vel_guard import guard, standby
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.guarded import numbers_of
 from turtlebot_gym_ros.node.block import Every
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, load
@@ -76,14 +75,6 @@ def parameters_of(node, classes):
         yield f"| `{name}` | {type(default).__name__} | `{default!r}` | {meaning} |"
 
 
-def live_parameters_of(block):
-    """Yield the rows of the parameters that can be set while a block runs, as they are with the default parameters."""
-    for name, live in getattr(block, "live", {}).items():
-        package, _, place = f"{live.owner.__module__}.{live.owner.__qualname__}.{live.field}".partition(".")
-        meaning = f"{told(sources[package][place])} Can be set while the node runs."
-        yield f"| `{name}` | {type(live.value).__name__} | `{live.value!r}` | {meaning} |"
-
-
 def write(page, node, description, classes, block=None):
     """Write a node's section."""
     print(f"## {node.get_name()}\n\n{re.split('Inputs:|Parameters:', cleandoc(description))[0].strip()}\n", file=page)
@@ -101,18 +92,17 @@ def write(page, node, description, classes, block=None):
             sep="\n",
             file=page,
         )
-    rows = (*parameters_of(node, classes), *live_parameters_of(block))
+    rows = parameters_of(node, classes)
     print("| parameter | type | default | meaning |\n|---|---|---|---|", *rows, "", sep="\n", file=page)
 
 
 prepare()
-robots.SOURCES.append(numbers_of)
 with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryDirectory() as folder:
     print(
         "# ROS reference\n\nThis page is read from the running nodes. Names are relative, so namespaces and remappings work as "
         "usual. The parameters `qos_overrides.TOPIC...` override the quality of service of a block's topics. Parameters are "
-        "fixed once a node runs, but for those that say otherwise; a wrong name, type or value is refused. `/cmd_vel` carries "
-        "TwistStamped, or Twist where `enable_stamped_cmd_vel` is false.\n",
+        "fixed once a node runs; a wrong name, type or value is refused. `/cmd_vel` carries TwistStamped, or Twist where "
+        "`enable_stamped_cmd_vel` is false.\n",
         file=page,
     )
     context = Context()

@@ -33,16 +33,6 @@ def barn():
     return [row for row in rows if not row["name"].endswith("+safety") or row["name"] in ("ppo-rooms+safety", "planner+safety")]
 
 
-def as_robot():
-    """Return the drives by perfect messages and by those of a robot, in two worlds."""
-    return [
-        {"name": f"{read(name)['config']['world']}: {arm}", **row}
-        for name in ("as_robot", "as_robot_office")
-        for arm, row in read(name).items()
-        if isinstance(row, dict) and "contacts" in row
-    ]
-
-
 def by_floor(part, key):
     """Return one row for the three floors of the other physics."""
     rows = {}

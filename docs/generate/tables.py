@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, "benchmarks")
-from rows import as_robot, barn, by_floor, hazards, named, read, rooms
+from rows import barn, by_floor, hazards, named, read, rooms
 
 from harness.tables import table
 
@@ -105,16 +105,6 @@ TABLES = {
     "sway": lambda: table(
         read("rooms_planner_wheel")["rows"],
         {"setting": "{setting}", "policy": "{policy}", **SHARES, "later within the layer, s": "{later:+.2f}"},
-    ),
-    "as_robot": lambda: table(
-        as_robot(),
-        {
-            "world: messages, guard": "{name}",
-            "drives": "{drives}",
-            "success, %": "{success:.1%}",
-            "contacts": "{contacts}",
-            "least clearance, m": "{least clearance:.3f}",
-        },
     ),
     "people": lambda: table(
         read("among_people")["rows"],

@@ -36,7 +36,7 @@ class Watch(WritingOptions, MountOption, DriveOptions):
     seed: int = 0
     """Seed of the episode."""
     drive: tuple[Path, ...] = ()
-    """Recorded drives instead of episodes, as calibrate and replay take them, or snapshots.csv of data_logger."""
+    """Recorded drives instead of episodes, as calibrate and replay take them."""
     html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), OutputFile((".html", ".htm"))] = None
     """Write the view to this file, which opens without a network; by default a browser shows a temporary one."""
     side_by_side: bool = False

@@ -1,15 +1,13 @@
-"""The robots of this project behind the guard: their footprints and mounts, as presets and as files."""
+"""The robots of this project behind the guard: their footprints, mounts and limits."""
 
 import math
-from dataclasses import replace
 
-import pytest
-from guarded import Parameters, numbers_of
+from guarded import Parameters
 
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import Footprint
+from cmd_vel_guard.robots import ROBOTS as GUARDED
 from cmd_vel_guard.values import Mount
-from turtlebot_gym import write_parameters
 from turtlebot_gym.robots import ROBOTS, LidarMount
 
 T = 100.0
@@ -30,27 +28,12 @@ def test_the_footprints_hold_the_bodies():
     assert ROBOTS["turtlebot4"].lidar == LidarMount(frame="rplidar_link", x=-0.04, yaw=math.pi / 2.0)
 
 
-def test_a_robot_is_one_entry_for_the_monitor_too(monkeypatch, tmp_path):
-    """As a preset and as a file."""
-    scout = replace(ROBOTS["waffle"], radius=0.2, footprint_x=-0.01, lidar=LidarMount(frame="laser", x=0.1, yaw=0.5))
-    monkeypatch.setitem(ROBOTS, "scout", scout)
-    write_parameters(scout, tmp_path / "scout.yaml")
-    for robot in ("scout", str(tmp_path / "scout.yaml")):
-        monitor = Arbiter(Parameters(collision_monitor=True, robot=robot), T).monitor
-        assert monitor._body == Footprint(0.2, -0.01, Mount("laser", 0.1, 0.0, 0.5))
-
-
-def test_the_limits_of_a_robot_in_a_file_hold(tmp_path):
-    path = tmp_path / "own.yaml"
-    path.write_text("{max_linear: 0.07, max_angular: 0.5, radius: 0.2}")
-    without_lidar = Arbiter(Parameters(robot=str(path), collision_monitor=True), T)
-    assert without_lidar._robot.max_linear == 0.07
-    assert without_lidar.monitor is None
-    mount = {"collision_monitor": True, "scan_mount": "given", "scan_x": 0.1}
-    assert Arbiter(Parameters(robot=str(path), **mount), T).monitor._body.radius == 0.2
-    with pytest.raises(ValueError, match="There is no robot file"):
-        Parameters(robot=str(tmp_path / "none.yaml"))
-
-
-def test_a_name_that_is_no_robot_here_may_be_one_elsewhere():
-    assert numbers_of("somebody's") is None
+def test_the_guard_knows_the_numbers_of_the_presets():
+    for name, known in GUARDED.items():
+        robot = ROBOTS[name]
+        limits = ("max_linear", "max_angular", "max_wheel", "wheel_separation", "radius", "footprint_x")
+        mount = {f"scan_{part}": getattr(robot.lidar, part) for part in ("frame", "x", "y", "yaw")}
+        assert known == {limit: getattr(robot, limit) for limit in limits} | mount
+        assert robot.reverse
+    monitor = Arbiter(Parameters(collision_monitor=True, robot="turtlebot4"), T).monitor
+    assert monitor._body == Footprint(0.171, 0.0, Mount("rplidar_link", -0.04, 0.0, math.pi / 2.0))

@@ -56,7 +56,7 @@ def test_help_lists_the_nodes_and_what_a_person_must_know(capsys):
 @pytest.mark.parametrize("name", ["velocity_controller", "turtlebot_simulator", "kalman_filter"])
 def test_a_node_explains_itself(capsys, name):
     assert main([name, "--help"]) == 0
-    assert "topics and services" in capsys.readouterr().out
+    assert "\nInputs: " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -27,10 +27,6 @@ PACKAGE = ROOT / "bridges" / "turtlebot_gym_ros"
 SOURCES = PACKAGE / "turtlebot_gym_ros"
 CONFIGS = sorted((PACKAGE / "config").glob("*.yaml"))
 LAUNCHES = sorted((PACKAGE / "launch").glob("*.launch.xml"))
-IN_GAZEBO = PACKAGE / "launch" / "gazebo.launch.xml"
-"""It starts no node of its own, and includes the robot's."""
-IN_SIMULATION = {"enable_stamped_cmd_vel": "true", "require_emergency_stop": "false", "start_enabled": "true"}
-"""What is otherwise there than on a robot."""
 PROGRAMS = {"bringup", "status"}
 """Programs without parameters of nodes."""
 RVIZ = PACKAGE / "rviz" / "turtlebot.rviz"
@@ -54,7 +50,7 @@ def declared(name, context, config):
     if name in SHELLS:
         block = SHELLS[name]
         shell = Shell(block, block.Params, name=name, context=context, arguments=arguments[1:])
-        names = {*shell.node.list_parameters([], 0).names} - {*getattr(shell.block, "live", ())}  # of the policy, the filter
+        names = {*shell.node.list_parameters([], 0).names}
         shell.close()
     else:
         modules = {"cmd_vel_guard": parameters, "cmd_vel_standby": standby, "data_logger": logger}
@@ -86,7 +82,7 @@ def test_on_a_robot_nothing_moves_before_it_is_enabled():
     assert [guard[name] for name in ("start_enabled", "require_emergency_stop", "require_standby")] == [False, True, True]
 
 
-@pytest.fixture(params=[path for path in LAUNCHES if path != IN_GAZEBO], ids=lambda path: path.stem)
+@pytest.fixture(params=LAUNCHES, ids=lambda path: path.stem)
 def launch_file(request):
     return ElementTree.parse(request.param).getroot()
 
@@ -127,11 +123,11 @@ def test_launch_arguments_are_used_and_default_to_the_configuration(launch_file)
 def test_launch_starts_rviz_only_if_asked_and_with_its_file(launch_file):
     (asked,) = (arg for arg in launch_file.iter("arg") if arg.get("name") == "rviz")
     assert asked.get("default") == "false"
-    viewers = [node for node in launch_file.iter("node") if node.get("name") in ("rviz2", "visualization")]
-    assert [node.get("if") for node in viewers] == ["$(var rviz)"] * 2
+    (viewer,) = (node for node in launch_file.iter("node") if node.get("name") == "rviz2")
+    assert viewer.get("if") == "$(var rviz)"
     file = f"$(find-pkg-share turtlebot_gym_ros)/{RVIZ.relative_to(PACKAGE)}"
     frame = "$(var frame)" if "frame" in {let.get("name") for let in launch_file.iter("let")} else "odom"  # that of goals
-    assert viewers[1].get("args") == f"-d {file} -f $(var frame_prefix){frame}"
+    assert viewer.get("args") == f"-d {file} -f $(var frame_prefix){frame}"
 
 
 def topics_of(name):
@@ -226,37 +222,6 @@ def test_on_a_robot_only_the_guard_speaks_to_the_wheels():
     assert asked["velocity_controller"] == (None, "$(var calibrate)")  # one of the two
     assert asked["calibration_drive"] == ("$(var calibrate)", None)
     assert "turtlebot_simulator" not in {node.get("name") for node in launch_file.iter("node")}
-
-
-def test_in_gazebo_the_robots_loop_runs_on_gazebos_clock():
-    gazebo, robot = (
-        ElementTree.parse(PACKAGE / "launch" / name).getroot() for name in ("gazebo.launch.xml", "robot.launch.xml")
-    )
-    assert "NEVER RUN" in IN_GAZEBO.read_text()
-    world, loop = (include.get("file") for include in gazebo.iter("include"))
-    assert world == "$(find-pkg-share turtlebot3_gazebo)/launch/$(var world).launch.py"
-    assert loop == "$(find-pkg-share turtlebot_gym_ros)/launch/robot.launch.xml"
-    # What is set counts for what is started after it.
-    order = [element.tag for element in gazebo]
-    assert max(at for at, tag in enumerate(order) if tag.startswith("set_")) < order.index("include")
-    (clock,) = gazebo.iter("set_parameter")
-    assert (clock.get("name"), clock.get("value")) == ("use_sim_time", "true")
-    assert all("use_sim_time" not in node["ros__parameters"] for node in configured(PACKAGE / "config" / "robot.yaml").values())
-    # Arguments exist there, have the same defaults, and all of them are used.
-    known = {argument.get("name"): argument.get("default") for argument in robot.iter("arg")}
-    declared = {argument.get("name"): argument.get("default") for argument in gazebo.findall("arg")}
-    (given,) = (
-        {argument.get("name"): argument.get("value") for argument in include.findall("arg")}
-        for include in gazebo.iter("include")
-        if len(include)
-    )
-    assert set(given) <= set(known)
-    assert {name: value for name, value in given.items() if value != f"$(var {name})"} == IN_SIMULATION
-    assert {name: declared[name] for name in declared if name != "world"} == {
-        name: known[name] for name in given if name in declared
-    }
-    text = ElementTree.tostring(gazebo, encoding="unicode")
-    assert {*re.findall(r"\$\(var (\w+)\)", text)} == set(declared)
 
 
 def test_setup_knows_all_nodes_and_the_version():

@@ -63,7 +63,6 @@ REFUSED = [
     ("turtlebot_simulator", {"world": "no_such.world"}, "no_such.world"),
     ("turtlebot_simulator", {"world": "dense", "lidar": "sonar"}, "lidar must be one of"),
     ("turtlebot_simulator", {"world": "dense", "random_start": True}, "random_start must be false"),
-    ("turtlebot_simulator", {"emulate_driver": "roomba"}, "emulate_driver must be one of none, turtlebot3, turtlebot4"),
     (
         "turtlebot_simulator",
         {"world": "dense", "lidar": "ideal", "period": 0.2},
@@ -71,8 +70,6 @@ REFUSED = [
     ),
     ("waypoint_generator", {"switch": "never"}, "switch must be one of"),
     ("waypoint_generator", {"waypoints": "/nowhere.yaml"}, "cannot read '/nowhere.yaml'"),
-    ("visualization", {"period": 1.0, "trail": 0.5}, "period and trail must satisfy"),
-    ("visualization", {"period": 0.01, "trail": 101.0}, "period and trail must satisfy"),
 ]
 
 
@@ -84,7 +81,7 @@ def test_what_a_block_cannot_do_is_refused(node, given, said):
 
 def test_parameters_are_frozen_and_take_keywords_only():
     with pytest.raises(FrozenInstanceError):
-        LoggerParameters().snapshot_period = 100.0
+        LoggerParameters().output = "bag"
     with pytest.raises(TypeError):
         LoggerParameters("bags")
 

@@ -2,25 +2,22 @@
 
 import itertools
 import math
-import time
 from functools import partial
 
 import numpy as np
 import pytest
-from bench import node
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
-from sensor_msgs.msg import LaserScan, Range, TimeReference
+from sensor_msgs.msg import LaserScan, TimeReference
 from std_msgs.msg import Header
 
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph, Shell
-from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
+from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.graph.bringup import main as bringup
 from turtlebot_gym_ros.graph.bringup import room_metrics
 from turtlebot_gym_ros.node.block import Input, On, Output
@@ -33,53 +30,6 @@ BELIEF = Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(**dict.fromkeys(Covar
 
 def a_scan(beams=360, length=3.0):
     return Scan(np.full(beams, length, np.float32), 0.0, 2.0 * math.pi / beams, 0.12, 3.5)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(("name", "states_mount"), [("turtlebot3", False), ("turtlebot4", False), ("turtlebot4", True)])
-def test_behind_filter_controller_guard_and_monitor_a_robot_that_speaks_like_a_real_one_crosses_a_room(
-    name, states_mount, runner, peer, wait_for, launch
-):
-    """Where its driver states the mount of its LiDAR, by messages of tf2_msgs, no parameter for it is needed."""
-    if states_mount:
-        pytest.importorskip("tf2_msgs")
-    goals, truths = peer.hear("room_goal", PoseStamped), peer.hear("true_state", Odometry)
-    scans, odometry = peer.hear("scan", LaserScan, SENSOR), peer.hear("odom", Odometry)
-    clearances, reports = peer.hear("clearance", Range), peer.hear("/diagnostics", DiagnosticArray)
-    robot, yaw = {"turtlebot3": ("burger", 0.0), "turtlebot4": ("turtlebot4", math.pi / 2.0)}[name]
-    given = (f"robot:={robot}", "collision_monitor:=true", "scan_period:=0.135", "reaction:=0.1", "collision_margin:=0.04")
-    launch(*node("cmd_vel_guard", "robot:=burger", *given))
-    driving = {"robot": robot, "policy": "vfh", "start_enabled": True, "goal_tolerance": 0.0}
-    driving |= {} if states_mount else {"lidar_yaw": yaw}
-    room = {"robot": robot, "world": "dense", "seed": 3, "emulate_driver": name}
-    for make, overrides, arguments in (
-        (KalmanFilter, {}, ()),
-        (WaypointGenerator, {"waypoints": "room"}, ()),
-        (VelocityController, driving, ("-r", "cmd_vel:=cmd_vel_in")),
-        (TurtlebotSimulator, room, ()),
-    ):
-        runner.add(Shell(make, make.Params, context=runner.context, overrides=overrides, arguments=arguments))
-
-    def to_go():
-        if not (goals and truths):
-            return math.inf
-        here, there = truths[-1].pose.pose.position, goals[-1].pose.position
-        return math.hypot(there.x - here.x, there.y - here.y)
-
-    wait_for(lambda: to_go() < math.inf)
-    start = to_go()
-    wait_for(lambda: to_go() < max(start - 1.5, 0.3), patience=60.0)
-    assert min(clearance.range for clearance in clearances) > 0.0
-    assert not any("scan was refused" in status.message for message in reports for status in message.status)
-    ahead = Time.from_msg(odometry[-1].header.stamp).nanoseconds - time.time_ns()
-    if name == "turtlebot3":
-        assert 258 <= min(len(scan.ranges) for scan in scans) < max(len(scan.ranges) for scan in scans) <= 263
-        assert all(np.isnan(scan.ranges).any() for scan in scans)
-        assert 0.4e9 < ahead < 0.8e9
-    else:
-        assert {len(scan.ranges) for scan in scans} == {720}
-        assert abs(ahead) < 0.4e9
-    assert not any(np.any(message.pose.covariance) for message in odometry if message.pose.covariance[0] >= 0.0)
 
 
 CONTACT = 9

@@ -17,9 +17,13 @@ from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, Input, On, Output, Shell
+from turtlebot_gym_ros import Every, On, Output, Shell
 from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
+from turtlebot_gym_ros.blocks.kalman_filter import FIX
+from turtlebot_gym_ros.blocks.localizer import MAP_INPUT
+from turtlebot_gym_ros.blocks.waypoints import ROOM_GOAL
+from turtlebot_gym_ros.node.block import SCAN
 from turtlebot_gym_ros.node.geometry import quaternion_of
 from turtlebot_gym_ros.nodes import BLOCKS, load
 
@@ -266,14 +270,9 @@ def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, 
 
 
 def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_fixes_say():
-    chain = [load(name) for name in BLOCKS if name not in ("turtlebot_simulator", "visualization")]
-    ends = {
-        end.topic: end.sole
-        for block in chain
-        for kinds in (block.inputs, *getattr(block, "conditional", {}).values())
-        for end in kinds.values()
-        if isinstance(end, Input)
-    }
+    chain = [load(name) for name in BLOCKS if name != "turtlebot_simulator"]
+    sometimes = (FIX, MAP_INPUT, ROOM_GOAL, SCAN)
+    ends = {end.topic: end.sole for end in (*sometimes, *(end for block in chain for end in block.inputs.values()))}
     others = {"cmd_vel", "disagreement", "goal_pose", "initialpose", "map", "pose_fix", "resume"}
     assert {topic for topic, sole in ends.items() if not sole} == others
     assert {"estimate", "next_reference", "nis", "odom", "reference", "room_goal", "scan"} == ends.keys() - others

@@ -85,7 +85,7 @@ def test_a_plain_installation_is_thin_and_the_extras_bring_the_rest():
 
 NODES = """
 from importlib import import_module
-nodes = "blocks.waypoints blocks.controller blocks.kalman_filter node.shell graph.status graph.markers"
+nodes = "blocks.waypoints blocks.controller blocks.kalman_filter node.shell graph.status"
 for name in [*nodes.split(), "blocks.localizer", "recording.logger"]:
     import_module(f"turtlebot_gym_ros.{name}")
 import_module("cmd_vel_guard.guard")

@@ -24,10 +24,8 @@ def drive(steps=40):
     from cmd_vel_guard.arbiter import Arbiter
     from cmd_vel_guard.collision import RawScan
     from cmd_vel_guard.parameters import Parameters
-    from cmd_vel_guard.robots import SOURCES
     from turtlebot_gym.values import Pose
     from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator, VelocityController, WaypointGenerator
-    from turtlebot_gym_ros.guarded import numbers_of
 
     rows = []
     for noise, filter in (("tutorial", "matched"), ("rough", "gated"), ("wheel", "matched")):
@@ -35,7 +33,6 @@ def drive(steps=40):
         estimator = KalmanFilter(KalmanFilter.Params(noise=noise, filter=filter))
         generator = WaypointGenerator(WaypointGenerator.Params())
         controller = VelocityController(VelocityController.Params(goal_tolerance=0.0))
-        SOURCES.append(numbers_of)  # where the entry point is not installed
         guard, command = Arbiter(Parameters(robot="burger", collision_monitor=True), 0.0), None
         scan = RawScan([0.8] * 360, 0.0, 0.017453292519943295, 0.12, 3.5, "base_scan")
         for k in range(steps):

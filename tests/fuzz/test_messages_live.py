@@ -32,7 +32,6 @@ NODES = {
     "turtlebot_simulator": "",
     "cmd_vel_guard": "-p robot:=burger -p collision_monitor:=true -p geofence:=3.0 -p require_standby:=true",
     "cmd_vel_standby": "",
-    "visualization": "",
     "data_logger": "-p output:=bag",
 }
 """Nodes with their parameters. Each is in a namespace of its own, and alone there."""

@@ -14,7 +14,7 @@ from turtlebot_gym.parameters import FilterTuning, Gated, Kalman
 from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.presets import FIXES, NOISES, TUTORIAL_FILTER, make_filter
 from turtlebot_gym.robots import ROBOTS
-from turtlebot_gym.rooms.lidar import DRIVERS, LIDARS, Lidar
+from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.tasks import TASKS
@@ -45,7 +45,6 @@ PRESETS = {
     "lidars": LIDARS,
     "rooms": ROOMS,
     "tasks": TASKS,
-    "drivers": DRIVERS,
     "filters": {"tutorial": TUTORIAL_FILTER, "gyro": make_filter("gyro", NOISES["clean"], imu=IMUS["mpu9250"])},
 }
 

@@ -483,13 +483,13 @@ def test_it_says_what_it_does():
 def test_the_limits_of_a_robot_by_its_name_hold_where_no_parameter_states_others(monkeypatch):
     numbers = {"max_linear": 0.07, "max_angular": 0.5, "wheel_separation": 0.16, "radius": 0.2, "footprint_x": 0.0}
     numbers |= {"scan_frame": "", "scan_x": 0.0, "scan_y": 0.0, "scan_yaw": 0.0}
-    monkeypatch.setattr(robots, "SOURCES", [lambda name: None, lambda name: numbers if name == "own" else None])
+    monkeypatch.setitem(robots.ROBOTS, "own", numbers)
     arbiter = Arbiter(parameters.Parameters(robot="own"), T)
     assert max(drive(arbiter, 0.0, 1.0, Command(1.0, 0.0))) == Command(0.07, 0.0)
     assert arbiter.monitor is None  # its entry has no LiDAR
     mount = {"scan_mount": "given", "scan_x": 0.1}
     assert Arbiter(parameters.Parameters(robot="own", radius=0.3, **mount), T).monitor._body.radius == 0.3
-    with pytest.raises(ValueError, match="robot must be one that an installed package knows, got 'other'"):
+    with pytest.raises(ValueError, match="robot must be one of burger, waffle, turtlebot4, own, got 'other'"):
         parameters.Parameters(robot="other")
 
 

@@ -8,7 +8,7 @@ through an episode, which starts at the end of a revolution at rest.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 from turtlebot_gym.kernel import kernel
@@ -127,46 +127,6 @@ LIDARS = {
     "ideal": Lidar(beams=36, rate=10.0, range_min=0.0, turning=False, stamped_at_end=True),
 }
 """LiDARs by name."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Driver:
-    """How the driver of a LiDAR on a real robot sends its scans, see `scan.as_sent`."""
-
-    lidar: Lidar
-    """The LiDAR as it turns there."""
-    nothing: float = math.inf
-    """Range of a beam that returned nothing."""
-    range_min: float
-    """Limits that a scan states, m."""
-    range_max: float
-    beams: tuple[int, int]
-    """Fewest and most ranges in a scan."""
-    sees: float = TWO_PI
-    """Angle that a scan covers, rad; the first beam is half of it to the right if that is not a turn."""
-    missing: float = 0.0
-    """Probability that a beam is missing, which a driver that puts beams where they point sends as NaN."""
-
-
-DRIVERS = {
-    "lds01": Driver(lidar=LIDARS["lds01"], nothing=0.0, range_min=0.12, range_max=3.5, beams=(360, 360)),
-    # 62.7 s of a TurtleBot3 and the source of its driver, ld08_driver: the angle between beams follows from the motor's speed,
-    # beams are put where they point, the nearest counts, and those that returned nothing are left out: 10 to 36 are NaN.
-    "lds02": Driver(
-        lidar=replace(LIDARS["lds02"], beams=261, rate=9.1),
-        nothing=math.nan,
-        range_min=0.0,
-        range_max=100.0,
-        beams=(258, 263),
-        missing=0.075,
-    ),
-    # 357 scans of a TurtleBot 4 Lite.
-    "a1": Driver(lidar=replace(LIDARS["a1"], beams=720, rate=1.0 / 0.135), range_min=0.15, range_max=12.0, beams=(720, 720)),
-    "urg04lx": Driver(
-        lidar=LIDARS["urg04lx"], nothing=math.nan, range_min=0.02, range_max=5.6, beams=(683, 683), sees=682 * TWO_PI / 1024
-    ),
-}
-"""Drivers by their LiDAR's name in `LIDARS`, whose numbers are those of the data sheets."""
 
 
 @kernel

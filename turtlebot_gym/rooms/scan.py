@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.beams import Beams, beams_of
-from turtlebot_gym.models.angles import TWO_PI, sincos, yaw_of_rotation
+from turtlebot_gym.models.angles import sincos, yaw_of_rotation
 from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.rooms.lidar import Driver, Lidar
+from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.values import ORIGIN, Pose, State
 
@@ -109,28 +109,3 @@ def room_of(message: Any) -> Obstacles | None:
             a, b = marker.points[0], marker.points[2]
             walls = 0.5 * (a.x + b.x), 0.5 * (a.y + b.y), 0.5 * (b.x - a.x), 0.5 * (b.y - a.y)
     return None if walls is None else Obstacles(walls, tuple(circles), tuple(boxes))
-
-
-def as_sent(scan: Scan, driver: Driver, rng: np.random.Generator) -> Scan:
-    """Return a scan as the driver of a real robot's LiDAR sends it, which `beams.beams_of` reads.
-
-    Args:
-        scan: A full revolution, from direction 0 counter-clockwise.
-        driver: The driver.
-        rng: Draws the missing beams and the number of ranges.
-    """
-    number = int(rng.integers(*driver.beams, endpoint=True))
-    ranges = np.where(np.isfinite(scan.ranges), scan.ranges, np.float32(driver.nothing))
-    ranges[rng.random(len(ranges)) < driver.missing] = np.nan
-    first, increment = 0.0, scan.increment
-    if driver.sees < TWO_PI:
-        first = -0.5 * driver.sees
-        ranges = np.roll(ranges, number // 2)[:number]
-    elif number != len(ranges) or driver.missing > 0.0:
-        # Put where they point, of several the nearest; a motor that varies makes the angle between beams vary.
-        increment, placed = TWO_PI / number, np.full(number, np.nan, np.float32)
-        at = (scan.increment * np.arange(len(ranges)) / increment).astype(np.int64)
-        np.fmin.at(placed, at, ranges)
-        ranges = placed
-    limits = driver.range_min, driver.range_max
-    return Scan(ranges, first, increment, *limits, scan.period / number, scan.period)

@@ -1,4 +1,4 @@
-"""The text of a node's ``--help``: what it does, its topics and its parameters. Does not depend on ROS."""
+"""The text of a node's ``--help``: what it does, and its parameters. Does not depend on ROS."""
 
 from __future__ import annotations
 
@@ -15,21 +15,6 @@ from typing import Any, NamedTuple
 
 WIDTH = 120
 """Width of a text that goes to no terminal, characters."""
-
-
-class Topic(NamedTuple):
-    """A topic or a service of a node."""
-
-    verb: str
-    """"publishes", "subscribes" or "serves"."""
-    name: str
-    """Relative names are in the node's namespace; "~" is the node's own name."""
-    kind: str
-    """Type of its messages, such as "nav_msgs/msg/Odometry"."""
-    quality: str = ""
-    """Quality of service: "reliable", "best effort", or "latched": reliable, and late joiners receive the last value."""
-    note: str = ""
-    """What the node makes of it, or when there is such a topic."""
 
 
 class Setting(NamedTuple):
@@ -82,19 +67,20 @@ def _shown(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else '""' if value == "" else str(value)
 
 
-def explain(program: str, summary: str, topics: Sequence[Topic], parameters: Sequence[Setting]) -> str:
+def explain(program: str, docstring: str | None, parameters: Sequence[Setting]) -> str:
     """Return the help of a node.
 
     Args:
         program: How it is started: "python -m turtlebot_gym_ros kalman_filter".
-        summary: What it does.
-        topics: Its topics and services.
+        docstring: What it does, in its first paragraph, and in the one that begins with "Inputs" its topics.
         parameters: Its parameters.
     """
     width = shutil.get_terminal_size((WIDTH, 24)).columns
-    lines = [f"usage: {program} [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]", "", *textwrap.wrap(plain(summary), width)]
-    lines += ["", "topics and services, with their quality of service:", *_table(topics, width)]
-    named = [(f"{setting.name}:={setting.default}".removesuffix(":="), f"{setting.text}.") for setting in parameters]
+    first, *others = inspect.cleandoc(docstring or "").split("\n\n")
+    lines = [f"usage: {program} [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]", "", *textwrap.wrap(plain(first), width)]
+    for topics in (text for text in others if text.startswith("Inputs")):
+        lines += ["", *textwrap.wrap(plain(topics.partition("Parameters:")[0]), width)]
+    named = [(f"{setting.name}:={setting.default}", f"{setting.text}.") for setting in parameters]
     return "\n".join([*lines, "", "parameters, with their defaults:", *_table(named, width)])
 
 

@@ -1,7 +1,7 @@
 """The guard of a robot's wheels: the only publisher of ``/cmd_vel``, which runs on the robot itself.
 
 It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. With
-``collision_monitor`` false, or a robot whose entry has no LiDAR, it does NOT SEE OBSTACLES.
+``collision_monitor`` false it does NOT SEE OBSTACLES.
 
 **Its own death is covered by** ``cmd_vel_standby``, see `standby`: a TurtleBot3 holds its last command indefinitely, so a
 second process sends zeros when this one falls silent. A motion in force is therefore repeated every 0.05 s, and with

@@ -25,8 +25,8 @@ class Parameters:
     """Parameters of ``cmd_vel_guard``; none changes while it runs."""
 
     robot: str = ""
-    """Robot that an installed package knows, whose numbers hold where a parameter is 0. See `robots`; if empty, the parameters
-    must state all numbers."""
+    """Robot whose numbers hold where a parameter is 0: burger, waffle or turtlebot4. If empty, the parameters must state all
+    numbers."""
     max_linear: Annotated[float, SPEED] = 0.0
     """Highest speed, m/s; 0 for that of ``robot``."""
     max_angular: Annotated[float, SPEED] = 0.0
@@ -73,8 +73,8 @@ class Parameters:
     heed_disagreement: bool = False
     """Whether a cause on the filter's ``disagreement`` stops the robot until it is enabled."""
     collision_monitor: bool = True
-    """Whether obstacles on ``scan`` limit commands, a person's too; without a scan it stands. A robot whose entry has no LiDAR
-    is not monitored."""
+    """Whether obstacles on ``scan`` limit commands, a person's too; without a scan it stands. With an empty ``scan_frame``
+    nothing is monitored."""
     collision_margin: Annotated[float, Range(0.0, 1.0, unit="m")] = 0.05
     """Width of the stop zone around the footprint, m."""
     collision_time: Annotated[float, Range(0.5, 10.0, unit="s")] = 1.0
@@ -128,7 +128,7 @@ class Parameters:
         """The robot's numbers, without the prefix of its frames.
 
         Raises:
-            ValueError: If nobody knows ``robot``.
+            ValueError: If ``robot`` is unknown.
         """
         known = dict(numbers_of(self.robot)) if self.robot else {}
         if not known or self.scan_mount == "given":

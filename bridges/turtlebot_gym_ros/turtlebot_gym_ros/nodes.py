@@ -58,19 +58,15 @@ NODES = {
     "calibration_drive": Entry(
         "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel"
     ),
-    "data_logger": Entry("recording.logger:main", "records every message to a bag, and 10 Hz snapshots to CSV"),
-    "visualization": Entry("graph.markers:Visualization", "publishes waypoints and paths for RViz on /markers"),
+    "data_logger": Entry("recording.logger:main", "records every message to a bag"),
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": Entry("graph.status:main", "prints which node waits for what"),
 }
 TOOLS = {
     "topics": Entry("tools.topics:topics", "lists topics and who is at them, or services"),
     "echo": Entry("tools.topics:echo", "prints the messages of a topic"),
-    "hz": Entry("tools.topics:hz", "prints the rate of a topic"),
-    "pub": Entry("tools.topics:pub", "publishes on a topic"),
-    "call": Entry("tools.services:call", "calls a service"),
+    "button": Entry("tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
     "enable": Entry("tools.services:enable", "enables nodes, or disables them"),
-    "params": Entry("tools.services:params", "lists, prints or sets a node's parameters"),
     "goal": Entry("tools.goal:goal", "sends the robot to a place"),
     "foxglove": Entry("tools.foxglove:foxglove", "serves the live graph to Foxglove"),
 }
@@ -120,10 +116,4 @@ def load(name: str) -> Any:
     """
     entry = entry_of(name)
     module, _, attribute = entry.target.partition(":")
-    code = getattr(import_module(f"{entry.package}.{module}"), attribute)
-    if not entry.guards:
-        return code
-    from turtlebot_gym_ros.guarded import numbers_of  # slow to import
-
-    import_module(f"{GUARD}.robots").SOURCES.append(numbers_of)  # also where nothing is installed
-    return code
+    return getattr(import_module(f"{entry.package}.{module}"), attribute)

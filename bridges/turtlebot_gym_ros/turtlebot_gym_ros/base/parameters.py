@@ -1,13 +1,11 @@
-"""Dataclasses as ROS parameters, which are checked once before anything is published and read-only from then on, except for a
-few numbers of a block: gains, and a filter's Q and R.
+"""Dataclasses as ROS parameters, which are checked once before anything is published and read-only from then on.
 
 rclpy ignores a misspelled parameter and refuses ``rate:=10`` for a double; this module does the opposite.
 """
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from difflib import get_close_matches
 from typing import Any, get_type_hints
@@ -19,12 +17,11 @@ from rclpy.parameter import Parameter
 
 from turtlebot_gym.validation import Range, Rule, rules
 from turtlebot_gym_ros.base.explain import descriptions
-from turtlebot_gym_ros.base.live import Live
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
-def declare(node: Node, *params: type, live: Collection[str] = ()) -> tuple[Any, ...]:
+def declare(node: Node, *params: type) -> tuple[Any, ...]:
     """Declare the fields of parameter classes as read-only parameters of a node, and return the filled classes.
 
     From then on ``use_sim_time`` is read-only, too: what uses the clock was made for it.
@@ -33,7 +30,6 @@ def declare(node: Node, *params: type, live: Collection[str] = ()) -> tuple[Any,
         node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
         *params: Dataclasses with defaults for all fields, whose docstrings are the descriptions; their rules of
             `turtlebot_gym.validation` are shown. If two share a name, the later one counts.
-        live: Names that are left to `declare_live`; one that ends in a dot stands for all that begin with it.
 
     Raises:
         ValueError: With one line, if a given parameter does not exist, has the wrong type, or is refused by its class.
@@ -44,7 +40,7 @@ def declare(node: Node, *params: type, live: Collection[str] = ()) -> tuple[Any,
     constraints = {name: rule for owner in params for name, rule in rules(owner).items()}
     given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
     for name in given:
-        if name not in declared and not name.startswith(_ROS_OWN) and not _is_live(name, live):
+        if name not in declared and not name.startswith(_ROS_OWN):
             close = get_close_matches(name, declared, n=1)
             hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sorted(declared))}."
             raise ValueError(f"{node.get_name()} has no parameter {name!r}: {hint}")
@@ -72,51 +68,6 @@ def declare(node: Node, *params: type, live: Collection[str] = ()) -> tuple[Any,
     return made
 
 
-def declare_live(
-    node: Node, live: Mapping[str, Live], left: Collection[str], tune: Callable[[Mapping[str, Any]], None]
-) -> None:
-    """Declare numbers that can be set while the node runs, and set those that were given at its start.
-
-    Args:
-        node: The node, after `declare`.
-        live: The numbers by name.
-        left: What `declare` left over.
-        tune: Sets some of them by name, or raises ``ValueError`` and changes nothing.
-
-    Raises:
-        ValueError: With one line, if a given number does not exist or is refused.
-    """
-    there: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
-    given = {name: item.value for name, item in there.items() if _is_live(name, left)}
-    for name in given.keys() - live.keys():
-        known = f"there are {', '.join(live)}" if live else "there is none to set here"
-        raise ValueError(f"{node.get_name()} has no parameter {name!r}: {known}.")
-    tune(given)
-    for name, item in live.items():
-        owner = next(kind for kind in item.owner.__mro__ if item.field in inspect.get_annotations(kind))
-        descriptor = _descriptor(rules(item.owner).get(item.field), descriptions(owner).get(item.field, ""), read_only=False)
-        value = given.get(name, item.value)
-        if name in given:
-            node.undeclare_parameter(name)
-        node.declare_parameter(name, list(value) if isinstance(value, tuple) else value, descriptor, ignore_override=True)
-
-    def change(parameters: Sequence[Parameter]) -> SetParametersResult:
-        changes: dict[str, Any] = {parameter.name: parameter.value for parameter in parameters if parameter.name in live}
-        if 0 < len(changes) < len(parameters):
-            return SetParametersResult(successful=False, reason=f"{', '.join(changes)} must be set without other parameters.")
-        try:
-            tune(changes)
-        except ValueError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    node.add_on_set_parameters_callback(change)
-
-
-def _is_live(name: str, live: Collection[str]) -> bool:
-    return any(name.startswith(one) if one.endswith(".") else name == one for one in live)
-
-
 def words_of(parameters: Mapping[str, Any]) -> list[str]:
     """Return parameters as words of the ROS command line."""
     texts = {name: str(value).lower() if isinstance(value, bool) else value for name, value in parameters.items()}
@@ -136,12 +87,10 @@ def _converted(name: str, value: Any, kind: type) -> Any:
     return value
 
 
-def _descriptor(rule: Rule | None, description: str, *, read_only: bool = True) -> ParameterDescriptor:
-    """Return the description of a parameter for ``ros2 param describe``; one that can be set also takes whole numbers."""
-    descriptor = ParameterDescriptor(read_only=read_only, dynamic_typing=not read_only, description=description)
+def _descriptor(rule: Rule | None, description: str) -> ParameterDescriptor:
+    """Return the description of a parameter for ``ros2 param describe``."""
+    descriptor = ParameterDescriptor(read_only=True, description=description)
     descriptor.additional_constraints = "" if rule is None else str(rule)
-    if not read_only:
-        return descriptor
     if isinstance(rule, Range) and rule.whole:
         descriptor.integer_range = [IntegerRange(from_value=rule.low, to_value=rule.high)]
     elif isinstance(rule, Range):

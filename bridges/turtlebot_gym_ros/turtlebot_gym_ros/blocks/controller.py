@@ -17,13 +17,10 @@ from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents.policies.belief_driver import BeliefDriver, NotBelievedError
-from turtlebot_gym_ros.base.live import Live
 from turtlebot_gym_ros.node.block import HALT, SCAN, Input, Nis, On, Output, Stamped, Tracks
 
 OLDEST = 0.5
 """Age of a measurement on which a command may rest, s: the guard's."""
-GAINS = "gains."
-"""Beginning of the names of a baseline's numbers as parameters."""
 OWN = "own_"
 """Beginning of the name of an input that brings a term of a policy's own."""
 VARIANCE_FLOOR = 1e-6
@@ -83,11 +80,8 @@ class VelocityController:
     filter that does not publish it; for "evidence" it must have a localizer's); ``disagreement``, with a cause on which
     the robot stops until it is enabled; for a policy that sees also ``scan``
     (`Scan`, on ``scan``, of a full revolution); and ``own_NAME`` for each term of the policy's own.
-    Outputs: ``command`` (`Command`, on ``cmd_vel``). Parameters: those of `Params`, and the numbers of a baseline, which can be
-    set while it runs: ``gains.kv`` and ``gains.komega`` of "proportional", ``gains.gain`` of "bearing", and so on.
+    Outputs: ``command`` (`Command`, on ``cmd_vel``). Parameters: those of `Params`.
     """
-
-    live_names = {GAINS: 'The numbers of a baseline, such as gains.gain of "bearing"; can be set while the node runs'}
 
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Params:
@@ -134,7 +128,6 @@ class VelocityController:
         "disagreement": HALT,
     }
     outputs = {"command": Output(topic="cmd_vel", type=Command, stop=STOP)}
-    conditional = {"for a policy that sees": {"scan": SCAN}}
     trigger = On("estimate", period=0.1)
 
     def __init__(self, params: Params) -> None:
@@ -164,17 +157,6 @@ class VelocityController:
         """Why the robot stands in spite of its policy, if so."""
         self._yaw = params.lidar_yaw
         self.reset()
-
-    @property
-    def live(self) -> dict[str, Live]:
-        """The numbers of a baseline as parameters."""
-        baseline = self.driver.baseline
-        return {f"{GAINS}{name}": Live(value, type(baseline), name) for name, value in self.driver.gains.items()}
-
-    def tune(self, numbers: Mapping[str, float]) -> None:
-        """Set some numbers of a baseline."""
-        if numbers:
-            self.driver.tune({name.removeprefix(GAINS): value for name, value in numbers.items()})
 
     def reset(self) -> None:
         """Forget the last episode, including a policy's memory."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -11,7 +10,6 @@ from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
-from turtlebot_gym.estimation.plain import Plain
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
@@ -19,7 +17,6 @@ from turtlebot_gym.parameters import MAX_FIX_AGE, DeadReckoning, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import Range, check_fields, choose
 from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, senses_of
-from turtlebot_gym_ros.base.live import Live
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility, Gate, bounded
 from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, Input, Nis, On, Output, Resume, Stamped
 
@@ -57,14 +54,8 @@ class KalmanFilter:
     (`InitialPose`, on ``initialpose``, optional); and ``resume`` (`Resume`, on ``resume``, optional).
     Outputs: ``nis`` (`Nis`, on ``nis``), the normalized innovation squared, and ``estimate`` (`Estimate`, on ``estimate``), at
     odometry's stamp and in its frame; and ``disagreement`` (`Disagreement`, on ``disagreement``, when it changes).
-    Parameters: those of `Params`, and ``q`` and ``r``, which can be set while it runs: `FilterTuning.Q` and ``R``, by default
-    those of the filter. Where the filter does not read one, there is no such parameter.
+    Parameters: those of `Params`.
     """
-
-    live_names = {
-        "q": "Variances of the motion, as FilterTuning.Q, by default those of filter; can be set while the node runs",
-        "r": "Variances of the measured pose, as FilterTuning.R, by default those of filter; can be set while the node runs",
-    }
 
     @dataclass(frozen=True, slots=True, kw_only=True)
     class Params:
@@ -111,7 +102,6 @@ class KalmanFilter:
         "estimate": Output(topic="estimate", type=Estimate),
         "disagreement": DISAGREEMENT,
     }
-    conditional = {"with takes_fixes": {"fix": FIX}}
     trigger = On("odometry")
 
     def __init__(self, params: Params) -> None:
@@ -142,17 +132,6 @@ class KalmanFilter:
         self.figures: dict[str, Any] = {"refused odometry": 0, "refused fixes": 0, "refused initial poses": 0}
         """Number of messages that were refused, by kind."""
         self.reset()
-
-    @property
-    def live(self) -> dict[str, Live]:
-        """Q and R as parameters, as far as the filter reads them."""
-        kind = self._tuning.kind
-        unread = "R" if isinstance(kind, DeadReckoning) else "Q" if isinstance(kind, Plain) and not kind.reads_Q else ""
-        return {name.lower(): Live(getattr(self._tuning, name), FilterTuning, name) for name in "QR" if name != unread}
-
-    def tune(self, numbers: Mapping[str, Sequence[float]]) -> None:
-        """Set Q or R, for the steps to come."""
-        self._tuning = replace(self._tuning, **{name.upper(): value for name, value in numbers.items()})
 
     @staticmethod
     def _executed(odometry: Odometry, command: Command | None) -> Command:

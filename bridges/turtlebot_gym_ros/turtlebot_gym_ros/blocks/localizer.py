@@ -135,9 +135,7 @@ class Localizer:
         "places": Output(topic="hypotheses", type=PoseCandidates),
         "disagreement": DISAGREEMENT,
     }
-    conditional = {"without map": {"map": MAP_INPUT}, "with map": {"map": MAP_OUTPUT}, "with publish_tf": {"tied": TIED}}
     trigger = On("odometry")
-    service_names = ("reinitialize_global_localization",)
 
     nav2_name = "amcl"
     """Name of the node of Nav2 for which it stands."""
@@ -162,7 +160,7 @@ class Localizer:
         self._beams = np.zeros((3, self._lidar.beams))
         aim(self._beams, self._lidar)
         self._points = np.empty((5, self._q.beams))
-        self.services = dict(zip(self.service_names, (self.seek,), strict=True))
+        self.services = {"reinitialize_global_localization": self.seek}
         """Functions that the node offers as services without arguments, by name."""
         self.notice: str | None = None
         """Why the localizer is not sure, if so."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -14,12 +14,12 @@ from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.rooms.grid import GridMap, charted
-from turtlebot_gym.rooms.lidar import DRIVERS, Lidar, beams_by
-from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, as_sent, obstacles_of
+from turtlebot_gym.rooms.lidar import Lidar, beams_by
+from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
-from turtlebot_gym.validation import Names, Range, check_fields
+from turtlebot_gym.validation import Range, check_fields
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
@@ -48,28 +48,6 @@ OPEN_GROUND = ("open", "")
 _BURGER = MujocoBurger()
 
 
-class DriverEmulation(NamedTuple):
-    """What a recorded robot sends, and its clock."""
-
-    lidar: str
-    """The LiDAR, a name in `turtlebot_gym.rooms.lidar.DRIVERS`."""
-    period: float
-    """Period of its odometry, s."""
-    ahead: float = 0.0
-    """Time by which its clock is ahead of this computer's, s."""
-    held_up: float = 0.0
-    """Probability that its odometry waits for the next step; at most two wait."""
-
-
-SPEECHES = {
-    # 62.7 s of a real TurtleBot3 with an LDS-02: 20 Hz, up to 0.12 s late, all covariances 0.
-    "turtlebot3": DriverEmulation("lds02", 0.05, ahead=0.775, held_up=0.03),
-    # A TurtleBot 4 Lite, whose computer is that of the driver.
-    "turtlebot4": DriverEmulation("a1", 0.05),
-}
-"""What recorded robots send, by their name."""
-MOST_HELD_UP = 2
-"""Most messages that wait."""
 SHOWN_EVERY = 5
 """Steps between two pictures of the obstacles."""
 
@@ -129,14 +107,8 @@ class TurtlebotSimulator:
         localizer: str = ""
         """Localizer by whose belief goals in turn are reached; empty for the filter. It is a name in
         `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file; for it the map of a drawn room is published."""
-        emulate_driver: Annotated[str, Names(("none", *SPEECHES))] = "none"
-        """Robot whose messages it imitates: turtlebot3 or turtlebot4; none for perfect messages. They have its LiDAR and rate
-        of odometry whatever ``lidar`` and ``period`` are: a number of beams that varies, missing ones, a clock that is ahead,
-        and odometry that is late and has covariances of 0, and its LiDAR's mount on ``/tf_static`` if tf2_msgs is installed."""
         odom_frame: str = ""
         """Frame of the odometry, if it is not the world's: the map's then, with a localizer."""
-        own_clock: bool = True
-        """Whether the imitated robot's clock is ahead and its odometry late. Lock-step does not allow that."""
         plant: str = "unicycle"
         """Model of the motion: "unicycle", or "mujoco", whose wheels creep and slip; needs MuJoCo. It is a Burger."""
         friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.friction
@@ -153,11 +125,6 @@ class TurtlebotSimulator:
                 raise ValueError("goals must be 0 without a world: goals in turn are drawn in a room.")
             if self.in_room and self.random_start:
                 raise ValueError("random_start must be false in a world: the room says where the robot starts.")
-
-        @property
-        def speech(self) -> DriverEmulation | None:
-            """What the imitated robot sends, if there is one."""
-            return SPEECHES.get(self.emulate_driver)
 
         @property
         def in_room(self) -> bool:
@@ -179,12 +146,9 @@ class TurtlebotSimulator:
         "truth": Output(topic="true_state", type=State),
         "odometry": Output(topic="odom", type=Odometry),
     }
-    conditional = {"with fix": FIX_OUTPUTS, "in a world": ROOM_OUTPUTS, "for a map, or with localizer": MAP_OUTPUTS}
     trigger = Every(0.1, 1.0, through=THROUGH)
 
     def __init__(self, params: Params) -> None:
-        speech, driver = params.speech, DRIVERS[params.speech.lidar] if params.speech else None
-        lidar, period = (speech.lidar, speech.period) if speech else (params.lidar, params.period)
         room = replace(MISSION, laps=params.goals) if params.goals else ROOM
         task = replace(room if params.in_room else replace(NAV, random=params.random_start), max_steps=math.inf)
         p, _, plan, _ = Options(
@@ -192,25 +156,25 @@ class TurtlebotSimulator:
             robot=params.robot,
             noise=params.noise,
             integrator=params.integrator,
-            dt=period,
+            dt=params.period,
             fix=None if params.fix in NO_FIX else params.fix,
             plant=params.physics() or "unicycle",
             world=params.world if params.in_room else None,
-            lidar=(driver.lidar if driver else lidar) if params.in_room else None,
+            lidar=params.lidar if params.in_room else None,
             localizer=params.localizer or None,
         ).setup()
         self._sees_fixes = bool(p.fix)
         if self._sees_fixes:
             self.outputs = {**self.outputs, **FIX_OUTPUTS}
         witness = "recorded" if params.witness else None
-        self.trigger = replace(self.trigger, period=period, speed=params.speed, witness=witness)
+        self.trigger = replace(self.trigger, period=params.period, speed=params.speed, witness=witness)
         self._lidar: Lidar | None = p.room.lidar if p.room else None
         if self._lidar:
-            mount = Mount(SCAN_FRAMES.get(lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
+            mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
             self.outputs = {
                 **self.outputs,
                 **ROOM_OUTPUTS,
-                "scan": replace(ROOM_OUTPUTS["scan"], mount=mount, states_mount=speech is not None),
+                "scan": replace(ROOM_OUTPUTS["scan"], mount=mount),
             }
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # other nodes handle the waypoints
         self._draws_map = bool(p.localizer) and not (plan and plan.known_map)
@@ -220,14 +184,13 @@ class TurtlebotSimulator:
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
         self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, integrator=p.integrator)
-        covariance = None if speech else self._uncertainty.covariance
         stated = replace(
-            self.outputs["odometry"], covariance=covariance, transform=params.publish_tf, frame=params.odom_frame or None
+            self.outputs["odometry"],
+            covariance=self._uncertainty.covariance,
+            transform=params.publish_tf,
+            frame=params.odom_frame or None,
         )
         self.outputs = {**self.outputs, "odometry": stated}
-        self._driver, self._rng = driver, np.random.default_rng(params.seed)
-        self._ahead, self._held_up = (speech.ahead, speech.held_up) if speech and params.own_clock else (0.0, 0.0)
-        self._waiting: list[tuple[float, Odometry]] = []
         self._begun = False
         self.notice: str | None = None
         """Notice of the episode's first contact."""
@@ -238,7 +201,6 @@ class TurtlebotSimulator:
         if self._draws_map:
             self._map = charted(self._episode.scene)
         self._uncertainty.reset()
-        self._waiting.clear()
         self._begun = False
         self.notice = None
 
@@ -258,20 +220,7 @@ class TurtlebotSimulator:
             values["map"], self._map = self._map, None
         if self._lidar:
             values |= self._look_round(self._lidar)
-        return self._by_its_clock(values) if self._ahead or self._held_up else values
-
-    def _by_its_clock(self, values: dict[str, Any]) -> dict[str, Any]:
-        """Return what the step says with the stamps of the robot's clock, and the odometry that arrives by now, if any."""
-        dt = self._episode.parameters.dt
-        self._waiting = [(age + dt, odometry) for age, odometry in self._waiting]
-        self._waiting.append((0.0, values.pop("odometry")))
-        if len(self._waiting) > MOST_HELD_UP or self._rng.random() >= self._held_up:
-            age, odometry = self._waiting.pop(0)
-            values["odometry"] = Stamped(odometry, age)
-            if self._rng.random() < 0.5:
-                self._waiting.clear()  # it catches up: what still waits is lost
-        aged = {key: value if isinstance(value, Stamped) else Stamped(value, 0.0) for key, value in values.items()}
-        return {key: value._replace(age=value.age - self._ahead) for key, value in aged.items()}
+        return values
 
     def _look_round(self, lidar: Lidar) -> dict[str, Any]:
         """Return the outputs about the room; a scan only when one is complete."""
@@ -285,7 +234,7 @@ class TurtlebotSimulator:
             is_blind = np.isinf(episode.scene.lidar.beams[2, : lidar.beams])
             ranges = np.where(is_blind, np.float32(np.nan), episode.scene.lidar.ranges[1, : lidar.beams])
             scan = Scan(ranges, 0.0, TWO_PI / lidar.beams, lidar.range_min, lidar.range_max, beam_period, 1.0 / lidar.rate)
-            values["scan"] = Stamped(as_sent(scan, self._driver, self._rng) if self._driver else scan, room.scan_age)
+            values["scan"] = Stamped(scan, room.scan_age)
         if at % SHOWN_EVERY == 0:
             values["obstacles"] = obstacles_of(episode.scene)
         return values

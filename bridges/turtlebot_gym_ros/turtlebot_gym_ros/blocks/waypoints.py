@@ -14,20 +14,15 @@ from turtlebot_gym.files import SMALL, load, read_text
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import ORIGIN, Pose
-from turtlebot_gym_ros.blocks.ways import Ways
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output
 from turtlebot_gym_ros.node.errand import Errand, Failure
 from turtlebot_gym_ros.node.places import FARTHEST, place
 
-MAP_FRAME = "map"
-"""Frame in which a map says where there is a way."""
 ROOM_GOAL = Input(topic="room_goal", type=Pose, required=False, lock_step="same", sole=True)
-MAP = Input(topic="map", type=GridMap, required=False, max_age=None, latched=True)
 
 
 class WaypointGenerator:
@@ -38,15 +33,13 @@ class WaypointGenerator:
     first one.
 
     A goal takes the place of all waypoints: a pose from RViz, or a goal of the action ``navigate_to_pose``, if ``nav2_msgs`` is
-    installed. In the frame ``map`` it is refused if the map on the topic ``map``, if there is one, has no way to it. A goal of
-    the action is reached when the controller is done with it, by the same estimate and rule; it is given up, with the reason,
-    without an estimate for 2.5 s, without progress for ``patience``, and after ``time_limit``. If a goal is refused, cancelled
-    or given up, the robot stays where it is until the next goal or a reset.
+    installed. A goal of the action is reached when the controller is done with it, by the same estimate and rule; it is given
+    up, with the reason, without an estimate for 2.5 s, without progress for ``patience``, and after ``time_limit``. If a goal
+    is refused, cancelled or given up, the robot stays where it is until the next goal or a reset.
 
-    Inputs, all optional: ``estimate`` (`Estimate`, on ``estimate``), ``goal`` (`Pose`, on ``goal_pose``), if ``waypoints`` is
-    "room", ``room_goal`` (`Pose`, on ``room_goal``), and in the frame ``map``, ``map`` (`GridMap`, on ``map``). Outputs:
-    ``reference`` (`Pose`, on ``reference``), ``following`` (`Pose`, on ``next_reference``), in the world frame. Parameters:
-    those of `Params`.
+    Inputs, all optional: ``estimate`` (`Estimate`, on ``estimate``), ``goal`` (`Pose`, on ``goal_pose``), and if ``waypoints``
+    is "room", ``room_goal`` (`Pose`, on ``room_goal``). Outputs: ``reference`` (`Pose`, on ``reference``), ``following``
+    (`Pose`, on ``next_reference``), in the world frame. Parameters: those of `Params`.
     """
 
     @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +62,7 @@ class WaypointGenerator:
         relative: bool = False
         """Whether waypoints are relative to the first estimate instead of the world frame."""
         robot: str = "burger"
-        """The robot that needs room on its way to a goal: a name in `turtlebot_gym.robots.ROBOTS`."""
+        """The robot that drives to an action's goal, for the time left: a name in `turtlebot_gym.robots.ROBOTS`."""
         goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
         """Distance within which an action's goal is reached, m; with 0 it is ``radius``. As in velocity_controller."""
         patience: Annotated[float, POSITIVE.of("s")] = 30.0
@@ -90,23 +83,18 @@ class WaypointGenerator:
         "following": Output(topic="next_reference", type=Pose),
         "reference": Output(topic="reference", type=Pose),
     }
-    conditional = {"for waypoints room": {"room_goal": ROOM_GOAL}, "in the frame map": {"map": MAP}}
     trigger = Every(0.1, answers="estimate")
 
     def __init__(self, params: Params) -> None:
         in_room = params.waypoints == "room"
         if in_room:
             self.inputs = {**self.inputs, "room_goal": ROOM_GOAL}
-        if params.frame == MAP_FRAME:
-            self.inputs = {**self.inputs, "map": MAP}
         course = SQUARE_WAYPOINTS if in_room or params.waypoints == "square" else _load_waypoints(params.waypoints)
         task, self._waypoints = Options(task="square", waypoints=course, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
         self._relative, self._in_room = params.relative, in_room
-        self._params, self._robot = params, make_robot(params.robot)
+        self._params, self._speed = params, make_robot(params.robot).max_linear
         self._target = replace(task, radius=params.goal_tolerance or params.radius)
-        self._map: GridMap | None = None
-        self._ways: Ways | None = None
         self._errand: Errand | None = None
         self.notice: str | None = None
         """Why the last goal was refused or given up, if so."""
@@ -125,35 +113,29 @@ class WaypointGenerator:
         self._steps = 0
 
     def send(self, goal: Pose, *, awaited: bool = False) -> Errand:
-        """Take a goal in place of all waypoints and of an earlier goal; if it is refused, the robot stays where it is.
+        """Take a goal in place of all waypoints and of an earlier goal.
 
         Args:
             goal: The goal in the world frame.
             awaited: Whether somebody waits for the outcome.
         """
-        errand = Errand(goal=goal, awaited=awaited, speed=self._robot.max_linear)
-        why = None
-        if self._map is not None and (self._ways is None or self._ways.grid is not self._map):  # it takes long, so not before
-            self._ways = Ways(self._map, self._robot.radius)
-        if self._ways:
-            why = self._ways.lead_to(goal, self._here, self._target.radius)
-        return self._take(errand, why)
+        errand = self._take(Errand(goal=goal, awaited=awaited, speed=self._speed))
+        self._head_for(goal)
+        return errand
 
     def refuse(self, why: str, code: Failure = Failure.NOT_LOCALIZED) -> Errand:
         """Refuse a goal that is no pose in the world frame, and let the robot stay where it is."""
-        return self._take(Errand(goal=ORIGIN), (code, why))
+        errand = self._take(Errand(goal=ORIGIN))
+        errand.end("failed", code, why)
+        self.notice = f"goal refused, so the robot stays where it is: {errand.reason}"
+        self._stay()  # no other drive takes its place
+        return errand
 
-    def _take(self, errand: Errand, refusal: tuple[Failure, str] | None) -> Errand:
-        """Take a goal; if it is refused, the robot stays where it is: no other drive takes its place."""
+    def _take(self, errand: Errand) -> Errand:
+        """Let a goal take the place of an earlier one."""
         if self._errand:
             self._errand.end("failed", Failure.OTHER, "another goal took its place")
         self._errand = errand
-        if refusal is None:
-            self._head_for(errand.goal)
-            return errand
-        errand.end("failed", *refusal)
-        self.notice = f"goal refused, so the robot stays where it is: {errand.reason}"
-        self._stay()
         return errand
 
     def _head_for(self, goal: Pose) -> None:
@@ -176,11 +158,9 @@ class WaypointGenerator:
         estimate: Estimate | None,
         goal: Pose | None,
         room_goal: Pose | None = None,
-        map: GridMap | None = None,
     ) -> dict[str, Pose]:
         """Return the waypoint to reach and the one after it; nothing before they are known."""
         self._here = None if estimate is None else Pose(*estimate.belief.mean[:3])
-        self._map = map
         if room_goal is not None and room_goal != self._room_goal:  # the goal of another episode
             self._room_goal = room_goal
             self._head_for(room_goal)
@@ -203,10 +183,7 @@ class WaypointGenerator:
         """Follow a goal on its way: reached by belief, or given up if somebody waits for it."""
         errand.time += dt
         if estimate is not None and self._here is not None:
-            left = self._ways.left(self._here) if self._ways else None
-            if self._ways and left is None and errand.pose is None:  # a robot that was lost when the goal was given
-                errand.end("failed", *self._ways.no_way(self._here, errand.goal))
-            errand.at(self._here, math.dist(self._here[:2], errand.goal[:2]) if left is None else left)
+            errand.at(self._here)
             if believed_to_arrive(estimate.belief.mean, errand.goal, self._target):
                 errand.end("reached")
         if errand.awaited and (why := errand.overdue(self._params.patience, self._params.time_limit)):

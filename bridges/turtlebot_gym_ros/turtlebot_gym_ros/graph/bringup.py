@@ -30,7 +30,6 @@ from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import be_interruptible, go_on, refuse
 from turtlebot_gym_ros.base.session import INTERRUPTED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
-from turtlebot_gym_ros.blocks.simulator import SPEECHES
 from turtlebot_gym_ros.graph.graph import PATIENCE, Graph
 from turtlebot_gym_ros.nodes import MODES
 
@@ -160,12 +159,6 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--goals", type=int, help="with a world, number of goals in turn, as in missions (default: one)")
     parser.add_argument("--lidar", help=f"the LiDAR in a world: {', '.join(LIDARS)}, or FILE.yaml (default: lds01)")
-    parser.add_argument(
-        "--as",
-        dest="emulate_driver",
-        choices=list(SPEECHES),
-        help="send what this recorded robot sends: gaps, its clock, its rates",
-    )
     parser.add_argument("--plant", choices=list(PLANTS), help="model of the motion (default: unicycle); mujoco needs MuJoCo")
     parser.add_argument("--friction", type=float, help="with --plant mujoco, friction of wheels on the floor (default: 1)")
     parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, friction of the caster (default: 0.05)")

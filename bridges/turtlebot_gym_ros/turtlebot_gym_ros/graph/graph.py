@@ -21,7 +21,7 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
 from turtlebot_gym_ros.base.process import SETTLE, Runner, go_on, processes
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
-from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND, SPEECHES
+from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import MODES, load
@@ -97,9 +97,6 @@ class Graph:
             Range(0.0, 1e3, open_low=True, open_high=True).check("speed", speed)
         self._lock_step = self._autonomous and speed != 1.0
         pace = float(speed or (0.0 if self._autonomous else 1.0))
-        if speech := SPEECHES.get(parameters.get("emulate_driver", "none")):
-            # In lock-step, stamps are those of the steps.
-            parameters = {"lidar_beams": 0, "own_clock": not self._lock_step, **parameters, "lidar": speech.lidar}
         if self._autonomous:
             parameters = _fit_room(parameters, allow_mismatch=allow_mismatch)
         if "tick" in parameters:  # the tracker's parameter, which a policy that reads its tracks brings

@@ -93,8 +93,6 @@ class Output:
     """Whether a pose sent as Odometry is also published on ``/tf``, as the transform to its child frame."""
     mount: Mount | None = None
     """Frame of a value given in a sensor's own frame; if the block publishes transforms, it is also on ``/tf_static``."""
-    states_mount: bool = False
-    """Whether it is there in any case, if ``tf2_msgs`` is installed."""
 
 
 class Nis(NamedTuple):
@@ -238,11 +236,7 @@ class Block(Protocol):
     It may also have a ``notice``, one line for users or None, which is logged and shown in the diagnostics; a ``fault``, a line
     that is shown as an error; ``figures``, numbers by name, which the diagnostics show; ``services``, functions without
     arguments by name, which the node offers as ``std_srvs/Empty``; ``nav2_name``, the node of Nav2 for which it stands, so that
-    clients find that one active; ``pause``, called instead of ``reset`` after a gap in the messages on which it runs; and
-    parameters that are set while it runs: ``live``, a mapping of names to `base.live.Live`, ``live_names``, a class attribute
-    with the beginnings of their names and what they mean, and ``tune``, which sets some of them by name, or raises
-    ``ValueError`` and changes nothing. For its ``--help``, inputs, outputs and trigger are class attributes, too;
-    ``conditional`` has inputs and outputs that it has only sometimes, by when; and ``service_names`` names its ``services``.
+    clients find that one active; and ``pause``, called instead of ``reset`` after a gap in the messages on which it runs.
     """
 
     @property

@@ -13,8 +13,8 @@ Covariances are row-major 6 x 6, in the order x y z roll pitch yaw. Quantities t
 pitch and sideways speed, have the variance -1 by the same convention; RViz then draws an ellipse instead of an ellipsoid. An
 `Odometry` message has no field for the normalized innovation squared, which a policy observes, so an estimate read from a
 message has the value 0 for it, and it has a topic of its own, ``nis``. The common packages have no message for a stamped
-number: it is sent as a diagnostic, though not on ``/diagnostics``. PlotJuggler can plot its values, which are decimals that
-read back to the same number.
+number: it is sent as a diagnostic, though not on ``/diagnostics``. Its values are decimals that read back to
+the same number.
 """
 
 from __future__ import annotations

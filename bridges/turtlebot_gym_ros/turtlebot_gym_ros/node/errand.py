@@ -9,7 +9,7 @@ from enum import IntEnum
 from turtlebot_gym.values import Pose
 
 CLOSER = 0.1
-"""Distance by which the way must become shorter to count as progress, m."""
+"""Distance by which the robot must come nearer for progress, m."""
 GONE = 2.5
 """Time without an estimate after which a client is told that the robot is lost, s: a localizer that looks for itself in its map
 mostly takes less."""
@@ -21,15 +21,11 @@ class Failure(IntEnum):
     """Why a goal was not reached: the codes by which Nav2's servers tell it.
 
     References:
-        Nav2, ``nav2_msgs/action``: ``ComputePathToPose`` (200 to 299), ``FollowPath`` (100 to 199), ``NavigateToPose`` (9000 to
-        9099), ROS 2 Jazzy and Kilted.
+        Nav2, ``nav2_msgs/action``: ``FollowPath`` (100 to 199), ``NavigateToPose`` (9000 to 9099), ROS 2 Jazzy and Kilted.
     """
 
     NONE = 0
     NO_PROGRESS = 105
-    OUTSIDE_MAP = 204
-    OCCUPIED = 206
-    NO_WAY = 208
     OTHER = 9000
     BEHAVIOR_TREE = 9001
     NOT_LOCALIZED = 9002
@@ -55,15 +51,15 @@ class Errand:
     pose: Pose | None = None
     """The robot's pose when it was last known."""
     left: float = math.inf
-    """Length of the way from there to the goal, m."""
+    """Distance from there to the goal, m."""
     speed: float = 0.0
     """Highest speed of the robot, m/s."""
     length: float | None = None
-    """Length of the way when it was first known, m."""
+    """Distance to the goal when it was first known, m."""
     nearest: float = math.inf
-    """Shortest way so far, m ..."""
+    """Least distance to the goal so far, m ..."""
     since: float = 0.0
-    """... and the time since which it has not become shorter by `CLOSER`, s."""
+    """... and the time since which the robot has not come nearer by `CLOSER`, s."""
     known: float = 0.0
     """Time at which the robot's pose was last known, s."""
 
@@ -77,8 +73,9 @@ class Errand:
         if self.is_active:
             self.state, self.code, self.reason = state, code, reason
 
-    def at(self, pose: Pose, left: float) -> None:
-        """Take the robot's pose, and the length of its way to the goal, m."""
+    def at(self, pose: Pose) -> None:
+        """Take the robot's pose."""
+        left = math.dist(pose[:2], self.goal[:2])
         if self.length is None:
             self.length = left
         if self.time - self.known > LOST:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from importlib.util import find_spec
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
@@ -57,8 +56,6 @@ class Outputs:
         transformed = {key for key, output in declared.items() if output.transform}
         mounts = [output.mount for output in declared.values() if output.mount]
         self._transforms = dict.fromkeys(transformed, _Transforms(node, mounts, common)) if transformed else {}
-        if not transformed and any(output.states_mount for output in declared.values()) and find_spec("tf2_msgs"):
-            _publish_mounts(node, mounts, common)
         self.moving = [key for key, output in declared.items() if output.stop is not None]
         """Names of the outputs that move the robot."""
         self._last: Mapping[str, Any] = {}

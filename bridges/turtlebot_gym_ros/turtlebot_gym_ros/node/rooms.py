@@ -68,17 +68,17 @@ def _write_clearance(clearance: Clearance, header: Header) -> Range:
     return Range(header=header, field_of_view=TURN, min_range=-math.inf, max_range=math.inf, range=distance)
 
 
-def marker(header: Header, name: str, kind: int, scale: Sequence[float], color: ColorRGBA, *, lifetime: float) -> Marker:
-    """Return a visualization marker of a kind, with its scale, m, and its lifetime, s."""
+def _marker(header: Header, name: str, kind: int, scale: Sequence[float], color: ColorRGBA) -> Marker:
+    """Return a visualization marker of a kind, with its scale, m."""
     x, y, z = scale
-    until = Duration(seconds=lifetime).to_msg()
+    until = Duration(seconds=LIFETIME).to_msg()
     return Marker(
         header=header, ns=name, type=kind, action=Marker.ADD, scale=Vector3(x=x, y=y, z=z), color=color, lifetime=until
     )
 
 
 def _obstacle(header: Header, number: int, kind: int, at: tuple[float, float, float], scale: Sequence[float]) -> Marker:
-    made, (x, y, heading) = marker(header, "obstacles", kind, scale, _GREY, lifetime=LIFETIME), at
+    made, (x, y, heading) = _marker(header, "obstacles", kind, scale, _GREY), at
     made.id, made.pose.position = number, Point(x=x, y=y, z=0.5 * HEIGHT)
     made.pose.orientation.z, made.pose.orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
     return made
@@ -146,9 +146,9 @@ def _write_people(people: People, header: Header) -> MarkerArray:
     markers = [Marker(header=header, action=Marker.DELETEALL)]
     for number, person in enumerate(people.persons):
         width = 2.0 * (person.radius + 2.0 * person.deviation)
-        disc = marker(header, "people", Marker.CYLINDER, (width, width, LINE), _ORANGE, lifetime=LIFETIME)
+        disc = _marker(header, "people", Marker.CYLINDER, (width, width, LINE), _ORANGE)
         disc.id, disc.pose.position = number, Point(x=person.x, y=person.y, z=0.0)
-        way = marker(header, "ways", Marker.ARROW, (LINE, 2.0 * LINE, 0.0), _ORANGE, lifetime=LIFETIME)
+        way = _marker(header, "ways", Marker.ARROW, (LINE, 2.0 * LINE, 0.0), _ORANGE)
         way.id = number
         way.points = [Point(x=person.x, y=person.y), Point(x=person.x + person.vx, y=person.y + person.vy)]
         markers += [disc, way]

@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from turtlebot_gym_ros.base import process
 from turtlebot_gym_ros.base.executor import FastGroup
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.parameters import declare, declare_live
+from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.base.reports import ERROR, WARN
 from turtlebot_gym_ros.base.sent import read_clocks
@@ -88,12 +88,8 @@ class Shell:
             automatically_declare_parameters_from_overrides=True,
         )
         try:
-            live = getattr(make, "live_names", ())
-            self.common, self.params = declare(self.node, Common, params, live=live)
+            self.common, self.params = declare(self.node, Common, params)
             self.block = make(self.params)
-            if live:
-                block: Any = self.block
-                declare_live(self.node, block.live, live, block.tune)
             self._now = now
             self._log = self.node.get_logger()
             self._connect()

@@ -1,8 +1,7 @@
 """A rosbag2 bag that loses at most the messages since its last commit.
 
-It is written as sqlite3, so that committed messages survive a ``kill -9``. MCAP, which a kill would leave empty, is converted
-from it at the end; if that is interrupted, the sqlite3 bag remains. After a kill of the recorder the folder has ``NAME.db3``
-without its ``metadata.yaml``; `rebuild` makes a complete bag from it (as does ``ros2 bag reindex``).
+It is written as sqlite3, so that committed messages survive a ``kill -9``. After a kill of the recorder the folder has
+``NAME.db3`` without its ``metadata.yaml``, which ``ros2 bag reindex`` makes.
 
 A disk that is full ends a bag early, and complete: the last commit stands, and `RESERVE` bytes, held since the start, are given
 back for ``metadata.yaml``.
@@ -10,7 +9,6 @@ back for ``metadata.yaml``.
 
 from __future__ import annotations
 
-import shutil
 import sqlite3
 from contextlib import closing, suppress
 from pathlib import Path
@@ -18,7 +16,7 @@ from typing import Any, NamedTuple
 
 from ament_index_python import get_package_share_directory
 from rosbags.interfaces import Connection, Nodetype, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -36,40 +34,6 @@ _LATCHED = Qos(
     _FOREVER,
     avoid_ros_namespace_conventions=False,
 )
-
-
-def rebuild(database: Path, folder: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> None:
-    """Make a new bag from the sqlite3 database of another one, even if its recorder was killed.
-
-    Opening the database rolls back an unfinished transaction; rosbags' own reader, which opens it as immutable, would not.
-
-    Args:
-        database: The ``.db3`` file.
-        folder: Folder of the new bag; must not exist.
-        storage: Format of the new bag.
-    """
-    connection = sqlite3.connect(database)
-    try:
-        rows = connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions")
-        definitions = dict(rows.fetchall())
-        with Writer(folder, version=9, storage_plugin=storage) as writer:
-            topics = {
-                number: writer.add_connection(
-                    topic,
-                    kind,
-                    msgdef=definitions[kind],
-                    rihs01=digest,
-                    offered_qos_profiles=[_LATCHED] if "transient_local" in qos else [],
-                )
-                for number, topic, kind, qos, digest in connection.execute(
-                    "SELECT id, name, type, offered_qos_profiles, type_description_hash FROM topics ORDER BY id"
-                )
-            }
-            query = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
-            for number, timestamp, data in connection.execute(query):
-                writer.write(topics[number], timestamp, data)
-    finally:
-        connection.close()
 
 
 class _Closed(NamedTuple):
@@ -125,7 +89,7 @@ class Bag:
         """Finish the bag after an error, with all messages that still fit, and at least those of the last commit."""
         self._reserve.unlink(missing_ok=True)
         writer = self._writer
-        if writer.storage is None:  # it is complete, and only its conversion did not fit
+        if writer.storage is None:  # it is closed already
             return
         database = writer.storage.conn  # type: ignore[union-attr]
         try:
@@ -143,20 +107,10 @@ class Bag:
         writer.storage = _Closed(writer.storage.path)  # type: ignore[assignment,union-attr]
         writer.close()
 
-    def close(self, storage: str) -> None:
-        """Finish the bag; for MCAP, convert it, and delete the database when the conversion is complete."""
+    def close(self) -> None:
+        """Finish the bag."""
         self._reserve.unlink()
         self._writer.close()
-        if storage == "mcap":
-            database = self.folder / f"{self.folder.name}.db3"
-            scratch = self.folder / "converting" / self.folder.name
-            try:
-                rebuild(database, scratch, StoragePlugin.MCAP)
-                for made in scratch.iterdir():
-                    made.replace(self.folder / made.name)
-                database.unlink()
-            finally:
-                shutil.rmtree(scratch.parent, ignore_errors=True)
 
 
 def _teach(types: Typestore, kind: str) -> None:

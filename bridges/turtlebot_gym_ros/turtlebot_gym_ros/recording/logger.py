@@ -1,4 +1,4 @@
-"""Record the graph: every message of all topics in a rosbag2 bag, and 10 Hz snapshots of the closed loop in a CSV file.
+"""Record the graph: every message of all topics in a rosbag2 bag.
 
 It subscribes to every topic as it appears, without configuration. In a namespace it records the topics below it and those of
 the root, such as ``/tf``, which robots share; topics of other robots are left to their own recorders. A ``kill -9`` loses at
@@ -10,15 +10,13 @@ Parameters: see `Parameters`.
 
 from __future__ import annotations
 
-import csv
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
@@ -28,25 +26,16 @@ from rclpy.context import Context
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rosbags.interfaces import Connection
 
-from turtlebot_gym.validation import Names, Range, check_fields
-from turtlebot_gym.values import Command, Pose, State
 from turtlebot_gym_ros.base.executor import PolledGroup, waiting
-from turtlebot_gym_ros.base.explain import Topic
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.base.process import run
 from turtlebot_gym_ros.base.reports import ERROR, OK, report
-from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.recording.bag import Bag
 
-SNAPSHOTS: dict[str, type] = {"odom": State, "true_state": State, "estimate": State, "reference": Pose, "cmd_vel": Command}
-"""Topics of a snapshot and their components, each a column: ``odom_x``, ``odom_y``, ..."""
-FRESH = 0.5
-"""Age at which the columns of a topic become empty, s."""
 COLLECT_PERIOD = 0.02
 """Time between two checks for new messages, s."""
 IN_FLIGHT = 0.2
@@ -62,23 +51,9 @@ class Parameters:
     """Parameters of ``data_logger``."""
 
     output: str = ""
-    """New folder for the bag and ``snapshots.csv``; by default ``bags/`` and the time. The namespace stands before the time."""
-    storage: Annotated[str, Names(("sqlite3", "mcap"))] = "sqlite3"
-    """Format of the bag at the end: ``sqlite3`` or ``mcap``."""
-    snapshot_period: Annotated[float, Range(0.0, 3600.0, unit="s")] = 0.1
-    """Time between two rows of the CSV file, s, by the ROS clock; 0 writes none."""
+    """New folder for the bag; by default ``bags/`` and the time. The namespace stands before the time."""
     enable_stamped_cmd_vel: bool = True
     """Type to record if a topic has both: TwistStamped (true) or Twist (false)."""
-
-    def __post_init__(self) -> None:
-        check_fields(self, "")
-
-
-TOPICS = (
-    Topic("subscribes", "*", "every type that is installed", "as published", "in a namespace, those below it and of the root"),
-    Topic("publishes", "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "reliable", "at 1 Hz"),
-)
-"""Its topics, for its help."""
 
 
 class _LoggedTopic(NamedTuple):
@@ -115,7 +90,6 @@ class DataLogger(Node):
         self._recorded: dict[str, _LoggedTopic] = {}
         self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
         self._refused: set[tuple[str, str]] = set()
-        self._latest: dict[str, tuple[float, type, bytes]] = {}
         self._ended: str | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -123,13 +97,6 @@ class DataLogger(Node):
         for period, work in ((COLLECT_PERIOD, self._collect), (0.1, self._discover), (1.0, self._commit)):
             self.create_timer(period, partial(self._unless_full, work), clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
-        self._csv = None
-        if p.snapshot_period > 0.0:
-            self._csv = (folder / "snapshots.csv").open("w", encoding="utf-8", newline="")
-            self._rows = csv.writer(self._csv)
-            self._rows.writerow(["time", *(f"{topic}_{name}" for topic, kind in SNAPSHOTS.items() for name in kind._fields)])
-            self._topics = {topic: self.resolve_topic_name(topic) for topic in SNAPSHOTS}
-            self.create_timer(p.snapshot_period, partial(self._unless_full, self._snapshot))
         self.get_logger().info(f"recording to {folder}")
 
     def _unless_full(self, work: Callable[[], None]) -> None:
@@ -148,9 +115,6 @@ class DataLogger(Node):
                 self._bag.end_early()
             except Bag.FULL as left:
                 self._ended += f"; without metadata.yaml ({left}): ros2 bag reindex makes it"
-            if self._csv is not None:
-                with suppress(OSError):
-                    self._csv.close()
 
     def _report(self) -> None:
         level, text = (ERROR, self._ended) if self._ended else (OK, f"records {len(self._recorded)} topics")
@@ -208,7 +172,7 @@ class DataLogger(Node):
                 self.destroy_subscription(subscription)
             recorded = None
         if recorded is None:
-            recorded = self._recorded[topic] = _LoggedTopic(kind, self._writer_of(topic, message, connection), {})
+            recorded = self._recorded[topic] = _LoggedTopic(kind, self._writer_of(connection), {})
         for reliable, latched in wanted - recorded.subscriptions.keys():
             profile = QoSProfile(
                 depth=DEPTH,
@@ -225,7 +189,7 @@ class DataLogger(Node):
                 event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # another one hears the others
             )
 
-    def _writer_of(self, topic: str, message: type, connection: Connection) -> Callable[..., None]:
+    def _writer_of(self, connection: Connection) -> Callable[..., None]:
         """Return a function that records a message of a topic, but not if another subscription has heard it."""
         heard: set[int] = set()
         order: deque[int] = deque()
@@ -239,7 +203,6 @@ class DataLogger(Node):
             if len(order) > REMEMBERED:
                 heard.remove(order.popleft())
             self._bag.write(connection, info["received_timestamp"] or time.time_ns(), data)
-            self._latest[topic] = time.monotonic(), message, data
 
         return write
 
@@ -251,37 +214,16 @@ class DataLogger(Node):
         for topic, recorded in list(self._recorded.items()):
             self._record(topic, recorded.kind)
         self._bag.commit()
-        if self._csv is not None:
-            self._csv.flush()
-
-    def _snapshot(self) -> None:
-        row: list[Any] = [self.get_clock().now().nanoseconds * 1e-9]
-        for topic, kind in SNAPSHOTS.items():
-            row += self._read(self._topics[topic], kind) or [""] * len(kind._fields)
-        self._rows.writerow(row)
-
-    def _read(self, topic: str, kind: type) -> list[float] | None:
-        """Return the components of the latest value on a topic; None if it is stale or of another kind."""
-        received, message, data = self._latest.get(topic, (0.0, object, b""))
-        known = conversion(kind, stamped=message is TwistStamped)
-        if time.monotonic() - received > FRESH or known.message is not message:
-            return None
-        try:
-            return list(known.read(deserialize_message(data, message)))
-        except ValueError:
-            return None
 
     def close(self) -> None:
-        """Record messages in transit, and finish the files."""
+        """Record messages in transit, and finish the bag."""
         time.sleep(IN_FLIGHT)
         self._unless_full(self._finish)
         self.get_logger().info(f"recorded {len(self._recorded)} topics in {self._bag.folder}")
 
     def _finish(self) -> None:
         self._collect()
-        if self._csv is not None:
-            self._csv.close()
-        self._bag.close(self._p.storage)
+        self._bag.close()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,79 +1,17 @@
-"""Messages as YAML, in both directions, as ros2cli reads and writes them."""
+"""Messages as YAML, as ros2cli writes them."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import yaml
 
-from turtlebot_gym.validation import did_you_mean, short_repr
-from turtlebot_gym_ros.base.names import message_type
+from turtlebot_gym.validation import did_you_mean
 
 LONGEST = 128
 """Elements of an array that `text_of` shows, as in ros2cli."""
-
-
-def message_of(type_name: str, text: str) -> Any:
-    """Return a message of a type, such as "std_msgs/msg/Bool", with fields from YAML: "{data: false}".
-
-    Raises:
-        ValueError: If the type is not installed, the text is no mapping, or a field is unknown or has another type.
-    """
-    return filled(message_type(type_name)(), text)
-
-
-def filled(message: Any, text: str) -> Any:
-    """Return a message, with the fields that YAML gives.
-
-    Raises:
-        ValueError: If the text is no mapping, or a field is unknown or has another type.
-    """
-    try:
-        values = yaml.safe_load(text) if text.strip() else {}
-    except yaml.YAMLError as error:
-        raise ValueError(f"values must be YAML such as '{{data: true}}': {' '.join(str(error).split())}.") from error
-    _fill(message, values, "")
-    return message
-
-
-def _fill(message: Any, values: Any, path: str) -> None:
-    """Write values into the fields of a message; ``path`` is where it stands in the whole."""
-    kinds = message.get_fields_and_field_types()
-    if not isinstance(values, Mapping):
-        raise ValueError(f"{path or 'values'} must be a mapping of {', '.join(kinds) or 'nothing'}, got {short_repr(values)}.")
-    for name, value in values.items():
-        at = f"{path}.{name}" if path else str(name)
-        if name not in kinds:
-            raise ValueError(f"there is no field {at!r}; there are {', '.join(kinds)}.{did_you_mean(str(name), kinds)}")
-        old = getattr(message, name)
-        if hasattr(old, "get_fields_and_field_types"):
-            _fill(old, value, at)
-            continue
-        new = _as(kinds[name], value, at)
-        try:
-            checked = type(message)(check_fields=True, **{name: new})
-        except (AssertionError, TypeError, ValueError) as error:
-            raise ValueError(f"{at} must be {kinds[name]}, got {short_repr(value)}.") from error
-        setattr(message, name, getattr(checked, name))
-
-
-def _as(kind: str, value: Any, path: str) -> Any:
-    """Return a value of YAML as a field of a kind takes it: whole numbers as floats, mappings as messages."""
-    if isinstance(value, list):
-        return [
-            _as(kind.partition("[")[0].removeprefix("sequence<").partition(">")[0].partition(",")[0], each, path)
-            for each in value
-        ]
-    if kind in ("double", "float") and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if "/" in kind and isinstance(value, Mapping):
-        message = message_type(kind.replace("/", "/msg/"))()
-        _fill(message, value, path)
-        return message
-    return value
 
 
 def plain_of(value: Any, longest: int = LONGEST) -> Any:

@@ -1,21 +1,14 @@
-"""``call``, ``enable`` and ``params``: services and parameters of the graph's nodes."""
+"""``enable``: services of the graph's nodes."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import yaml
-from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
-from rcl_interfaces.srv import DescribeParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool
 
-from turtlebot_gym.validation import did_you_mean
-from turtlebot_gym_ros.base.names import absolute, message_type
+from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, result_of, settle, type_in, until
-from turtlebot_gym_ros.tools.messages import filled, plain_of, text_of
 
 ENABLE, KIND, GUARD = "/enable", "std_srvs/srv/SetBool", "/cmd_vel_guard"
 """The service of nodes that can be enabled, its type, and the node that is enabled first."""
@@ -32,28 +25,6 @@ def _answer(node: Node, kind: Any, name: str, request: Any, seconds: float) -> A
         ),
     )
     return result_of(client.call_async(request), name, seconds)
-
-
-@answered
-def call(argv: Any = None) -> int:
-    """Call a service, print its response, and return 1 if its field ``success`` is false."""
-    parser = parser_of(
-        "call", "Call a service, and print its response; the exit code is 1 if it says success: false.", waits_for="each answer"
-    )
-    parser.add_argument("service")
-    parser.add_argument("type", nargs="?", default="", help="such as std_srvs/srv/SetBool; by default the one of the graph")
-    parser.add_argument("values", nargs="?", default="", help="fields of the request in YAML, such as '{data: true}'")
-    options = parser.parse_args(argv)
-    if options.type and not options.values and "/" not in options.type:
-        options.type, options.values = "", options.type
-    with asking() as node:
-        name, kind = type_in(node, options.service, "service", options.wait)
-        if options.type not in ("", kind):
-            raise ValueError(f"{name} is {kind}, not {options.type}.")
-        service = message_type(kind)
-        response = _answer(node, service, name, filled(service.Request(), options.values), options.wait)
-    print(text_of(response))
-    return 0 if getattr(response, "success", True) else 1
 
 
 @answered
@@ -109,51 +80,3 @@ def _nodes(node: Node) -> list[str]:
     return sorted(
         f"{space.rstrip('/')}/{name}" for name, space in node.get_node_names_and_namespaces() if name != node.get_name()
     )
-
-
-def _shown(value: ParameterValue) -> str:
-    """Return the value of a parameter as YAML on one line."""
-    return yaml.safe_dump(plain_of(parameter_value_to_python(value)), default_flow_style=True).splitlines()[0]
-
-
-@answered
-def params(argv: Any = None) -> int:
-    """List a node's parameters with values and descriptions, or print or set one."""
-    parser = parser_of("params", "List a node's parameters, print one, or set one.", waits_for="each answer")
-    parser.add_argument("node", help="such as velocity_controller")
-    parser.add_argument("name", nargs="?", help="one parameter")
-    parser.add_argument("value", nargs="?", help="its new value, as YAML")
-    options = parser.parse_args(argv)
-    target = absolute(options.node, "node")
-    with asking() as node:
-        client = AsyncParameterClient(node, target)
-        until(
-            lambda: client.services_are_ready() or None,
-            options.wait,
-            lambda: (
-                f"there is no node {target} with parameters after {options.wait:g} s."
-                + (remark_if_alone(node) or did_you_mean(target, _nodes(node)) or f" There are {', '.join(_nodes(node))}.")
-            ),
-        )
-        names = sorted(result_of(client.list_parameters([], 0), target, options.wait).result.names)
-        if options.name is not None and options.name not in names:
-            raise ValueError(f"{target} has no parameter {options.name!r}.{did_you_mean(options.name, names)}")
-        if options.value is not None:
-            new = Parameter(options.name, value=yaml.safe_load(options.value))
-            (result,) = result_of(client.set_parameters([new]), target, options.wait).results
-            if not result.successful:
-                raise ValueError(f"{target} refuses {options.name}: {result.reason or 'without a reason'}")
-            return 0
-        wanted = names if options.name is None else [options.name]
-        values = result_of(client.get_parameters(wanted), target, options.wait).values
-        request = DescribeParameters.Request(names=wanted)
-        described = _answer(node, DescribeParameters, f"{target}/describe_parameters", request, options.wait).descriptors
-    for name, value, about in zip(wanted, values, described, strict=True):
-        print(_shown(value) if options.name else f"{name}: {_shown(value)}{_remark(about)}")
-    return 0
-
-
-def _remark(about: ParameterDescriptor) -> str:
-    """Return a parameter's description as the comment of a line."""
-    text = " ".join(about.description.split()) + (" (only at the start)" if about.read_only and about.description else "")
-    return f"  # {text}" if text else ""

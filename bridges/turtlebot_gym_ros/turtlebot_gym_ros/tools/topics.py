@@ -1,4 +1,4 @@
-"""``topics``, ``echo``, ``hz`` and ``pub``: what is on the graph's topics."""
+"""``topics``, ``echo`` and ``button``: what is on the graph's topics."""
 
 from __future__ import annotations
 
@@ -6,19 +6,21 @@ import sys
 import time
 from typing import Any
 
-import numpy as np
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool
 
-from turtlebot_gym.validation import POSITIVE, Range
+from turtlebot_gym.validation import Range
 from turtlebot_gym_ros.base.names import absolute, message_type, node_name
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import STREAM
-from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, pause, remark_if_alone, settle, type_in, until
-from turtlebot_gym_ros.tools.messages import field_of, message_of, text_of
+from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, settle, type_in
+from turtlebot_gym_ros.tools.messages import field_of, text_of
 
 COUNT = Range(0, 2**31, whole=True)
 """A number of messages; 0 for no end."""
+BUTTON_PERIOD = 0.1
+"""Time between two messages of `button`, s; as a radio needs it."""
 
 
 @answered
@@ -109,61 +111,17 @@ def echo(argv: Any = None) -> int:
 
 
 @answered
-def hz(argv: Any = None) -> int:
-    """Print the rate at which the messages of a topic arrive."""
-    parser = parser_of(
-        "hz", "Print the rate at which the messages of a topic arrive, and their intervals.", waits_for="the graph"
-    )
-    parser.add_argument("topic")
-    parser.add_argument("--seconds", type=float, default=5.0, help="how long to listen, s (default: 5)")
+def button(argv: Any = None) -> int:
+    """Say that an emergency stop is not pressed, again and again; the end of it is a stop."""
+    parser = parser_of("button", "Be an emergency stop that is not pressed. Ctrl-C ends it, which stops the robot.")
+    parser.add_argument("topic", nargs="?", default="emergency_stop", help="(default: emergency_stop)")
     options = parser.parse_args(argv)
-    POSITIVE.check("--seconds", options.seconds)
-    times: list[float] = []
     with asking() as node:
-        topic, kind = type_in(node, options.topic, "topic", options.wait)
-        quality = _quality(node, topic)
-        node.create_subscription(message_type(kind), topic, lambda raw: times.append(time.monotonic()), quality, raw=True)
-        pause(options.seconds)
-        publishers = node.count_publishers(topic)
-    if len(times) < 2:
-        raise TimeoutError(f"{topic} has sent {len(times)} messages in {options.seconds:g} s; {publishers} publish it.")
-    intervals = np.diff(times)
-    print(
-        f"{topic}: {1.0 / intervals.mean():.2f} Hz; intervals {intervals.min():.3f} to {intervals.max():.3f} s, "
-        f"deviation {intervals.std():.4f} s; {len(times)} messages"
-    )
-    return 0
-
-
-@answered
-def pub(argv: Any = None) -> int:
-    """Publish a message again and again."""
-    parser = parser_of(
-        "pub", "Publish a message, until Ctrl-C; the emergency stop of the deploy page, for example.", waits_for="the graph"
-    )
-    parser.add_argument("topic")
-    parser.add_argument("type", help="such as std_msgs/msg/Bool")
-    parser.add_argument("values", nargs="?", default="", help="fields in YAML, such as '{data: false}'; defaults elsewhere")
-    parser.add_argument("--rate", type=float, default=1.0, help="how often, Hz (default: 1)")
-    parser.add_argument("--count", type=int, default=0, help="end after so many messages (default: never)")
-    parser.add_argument("--once", action="store_true", help="end after one message, as soon as anybody listens")
-    options = parser.parse_args(argv)
-    POSITIVE.of("Hz").check("--rate", options.rate)
-    COUNT.check("--count", options.count)
-    message, wanted = message_of(options.type, options.values), 1 if options.once else options.count
-    with asking() as node:
-        publisher = node.create_publisher(type(message), absolute(options.topic, "topic"), STREAM)
-        if options.once:
-            missing = f"nobody has listened to {publisher.topic_name} for {options.wait:g} s."
-            until(lambda: publisher.get_subscription_count() or None, options.wait, lambda: missing)
-        else:
-            print(f"publishes on {publisher.topic_name} at {options.rate:g} Hz; Ctrl-C ends it", file=sys.stderr, flush=True)
-        sent, due = 0, time.monotonic()
-        while not (wanted and sent >= wanted):
+        publisher = node.create_publisher(Bool, absolute(options.topic, "topic"), STREAM)
+        print(f"publishes on {publisher.topic_name}; Ctrl-C stops the robot", file=sys.stderr, flush=True)
+        due = time.monotonic()
+        while True:
             go_on()
-            publisher.publish(message)
-            sent, due = sent + 1, due + 1.0 / options.rate
+            publisher.publish(Bool(data=False))
+            due += BUTTON_PERIOD
             time.sleep(max(due - time.monotonic(), 0.0))
-        if wanted:
-            publisher.wait_for_all_acked()
-    return 0
