@@ -67,7 +67,7 @@ test: $(READY)  ## before each commit: laws on a sample of their cases, and long
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE) and not nightly"
 
-test-all: $(READY)  ## all of that, the built site, pages that train, further live graphs, and statistics of size (45 minutes)
+test-all: $(READY)  ## all of that, pages that train, further live graphs, and statistics of size (45 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE)"
 
@@ -76,7 +76,7 @@ test-slow: $(READY)  ## the tests that take minutes, among them more than 30,000
 
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-test-browser: $(READY)  ## the viewer, the field test's report and every page of the documentation in headless Chromium; no request leaves the machine (6 minutes)
+test-browser: $(READY)  ## the viewer in headless Chromium; no request leaves the machine (3 minutes)
 	@test -n "$(CHROMIUM)" || { echo "make test-browser needs Chromium: sudo apt-get install chromium"; exit 2; }
 	@mkdir -p $(OUT)/browser
 	CHROMIUM=$(CHROMIUM) SCREENSHOTS=$(OUT)/browser $(RUN)python -m pytest -m browser tests/browser
