@@ -71,7 +71,7 @@ test-all: $(READY)  ## all of that, pages that train, further live graphs, and s
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE)"
 
-test-slow: $(READY)  ## the tests that take minutes, among them more than 30,000 inputs of all kinds
+test-slow: $(READY)  ## the tests that take minutes, among them more than 20,000 inputs of all kinds
 	$(RUN)python -m pytest -m slow
 
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
