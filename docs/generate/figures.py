@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path("docs/generate").resolve()))
 from drives import blocks, loop, two_filters
-from in_rooms import challenge, lidars, messages, people, policies, sway, worlds
+from in_rooms import challenge, lidars, messages, policies, sway, worlds
 from panels import BLUE, COLORS, VERMILLION, WIDTH, Panel, Series, dots, pick, series, svg
 from rows import named, read
 
@@ -235,7 +235,7 @@ def zeros():
     return dots(list(slow), Panel("zero after the fault, the longest of 11 (s)", [Series("", list(slow.values()))]))
 
 
-IN_ROOMS = (worlds, policies, lidars, sway, challenge, messages, people)
+IN_ROOMS = (worlds, policies, lidars, sway, challenge, messages)
 OF_BELIEF = (two_filters, filters, localizer, missions, ratios)
 FIGURES = {
     "concepts": (blocks, loop, arrival, stops, zeros, creep, floors, *IN_ROOMS, *OF_BELIEF),

@@ -59,14 +59,3 @@ def messages():
     return dots(
         [row["name"] for row in rows], Panel("goals reached (%)", [Series("", [row["success"] for row in rows])], 100.0)
     )
-
-
-def people():
-    """Return successes and collisions among people, by policy, LiDAR and how people walk."""
-    rows = [{**row, "where": row["lidar"] + ", ORCA" * (row["people"] == "ORCA")} for row in read("among_people")["rows"]]
-    names, seen = (list(dict.fromkeys(row[key] for row in rows)) for key in ("policy", "where"))
-    panels = [
-        Panel(label, [series(rows, where, names, "policy", part, where=where) for where in seen], 100.0)
-        for label, part in (("goals reached (%)", "success"), ("drives that collide (%)", "collision"))
-    ]
-    return dots(names, *panels)

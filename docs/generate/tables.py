@@ -116,24 +116,6 @@ TABLES = {
             "least clearance, m": "{least clearance:.3f}",
         },
     ),
-    "people": lambda: table(
-        read("among_people")["rows"],
-        {"LiDAR": "{lidar}", "people by": "{people}", "policy": "{policy}", **SHARES, "to goal, s": "{time_to_goal.value:.1f}"},
-    ),
-    "tracking": lambda: table(
-        read("tracking")["cells"],
-        {
-            "world": "{world}",
-            "LiDAR": "{lidar}",
-            "velocity, m/s": "{velocity_rms:.2f}",
-            "of who walks steadily": "{steady_velocity_rms:.2f}",
-            "position, m": "{position_rms:.2f}",
-            "NEES (4)": "{nees:.1f}",
-            "missed, %": "{missed:.1%}",
-            "false, per hour": "{false_per_hour:.1f}",
-            "share of a core": "{cpu_share:.1%}",
-        },
-    ),
     "barn": lambda: table(
         barn(),
         {"policy": "{name}", **SHARES, "time-outs, %": "{timeout:.1%}", "score, at most 0.5": "{barn:.3f}"},

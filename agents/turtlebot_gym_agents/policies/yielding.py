@@ -85,9 +85,9 @@ class PeopleStop:
 class Yielding:
     """Drive by a policy, and stand still while the robot might meet somebody before it stands.
 
-    The term `turtlebot_gym.observations.TRACKS` gives each person's place and velocity with standard deviations;
-    `benchmarks/among_people.py` compares this stop with others. A stopped robot does not turn either, since wheels sway and
-    may move its edge into a person. Obstacles that stand are left to a `SafetyLayer` around this policy, which keeps the law.
+    The term `turtlebot_gym.observations.TRACKS` gives each person's place and velocity with standard deviations. A stopped
+    robot does not turn either, since wheels sway and may move its edge into a person. Obstacles that stand are left to a
+    `SafetyLayer` around this policy, which keeps the law.
 
     Raises:
         ValueError: If a number is out of its range.
