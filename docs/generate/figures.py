@@ -160,37 +160,9 @@ def coverage():
     for name in dict.fromkeys(name for setting in settings for name in setting):
         rows = [setting[name] for setting in settings if name in setting]
         truth[name] = sum(row["coverage"] * row["drives"] for row in rows) / sum(row["drives"] for row in rows)
-    scans = {name: row["coverage"] for name, row in read("calibration_by_scans")["coverage"]["parameters"].items()}
-    alone = {
-        name: row["coverage_where_determined"]
-        for name, row in read("calibration")["coverage"]["innovations"].items()
-        if row["determined"]
-    }
-    names = list(dict.fromkeys([*truth, *scans, *alone]))
-    ways = (("with the truth", truth), ("by scans", scans), ("innovations alone", alone))
-    all_of = [Series(words, [found.get(name) for name in names]) for words, found in ways]
-    return dots(names, Panel("intervals that hold the true value (%)", all_of, 100.0, line=95.0))
-
-
-def calibrated():
-    """Return the NEES of filters that were calibrated on one drive and judged on another."""
-    recorded = read("calibration_recorded")["recorded"]
-    rows = [
-        (f"{logs.partition('.')[0]}: {name}", row) for logs, found in recorded.items() for name, row in found["judged"].items()
-    ]
     return dots(
-        [name for name, _ in rows],
-        Panel("NEES on the other drive (3 is right)", [Series("", [row["nees"] for _, row in rows])], line=3.0),
+        list(truth), Panel("intervals that hold the true value (%)", [Series("", list(truth.values()))], 100.0, line=95.0)
     )
-
-
-def pairs():
-    """Return the times of policies that were trained on calibrated files and on the truth."""
-    robots = named(read("calibration_policy")["robots"])
-    names = [f"{robot['name']}, {at + 1}" for robot in robots for at in range(len(robot["times"]["truth"]))]
-    sides = (("trained on the file", "calibrated"), ("on the truth", "truth"))
-    times = [Series(words, [each["time"] for robot in robots for each in robot["times"][side]]) for words, side in sides]
-    return dots(names, Panel("time round the square (s)", times))
 
 
 def speed():
@@ -239,7 +211,7 @@ IN_ROOMS = (worlds, policies, lidars, sway, challenge, messages)
 OF_BELIEF = (two_filters, filters, localizer, missions, ratios)
 FIGURES = {
     "concepts": (blocks, loop, arrival, stops, zeros, creep, floors, *IN_ROOMS, *OF_BELIEF),
-    "howto": (coverage, calibrated, pairs),
+    "howto": (coverage,),
     "results": (open_ground, trained, buildings, carried, latency, begun, gains, speed),
 }
 """Figures by the folder of the site in which they lie."""

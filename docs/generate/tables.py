@@ -63,11 +63,6 @@ def recorded():
     return table(rows, {"parameter": "{name}", "preset `recorded`": "{preset:.3g}", **robots})
 
 
-def seconds(times):
-    """Return the times of trainings in words."""
-    return ", ".join(f"{training['time']:.2f}" for training in times)
-
-
 def hazards_table(part):
     """Return the hazards of a part with their tests."""
     columns = {"cause": "{cause}", "what happens": "{effect}", "who notices": "{by}"}
@@ -243,34 +238,6 @@ TABLES = {
         },
     ),
     "recorded": recorded,
-    "calibrated_filters": lambda: table(
-        [
-            {"logs": logs, "name": name, **row}
-            for logs, found in read("calibration_recorded")["recorded"].items()
-            for name, row in found["judged"].items()
-        ],
-        {
-            "calibrated on -> judged on": "{logs}",
-            "filter": "{name}",
-            "NEES": "{nees:.1f}",
-            "position, m": "{position:.3f}",
-            "heading, rad": "{heading:.3f}",
-        },
-    ),
-    "calibrated_policies": lambda: table(
-        [
-            {**row, "file": seconds(row["times"]["calibrated"]), "true": seconds(row["times"]["truth"])}
-            for row in named(read("calibration_policy")["robots"])
-        ],
-        {
-            "robot": "{name}",
-            "turn scale, true": "{turn_scale:.3f}",
-            "found": "{found:.3f}",
-            "time on the file, s": "{file}",
-            "time on the truth, s": "{true}",
-            "ratio of the means": "{ratio:.3f}",
-        },
-    ),
     "hazards_guard": lambda: hazards_table("guard"),
     "hazards_sensors": lambda: hazards_table("sensors"),
     "graph": lambda: table(
