@@ -108,17 +108,6 @@ def begun():
     return dots(list(tasks), Panel("success after 500,000 steps (%)", ends, 100.0))
 
 
-def ratios():
-    """Return the error of the filter over that of the odometry, by noise and policy."""
-    rows = [row for row in read("recorded_policies")["cases"] if row["policy"] in ("bearing", "ppo-nav")]
-    cases = list(dict.fromkeys((row["noise"], row["filter"]) for row in rows))
-    both = [
-        Series(policy, [pick(rows, noise=noise, filter=name, policy=policy).get("ratio") for noise, name in cases])
-        for policy in ("bearing", "ppo-nav")
-    ]
-    return dots([", ".join(case) for case in cases], Panel("error of the filter over that of the odometry", both, line=1.0))
-
-
 def gains():
     """Return the time to the goal on odometry and on the estimate, by noise."""
     times = {row["scenario"]: row["baselines"][0]["time"] for row in read("robustness")["comparisons"]}
@@ -208,7 +197,7 @@ def zeros():
 
 
 IN_ROOMS = (worlds, policies, lidars, sway, challenge, messages)
-OF_BELIEF = (two_filters, filters, localizer, missions, ratios)
+OF_BELIEF = (two_filters, filters, localizer, missions)
 FIGURES = {
     "concepts": (blocks, loop, arrival, stops, zeros, creep, floors, *IN_ROOMS, *OF_BELIEF),
     "howto": (coverage,),

@@ -224,19 +224,6 @@ TABLES = {
     "drift": lambda: table(
         read("transfer")["drift"], {"floor": "{floor}", "m per metre": "{position:.4f}", "rad per metre": "{heading:.4f}"}
     ),
-    "ratios": lambda: table(
-        read("recorded_policies")["cases"],
-        {
-            "policy": "{policy}",
-            "noise": "{noise}",
-            "filter": "{filter}",
-            "reached, %": "{success.value:.0%}",
-            "falsely, %": "{false_arrival.value:.0%}",
-            "error of the filter, m": "{estimate_position_mean.value:.3f}",
-            "of the odometry, m": "{odometry_position_mean.value:.3f}",
-            "ratio": "{ratio:.2f}",
-        },
-    ),
     "recorded": recorded,
     "hazards_guard": lambda: hazards_table("guard"),
     "hazards_sensors": lambda: hazards_table("sensors"),
