@@ -24,7 +24,7 @@ import numpy as np
 from rich.table import Table
 
 from harness.machine import machine
-from harness.pairs import HERE, environment_of
+from harness.process import HERE, environment_of
 from harness.study import Study, each, finished, run
 from turtlebot_gym_agents import evaluate
 

@@ -1,4 +1,4 @@
-"""The program that `turtlebot-gym benchmark` runs: all contenders, the check against a file, and pairs with another clone."""
+"""The program that `turtlebot-gym benchmark` runs: all contenders, and the check against a file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from harness import check, environments, learning, pairs, report
+from harness import check, environments, learning, report
 from harness.machine import busy, cores, machine
 from harness.turns import Contender, take_turns
 from turtlebot_gym_agents.commands.benchmark import Benchmark
@@ -27,9 +27,6 @@ def run(config: Benchmark) -> None:
     """
     if config.check is not None:
         _check(config, config.check)
-        return
-    if config.against is not None:
-        _pair(config, config.against)
         return
     result = plain(_measure(config))
     print_tables(*report.tables(result))
@@ -95,21 +92,4 @@ def _check(config: Benchmark, path: Path) -> None:
         print(note, file=sys.stderr)
     if lost := check.lost(verdicts):
         print(f"{len(lost)} of {len(verdicts)} ratios have lost more than {tolerance:.0%}.", file=sys.stderr)
-        raise SystemExit(1)
-
-
-def _pair(config: Benchmark, folder: Path) -> None:
-    """Print the speed of this clone over another one's, after measuring worse ones a second time."""
-    tolerance = pairs.TOLERANCE if config.tolerance is None else config.tolerance
-    with progress(len(pairs.ENTRIES) * config.rounds) as advance_to:
-        rows = pairs.compare(folder, rounds=config.rounds, seconds=config.seconds, progress=advance_to)
-    if slower := [name for name, row in rows.items() if row.ratio < 1.0 - tolerance]:
-        rows |= pairs.compare(folder, slower, rounds=2 * config.rounds, seconds=config.seconds)
-    for name, row in rows.items():
-        low, high = row.ratio_range
-        print(f"{name}: {row.ratio:.3f} times the speed of {folder} ({low:.3f} to {high:.3f}, CPU seconds)")
-    if config.json is not None:
-        write_json(config.json, {"machine": machine(), "pairs": rows}, config=settings_of(config))
-    if slower := [name for name, row in rows.items() if row.ratio < 1.0 - tolerance]:
-        print(f"{len(slower)} of {len(rows)} have lost more than {tolerance:.0%}.", file=sys.stderr)
         raise SystemExit(1)

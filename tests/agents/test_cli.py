@@ -112,7 +112,6 @@ REFUSED = [
         for value in ("1.0", "nan")
     ),
     (["benchmark", "--check", "no/such.json"], "no/such.json"),
-    (["benchmark", "--check", "a.json", "--against", "."], "check and against exclude each other."),
 ]
 
 
