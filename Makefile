@@ -110,7 +110,7 @@ bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, al
 bench-peers: $(READY)  ## a step's CPU time beside JaxNav, IR-SIM, gymnax, EnvPool and Gymnasium, each from PyPI (10 minutes, and the installations)
 	$(RUN)python benchmarks/peers.py
 
-bench-train: $(READY)  ## CPU seconds from command to policy on open ground, five seeds, beside PPO in NumPy alone (10 minutes)
+bench-train: $(READY)  ## CPU seconds from command to policy on open ground, five seeds (10 minutes)
 	$(RUN)python benchmarks/training.py --json benchmarks/training.json
 
 faults: $(READY)  ## 127 kinds of fault, 8 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)

@@ -253,12 +253,7 @@ TABLES = {
         {
             "training": "{name}",
             "steps": "{steps:,}",
-            "imports": "{imports:.1f}",
-            "compiled loops": "{compile:.1f}",
-            "learning": "{learning:.1f}",
-            "evaluations, files": "{rest:.1f}",
             "CPU s": "{total:.1f}",
-            "times the limit": "{ratio:.1f}",
             "least success, %": "{success:.1%}",
             "time over the baseline's": "{time:.3f}",
         },
