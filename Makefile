@@ -85,7 +85,7 @@ CLIENTS := .venv-clients
 
 test-clients: $(READY)  ## train with every RL library, each in an environment of its own, and drive the policies (8 minutes, and the installations)
 	$(RUN)python tests/clients/environments.py $(CLIENTS)
-	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
+	$(RUN)python -m pytest -m clients tests/clients --clients-json $(OUT)/clients.json
 
 test-versions: $(READY)  ## quick tests with the lowest and with the newest versions that pyproject.toml allows (15 minutes, and the installations)
 	$(RUN)python tools/test_versions.py

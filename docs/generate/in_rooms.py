@@ -1,7 +1,7 @@
 """Figures of policies in rooms."""
 
-from panels import Panel, Series, dots, series
-from rows import as_robot, barn, read, rooms
+from panels import Panel, dots, series
+from rows import read, rooms
 
 WORLDS = ("clutter", "dense", "corridor", "office", "cellular", "crowd", "map")
 
@@ -21,20 +21,12 @@ def worlds():
 
 def policies():
     """Return successes and collisions by policy in two worlds."""
-    names = ("bearing", "gap", "dwa", "vfh", "ppo-rooms", "ppo, 3 trainings", "ppo-rooms+safety", "planner+safety", "oracle")
+    names = ("bearing", "vfh", "ppo-rooms", "ppo, 3 trainings", "ppo-rooms+safety", "planner+safety", "oracle")
     panels = [
         Panel(label, [series(rooms(), world, names, "policy", part, setting=world) for world in ("dense", "office")], 100.0)
         for label, part in (("goals reached (%)", "success"), ("drives that collide (%)", "collision"))
     ]
     return dots(names, *panels)
-
-
-def lidars():
-    """Return successes and collisions of a policy alone and within the layer, by LiDAR."""
-    rows = read("rooms_lidars")["rows"]
-    cases = list(dict.fromkeys(row["setting"] for row in rows))
-    names = [case.removeprefix("dense, ").replace("dense", "lds01") for case in cases]
-    return dots(names, *shares(rows, ("vfh", "ppo-rooms", "ppo-rooms+safety"), cases))
 
 
 def sway():
@@ -43,19 +35,3 @@ def sway():
     cases = list(dict.fromkeys(row["setting"] for row in rows))
     policies = ("planner", "planner+safety", "ppo-rooms", "ppo-rooms+safety")
     return dots([case.removesuffix(", noise wheel") for case in cases], *shares(rows, policies, cases))
-
-
-def challenge():
-    """Return successes and collisions in the BARN challenge's worlds."""
-    rows = barn()
-    parts = (("goals reached (%)", "success"), ("drives that collide (%)", "collision"))
-    panels = [Panel(label, [Series("", [row[part] for row in rows])], 100.0) for label, part in parts]
-    return dots([row["name"] for row in rows], *panels)
-
-
-def messages():
-    """Return successes by perfect messages and by those of a robot."""
-    rows = as_robot()
-    return dots(
-        [row["name"] for row in rows], Panel("goals reached (%)", [Series("", [row["success"] for row in rows])], 100.0)
-    )

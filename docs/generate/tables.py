@@ -5,11 +5,10 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, "benchmarks")
-from rows import as_robot, barn, by_floor, hazards, named, read, rooms
+from rows import hazards, named, read, rooms
 
 from harness.tables import table
 
-FLOORS = ("unicycle", "grip", "slippery")
 EVENTS = {
     "dropout_probability": ("a gap begins, per 0.1 s", "gaps"),
     "gap_end": ("it ends, per 0.1 s", "gap ends"),
@@ -27,31 +26,6 @@ SPEED = {
     "steps/CPU s": "{steps_per_cpu_second:,.0f}",
     "times CartPole by CPU s": "{cpu_ratio:.2f}",
 }
-
-
-def driven(part):
-    """Return how many drives succeeded by floor, and the time relative to the unicycle's."""
-    rows = by_floor(part, ("env", "policy", "noise"))
-    for row in rows:
-        row["task"] = row["env"].removeprefix("turtlebot_gym/TurtleBot").removesuffix("-v0")
-        for floor in FLOORS[1:]:
-            both = row[floor]["where_both_succeed"]
-            row[f"time {floor}"] = f"{both['ratio']:.3f}" if both["ratio"] and both["n"] > 4 else ""
-    columns = {"task": "{task}", "policy": "{policy}", "noise": "{noise}"}
-    columns |= {floor: f"{{{floor}[succeeded]}}" for floor in FLOORS}
-    return table(rows, columns | {f"time, {floor}": f"{{time {floor}}}" for floor in FLOORS[1:]})
-
-
-def located():
-    """Return the localizer's errors by case and world."""
-    worlds = read("localization")["cases"]
-    rows = [{"name": name, **{world: cases[name] for world, cases in worlds.items()}} for name in worlds["dense"]]
-    for row in rows:
-        for world in worlds:
-            case = row[world]
-            errors = f"{100.0 * case['position_rms']:.1f} / {1e3 * case['heading_rms']:.0f}"
-            row[world] = f"{errors} / {case['nees']['value']:.1f}"
-    return table(rows, {"case": "{name}", **{world: f"{{{world}}}" for world in worlds}})
 
 
 def recorded():
@@ -96,38 +70,9 @@ TABLES = {
             "time, s": "{time.value:.1f}",
         },
     ),
-    "lidars": lambda: table(read("rooms_lidars")["rows"], {"setting": "{setting}", "policy": "{policy}", **SHARES}),
     "sway": lambda: table(
         read("rooms_planner_wheel")["rows"],
         {"setting": "{setting}", "policy": "{policy}", **SHARES, "later within the layer, s": "{later:+.2f}"},
-    ),
-    "as_robot": lambda: table(
-        as_robot(),
-        {
-            "world: messages, guard": "{name}",
-            "drives": "{drives}",
-            "success, %": "{success:.1%}",
-            "contacts": "{contacts}",
-            "least clearance, m": "{least clearance:.3f}",
-        },
-    ),
-    "barn": lambda: table(
-        barn(),
-        {"policy": "{name}", **SHARES, "time-outs, %": "{timeout:.1%}", "score, at most 0.5": "{barn:.3f}"},
-    ),
-    "belief": lambda: table(
-        read("belief")["rows"],
-        {
-            "setting": "{setting}",
-            "policy, or trained on": "{policy}",
-            "reached an hour": "{an_hour:.0f}",
-            "more than on truth": "{minus_truth:+.0f}",
-            "more than `vfh`": "{minus_vfh:+.0f}",
-            "reached, %": "{goals:.1%}",
-            "falsely, %": "{false_goals:.1%}",
-            "lost, %": "{lost:.1%}",
-            "contacts, %": "{collision:.1%}",
-        },
     ),
     "missions": lambda: table(
         read("missions")["missions"],
@@ -156,7 +101,6 @@ TABLES = {
             "NEES of the pose": "{nees:.2f}",
         },
     ),
-    "localizer": located,
     "buildings": lambda: table(
         [{"building": name, **row} for name, rows in read("buildings")["buildings"].items() for row in named(rows)],
         {
@@ -183,54 +127,9 @@ TABLES = {
             "wrong, s": "{wrong:.1f}",
         },
     ),
-    "begun": lambda: table(
-        [
-            {"task": task, "from": name, **row}
-            for task, rows in read("from_policy")["tasks"].items()
-            for name, row in rows.items()
-        ],
-        {
-            "task": "{task}",
-            "begins with": "{from}",
-            "trainings": "{trainings}",
-            "reach the target": "{reached}",
-            "target": "{to:.0%}",
-            "seconds until then": "{seconds:.1f}",
-            "success at the end": "{success:.1%}",
-        },
-    ),
-    "arrival": lambda: table(
-        [{"noise": noise, **row} for noise, rules in read("arrival")["rules"].items() for row in named(rules)],
-        {
-            "noise": "{noise}",
-            "rule": "{name}",
-            "false arrivals, %": "{false:.1%}",
-            "later, s": "{later.value:.2f}",
-            "never arrives": "{never:.0%}",
-        },
-    ),
-    "floors": lambda: driven("policies"),
-    "trained": lambda: driven("trained"),
-    "creep": lambda: table(
-        by_floor("filters", ("noise", "filter")),
-        {
-            "noise": "{noise}",
-            "filter": "{filter}",
-            **{f"{floor}, m": f"{{{floor}[position]:.3f}}" for floor in FLOORS},
-            **{f"NEES, {floor}": f"{{{floor}[nees]:.1f}}" for floor in FLOORS},
-            "over `matched`, slippery": "{slippery[over_matched]:.2f}",
-        },
-    ),
-    "drift": lambda: table(
-        read("transfer")["drift"], {"floor": "{floor}", "m per metre": "{position:.4f}", "rad per metre": "{heading:.4f}"}
-    ),
     "recorded": recorded,
     "hazards_guard": lambda: hazards_table("guard"),
     "hazards_sensors": lambda: hazards_table("sensors"),
-    "graph": lambda: table(
-        [{"part": name, **row} for name, part in read("ros")["parts"].items() for row in part["figures"]],
-        {"part": "{part}", "figure": "{name}", "measured": "{value:.3g} {unit}", "limit": "{limit:g}"},
-    ),
     "speed": lambda: table(named(read("speed")["environments"]), SPEED),
     "peers": lambda: table(
         read("peers")["rows"],
