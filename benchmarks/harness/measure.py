@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from harness import check, environments, learning, report
+from harness import check, environments, report
 from harness.machine import busy, cores, machine
 from harness.turns import Contender, take_turns
 from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json
-
-TRAININGS = 3
-"""Most rounds of training in each sitting."""
 
 
 def run(config: Benchmark) -> None:
@@ -40,30 +37,14 @@ def _measure(config: Benchmark) -> dict[str, Any]:
     with ExitStack() as stack:
         contenders = environments.contenders(config.num_envs)
         key = {name: contender for name, contender in contenders.items() if contender.key}
-        trainings = min(TRAININGS, config.rounds) * config.training
-        sittings = [len(contenders) * config.rounds + trainings]
-        if config.busy:
-            sittings.append(len(key) * config.rounds + trainings)
-        advance_to = stack.enter_context(progress(sum(sittings)))
-        result |= _sitting(config, contenders, advance_to, usual=True)
+        first = len(contenders) * config.rounds
+        advance_to = stack.enter_context(progress(first + len(key) * config.rounds * bool(config.busy)))
+        turns = {"rounds": config.rounds, "seconds": config.seconds}
+        result |= take_turns(contenders, **turns, progress=advance_to)._asdict()
         if config.busy:
             with busy(config.busy):
-                beside = _sitting(config, key, lambda done: advance_to(sittings[0] + done), usual=False)
-            result["busy"] = {"processes": config.busy, **beside}
-    return result
-
-
-def _sitting(
-    config: Benchmark, contenders: Mapping[str, Contender], advance_to: Callable[[int], None], *, usual: bool
-) -> dict[str, Any]:
-    """Return the results of one sitting, optionally with the usual route of training."""
-    sitting = take_turns(contenders, rounds=config.rounds, seconds=config.seconds, progress=advance_to)
-    result: dict[str, Any] = sitting._asdict()
-    if config.training:
-        done = len(contenders) * config.rounds
-        result["training"] = learning.training(
-            rounds=min(TRAININGS, config.rounds), usual=usual, progress=lambda trained: advance_to(done + trained)
-        )
+                beside = take_turns(key, **turns, progress=lambda done: advance_to(first + done))
+            result["busy"] = {"processes": config.busy, **beside._asdict()}
     return result
 
 

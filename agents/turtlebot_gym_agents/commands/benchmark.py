@@ -5,11 +5,9 @@ from __future__ import annotations
 import os
 import sys
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from runpy import run_path
 
-from turtlebot_gym.extras import installing
 from turtlebot_gym.validation import Range, as_int
 from turtlebot_gym_agents.commands.console import File, JsonFile, WritingOptions, print_tables, progress
 
@@ -19,7 +17,7 @@ _PROGRAM = _BENCHMARKS / "harness" / "measure.py"
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(WritingOptions):
-    """Measure the speed of environments, adapter and training, as ratios within one run, by wall time and CPU seconds.
+    """Measure the speed of environments as ratios within one run, by wall time and CPU seconds.
 
     Needs a clone of the repository.
     """
@@ -30,8 +28,6 @@ class Benchmark(WritingOptions):
     """Number of turns of each contender."""
     seconds: float = 0.5
     """Length of a turn, s."""
-    training: bool = True
-    """Whether to measure training too; it needs the extra [agents]."""
     busy: int = 0
     """Measure the most important rows again beside this many busy processes."""
     check: File = None
@@ -48,10 +44,6 @@ class Benchmark(WritingOptions):
                 "the harness is in its folder benchmarks/."
             )
         self._check_options()
-        if self.training and self.check is None:
-            for name in ("torch", "stable_baselines3"):
-                if find_spec(name) is None:
-                    raise ImportError(f"{name} is not installed: {installing('agents')}, or use --no-training.")
         if str(_BENCHMARKS) not in sys.path:
             sys.path.append(str(_BENCHMARKS))
         run_path(str(_PROGRAM))["run"](self)
