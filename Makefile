@@ -67,16 +67,16 @@ test: $(READY)  ## before each commit: laws on a sample of their cases, and long
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE) and not nightly"
 
-test-all: $(READY)  ## all of that, the built site, pages that train, further live graphs, and statistics of size (45 minutes)
+test-all: $(READY)  ## all of that, pages that train, further live graphs, and statistics of size (45 minutes)
 	$(RUN)turtlebot-gym compile --system $(COMPILED)
 	$(RUN)python -m pytest $(IN_PARALLEL) -m "$(ELSEWHERE)"
 
-test-slow: $(READY)  ## the tests that take minutes, among them more than 30,000 inputs of all kinds
+test-slow: $(READY)  ## the tests that take minutes, among them more than 20,000 inputs of all kinds
 	$(RUN)python -m pytest -m slow
 
 CHROMIUM ?= $(shell command -v chromium || command -v chromium-browser || command -v google-chrome)
 
-test-browser: $(READY)  ## the viewer and every page of the documentation in headless Chromium; no request leaves the machine (6 minutes)
+test-browser: $(READY)  ## the viewer in headless Chromium; no request leaves the machine (3 minutes)
 	@test -n "$(CHROMIUM)" || { echo "make test-browser needs Chromium: sudo apt-get install chromium"; exit 2; }
 	@mkdir -p $(OUT)/browser
 	CHROMIUM=$(CHROMIUM) SCREENSHOTS=$(OUT)/browser $(RUN)python -m pytest -m browser tests/browser
@@ -85,7 +85,7 @@ CLIENTS := .venv-clients
 
 test-clients: $(READY)  ## train with every RL library, each in an environment of its own, and drive the policies (8 minutes, and the installations)
 	$(RUN)python tests/clients/environments.py $(CLIENTS)
-	$(RUN)python -m pytest -m clients tests/clients --clients-json benchmarks/clients.json
+	$(RUN)python -m pytest -m clients tests/clients --clients-json $(OUT)/clients.json
 
 test-kilted: $(READY)  ## the guard and the live graph on ROS 2 Kilted, in an environment of its own
 	$(RUN)python -m venv .venv-kilted && grep -v '^ros-' constraints.txt > .venv-kilted/constraints.txt
@@ -107,7 +107,7 @@ bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, al
 bench-peers: $(READY)  ## a step's CPU time beside JaxNav, IR-SIM, gymnax, EnvPool and Gymnasium, each from PyPI (10 minutes, and the installations)
 	$(RUN)python benchmarks/peers.py
 
-bench-train: $(READY)  ## CPU seconds from command to policy on open ground, five seeds, beside PPO in NumPy alone (10 minutes)
+bench-train: $(READY)  ## CPU seconds from command to policy on open ground, five seeds (10 minutes)
 	$(RUN)python benchmarks/training.py --json benchmarks/training.json
 
 faults: $(READY)  ## 127 kinds of fault, 8 times each, injected into live chains, with a driver that may lie and an independent judge (an hour; resumes)

@@ -23,7 +23,7 @@ import tyro
 from rich.table import Table
 
 from harness.machine import Watch, machine
-from harness.pairs import HERE, Process, environment_of
+from harness.process import HERE, Process, environment_of
 from harness.study import Study, each, run
 from harness.turns import Turn, alternate, calls_for
 

@@ -7,7 +7,6 @@ import gc
 import os
 import socket
 import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -146,18 +145,3 @@ def write_map():
 def pytest_unconfigure():
     """Release the domain."""
     _CLAIM.close()
-
-
-@pytest.fixture(scope="session")
-def site(tmp_path_factory):
-    """The folder of the built documentation; that in the variable SITE if there is one."""
-    if built := os.environ.get("SITE"):
-        return Path(built).resolve()
-    pytest.importorskip("mkdocs", reason="needs the extra [docs]")
-    from pages import ROOT, environment
-
-    folder = tmp_path_factory.mktemp("site")
-    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    done = subprocess.run(build, cwd=ROOT, env=environment(), capture_output=True, text=True)
-    assert (done.returncode, done.stdout + done.stderr) == (0, "")
-    return folder

@@ -1,22 +1,19 @@
-"""The program that `turtlebot-gym benchmark` runs: all contenders, the check against a file, and pairs with another clone."""
+"""The program that `turtlebot-gym benchmark` runs: all contenders, and the check against a file."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from harness import check, environments, learning, pairs, report
+from harness import check, environments, report
 from harness.machine import busy, cores, machine
 from harness.turns import Contender, take_turns
 from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json
-
-TRAININGS = 3
-"""Most rounds of training in each sitting."""
 
 
 def run(config: Benchmark) -> None:
@@ -27,9 +24,6 @@ def run(config: Benchmark) -> None:
     """
     if config.check is not None:
         _check(config, config.check)
-        return
-    if config.against is not None:
-        _pair(config, config.against)
         return
     result = plain(_measure(config))
     print_tables(*report.tables(result))
@@ -43,30 +37,14 @@ def _measure(config: Benchmark) -> dict[str, Any]:
     with ExitStack() as stack:
         contenders = environments.contenders(config.num_envs)
         key = {name: contender for name, contender in contenders.items() if contender.key}
-        trainings = min(TRAININGS, config.rounds) * config.training
-        sittings = [len(contenders) * config.rounds + trainings]
-        if config.busy:
-            sittings.append(len(key) * config.rounds + trainings)
-        advance_to = stack.enter_context(progress(sum(sittings)))
-        result |= _sitting(config, contenders, advance_to, usual=True)
+        first = len(contenders) * config.rounds
+        advance_to = stack.enter_context(progress(first + len(key) * config.rounds * bool(config.busy)))
+        turns = {"rounds": config.rounds, "seconds": config.seconds}
+        result |= take_turns(contenders, **turns, progress=advance_to)._asdict()
         if config.busy:
             with busy(config.busy):
-                beside = _sitting(config, key, lambda done: advance_to(sittings[0] + done), usual=False)
-            result["busy"] = {"processes": config.busy, **beside}
-    return result
-
-
-def _sitting(
-    config: Benchmark, contenders: Mapping[str, Contender], advance_to: Callable[[int], None], *, usual: bool
-) -> dict[str, Any]:
-    """Return the results of one sitting, optionally with the usual route of training."""
-    sitting = take_turns(contenders, rounds=config.rounds, seconds=config.seconds, progress=advance_to)
-    result: dict[str, Any] = sitting._asdict()
-    if config.training:
-        done = len(contenders) * config.rounds
-        result["training"] = learning.training(
-            rounds=min(TRAININGS, config.rounds), usual=usual, progress=lambda trained: advance_to(done + trained)
-        )
+                beside = take_turns(key, **turns, progress=lambda done: advance_to(first + done))
+            result["busy"] = {"processes": config.busy, **beside._asdict()}
     return result
 
 
@@ -95,21 +73,4 @@ def _check(config: Benchmark, path: Path) -> None:
         print(note, file=sys.stderr)
     if lost := check.lost(verdicts):
         print(f"{len(lost)} of {len(verdicts)} ratios have lost more than {tolerance:.0%}.", file=sys.stderr)
-        raise SystemExit(1)
-
-
-def _pair(config: Benchmark, folder: Path) -> None:
-    """Print the speed of this clone over another one's, after measuring worse ones a second time."""
-    tolerance = pairs.TOLERANCE if config.tolerance is None else config.tolerance
-    with progress(len(pairs.ENTRIES) * config.rounds) as advance_to:
-        rows = pairs.compare(folder, rounds=config.rounds, seconds=config.seconds, progress=advance_to)
-    if slower := [name for name, row in rows.items() if row.ratio < 1.0 - tolerance]:
-        rows |= pairs.compare(folder, slower, rounds=2 * config.rounds, seconds=config.seconds)
-    for name, row in rows.items():
-        low, high = row.ratio_range
-        print(f"{name}: {row.ratio:.3f} times the speed of {folder} ({low:.3f} to {high:.3f}, CPU seconds)")
-    if config.json is not None:
-        write_json(config.json, {"machine": machine(), "pairs": rows}, config=settings_of(config))
-    if slower := [name for name, row in rows.items() if row.ratio < 1.0 - tolerance]:
-        print(f"{len(slower)} of {len(rows)} have lost more than {tolerance:.0%}.", file=sys.stderr)
         raise SystemExit(1)

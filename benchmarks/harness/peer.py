@@ -1,19 +1,19 @@
 """Program of an environment that `make bench-peers` measures, in a process of its own on one core.
 
-``python -m harness.peer PROGRAM SIZE`` prints ``ready`` with the environment steps of a call and the CPU seconds until then,
-and answers as `harness.clone` does. Every call returns all observations, and episodes that end begin anew.
+``python -m harness.peer PROGRAM SIZE`` prints ``ready`` with the environment steps of a call and the CPU seconds until then.
+For each number that it reads, it makes that many calls and prints ``turn`` with their wall time and the CPU seconds of all
+threads. Every call returns all observations, and episodes that end begin anew.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any
-
-from harness.clone import clone_calls, serve
 
 BEAMS = 180
 """Beams of a step: an LDS-01 measures as many in 0.1 s."""
@@ -47,7 +47,21 @@ Program = tuple[Callable[[int], Any], int]
 
 def _own(env_id: str, size: int) -> Program:
     """Return an environment of Gymnasium's interface, which this package or Gymnasium registers."""
-    return clone_calls(env_id, size, "scalar" if size == 1 else "vector"), 1
+    import gymnasium as gym
+
+    import turtlebot_gym  # noqa: F401
+
+    env: Any = gym.make(env_id) if size == 1 else gym.make_vec(env_id, size, "vector_entry_point")
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(64)]
+
+    def call(k: int) -> None:
+        _, _, terminated, truncated, _ = env.step(actions[k % 64])
+        if size == 1 and (terminated or truncated):
+            env.reset()
+
+    return call, 1
 
 
 def _envpool(env_id: str, size: int) -> Program:
@@ -157,7 +171,12 @@ def main(name: str, size: str) -> None:
     call, steps = PROGRAMS[name](int(size))
     for k in range(WARM):
         call(k)
-    serve(call, {"steps": steps * int(size), "start": time.process_time()})
+    print("ready", json.dumps({"steps": steps * int(size), "start": time.process_time()}), flush=True)
+    for line in sys.stdin:
+        wall, cpu = time.perf_counter(), time.process_time()
+        for k in range(int(line)):
+            call(k)
+        print("turn", json.dumps([time.perf_counter() - wall, time.process_time() - cpu]), flush=True)
 
 
 if __name__ == "__main__":

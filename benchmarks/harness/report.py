@@ -9,7 +9,7 @@ from rich.table import Table
 
 
 def tables(result: Mapping[str, Any]) -> list[Table]:
-    """Return the tables of a result: environments, also beside busy processes if measured, and training.
+    """Return the tables of a result: environments, also beside busy processes if measured.
 
     Args:
         result: What `turtlebot-gym benchmark` has measured, as it stands in its JSON.
@@ -18,8 +18,6 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
     if "busy" in result:
         busy = result["busy"]
         shown.append(environments_table(busy["environments"], title=beside(busy["processes"])))
-    if "training" in result:
-        shown.append(_training_table(result))
     return shown
 
 
@@ -66,20 +64,4 @@ def environments_table(rows: Mapping[str, Mapping[str, Any]], *, title: str) -> 
         between = "" if name == row["base"] else f"{low:.2f} to {high:.2f}"
         rates = f"{row['steps_per_second']:,.0f}", f"{row['ratio']:.2f}", between
         table.add_row(name, *rates, f"{row['steps_per_cpu_second']:,.0f}", f"{row['cpu_ratio']:.2f}")
-    return table
-
-
-def _training_table(result: Mapping[str, Any]) -> Table:
-    """Return a table of the speed of PPO with CPU seconds, also beside busy processes if measured."""
-    trained = result["training"]
-    table = Table("training with PPO", "", title="one thread")
-    table.add_row("Sb3VecEnv over the vector environment, steps/s", f"{trained['steps_per_second']:,.0f}")
-    table.add_row("DummyVecEnv over 64 scalar environments, steps/s", f"{trained['dummy_vec_env']:,.0f}")
-    table.add_row("ratio", f"{trained['ratio']:.1f}")
-    table.add_row("CPU seconds for a million steps, ours", f"{trained['cpu_seconds_per_million']:.1f}")
-    busy = result.get("busy", {}).get("training")
-    if busy:
-        where, more = beside(result["busy"]["processes"]), busy["cpu_seconds_per_million"] / trained["cpu_seconds_per_million"]
-        table.add_row(f"steps/s {where}", f"{busy['steps_per_second']:,.0f}")
-        table.add_row(f"CPU seconds for a million steps {where}", f"{busy['cpu_seconds_per_million']:.1f}, {more:.2f} times")
     return table

@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path("docs/generate").resolve()))
 from drives import blocks, loop, two_filters
-from in_rooms import challenge, lidars, people, policies, sway, worlds
-from panels import BLUE, COLORS, VERMILLION, WIDTH, Panel, Series, dots, pick, series, svg
+from in_rooms import policies, sway, worlds
+from panels import BLUE, VERMILLION, WIDTH, Panel, Series, dots, pick, svg
 from rows import named, read
 
 
@@ -21,16 +21,6 @@ def open_ground():
     differences = [Series("minus the tuned baseline", [row["ppo"]["difference"] for row in rows])]
     differences.append(Series("minus the untuned one", untuned))
     return dots([row["scenario"] for row in rows], Panel("time of PPO (s): right of 0 it is slower", differences, line=0.0))
-
-
-def trained():
-    """Return what training on a belief gains over training on the truth."""
-    rows = [row for row in read("belief")["rows"] if row["policy"] in ("wheels", "localizer", "localizer, evidence")]
-    names = [f"{row['setting']}: {row['policy']}" for row in rows]
-    gains = [
-        Series(f"minus {name}", [row[f"minus_{part}"] for row in rows]) for name, part in (("truth", "truth"), ("vfh", "vfh"))
-    ]
-    return dots(names, Panel("goals an hour, by what the policy was trained on", gains, line=0.0))
 
 
 def missions():
@@ -62,16 +52,6 @@ def filters():
     return dots([name for name, _ in rows], *panels)
 
 
-def localizer():
-    """Return the localizer's errors by case, and whether it states them."""
-    found = read("localization")["cases"]
-    names = list(found["dense"])
-    errors = [Series(world, [100.0 * cases[name]["position_rms"] for name in names]) for world, cases in found.items()]
-    nees = [Series(world, [cases[name]["nees"] for name in names]) for world, cases in found.items()]
-    panels = Panel("error of the position (cm)", errors, scale="log"), Panel("NEES (3 is right)", nees, line=3.0, scale="log")
-    return dots(names, *panels)
-
-
 def buildings():
     """Return the share of key frames at which the pose is lost, in two real buildings."""
     found = read("buildings")["buildings"]
@@ -88,69 +68,12 @@ def carried():
     return dots(names, Panel("drives that are right within 10 m (%)", right, 100.0))
 
 
-def latency():
-    """Return the graph's figures as shares of their limits, but for memory."""
-    parts = read("ros")["parts"].values()
-    rows = [row for part in parts for row in part["figures"] if row["limit"] and row["unit"] in ("s", "ms", "%")]
-    names = [re.sub(r": first zero.*|, slowest.*| at \d+ Hz", "", row["name"]) for row in rows]
-    shares = [row["value"] / row["limit"] for row in rows]
-    return dots(names, Panel("share of its limit", [Series("", shares)], line=1.0))
-
-
-def begun():
-    """Return where trainings end that begin with a policy, and others."""
-    tasks = read("from_policy")["tasks"]
-    first = [next(row["success"] for name, row in rows.items() if name != "none") for rows in tasks.values()]
-    ends = [
-        Series("begins with a known policy", first),
-        Series("begins with nothing", [rows["none"]["success"] for rows in tasks.values()]),
-    ]
-    return dots(list(tasks), Panel("success after 500,000 steps (%)", ends, 100.0))
-
-
-def ratios():
-    """Return the error of the filter over that of the odometry, by noise and policy."""
-    rows = [row for row in read("recorded_policies")["cases"] if row["policy"] in ("bearing", "ppo-nav")]
-    cases = list(dict.fromkeys((row["noise"], row["filter"]) for row in rows))
-    both = [
-        Series(policy, [pick(rows, noise=noise, filter=name, policy=policy).get("ratio") for noise, name in cases])
-        for policy in ("bearing", "ppo-nav")
-    ]
-    return dots([", ".join(case) for case in cases], Panel("error of the filter over that of the odometry", both, line=1.0))
-
-
 def gains():
     """Return the time to the goal on odometry and on the estimate, by noise."""
     times = {row["scenario"]: row["baselines"][0]["time"] for row in read("robustness")["comparisons"]}
     noises = [name.rpartition(", ")[2] for name in times if name.startswith("Nav, raw odometry, ")]
     both = [Series(words, [times.get(f"Nav, {words}, {noise}") for noise in noises]) for words in ("raw odometry", "estimate")]
     return dots(noises, Panel("time to the goal of the tuned baseline (s)", both))
-
-
-def creep():
-    """Return the errors of filters on three floors."""
-    found = [row for row in read("transfer")["filters"] if row["noise"] == "tutorial"]
-    names, on = list(dict.fromkeys(row["filter"] for row in found)), ("unicycle", "grip", "slippery")
-    panels = [
-        Panel(label, [series(found, floor, names, "filter", part, floor=floor) for floor in on], factor, line, "log")
-        for label, part, factor, line in (
-            ("error of the position (cm)", "position", 100.0, None),
-            ("NEES (3 is right)", "nees", 1.0, 3.0),
-        )
-    ]
-    return dots(names, *panels)
-
-
-def floors():
-    """Return how many drives on wheel odometry succeed, with grip and without."""
-    rows = [
-        {**row, "share": row["succeeded"] / row["of"]}
-        for row in read("transfer")["policies"]
-        if row["noise"] == "wheel" and "Nav" in row["env"] and row["policy"] != "proportional"
-    ]
-    names = list(dict.fromkeys(row["policy"] for row in rows))
-    on = [series(rows, floor, names, "policy", "share", floor=floor) for floor in ("unicycle", "grip", "slippery")]
-    return dots(names, Panel("goals reached on wheel odometry (%)", on, 100.0))
 
 
 def coverage():
@@ -160,37 +83,9 @@ def coverage():
     for name in dict.fromkeys(name for setting in settings for name in setting):
         rows = [setting[name] for setting in settings if name in setting]
         truth[name] = sum(row["coverage"] * row["drives"] for row in rows) / sum(row["drives"] for row in rows)
-    scans = {name: row["coverage"] for name, row in read("calibration_by_scans")["coverage"]["parameters"].items()}
-    alone = {
-        name: row["coverage_where_determined"]
-        for name, row in read("calibration")["coverage"]["innovations"].items()
-        if row["determined"]
-    }
-    names = list(dict.fromkeys([*truth, *scans, *alone]))
-    ways = (("with the truth", truth), ("by scans", scans), ("innovations alone", alone))
-    all_of = [Series(words, [found.get(name) for name in names]) for words, found in ways]
-    return dots(names, Panel("intervals that hold the true value (%)", all_of, 100.0, line=95.0))
-
-
-def calibrated():
-    """Return the NEES of filters that were calibrated on one drive and judged on another."""
-    recorded = read("calibration_recorded")["recorded"]
-    rows = [
-        (f"{logs.partition('.')[0]}: {name}", row) for logs, found in recorded.items() for name, row in found["judged"].items()
-    ]
     return dots(
-        [name for name, _ in rows],
-        Panel("NEES on the other drive (3 is right)", [Series("", [row["nees"] for _, row in rows])], line=3.0),
+        list(truth), Panel("intervals that hold the true value (%)", [Series("", list(truth.values()))], 100.0, line=95.0)
     )
-
-
-def pairs():
-    """Return the times of policies that were trained on calibrated files and on the truth."""
-    robots = named(read("calibration_policy")["robots"])
-    names = [f"{robot['name']}, {at + 1}" for robot in robots for at in range(len(robot["times"]["truth"]))]
-    sides = (("trained on the file", "calibrated"), ("on the truth", "truth"))
-    times = [Series(words, [each["time"] for robot in robots for each in robot["times"][side]]) for words, side in sides]
-    return dots(names, Panel("time round the square (s)", times))
 
 
 def speed():
@@ -199,19 +94,6 @@ def speed():
     rows = [row for row in rows if row["name"].startswith("scalar") or row["name"].endswith("one thread")]
     names = [re.sub(r"vector of |TurtleBot|-v0|, one thread", "", row["name"]) for row in rows]
     return dots(names, Panel("times CartPole's steps/s", [Series("", [row["ratio"] for row in rows])], line=1.0))
-
-
-def arrival():
-    """Return how many arrivals are false and how late the robot is, by rule and noise."""
-    figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
-    axes = figure.subplots()
-    for (noise, rules), color in zip(read("arrival")["rules"].items(), COLORS[:4], strict=True):
-        within = [rule for name, rule in rules.items() if name.startswith("within")]
-        later, false = ([rule[part]["value"] for rule in within] for part in ("later", "false"))
-        axes.plot(later, [100.0 * share for share in false], "o-", color=color, label=noise)
-    axes.set(xlabel="believes later that it has arrived, by a smaller radius (s)", ylabel="false arrivals (%)", ylim=0.0)
-    axes.legend(title="noise")
-    return figure
 
 
 def stops():
@@ -235,12 +117,12 @@ def zeros():
     return dots(list(slow), Panel("zero after the fault, the longest of 11 (s)", [Series("", list(slow.values()))]))
 
 
-IN_ROOMS = (worlds, policies, lidars, sway, challenge, people)
-OF_BELIEF = (two_filters, filters, localizer, missions, ratios)
+IN_ROOMS = (worlds, policies, sway)
+OF_BELIEF = (two_filters, filters, missions)
 FIGURES = {
-    "concepts": (blocks, loop, arrival, stops, zeros, creep, floors, *IN_ROOMS, *OF_BELIEF),
-    "howto": (coverage, calibrated, pairs),
-    "results": (open_ground, trained, buildings, carried, latency, begun, gains, speed),
+    "concepts": (blocks, loop, stops, zeros, *IN_ROOMS, *OF_BELIEF),
+    "howto": (coverage,),
+    "results": (open_ground, buildings, carried, gains, speed),
 }
 """Figures by the folder of the site in which they lie."""
 

@@ -1,7 +1,7 @@
 """Figures of policies in rooms."""
 
-from panels import Panel, Series, dots, series
-from rows import barn, read, rooms
+from panels import Panel, dots, series
+from rows import read, rooms
 
 WORLDS = ("clutter", "dense", "corridor", "office", "cellular", "crowd", "map")
 
@@ -29,36 +29,9 @@ def policies():
     return dots(names, *panels)
 
 
-def lidars():
-    """Return successes and collisions of a policy alone and within the layer, by LiDAR."""
-    rows = read("rooms_lidars")["rows"]
-    cases = list(dict.fromkeys(row["setting"] for row in rows))
-    names = [case.removeprefix("dense, ").replace("dense", "lds01") for case in cases]
-    return dots(names, *shares(rows, ("vfh", "ppo-rooms", "ppo-rooms+safety"), cases))
-
-
 def sway():
     """Return successes and collisions on wheel odometry, by world."""
     rows = read("rooms_planner_wheel")["rows"]
     cases = list(dict.fromkeys(row["setting"] for row in rows))
     policies = ("planner", "planner+safety", "ppo-rooms", "ppo-rooms+safety")
     return dots([case.removesuffix(", noise wheel") for case in cases], *shares(rows, policies, cases))
-
-
-def challenge():
-    """Return successes and collisions in the BARN challenge's worlds."""
-    rows = barn()
-    parts = (("goals reached (%)", "success"), ("drives that collide (%)", "collision"))
-    panels = [Panel(label, [Series("", [row[part] for row in rows])], 100.0) for label, part in parts]
-    return dots([row["name"] for row in rows], *panels)
-
-
-def people():
-    """Return successes and collisions among people, by policy, LiDAR and how people walk."""
-    rows = [{**row, "where": row["lidar"] + ", ORCA" * (row["people"] == "ORCA")} for row in read("among_people")["rows"]]
-    names, seen = (list(dict.fromkeys(row[key] for row in rows)) for key in ("policy", "where"))
-    panels = [
-        Panel(label, [series(rows, where, names, "policy", part, where=where) for where in seen], 100.0)
-        for label, part in (("goals reached (%)", "success"), ("drives that collide (%)", "collision"))
-    ]
-    return dots(names, *panels)

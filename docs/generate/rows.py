@@ -21,24 +21,10 @@ def named(mapping):
 
 
 def rooms():
-    """Return the rows of rooms whose safety layer, if there is one, is today's."""
-    older = [row for row in read("rooms_study")["rows"] if not row["policy"].endswith("+safety")]
+    """Return the rows of rooms, without the safety layer and within it."""
+    bare = read("rooms_study")["rows"]
     within = [row for row in read("rooms_planner")["rows"] if row["policy"].endswith("+safety")]
-    return older + within + [row for row in read("rooms_planner_lidars")["rows"] if row["policy"].endswith("+safety")]
-
-
-def barn():
-    """Return the BARN challenge by policy, without the layer of earlier versions."""
-    rows = named(read("barn")["mean"])
-    return [row for row in rows if not row["name"].endswith("+safety") or row["name"] in ("ppo-rooms+safety", "planner+safety")]
-
-
-def by_floor(part, key):
-    """Return one row for the three floors of the other physics."""
-    rows = {}
-    for row in read("transfer")[part]:
-        rows.setdefault(tuple(row[name] for name in key), {})[row["floor"]] = row
-    return [{**dict(zip(key, name, strict=True)), **floors} for name, floors in rows.items()]
+    return bare + within + [row for row in read("rooms_planner_lidars")["rows"] if row["policy"].endswith("+safety")]
 
 
 def hazards(part):

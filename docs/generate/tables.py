@@ -5,11 +5,10 @@ import sys
 from pathlib import Path
 
 sys.path.insert(0, "benchmarks")
-from rows import barn, by_floor, hazards, named, read, rooms
+from rows import hazards, named, read, rooms
 
 from harness.tables import table
 
-FLOORS = ("unicycle", "grip", "slippery")
 EVENTS = {
     "dropout_probability": ("a gap begins, per 0.1 s", "gaps"),
     "gap_end": ("it ends, per 0.1 s", "gap ends"),
@@ -29,31 +28,6 @@ SPEED = {
 }
 
 
-def driven(part):
-    """Return how many drives succeeded by floor, and the time relative to the unicycle's."""
-    rows = by_floor(part, ("env", "policy", "noise"))
-    for row in rows:
-        row["task"] = row["env"].removeprefix("turtlebot_gym/TurtleBot").removesuffix("-v0")
-        for floor in FLOORS[1:]:
-            both = row[floor]["where_both_succeed"]
-            row[f"time {floor}"] = f"{both['ratio']:.3f}" if both["ratio"] and both["n"] > 4 else ""
-    columns = {"task": "{task}", "policy": "{policy}", "noise": "{noise}"}
-    columns |= {floor: f"{{{floor}[succeeded]}}" for floor in FLOORS}
-    return table(rows, columns | {f"time, {floor}": f"{{time {floor}}}" for floor in FLOORS[1:]})
-
-
-def located():
-    """Return the localizer's errors by case and world."""
-    worlds = read("localization")["cases"]
-    rows = [{"name": name, **{world: cases[name] for world, cases in worlds.items()}} for name in worlds["dense"]]
-    for row in rows:
-        for world in worlds:
-            case = row[world]
-            errors = f"{100.0 * case['position_rms']:.1f} / {1e3 * case['heading_rms']:.0f}"
-            row[world] = f"{errors} / {case['nees']['value']:.1f}"
-    return table(rows, {"case": "{name}", **{world: f"{{{world}}}" for world in worlds}})
-
-
 def recorded():
     """Return what recordings of real robots' wheels show."""
     found = read("recorded")
@@ -61,11 +35,6 @@ def recorded():
     rows += [{"name": f"{name}: {words}", "preset": found["events"][event]} for name, (words, event) in EVENTS.items()]
     robots = {robot: f"{{{robot}.value:.3g}}" for robot in ("wifibot", "aces", "intel")}
     return table(rows, {"parameter": "{name}", "preset `recorded`": "{preset:.3g}", **robots})
-
-
-def seconds(times):
-    """Return the times of trainings in words."""
-    return ", ".join(f"{training['time']:.2f}" for training in times)
 
 
 def hazards_table(part):
@@ -101,46 +70,9 @@ TABLES = {
             "time, s": "{time.value:.1f}",
         },
     ),
-    "lidars": lambda: table(read("rooms_lidars")["rows"], {"setting": "{setting}", "policy": "{policy}", **SHARES}),
     "sway": lambda: table(
         read("rooms_planner_wheel")["rows"],
         {"setting": "{setting}", "policy": "{policy}", **SHARES, "later within the layer, s": "{later:+.2f}"},
-    ),
-    "people": lambda: table(
-        read("among_people")["rows"],
-        {"LiDAR": "{lidar}", "people by": "{people}", "policy": "{policy}", **SHARES, "to goal, s": "{time_to_goal.value:.1f}"},
-    ),
-    "tracking": lambda: table(
-        read("tracking")["cells"],
-        {
-            "world": "{world}",
-            "LiDAR": "{lidar}",
-            "velocity, m/s": "{velocity_rms:.2f}",
-            "of who walks steadily": "{steady_velocity_rms:.2f}",
-            "position, m": "{position_rms:.2f}",
-            "NEES (4)": "{nees:.1f}",
-            "missed, %": "{missed:.1%}",
-            "false, per hour": "{false_per_hour:.1f}",
-            "share of a core": "{cpu_share:.1%}",
-        },
-    ),
-    "barn": lambda: table(
-        barn(),
-        {"policy": "{name}", **SHARES, "time-outs, %": "{timeout:.1%}", "score, at most 0.5": "{barn:.3f}"},
-    ),
-    "belief": lambda: table(
-        read("belief")["rows"],
-        {
-            "setting": "{setting}",
-            "policy, or trained on": "{policy}",
-            "reached an hour": "{an_hour:.0f}",
-            "more than on truth": "{minus_truth:+.0f}",
-            "more than `vfh`": "{minus_vfh:+.0f}",
-            "reached, %": "{goals:.1%}",
-            "falsely, %": "{false_goals:.1%}",
-            "lost, %": "{lost:.1%}",
-            "contacts, %": "{collision:.1%}",
-        },
     ),
     "missions": lambda: table(
         read("missions")["missions"],
@@ -169,7 +101,6 @@ TABLES = {
             "NEES of the pose": "{nees:.2f}",
         },
     ),
-    "localizer": located,
     "buildings": lambda: table(
         [{"building": name, **row} for name, rows in read("buildings")["buildings"].items() for row in named(rows)],
         {
@@ -196,95 +127,9 @@ TABLES = {
             "wrong, s": "{wrong:.1f}",
         },
     ),
-    "begun": lambda: table(
-        [
-            {"task": task, "from": name, **row}
-            for task, rows in read("from_policy")["tasks"].items()
-            for name, row in rows.items()
-        ],
-        {
-            "task": "{task}",
-            "begins with": "{from}",
-            "trainings": "{trainings}",
-            "reach the target": "{reached}",
-            "target": "{to:.0%}",
-            "seconds until then": "{seconds:.1f}",
-            "success at the end": "{success:.1%}",
-        },
-    ),
-    "arrival": lambda: table(
-        [{"noise": noise, **row} for noise, rules in read("arrival")["rules"].items() for row in named(rules)],
-        {
-            "noise": "{noise}",
-            "rule": "{name}",
-            "false arrivals, %": "{false:.1%}",
-            "later, s": "{later.value:.2f}",
-            "never arrives": "{never:.0%}",
-        },
-    ),
-    "floors": lambda: driven("policies"),
-    "trained": lambda: driven("trained"),
-    "creep": lambda: table(
-        by_floor("filters", ("noise", "filter")),
-        {
-            "noise": "{noise}",
-            "filter": "{filter}",
-            **{f"{floor}, m": f"{{{floor}[position]:.3f}}" for floor in FLOORS},
-            **{f"NEES, {floor}": f"{{{floor}[nees]:.1f}}" for floor in FLOORS},
-            "over `matched`, slippery": "{slippery[over_matched]:.2f}",
-        },
-    ),
-    "drift": lambda: table(
-        read("transfer")["drift"], {"floor": "{floor}", "m per metre": "{position:.4f}", "rad per metre": "{heading:.4f}"}
-    ),
-    "ratios": lambda: table(
-        read("recorded_policies")["cases"],
-        {
-            "policy": "{policy}",
-            "noise": "{noise}",
-            "filter": "{filter}",
-            "reached, %": "{success.value:.0%}",
-            "falsely, %": "{false_arrival.value:.0%}",
-            "error of the filter, m": "{estimate_position_mean.value:.3f}",
-            "of the odometry, m": "{odometry_position_mean.value:.3f}",
-            "ratio": "{ratio:.2f}",
-        },
-    ),
     "recorded": recorded,
-    "calibrated_filters": lambda: table(
-        [
-            {"logs": logs, "name": name, **row}
-            for logs, found in read("calibration_recorded")["recorded"].items()
-            for name, row in found["judged"].items()
-        ],
-        {
-            "calibrated on -> judged on": "{logs}",
-            "filter": "{name}",
-            "NEES": "{nees:.1f}",
-            "position, m": "{position:.3f}",
-            "heading, rad": "{heading:.3f}",
-        },
-    ),
-    "calibrated_policies": lambda: table(
-        [
-            {**row, "file": seconds(row["times"]["calibrated"]), "true": seconds(row["times"]["truth"])}
-            for row in named(read("calibration_policy")["robots"])
-        ],
-        {
-            "robot": "{name}",
-            "turn scale, true": "{turn_scale:.3f}",
-            "found": "{found:.3f}",
-            "time on the file, s": "{file}",
-            "time on the truth, s": "{true}",
-            "ratio of the means": "{ratio:.3f}",
-        },
-    ),
     "hazards_guard": lambda: hazards_table("guard"),
     "hazards_sensors": lambda: hazards_table("sensors"),
-    "graph": lambda: table(
-        [{"part": name, **row} for name, part in read("ros")["parts"].items() for row in part["figures"]],
-        {"part": "{part}", "figure": "{name}", "measured": "{value:.3g} {unit}", "limit": "{limit:g}"},
-    ),
     "speed": lambda: table(named(read("speed")["environments"]), SPEED),
     "peers": lambda: table(
         read("peers")["rows"],
@@ -308,7 +153,6 @@ TABLES = {
             "training": "{name}",
             "steps": "{steps:,}",
             "CPU s": "{total:.1f}",
-            "times the limit": "{ratio:.1f}",
             "least success, %": "{success:.1%}",
             "time over the baseline's": "{time:.3f}",
         },

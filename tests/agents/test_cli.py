@@ -112,7 +112,6 @@ REFUSED = [
         for value in ("1.0", "nan")
     ),
     (["benchmark", "--check", "no/such.json"], "no/such.json"),
-    (["benchmark", "--check", "a.json", "--against", "."], "check and against exclude each other."),
 ]
 
 
@@ -186,14 +185,6 @@ def test_an_invalid_seed_is_refused_by_name(name, seed, capsys, tmp_path, monkey
     assert main([name, "--seed", seed]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("turtlebot-gym: seed must be a whole number from 0 to ")
-
-
-def test_benchmark_says_what_it_needs_before_it_measures(monkeypatch, capsys):
-    for module in ("torch", "stable_baselines3"):
-        monkeypatch.setitem(sys.modules, module, None)
-    assert main(["benchmark"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line == f"turtlebot-gym: torch is not installed: {installing('agents')}, or use --no-training."
 
 
 @pytest.mark.parametrize(("text", "number"), [("1e3", 1000), ("1_000", 1000), ("2.5e2", 250), ("7", 7)])

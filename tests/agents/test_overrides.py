@@ -256,7 +256,7 @@ def made(command):
         ("watch reward.time=1", "reward changes nothing here"),
         ("export a.zip rate=10 dt=0.1", "rate and dt exclude each other"),
         ("compile --all --system kalman", "system changes nothing with --all"),
-        ("benchmark --tolerance 0.1", "tolerance changes nothing without --check or --against"),
+        ("benchmark --tolerance 0.1", "tolerance changes nothing without --check"),
         (
             "evaluate nois=wheel",
             "evaluate has no 'nois'; `turtlebot-gym evaluate --help keys` lists what it has. Did you mean 'noise'?",

@@ -222,21 +222,18 @@ def busy_part(result):
     return {"processes": 4, "environments": {name: result["environments"][name] for name in names}}
 
 
-def test_tables_have_training_and_the_busy_machine_where_they_were_measured():
+def test_tables_have_the_busy_machine_where_it_was_measured():
     result = a_result()
     assert len(report.tables(result)) == 1
-    trained = {"steps_per_second": 1e5, "cpu_seconds_per_million": 20.0, "dummy_vec_env": 3e4, "ratio": 3.3}
-    busy = busy_part(result) | {"training": trained | {"cpu_seconds_per_million": 26.0}}
-    environment, beside, training = report.tables(result | {"training": trained, "busy": busy})
+    environment, beside = report.tables(result | {"busy": busy_part(result)})
     assert (environment.row_count, beside.row_count) == (6, 5)
     assert "other programs used 0.2 cores" in str(environment.title)
-    assert [*training.columns[1].cells][-1] == "26.0, 1.30 times"
 
 
 def test_the_command_writes_what_it_measured_and_guards_it(tmp_path, capsys):
     path, before = tmp_path / "out" / "speed.json", tmp_path / "before.json"
     quick = ["--rounds", "1", "--seconds", "0.001"]
-    options = ["--num-envs", "16", *quick, "--no-training", "--busy", "1"]
+    options = ["--num-envs", "16", *quick, "--busy", "1"]
     assert main(["benchmark", *options, "--json", str(path)]) == 0
     printed = capsys.readouterr()
     assert "beside 1 busy process " in printed.out

@@ -19,7 +19,6 @@ CLASSES = {name: block.Params for name, block in BLOCK.items()} | {
     "data_logger": LoggerParameters,
 }
 RULES = {name: rules(kind) for name, kind in CLASSES.items()}
-"""Which rule each parameter has, and its default, stand in `tests/golden/declared.json`."""
 
 
 @pytest.mark.parametrize("node", CLASSES)

@@ -7,7 +7,6 @@ import shutil
 import pytest
 
 NEEDS = {
-    "test_site.py": ("mkdocs", "math_core", "playwright"),
     "test_watch.py": ("bokeh", "playwright", "turtlebot_gym_view"),
 }
 collect_ignore = [name for name, modules in NEEDS.items() if not all(map(importlib.util.find_spec, modules))]

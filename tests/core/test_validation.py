@@ -225,7 +225,6 @@ CLASSES = (
     Lidar,
     MujocoBurger,
 )
-"""Which rule each of their fields has stands in `tests/golden/declared.json`."""
 NEEDED = {
     Robot: {"max_linear": 0.2, "max_angular": 2.0},
     FixNoise: {"R": (0.1, 0.1)},

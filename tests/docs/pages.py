@@ -1,6 +1,5 @@
-"""The pages of the documentation, their code blocks and tables, and the results that they tell."""
+"""The pages of the documentation, and their code blocks."""
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -34,25 +33,6 @@ def blocks_of(path):
             assert token.map is not None
             blocks.append(Block(kind, title, token.content, token.map[0] + 1))
     return blocks
-
-
-def text_of(page):
-    """Return a page in one line, so that a sentence can be found."""
-    return " ".join((ROOT / page).read_text(encoding="utf-8").split())
-
-
-def rows_after(page, words):
-    """Return the cells of the first table after some words, without its heading."""
-    lines = (ROOT / page).read_text(encoding="utf-8").partition(words)[2].splitlines()
-    is_row = [line.startswith("|") for line in lines]
-    begin = is_row.index(True)
-    table = lines[begin : is_row.index(False, begin)]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table[2:]]
-
-
-def measured(name):
-    """Return the published results of a benchmark."""
-    return json.loads((ROOT / "benchmarks" / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def environment():

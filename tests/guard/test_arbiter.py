@@ -1,7 +1,6 @@
-"""What the guard decides, without ROS, beyond the law of `test_law`: each protection with a sabotage that it notices."""
+"""What the guard decides, without ROS, beyond the law of `test_law`."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -32,34 +31,36 @@ def drive(arbiter, start, duration, command=None, source="program", every=5):
     return [command for command in published if command is not None]
 
 
-# A law is a protection; beside it stands the sabotage that switches the protection off, which the law must notice.
-
-
-def starts_with_zeros(arbiter):
+def test_starts_with_zeros():
+    arbiter = new()
     published = drive(arbiter, 0.0, 3.0)
     assert set(published) == {STOP}
     assert drive(arbiter, 3.0, 1.0) == []
 
 
-def silent_after_zeros(arbiter):
+def test_silent_after_zeros():
+    arbiter = new()
     drive(arbiter, 0.0, 1.0, AHEAD)
     assert drive(arbiter, 1.0, 1.5)[-1] == STOP
     assert drive(arbiter, 2.5, 5.0) == []  # zeros until 2.3 s
 
 
-def a_start_keeps_its_curvature(arbiter):
+def test_a_start_keeps_its_curvature():
+    arbiter = new()
     steps = drive(arbiter, 0.0, 1.0, Command(0.4, 2.0))  # twice too fast: limits and the ramp both act
     assert len(set(steps)) > 3
     for out in steps:
         assert out.omega == pytest.approx(5.0 * out.v)
 
 
-def stops_are_not_ramped(arbiter):
+def test_stops_are_not_ramped():
+    arbiter = new()
     assert drive(arbiter, 0.0, 1.0, Command(0.2, 0.0))[-1].v == 0.2
     assert set(drive(arbiter, 1.0, 0.5, STOP)) == {STOP}
 
 
-def a_person_wins(arbiter):
+def test_a_person_wins():
+    arbiter = new()
     drive(arbiter, 0.0, 1.0, AHEAD)
     arbiter.hear("teleop", Command(-0.05, 0.0), T + 1.0)
     assert drive(arbiter, 1.0, 0.38, AHEAD)[-1] == Command(-0.05, 0.0)
@@ -75,7 +76,8 @@ def buttons(arbiter, start, duration, pressed=False, number=1):
     return published
 
 
-def disabling_is_never_refused(arbiter):
+def test_disabling_is_never_refused():
+    arbiter = new()
     buttons(arbiter, 0.0, 1.0, pressed=True)
     assert arbiter.enable(False, T + 1.0) == ""
     assert not arbiter.enabled
@@ -85,7 +87,8 @@ def disabling_is_never_refused(arbiter):
     assert buttons(arbiter, 2.0, 0.5, number=21)[-1] == AHEAD
 
 
-def outside_the_fence_only_a_person_drives(arbiter):
+def test_outside_the_fence_only_a_person_drives():
+    arbiter = new(geofence=2.0)
     assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}  # no pose yet
     arbiter.locate(1.0, 1.0, T + 1.0)
     assert drive(arbiter, 1.0, 0.4, AHEAD)[-1] == AHEAD
@@ -96,25 +99,22 @@ def outside_the_fence_only_a_person_drives(arbiter):
     assert set(drive(arbiter, 3.0, 0.2, AHEAD)) == {STOP}
 
 
-def a_stale_pose_is_outside(arbiter):
-    arbiter.locate(0.0, 0.0, T + 0.0)
-    assert drive(arbiter, 0.0, 0.5, AHEAD)[-1] == AHEAD
-    assert set(drive(arbiter, 0.54, 1.0, AHEAD)) == {STOP}
-
-
-def speed_is_scaled(arbiter):
+def test_speed_is_scaled():
+    arbiter = new(speed_scale=0.5)
     assert drive(arbiter, 0.0, 1.0, Command(0.5, 0.0))[-1].v == pytest.approx(0.10485)  # half of 0.2097
     assert drive(arbiter, 1.0, 1.0, Command(0.0, 1.0))[-1].omega == pytest.approx(0.5)
 
 
-def a_process_that_was_suspended_for_long_stops_first(arbiter):
+def test_a_process_that_was_suspended_for_long_stops_first():
+    arbiter = new()
     assert drive(arbiter, 0.0, 1.0, AHEAD)[-1] == AHEAD  # which the wheels hold from then on
     arbiter.hear("program", AHEAD, T + 10.0, sent=T + 9.99)  # young enough, as it proves
     assert arbiter.step(T + 10.0) == STOP
     assert drive(arbiter, 10.02, 0.2)[-1] == AHEAD
 
 
-def after_a_gap_every_button_is_heard_first(arbiter):
+def test_after_a_gap_every_button_is_heard_first():
+    arbiter = new()
     assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
     arbiter.hear("program", AHEAD, T + 1.25)  # 0.27 s without a look: a press may be on its way
     assert arbiter.step(T + 1.25) == STOP
@@ -125,7 +125,8 @@ def after_a_gap_every_button_is_heard_first(arbiter):
     assert not arbiter.emergency
 
 
-def after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second(arbiter):
+def test_after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second():
+    arbiter = new()
     buttons(arbiter, 0.0, 1.0)  # the last message came at 0.9 s
     assert STOP not in drive(arbiter, 1.0, 0.38, AHEAD)
     assert set(drive(arbiter, 1.42, 0.5, AHEAD)) == {STOP}
@@ -134,24 +135,16 @@ def after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second(arbiter)
     assert buttons(arbiter, 2.44, 0.2, number=16)[-1] == AHEAD
 
 
-def after_a_gap_in_which_a_button_was_silent_too_it_goes_on(arbiter):
-    buttons(arbiter, 0.0, 1.0)  # the last command and message came at 0.9 s
-    assert arbiter.step(T + 1.45) == STOP  # it was suspended itself, for 0.47 s
-    arbiter.hear_emergency(False, T + 1.46, number=11)
-    assert not arbiter.emergency
-    arbiter.step(T + 1.5)
-    assert set(buttons(arbiter, 1.54, 0.4, number=12)) == {STOP}
-    assert buttons(arbiter, 1.94, 0.2, number=16)[-1] == AHEAD
-
-
-def one_who_did_not_listen_for_long_may_have_missed_a_press(arbiter):
+def test_one_who_did_not_listen_for_long_may_have_missed_a_press():
+    arbiter = new()
     buttons(arbiter, 0.0, 1.0)
     arbiter.step(T + 1.6)
     assert set(buttons(arbiter, 1.6, 2.0, number=11)) == {STOP}
     assert arbiter.enable(True, T + 3.6) == ""
 
 
-def a_required_button_must_be_heard_to_start(arbiter):
+def test_a_required_button_must_be_heard_to_start():
+    arbiter = new(require_emergency_stop=True)
     assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
     assert "no emergency stop is heard" in arbiter.enable(True, T + 1.0)
     assert set(buttons(arbiter, 1.02, 0.3)) <= {STOP}
@@ -159,7 +152,8 @@ def a_required_button_must_be_heard_to_start(arbiter):
     assert buttons(arbiter, 1.34, 0.3, number=4)[-1] == AHEAD
 
 
-def without_a_required_standby_the_robot_stands(arbiter):
+def test_without_a_required_standby_the_robot_stands():
+    arbiter = new(require_standby=True)
     assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
     arbiter.hear_standby(T + 1.02, sent=T + 1.0)
     assert drive(arbiter, 1.02, 0.46, AHEAD)[-1] == AHEAD
@@ -167,7 +161,8 @@ def without_a_required_standby_the_robot_stands(arbiter):
     assert not arbiter.emergency
 
 
-def a_flood_is_a_stop(arbiter):
+def test_a_flood_is_a_stop():
+    arbiter = new()
     drive(arbiter, 0.0, 1.0, AHEAD)
     for k in range(300):
         arbiter.count("cmd_vel_in", k, T + 1.0 + k * 0.001)
@@ -179,121 +174,12 @@ def a_flood_is_a_stop(arbiter):
     assert drive(arbiter, 1.9, 0.4, AHEAD)[-1] == AHEAD
 
 
-def a_robot_that_joins_at_the_start_stands_first(arbiter):
+def test_a_robot_that_joins_at_the_start_stands_first():
+    arbiter = new()
     arbiter.hear("program", AHEAD, T)
     arbiter.greet(T)
     assert set(drive(arbiter, 0.0, 1.0, AHEAD)) == {STOP}
     assert drive(arbiter, 1.02, 0.3, AHEAD)[-1] == AHEAD
-
-
-def a_motion_in_force_is_repeated(arbiter):
-    drive(arbiter, 0.0, 1.0, AHEAD)
-    arbiter.hear("program", AHEAD, T + 1.0)
-    times = [at for k in range(1, 20) if arbiter.step(at := T + 1.0 + TICK * k) == AHEAD]
-    assert len(times) > 4
-    assert max(b - a for a, b in pairwise(times)) < 0.07
-
-
-def a_new_robot_is_told_to_stop(arbiter):
-    drive(arbiter, 0.0, 3.0)
-    arbiter.greet(T + 3.0)
-    assert set(drive(arbiter, 3.0, 0.5)) == {STOP}
-
-
-def sabotage(name, replacement):
-    def apply(arbiter):
-        setattr(arbiter, name, replacement(arbiter))
-
-    return apply
-
-
-def parameter(name, value):
-    return lambda arbiter: object.__setattr__(arbiter._p, name, value)
-
-
-def deaf(arbiter):
-    return lambda *_, **options: None
-
-
-def latches_silence(arbiter):
-    buttons = arbiter.buttons
-    buttons.lost = lambda now: "silent" if buttons._alive(now) < buttons._expected else ""
-
-
-def deaf_to_gaps(arbiter):
-    arbiter.buttons.wake = lambda gap, now: None
-
-
-def only_news(arbiter):
-    step = arbiter.step
-    return lambda now: out if (news := bool(arbiter._news), out := step(now)) and (news or out == STOP) else None
-
-
-def asks_before_disabling(arbiter):
-    return lambda on, now: arbiter.buttons.refusal(now, 0) or Arbiter.enable(arbiter, on, now)
-
-
-def never_blind(arbiter):
-    def wake(now):
-        Arbiter._wake(arbiter, now)
-        arbiter._blind_until = now
-
-    return wake
-
-
-def nothing_instead_of_stop(arbiter):
-    step = arbiter.step
-    return lambda now: None if (out := step(now)) == STOP else out
-
-
-def stop_for_ever(arbiter):
-    step = arbiter.step
-    return lambda now: step(now) or STOP
-
-
-def ramps_stops(arbiter):
-    return lambda target, dt: Arbiter._ramp(arbiter, Command(target.v + 1e-12, target.omega), dt)
-
-
-def forget_no_command(arbiter):
-    def enable(on, now, **options):
-        arbiter.enabled = on
-        return ""
-
-    return enable
-
-
-LAWS = [
-    (starts_with_zeros, {}, sabotage("step", nothing_instead_of_stop)),
-    (silent_after_zeros, {}, sabotage("step", stop_for_ever)),
-    (a_start_keeps_its_curvature, {}, parameter("max_acceleration", math.inf)),
-    (stops_are_not_ramped, {}, sabotage("_ramp", ramps_stops)),
-    (a_person_wins, {}, sabotage("hear", lambda arbiter: lambda s, c, t: Arbiter.hear(arbiter, "program", c, t))),
-    (disabling_is_never_refused, {}, sabotage("enable", asks_before_disabling)),
-    (after_a_gap_every_button_is_heard_first, {}, sabotage("_wake", never_blind)),
-    (after_a_silence_it_goes_on_when_a_button_is_heard_for_half_a_second, {}, latches_silence),
-    (after_a_gap_in_which_a_button_was_silent_too_it_goes_on, {}, latches_silence),
-    (outside_the_fence_only_a_person_drives, {"geofence": 2.0}, parameter("geofence", 0.0)),
-    (a_stale_pose_is_outside, {"geofence": 2.0}, parameter("geofence", 0.0)),
-    (speed_is_scaled, {"speed_scale": 0.5}, parameter("speed_scale", 1.0)),
-    (a_process_that_was_suspended_for_long_stops_first, {}, parameter("max_age", 1e6)),
-    (a_new_robot_is_told_to_stop, {}, sabotage("greet", deaf)),
-    (a_robot_that_joins_at_the_start_stands_first, {}, sabotage("greet", deaf)),
-    (one_who_did_not_listen_for_long_may_have_missed_a_press, {}, deaf_to_gaps),
-    (a_required_button_must_be_heard_to_start, {"require_emergency_stop": True}, sabotage("enable", forget_no_command)),
-    (without_a_required_standby_the_robot_stands, {"require_standby": True}, parameter("require_standby", False)),
-    (a_flood_is_a_stop, {}, sabotage("count", deaf)),
-    (a_motion_in_force_is_repeated, {}, sabotage("step", only_news)),
-]
-
-
-@pytest.mark.parametrize(("law", "parameters", "sabotage"), LAWS, ids=[law.__name__ for law, *_ in LAWS])
-def test_law(law, parameters, sabotage):
-    law(new(**parameters))
-    broken = new(**parameters)
-    sabotage(broken)
-    with pytest.raises(AssertionError):
-        law(broken)
 
 
 def test_one_that_starts_disabled_says_zeros_at_its_rate_for_a_second_like_any_other():
@@ -317,19 +203,6 @@ def test_a_turn_starts_gently_too():
     turning = drive(arbiter, 0.5, 0.2, Command(0.0, 2.6))
     assert turning[0] == (0.0, pytest.approx(0.625))  # 2.5 m/s^2 for 20 ms at a wheel 0.08 m from the middle
     assert turning[1] == (0.0, pytest.approx(1.25))
-
-
-def test_ages_count_with_their_end():
-    arbiter = new(max_age=0.5, geofence=0.5)
-    arbiter.locate(0.3, 0.4, T)  # on the fence
-    arbiter.hear("program", AHEAD, T)
-    for k in range(1, 9):
-        arbiter.step(T + 0.0625 * k)
-        assert arbiter.state == "program"
-        assert not arbiter.outside(T + 0.0625 * k)
-    assert arbiter.outside(T + 0.5625)
-    assert arbiter.step(T + 0.5625) == STOP
-    assert arbiter.state == "stopped"
 
 
 @pytest.mark.parametrize(
@@ -413,23 +286,6 @@ def test_of_two_commands_that_were_sent_at_the_same_time_the_later_one_counts():
     assert arbiter.step(T + 1.0) == STOP
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda arbiter, now: arbiter.hear("program", AHEAD, now),
-        lambda arbiter, now: arbiter.hear_emergency(False, now),
-        lambda arbiter, now: arbiter.locate(0.0, 0.0, now),
-        lambda arbiter, now: arbiter.enable(True, now),
-        lambda arbiter, now: arbiter.step(now),
-    ],
-)
-def test_whoever_calls_the_guard_is_awake(call):
-    arbiter = new()
-    call(arbiter, T + 0.0625)
-    arbiter.hear("teleop", AHEAD, T + 0.125, dated=False)
-    assert arbiter.refused["undated after a gap"] == 0
-
-
 def test_more_than_a_tenth_of_a_second_without_a_call_is_a_gap():
     arbiter = new()
     arbiter.hear_emergency(False, T + 0.0625, dated=False)  # no gap
@@ -440,16 +296,6 @@ def test_more_than_a_tenth_of_a_second_without_a_call_is_a_gap():
     arbiter = new()
     arbiter.hear("program", AHEAD, T + 0.125, dated=False)
     assert arbiter.refused["undated after a gap"] == 1
-
-
-def test_a_gap_is_longer_than_a_tenth_of_a_second_and_one_longer_than_a_commands_age_stops():
-    arbiter = Arbiter(Parameters(), now=0.0)
-    arbiter.hear("program", AHEAD, 0.1, dated=False)
-    assert arbiter.refused["undated after a gap"] == 0
-    arbiter = new(max_age=0.5)
-    arbiter.hear("program", AHEAD, T)
-    assert arbiter.step(T + 0.5).v > 0.0
-    assert arbiter.step(T + 1.0625) == STOP
 
 
 def test_an_undated_message_counts_from_half_a_second_after_a_gap():
@@ -509,10 +355,24 @@ def test_a_command_is_obeyed_while_it_is_fresh_by_both_of_its_ages(sent, measure
     assert arbiter.step(T + 2.08) == STOP
 
 
-def test_the_end_of_a_button_is_a_stop_at_once():
-    arbiter = new()
-    arbiter.count_buttons(1, T)
-    assert buttons(arbiter, 0.0, 1.0)[-1] == AHEAD
-    arbiter.count_buttons(0, T + 1.0)
-    arbiter.hear("program", AHEAD, T + 1.02)
-    assert arbiter.step(T + 1.02) == STOP
+def test_ages_count_with_their_end():
+    arbiter = new(max_age=0.5, geofence=0.5)
+    arbiter.locate(0.3, 0.4, T)  # on the fence
+    arbiter.hear("program", AHEAD, T)
+    for k in range(1, 9):
+        arbiter.step(T + 0.0625 * k)
+        assert arbiter.state == "program"
+        assert not arbiter.outside(T + 0.0625 * k)
+    assert arbiter.outside(T + 0.5625)
+    assert arbiter.step(T + 0.5625) == STOP
+    assert arbiter.state == "stopped"
+
+
+def test_a_gap_is_longer_than_a_tenth_of_a_second_and_one_longer_than_a_commands_age_stops():
+    arbiter = Arbiter(Parameters(), now=0.0)
+    arbiter.hear("program", AHEAD, 0.1, dated=False)
+    assert arbiter.refused["undated after a gap"] == 0
+    arbiter = new(max_age=0.5)
+    arbiter.hear("program", AHEAD, T)
+    assert arbiter.step(T + 0.5).v > 0.0
+    assert arbiter.step(T + 1.0625) == STOP

@@ -66,16 +66,7 @@ def test_the_trouble_with_buttons_is_said_as_long_as_it_lasts(events, troubles):
     assert {at: stop.trouble(at) for at in troubles} == troubles
 
 
-@pytest.mark.parametrize("offset", [0, 1, 2, 7, 1000])
-@pytest.mark.parametrize("which", [0, 1])
-def test_one_of_two_that_falls_silent(offset, which):
-    ends = [52.0, 53.0] if which else [53.0, 52.0]
-    stop = play(*button(50.0, ends[0]), *button(50.07, ends[1], 1 + offset))
-    assert stop.trouble(52.95) == SILENT_OF_2
-    assert stop.refusal(52.95, publishers=0) == SILENT_OF_2
-
-
-@pytest.mark.parametrize("offset", [0, 1, 2, 7, 1000])
+@pytest.mark.parametrize("offset", [0, 7])
 def test_two_that_go_on(offset):
     stop = play(*button(50.0, 53.0), *button(50.07, 53.0, 1 + offset))
     assert stop.trouble(53.0) == ""
@@ -83,15 +74,8 @@ def test_two_that_go_on(offset):
     assert stop.refusal(53.0, publishers=3) == "1 of 3 publishers of the emergency stop are not heard"
 
 
-@pytest.mark.parametrize("gap", [0.1, 0.4, 3.0])
-def test_a_button_that_is_started_again_takes_its_own_place(gap):
-    stop = play(*button(50.0, 52.0), *button(51.8 + gap, 54.0 + gap))
-    assert stop.trouble(53.9 + gap) == ""
-    assert stop.refusal(53.9 + gap, publishers=1) == ""
-
-
-@pytest.mark.parametrize("others", [(), (1,), (3000,), (700, 90)])
-@pytest.mark.parametrize("lost", [1, 2, 10])
+@pytest.mark.parametrize("others", [(), (700, 90)])
+@pytest.mark.parametrize("lost", [1, 10])
 def test_a_long_gap_in_the_numbers_of_a_button_may_hide_a_press_and_makes_no_second_button(lost, others):
     stop = play(*button(50.0, 50.6, 50), *(message for first in others for message in button(50.03, 51.1, first)))
     assert stop.lost(51.0) == ""  # whatever their first numbers
@@ -191,15 +175,6 @@ def test_the_end_of_a_button_is_noticed_by_its_count_and_a_loss_needs_a_button()
         assert stop.trouble(50.0) == ""
 
 
-def test_what_waited_comes_all_at_once_and_is_still_two():
-    stop = EmergencyStop()
-    for at, number, _ in sorted([*button(50.0, 52.0), *button(50.07, 52.0, 400)]):
-        stop.hear(False, now=52.0, sent=at, number=number)
-    assert stop.trouble(52.2) == ""
-    stop.hear(False, now=52.4, number=11)
-    assert stop.trouble(52.5) == SILENT_OF_2
-
-
 def test_age_is_that_of_what_was_sent():
     stop = EmergencyStop()
     stop.hear(False, now=60.0, sent=50.0, number=1)
@@ -220,30 +195,12 @@ def test_a_message_of_unknown_age_proves_no_more_than_that_there_is_a_button():
     assert stop.trouble(60.625) == ""
 
 
-def test_an_old_press_counts_from_when_it_is_heard():
-    stop = EmergencyStop()
-    stop.hear(True, now=60.0, sent=50.0, number=1)
-    stop.hear(False, now=60.0, number=2)
-    assert stop.trouble(60.49) == PRESSED
-
-
 def test_all_that_was_sent_before_has_been_heard_once_every_button_spoke_since():
     stop = play((50.0, 1), (50.1, 700), (50.3, 2))
     assert stop.spoken_since(50.1)
     assert not stop.spoken_since(50.2)  # the second one's press may still be on its way
     stop.hear(False, now=50.4, number=701)
     assert stop.spoken_since(50.2)
-
-
-def test_a_button_that_was_heard_promptly_only_is_awaited_too():
-    stop = radio((50.1, 1, "prompt"), (50.2, 2, "prompt"))  # its first message is lost for now, and holds up all others
-    assert stop.spoken_since(50.2)
-    assert not stop.spoken_since(50.25)
-
-
-def test_nothing_more_is_awaited_of_a_button_that_was_started_again():
-    stop = play(*button(50.0, 51.0), *button(52.0, 54.0))
-    assert stop.spoken_since(53.5)
 
 
 def test_a_button_that_is_started_again_however_soon_may_hide_a_press():

@@ -76,7 +76,6 @@ def test_parameters_that_innovations_cannot_determine_are_reported(table, capsys
 
 @pytest.mark.parametrize(("name", "other"), [RECORDED, pytest.param(*RECORDED[::-1], marks=pytest.mark.nightly)])
 def test_a_calibrated_filter_knows_its_error_on_another_recorded_drive(name, other):
-    # 20 seeds: `benchmarks/calibration_recorded.json`
     drive, calibrated = read(recorded(other)), read(recorded(name))
     measured = replay(calibrated, noise="documented", seed=1000, rate=np.inf).odometry
     fitted = calibrate(replace(calibrated, odometry=measured))

@@ -5,14 +5,9 @@ from __future__ import annotations
 import os
 import sys
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from runpy import run_path
-from typing import Annotated
 
-import tyro
-
-from turtlebot_gym.extras import installing
 from turtlebot_gym.validation import Range, as_int
 from turtlebot_gym_agents.commands.console import File, JsonFile, WritingOptions, print_tables, progress
 
@@ -22,7 +17,7 @@ _PROGRAM = _BENCHMARKS / "harness" / "measure.py"
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(WritingOptions):
-    """Measure the speed of environments, adapter and training, as ratios within one run, by wall time and CPU seconds.
+    """Measure the speed of environments as ratios within one run, by wall time and CPU seconds.
 
     Needs a clone of the repository.
     """
@@ -33,17 +28,12 @@ class Benchmark(WritingOptions):
     """Number of turns of each contender."""
     seconds: float = 0.5
     """Length of a turn, s."""
-    training: bool = True
-    """Whether to measure training too; it needs the extra [agents]."""
     busy: int = 0
     """Measure the most important rows again beside this many busy processes."""
     check: File = None
     """Instead, compare this package's ratios with those in this file from --json; the exit status is 1 if one got worse."""
-    against: Annotated[Path | None, tyro.conf.arg(metavar="FOLDER")] = None
-    """Instead, compare this package with another clone of the repository, in pairs of turns; the exit status is 1 if one got
-    worse."""
     tolerance: float | None = None
-    """Largest accepted loss, as a share: by default 0.25 with --check, and 0.03 with --against."""
+    """Largest accepted loss with --check, as a share: by default 0.25."""
     json: JsonFile = None
     """Write the results here."""
 
@@ -54,10 +44,6 @@ class Benchmark(WritingOptions):
                 "the harness is in its folder benchmarks/."
             )
         self._check_options()
-        if self.training and self.check is None and self.against is None:
-            for name in ("torch", "stable_baselines3"):
-                if find_spec(name) is None:
-                    raise ImportError(f"{name} is not installed: {installing('agents')}, or use --no-training.")
         if str(_BENCHMARKS) not in sys.path:
             sys.path.append(str(_BENCHMARKS))
         run_path(str(_PROGRAM))["run"](self)
@@ -69,14 +55,12 @@ class Benchmark(WritingOptions):
         as_int("busy", self.busy)
         Range(0.0, 60.0, open_low=True, open_high=True).check("seconds", self.seconds)
         Range(0.0, 1.0, open_high=True).check("tolerance", self.tolerance or 0.0)
-        if self.check is not None and self.against is not None:
-            raise ValueError("check and against exclude each other.")
-        if self.tolerance is not None and self.check is None and self.against is None:
-            raise ValueError("tolerance changes nothing without --check or --against: leave it out.")
+        if self.tolerance is not None and self.check is None:
+            raise ValueError("tolerance changes nothing without --check: leave it out.")
         if self.json and self.check:
             raise ValueError("json changes nothing with --check, which writes no results: leave it out.")
-        if self.busy and (self.check or self.against):
-            raise ValueError("busy changes nothing with --check or --against: leave it out.")
+        if self.busy and self.check:
+            raise ValueError("busy changes nothing with --check: leave it out.")
 
 
 _USUAL = ("nav", "kalman", "rooms-kalman")

@@ -1,33 +1,27 @@
 """End or suspend guard and standby in every way while they drive, and measure how long the robot's motion stays in force.
 
 Guard and standby run on real DDS in a shell of a pseudo terminal: its keys, its closing and signals to its foreground group
-reach them as on a robot. The system clock of both is set by a preloaded library, `clock_shim.c`, at the moment in which their
-sources end or the guard is killed. An independent listener on ``/cmd_vel`` counts. A TurtleBot3 holds its last command
-indefinitely, so a motion is in force until a zero arrives, whether or not it is repeated. In every other case the sources go on
-commanding. A suspended guard is continued after its sources have ended, and then must move nothing.
+reach them as on a robot. The system clock of both is set by a preloaded library, `benchmarks/clock_shim.c`, at the moment in
+which their sources end or the guard is killed. An independent listener on ``/cmd_vel`` counts. A TurtleBot3 holds its last
+command indefinitely, so a motion is in force until a zero arrives, whether or not it is repeated. In every other case the
+sources go on commanding. A suspended guard is continued after its sources have ended, and then must move nothing.
 """
 
 from __future__ import annotations
 
 import os
 import pty
-import random
 import shutil
 import signal
 import struct
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
 from typing import Any
-
-from harness.machine import busy
-from harness.study import Study, run
 
 LIMIT = 0.5
 """Longest time for which a motion may stay in force, s."""
@@ -47,22 +41,6 @@ SCRIPT = f"""
 {PROGRAM} cmd_vel_standby --ros-args --log-level fatal & echo $! > standby
 wait; wait
 """
-
-
-@dataclass(frozen=True, kw_only=True)
-class Config(Study):
-    """End or suspend guard and standby while they drive."""
-
-    times: int = 10
-    """Number of times for each way."""
-    ways: tuple[str, ...] = ()
-    """Ways to end them; all by default."""
-    busy: int = 0
-    """Number of busy processes that run beside it."""
-    seed: int = 0
-    """Seed of the moments."""
-    domain: int = 141
-    """ROS domain."""
 
 
 class Wheels:
@@ -202,7 +180,7 @@ class SystemClock:
         compiler = shutil.which("cc") or shutil.which("gcc")
         if compiler is None:
             raise FileNotFoundError("there is no C compiler")
-        source = Path(__file__).with_name("clock_shim.c")
+        source = Path(__file__).parents[2] / "benchmarks" / "clock_shim.c"
         subprocess.run([compiler, "-shared", "-fPIC", "-O2", "-o", library, source, "-ldl", "-lm", "-lpthread"], check=True)
         self._file.write_bytes(struct.pack("d", 0.0))
         self.variables = {"LD_PRELOAD": str(library), "CLOCK_SHIM": str(self._file)}
@@ -308,36 +286,3 @@ def _runs(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
-
-
-def measure(config: Config) -> tuple[dict[str, Any], list[Any]]:
-    """Return the figures of each way, and print them."""
-    from turtlebot_gym_ros.base.discovery import prepare
-
-    os.environ |= {"ROS_DOMAIN_ID": str(config.domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **TRANSPORT}
-    prepare(local=False)
-    rng, rows, figures = random.Random(config.seed), [], {}
-    with busy(config.busy), closing(Wheels()) as wheels:
-        for way in config.ways or tuple(WAYS):
-            times = config.times if not way.startswith("clock") else max(1, config.times // 10)
-            for k in range(times):
-                with tempfile.TemporaryDirectory() as folder:
-                    wait, clock = rng.uniform(0.5, 1.5), SystemClock(Path(folder))
-                    rows.append(end(way, wheels, Path(folder), clock=clock, wait=wait, commands=k % 2 == 0))
-            of_way = [row for row in rows if row["way"] == way]
-            figures[way] = {
-                "times": len(of_way),
-                "longest_s": max(row["in_force_s"] for row in of_way),
-                "unsafe": sum(row["in_force_s"] > LIMIT or row["late_motions"] > 0 for row in of_way),
-                "left": sum(bool(row["left"]) for row in of_way),
-            }
-            print(f"{way:30} {figures[way]}", flush=True)
-    longest = max(row["in_force_s"] for row in rows)
-    unsafe = sum(figure["unsafe"] for figure in figures.values())
-    print(f"{len(rows)} ends, {unsafe} unsafe, longest {longest} s")
-    return {"ways": figures, "times": len(rows), "unsafe": unsafe, "longest_s": longest, "load": os.getloadavg()}, []
-
-
-if __name__ == "__main__":
-    _, results = run(Config, measure)
-    raise SystemExit(results["unsafe"] > 0)
