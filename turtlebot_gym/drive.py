@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from itertools import chain
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -204,24 +203,6 @@ def _filled(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     if values is not None:
         column[:, : values.shape[1]] = values
     return column
-
-
-def concatenate(pieces: Sequence[Drive]) -> Drive:
-    """Return the pieces of a drive as one; what stays the same and the outcome are those of the last piece.
-
-    Raises:
-        ValueError: If there are none.
-    """
-    if not pieces:
-        raise ValueError("pieces must hold at least one drive, got none.")
-    scans, rows = [], 0
-    for piece in pieces:
-        scans += [seen._replace(row=seen.row + rows) for seen in piece.scans]
-        rows += len(piece)
-    parts = {field.name: [getattr(piece, field.name) for piece in pieces] for field in fields(Drive)}
-    columns = {name: np.concatenate(parts[name]) for name in ("time", *_SHAPES)}
-    texts = {name: tuple(chain.from_iterable(parts[name])) for name in _LISTS}
-    return replace(pieces[-1], joined=None, scans=tuple(scans), **columns, **texts)  # pyright: ignore[reportArgumentType]
 
 
 def known(poses: NDArray[np.float64]) -> NDArray[np.bool_]:

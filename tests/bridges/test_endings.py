@@ -8,10 +8,9 @@ from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 
+import endings
 import pytest
 from bench import guarded, node
-
-import endings
 
 DAILY = ("SIGTSTP", "SIGKILL", "closed", "clock -3600 s", "clock -3600 s, guard killed")
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="terminals and clocks are those of Linux")

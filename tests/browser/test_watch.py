@@ -18,7 +18,6 @@ from PIL import Image
 
 from turtlebot_gym.drive import Drive
 from turtlebot_gym_view import record_episode
-from turtlebot_gym_view.buffer import DriveBuffer
 from turtlebot_gym_view.page import Page
 
 pytestmark = pytest.mark.browser

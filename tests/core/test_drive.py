@@ -1,13 +1,12 @@
 """A drive: columns that are not given are unknown, slices make the whole, and errors are distances and wrapped angles."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from drive_samples import COLUMNS, random_drive
 
-from turtlebot_gym.drive import Drive, concatenate, heading_error, position_error
+from turtlebot_gym.drive import Drive, heading_error, position_error
 
 
 def same(first, second):
@@ -48,14 +47,6 @@ def test_rows_far_apart_do_not_continue_each_other():
     assert Drive(time=time).joined.tolist() == [False, True, True, False, True]
     drive = Drive(time=time, joined=np.array([True, False, True, True, True]))
     assert drive.joined.tolist() == [False, False, True, False, True]
-
-
-@pytest.mark.parametrize("cuts", [(0, 8), (0, 3, 8), tuple(range(9))])
-def test_slices_make_the_whole(cuts):
-    drive = random_drive()
-    same(concatenate([drive[a:b] for a, b in pairwise(cuts)]), drive)
-    with pytest.raises(ValueError, match="at least one"):
-        concatenate([])
 
 
 def test_position_error_is_the_distance_for_any_batch_and_that_of_an_unknown_pose_is_unknown():

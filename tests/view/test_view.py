@@ -18,7 +18,6 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.commands.cli import main
 from turtlebot_gym_view import style
-from turtlebot_gym_view.buffer import DriveBuffer
 from turtlebot_gym_view.maps import _extent, _picture
 from turtlebot_gym_view.page import Page
 from turtlebot_gym_view.view import fill

@@ -13,7 +13,7 @@ from turtlebot_gym.estimation.fixes import depth_of, no_fix, with_fixes
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
-from turtlebot_gym.parameters import MAX_FIX_AGE, DeadReckoning, FilterTuning
+from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
 from turtlebot_gym.validation import Range, check_fields, choose
 from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, senses_of
