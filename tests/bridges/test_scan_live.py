@@ -75,13 +75,11 @@ BLIND = "def blind(observation):\n    return [0.0, 0.0]\n\nblind.{}\n"
         ({"policy": "vfh"}, "and needs a world"),
         ({"policy": "ppo-nav"}, "ppo-nav: made for turtlebot_gym/TurtleBotNav-v0 and observation 'ekf', asked for"),
         ({"policy": "ppo-nav", "world": "dense"}, "was made for open ground, not for a world"),
-        ({"policy": "ground:blind"}, "a policy has no layout any more: name the terms that it reads"),
         ({"policy": "other:blind"}, "observation has no term 'scam'"),
         ({"plant": "mujoco", "world": "dense", "policy": "vfh"}, "plant must be 'unicycle' in a world"),
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_starts(options, said, tmp_path, monkeypatch, capsys):
-    (tmp_path / "ground.py").write_text(BLIND.format("layout = 1"))
     (tmp_path / "other.py").write_text(BLIND.format("terms = ('goal', 'scam')"))
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(ValueError) as refused:  # noqa: PT011  # the message is compared below
