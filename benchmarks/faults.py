@@ -56,8 +56,6 @@ class Config(Study):
     """Number of busy processes beside the second half of the faults."""
     seed: int = 0
     """Seed of the variations: durations, speeds, delays."""
-    until_unsafe: bool = False
-    """Whether a kind is injected no more once it was unsafe, as with a planted defect."""
     kept: Path | None = None
     """File of the finished faults, with which an interrupted run goes on; none to keep nothing."""
 
@@ -170,8 +168,6 @@ def inject_all(config: Config) -> Tally:
         try:
             for numbers, crowd in parts_of(count, config):
                 tasks = [task for task in wanted if task[1] in numbers and task not in tally.done]
-                if config.until_unsafe:
-                    tasks = [task for task in tasks if not tally.counts[task[0]]["unsafe"]]
                 with busy(crowd if tasks else 0):
                     for row in results_of(tasks, config, progress):
                         tally.take(row)
@@ -184,8 +180,7 @@ def inject_all(config: Config) -> Tally:
 def parts_of(count: int, config: Config) -> list[tuple[range, int]]:
     """Return the rounds to inject at a time, with the number of busy processes beside them."""
     half = (count + 1) // 2
-    parts = [range(at, at + 1) for at in range(count)] if config.until_unsafe else [range(half), range(half, count)]
-    return [(part, config.busy if part.start >= half else 0) for part in parts]
+    return [(range(half), 0), (range(half, count), config.busy)]
 
 
 def results_of(tasks: list[tuple[str, int]], config: Config, progress: Progress) -> Any:

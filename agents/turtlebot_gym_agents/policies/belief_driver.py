@@ -41,7 +41,6 @@ from turtlebot_gym.systems.parameters import DT
 from turtlebot_gym.validation import FINITE, NON_NEGATIVE, PROBABILITY
 from turtlebot_gym.values import Command, Covariance, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
-from turtlebot_gym_agents.policies.geometric import baseline_in
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, terms_of
 from turtlebot_gym_agents.policies.protection import SafetyLayer, within_layer
@@ -113,8 +112,6 @@ class BeliefDriver:
         self.period = DT.check("period", REFERENCE_PERIOD if period is None else period)
         """Control period, s."""
         self._policy = make_policy(str(policy), robot=robot, dt=self.period, noise=motion)
-        self.baseline = baseline_in(self._policy)
-        """The baseline that drives; None for other policies."""
         self._recurrent = _recurrent(self._policy)
         self.terms = terms_of(self._policy) or OPEN_GROUND
         """The terms of the policy's observation."""
@@ -142,23 +139,6 @@ class BeliefDriver:
         self.action: NDArray[np.float32] = np.zeros(2, np.float32)
         """Last action of the policy, shape (2,), in [-1, 1] or clipped to it."""
         BeliefDriver.reset(self)  # not that of a derived class, which is not complete yet
-
-    @property
-    def gains(self) -> dict[str, float]:
-        """Tunable numbers of a baseline, which `tune` sets; none for other policies."""
-        return self.baseline.numbers if self.baseline else {}
-
-    def tune(self, gains: Mapping[str, float]) -> None:
-        """Set some of `gains`; a policy with a memory begins anew.
-
-        Raises:
-            ValueError: If there is no such number, or it breaks its rule; nothing changes then.
-        """
-        if not self.baseline:
-            raise ValueError(f"the policy has no gains, got {', '.join(gains)}: those of a baseline are set.")
-        self.baseline.tune(gains)
-        if isinstance(self._policy, PolicyWithMemory):
-            self._policy.reset(np.ones((), np.bool_))
 
     def reset(self) -> None:
         """Begin an episode: clear the memory of a policy that has one, and what was seen."""

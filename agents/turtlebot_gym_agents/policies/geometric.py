@@ -6,8 +6,7 @@ robot can run them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from inspect import get_annotations
 from typing import Annotated, Any, ClassVar, get_type_hints
@@ -20,7 +19,7 @@ from turtlebot_gym.observations import OPEN_GROUND, Observation, ObservationTerm
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, check_fields, did_you_mean
+from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, check_fields
 from turtlebot_gym_agents.policies.policy import numbers_of
 
 _TINY = 1e-12  # instead of zero in a denominator
@@ -49,18 +48,6 @@ class Baseline:
     def numbers(self) -> dict[str, float]:
         """Its tunable numbers."""
         return {name: getattr(self, name) for name in self.ranges()}
-
-    def tune(self, numbers: Mapping[str, float]) -> None:
-        """Set some tunable numbers. A policy with a memory loses it, and needs its ``reset``.
-
-        Raises:
-            ValueError: If there is no such number, or it breaks its rule; nothing changes then.
-        """
-        known = self.ranges()
-        for name in numbers:
-            if name not in known:
-                raise ValueError(f"{type(self).__name__} has no {name}; it has {', '.join(known)}.{did_you_mean(name, known)}")
-        vars(self).update(vars(replace(self, **numbers)))
 
     @classmethod
     def ranges(cls) -> dict[str, Range]:
@@ -238,11 +225,3 @@ def _fields(observations: ArrayLike) -> Observation:
 def action_of(forward: Any, turn: Any) -> NDArray[np.float32]:
     """Return actions (..., 2) from shares of the robot's limits."""
     return np.clip(np.stack([forward, turn], axis=-1), -1.0, 1.0).astype(np.float32)
-
-
-def baseline_in(policy: Any) -> Baseline | None:
-    """Return the baseline inside a policy and its wrappers, if it is one."""
-    while policy is not None and not isinstance(policy, Baseline):
-        held = vars(policy) if hasattr(policy, "__dict__") else {}
-        policy = held.get("policy", held.get("_policy"))
-    return policy
