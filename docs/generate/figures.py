@@ -114,7 +114,7 @@ def zeros():
     slow = {
         name: stop for name, stop in sorted(kinds.items(), key=lambda each: -each[1]) if stop > 0.6 and name != "healthy wall"
     }
-    return dots(list(slow), Panel("zero after the fault, the longest of 11 (s)", [Series("", list(slow.values()))]))
+    return dots(list(slow), Panel("zero after the fault, the longest of 8 (s)", [Series("", list(slow.values()))]))
 
 
 IN_ROOMS = (worlds, policies, sway)
