@@ -58,7 +58,7 @@ WHEEL = Noise(
     process=ProcessNoise(alpha1=0.0029, alpha2=0.0064, alpha3=0.0062, alpha4=0.0049), odometry=OdometryNoise(wheel=True)
 )
 """A robot with wheel odometry alone. The drift is that of a Wifibot, fitted to two recorded drives with
-motion-capture truth (`benchmarks/calibrate_wheels.py`): 1.6 and 2.7 cm per metre. No filter can remove it."""
+motion-capture truth by `turtlebot-gym calibrate`: 1.6 and 2.7 cm per metre. No filter can remove it."""
 
 ROUGH = Noise(
     process=ProcessNoise(slip=0.5, slip_start=0.01, slip_end=0.2),
