@@ -54,8 +54,8 @@ def late_by(age: float, dt: float) -> int:
 
 
 def depth_of(dt: float, age: float = MAX_FIX_AGE) -> int:
-    """Return the number of steps of dt, s, to store for fixes up to an age, s."""
-    return max(1, late_by(age, dt))
+    """Return the number of steps of dt, s, to store for fixes up to an age, s; 0 for those of the present step."""
+    return late_by(age, dt)
 
 
 @kernel
@@ -166,12 +166,14 @@ def _remembering(filter: Filter, depth: int) -> _Memory:
 
 @cache
 def with_fixes(filter: Filter, depth: int) -> Filter:
-    """Return a filter that also takes fixes of any age, from the sensor "fix"; it goes on reading what it has read.
+    """Return a filter that also takes fixes up to some age, from the sensor "fix"; it goes on reading what it has read.
 
     Args:
         filter: Any filter.
-        depth: Number of stored steps.
+        depth: Number of stored steps; with 0 it takes fixes of the present step.
     """
+    if depth == 0:
+        return _in_time(filter)
     (start, remember, advance), fix_in, put = _remembering(filter, depth), filter.fix, _put(depth + 1)
     nearest_of, replay = _nearest(0, depth), _replay(advance, depth)
 
@@ -195,3 +197,16 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
         return remembered
 
     return filter._replace(start=start, step=step_on, reads=(*filter.reads, "fix"))
+
+
+def _in_time(filter: Filter) -> Filter:
+    step, fix_in = filter.step, filter.fix
+
+    @kernel
+    def step_on(estimate, before, senses, tuning, dt, integrator):
+        now, moved = senses.fix, step(estimate, before, senses, tuning, dt, integrator)
+        if now.arrived and abs(now.age) <= 0.5 * dt + 1e-9:
+            moved = fix_in(moved, now.pose, now.R + now.cross, tuning)
+        return moved
+
+    return filter._replace(step=step_on, reads=(*filter.reads, "fix"))
