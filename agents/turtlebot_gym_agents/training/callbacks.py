@@ -66,23 +66,10 @@ def policy_of(model: BaseAlgorithm) -> Policy:
 
 
 class Callback(BaseCallback):
-    """A callback that acts between rollouts and never stops a training.
-
-    Args:
-        seconds: Least time between two actions, extended if one would take more than a twentieth of the time.
-    """
-
-    def __init__(self, *, seconds: float = 0.0) -> None:
-        super().__init__()
-        self._seconds, self._due = seconds, 0.0
+    """A callback that acts between rollouts and never stops a training."""
 
     def _on_step(self) -> bool:
         return True
-
-    def _wait_after(self, begun: float) -> None:
-        """Set when the next action is due, after one that began at a monotonic time, s, and has ended now."""
-        now = time.monotonic()
-        self._due = now + max(self._seconds, 20.0 * (now - begun))
 
 
 class EvaluationCallback(BaseCallback):
