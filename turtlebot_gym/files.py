@@ -143,25 +143,25 @@ def read_text(path: str | Path, *, most: int = LARGEST, errors: str = "strict") 
     return read_bytes(path, most=most).decode("utf-8-sig", errors)
 
 
-def require_small(path: str | Path, most: int = 4 * LARGEST) -> None:
-    """Refuse a zip file, with a ``ValueError``, that unpacks to more bytes."""
+def require_small(path: str | Path) -> None:
+    """Refuse a zip file, with a ``ValueError``, that unpacks to more than 4 * `LARGEST` bytes."""
     with zipfile.ZipFile(regular(path)) as archive:
-        unpacked = sum(part.file_size for part in archive.infolist())
+        unpacked, most = sum(part.file_size for part in archive.infolist()), 4 * LARGEST
     if unpacked > most:
         raise ValueError(f"unpacked it has {unpacked / 1e6:,.0f} MB; at most {most / 1e6:,.0f} MB are read")
 
 
-def read_arrays(path: str | Path, *, most: int = 4 * LARGEST) -> dict[str, NDArray[Any]]:
+def read_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     """Return the arrays of an ``.npz`` file by their names; nothing in it is run.
 
     Raises:
         OSError: If it cannot be read.
-        ValueError: If it is no file or damaged, or its arrays have more than ``most`` bytes; the message names the file.
+        ValueError: If it is no file or damaged, or its arrays have more than 4 * `LARGEST` bytes; the message names the file.
     """
     import numpy as np
 
     try:
-        require_small(path, most)
+        require_small(path)
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except (OSError, MemoryError):
