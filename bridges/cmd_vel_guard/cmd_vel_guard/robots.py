@@ -9,8 +9,12 @@ from typing import Any
 _BURGER = {"radius": 0.105, "footprint_x": -0.024, "scan_frame": "base_scan", "scan_x": -0.032, "scan_y": 0.0, "scan_yaw": 0.0}
 _WAFFLE = {"radius": 0.22, "footprint_x": -0.064, "scan_frame": "base_scan", "scan_x": -0.064, "scan_y": 0.0, "scan_yaw": 0.0}
 _CREATE = {
-    **{"radius": 0.171, "footprint_x": 0.0},
-    **{"scan_frame": "rplidar_link", "scan_x": -0.04, "scan_y": 0.0, "scan_yaw": 0.5 * math.pi},
+    "radius": 0.171,
+    "footprint_x": 0.0,
+    "scan_frame": "rplidar_link",
+    "scan_x": -0.04,
+    "scan_y": 0.0,
+    "scan_yaw": 0.5 * math.pi,
 }
 ROBOTS: dict[str, Mapping[str, Any]] = {
     "burger": {"max_linear": 0.2108, "max_angular": 2.635, "max_wheel": 0.2097, "wheel_separation": 0.160, **_BURGER},
