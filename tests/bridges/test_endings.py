@@ -41,13 +41,20 @@ def test_a_motion_is_in_force_for_half_a_second_at_most_after_every_end(way, whe
 
 @guarded
 def test_the_same_without_the_watch_on_waits_is_noticed(wheels, clock, tmp_path):
-    """The emulated clock holds up a wait, as the kernel's does: else the test above would prove nothing."""
+    """The emulated clock holds up a wait, as the kernel's does: else the test above would prove nothing.
+
+    A clock that is set while a node is awake holds up nothing, so not each step shows it.
+    """
     program = f"{sys.executable} -c 'from cmd_vel_guard import executor; executor.OVERDUE = 60.0; {{main}}' --ros-args"
     main = 'from turtlebot_gym_ros.nodes import load; import sys; load("cmd_vel_{0}")(sys.argv[1:])'
     guard, standby = (program.format(main=main.format(name)) for name in ("guard", "standby"))
     script = f"{guard} -p robot:=burger -p collision_monitor:=false & echo $! > guard\n{standby} & echo $! > standby\nwait"
-    row = endings.end("clock -3600 s", wheels, tmp_path, clock=clock, wait=0.5, commands=True, script=script)
-    assert row["in_force_s"] > endings.LIMIT
+
+    def in_force(trial):
+        (folder := tmp_path / str(trial)).mkdir()
+        return endings.end("clock -3600 s", wheels, folder, clock=clock, wait=0.5, commands=True, script=script)["in_force_s"]
+
+    assert any(in_force(trial) > endings.LIMIT for trial in range(5))
 
 
 ALONE = f"{sys.executable} {' '.join(node('simulated_teleop', 'start_enabled:=true'))} & echo $! > teleop\nwait"
