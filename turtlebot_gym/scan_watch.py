@@ -18,7 +18,8 @@ bad, or equally good, and are no vote.
 
 **Parts.** In a part of the LiDAR that stands still while the rest moves, points fit better without the motion. How much better
 adds up over the comparisons, until they fit better with it. Somebody who walks beside the robot at its pace looks like that,
-too: the part is believed again when what it shows changes.
+too: the part is believed again when the directions change that did not fit with the motion. Somebody who waits beside a robot
+that stands changes nothing until the robot turns.
 
 **Late.** Scans that are late by a second and hide it move as the robot has moved a second before. At constant speed nothing
 shows that; where the robot starts or stops, two scans fit worse with its measured motion than with an earlier one. The
@@ -37,7 +38,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.beams import Beams
+from turtlebot_gym.beams import TURN, Beams
 from turtlebot_gym.motion import Motion, Track, into
 from turtlebot_gym.silence import AT_LIMIT, Silence, place_of
 from turtlebot_gym.values import Command
@@ -69,13 +70,13 @@ VOTES, STILL_VOTES = 3, 4
 MIRRORED, STILL, PART = 4, 8, 9
 """Numbers of the first way of seeing the motion mirrored, of seeing none, and of a part that sees none."""
 JOINED = 0.3
-"""Distance of neighbouring points up to which they are of one surface, m."""
+"""Distance of neighbouring points up to which they are of one surface, m, if their directions are not farther apart."""
 PARTS, LEAST_IN_PART = 16, 8
 """Number of parts of the circle, each two sixteenths wide, and least number of points that say something of one."""
 AT_ONCE, AT_REST = 0.04, 0.2
 """Largest gain of a part without the motion that counts at once, m, and sum from which the part stands still."""
 CHANGED = 0.4
-"""Share of the directions of such a part that must change before it is believed again."""
+"""Share of the directions in which such a part did not fit that must change before it is believed again."""
 USUAL, LATE = (-0.15, 0.0, 0.15, 0.3), (0.6, 0.9, 1.2, 1.6)
 """Ages of scans, s, beyond half of the allowed delay: usual ones, and those of late scans."""
 PAUSE, LEAST_WAY, STRAIGHT = 0.5, 0.02, 0.1
@@ -180,6 +181,11 @@ class ScanWatch:
         """Angle over which the LiDAR is covered, rad, see `silence`: those beams say nothing."""
         return self._silence.covered
 
+    @property
+    def frozen(self) -> float:
+        """Angle of a part that does not move as the robot does, rad: the LiDAR is frozen there, or somebody walks beside."""
+        return 2.0 * TURN / PARTS if self._turned_by == PART else 0.0
+
     def trouble(self) -> str:
         """Return why the newest scan must not be used, or an empty text."""
         if self._equal:
@@ -234,17 +240,19 @@ class ScanWatch:
         self._still = np.where(rests, self._still + np.minimum(here - there, AT_ONCE), self._still)
         self._still[both & (here < there)] = 0.0
         if self._still.max() > AT_REST:
-            self._turned_by = PART
-            slices = np.arange(now.shape[1]) * PARTS // now.shape[1] - int(self._still.argmax())
-            self._frozen = np.hypot(now[0], now[1]), np.isin(slices % PARTS, (0, 1))
+            self._turned_by, part = PART, int(self._still.argmax())
+            at, away = moved
+            telling = at[(away > 0.5 * here[part]) & np.isin(((at * PARTS).astype(int) - part) % PARTS, (0, 1))]
+            bins = now.shape[1]
+            self._frozen = np.hypot(now[0], now[1]), np.isin(np.arange(bins), np.round(telling * bins) % bins)
 
     def _thaw(self, points: NDArray[np.float64], bins: int) -> None:
         """Believe a part again where points, shape (2, n), change: somebody walked beside the robot, or it measures again."""
-        then, part = self._frozen
+        then, telling = self._frozen
         if len(then) != bins:
             return
-        now = np.hypot(*_surface(points, bins)[:2])[part]
-        changed = ~(np.abs(now - then[part]) < CAP) & ~(np.isnan(now) & np.isnan(then[part]))
+        now = np.hypot(*_surface(points, bins)[:2])[telling]
+        changed = ~(np.abs(now - then[telling]) < CAP) & ~(np.isnan(now) & np.isnan(then[telling]))
         if changed.mean() > CHANGED:
             self._turned_by, self._still = 0, np.zeros(PARTS)
 
@@ -294,7 +302,8 @@ def _surface(points: NDArray[np.float64], bins: int) -> NDArray[np.float64]:
     right, left = np.roll(nearest, reach, axis=1), np.roll(nearest, -reach, axis=1)
     along = left - right
     length = np.hypot(*along)
-    joined = (np.hypot(*(left - nearest)) < JOINED) & (np.hypot(*(nearest - right)) < JOINED)
+    apart = np.maximum(JOINED, 2.0 * (2.0 * math.pi / bins) * np.hypot(*nearest))
+    joined = (np.hypot(*(left - nearest)) < apart) & (np.hypot(*(nearest - right)) < apart)
     normal = np.where(joined, np.stack((-along[1], along[0])) / np.maximum(length, 1e-9), np.nan)
     return np.concatenate((nearest, normal))
 

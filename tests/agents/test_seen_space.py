@@ -150,3 +150,37 @@ def test_no_policy_touches_a_wall_before_its_goal(view, policy, margin):
         theta += before.omega * PERIOD
         before = command
         assert x + robot.robot.radius < WALL
+
+
+def followed(x, y, theta, away, rng):
+    """Return a scan in a room of 4 m by 3 m, with somebody behind the robot at a distance, m, in the world's frame."""
+    directions = np.radians(np.arange(360.0))
+    east, north = np.cos(theta + directions), np.sin(theta + directions)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ranges = np.minimum((2.0 * np.sign(east) - x) / east, (1.5 * np.sign(north) - y) / north)
+        body = -away * east - np.sqrt(0.2**2 - (away * north) ** 2)
+    ranges = np.where((east < 0.0) & (body < ranges), body, ranges)
+    return np.round(ranges + rng.normal(0.0, 0.008, 360), 3).astype(np.float32)
+
+
+@pytest.mark.parametrize("is_frozen", [False, True])
+def test_a_robot_turns_to_tell_who_walks_and_waits_behind_it_from_a_frozen_part(is_frozen):
+    robot, rng = Deployment("vfh"), np.random.default_rng(3)
+    behind, first = np.cos(np.radians(np.arange(360.0))) < -0.7, None
+    x, y, theta, before, notices, why = -1.2, 0.0, 0.0, STOP, [], ""
+    for _ in range(250):
+        ranges = followed(x, y, theta, 0.55, rng)
+        first = ranges if first is None else first
+        if is_frozen:
+            ranges = np.where(behind, first + rng.normal(0.0, 0.008, 360).astype(np.float32), ranges)
+        scan = Scan(ranges, 0.0, math.radians(1.0), 0.12, 3.5)
+        try:
+            command = robot.act((x, y, theta), np.zeros(3), before, scan, (1.5, 0.0, 0.0))
+        except ValueError as refused:
+            command, why = STOP, str(refused)
+        notices.append(robot.seen_space.notice)
+        x, y = x + before.v * PERIOD * math.cos(theta), y + before.v * PERIOD * math.sin(theta)
+        theta, before = theta + before.omega * PERIOD, command
+    assert "the robot turns: a part of its LiDAR seems to be covered or frozen" in notices
+    assert ("the LiDAR is frozen there" in why) == is_frozen
+    assert (x < -0.5) == is_frozen

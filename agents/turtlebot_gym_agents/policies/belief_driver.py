@@ -55,7 +55,7 @@ LAG = 0.4
 """Longest time from a motion to its effect in a scan, s: one revolution, and the driver."""
 RETURNS = 0.02
 """Least share of a scan's beams that return something: fewer come from a covered LiDAR, or from a hall beyond its range."""
-COVERED = "the robot turns: a part of its LiDAR seems to be covered"
+UNSURE = "the robot turns: a part of its LiDAR seems to be covered or frozen"
 AT_PLACE = 0.05
 """Distance up to which a LiDAR's place is taken for that with which policies are trained, m: there it varies by as much."""
 _PAUSE = 2.5
@@ -147,7 +147,7 @@ class BeliefDriver:
         radius, ahead = self.robot.radius, MARGIN + self.robot.max_linear * AHEAD
         narrow = 2.0 * math.asin(radius / (radius + ahead))
         self._watch, self._measured = ScanWatch(lag=LAG, returns=self._returns, narrow=narrow, now=0.0), -math.inf
-        self._turned, self._looked = 0.0, 0.0  # while the LiDAR seems to be covered: angle, rad, and time, s
+        self._turned, self._looked = 0.0, 0.0  # while the LiDAR seems to be covered or frozen: angle, rad, and time, s
         if isinstance(self._policy, PolicyWithMemory):
             self._policy.reset(np.ones((), np.bool_))  # of shape (...), as observations are (..., n)
 
@@ -162,8 +162,8 @@ class BeliefDriver:
             mount: Pose of its frame in the robot's frame; None for the usual place, turned by ``lidar_yaw``.
 
         Raises:
-            NotBelievedError: With one line. A robot whose LiDAR seems to be covered in part turns once around first: the edges
-                of a cover turn with it.
+            NotBelievedError: With one line. A robot whose LiDAR seems to be covered or frozen in part turns once around first:
+                the edges of a cover turn with it, and somebody who walked beside it does not.
             ValueError: If it has another number of beams than ``lidar_beams``.
         """
         self._watch.track.add(twist, now)
@@ -174,14 +174,15 @@ class BeliefDriver:
                 self._scan = scan._replace(ranges=beams.ranges)
             except ValueError as why:
                 self._bad = str(why)
-        if why := self._bad or self._watch.trouble():
+        why = self._bad or self._watch.trouble()
+        if why and (self._bad or not self._watch.frozen):
             raise NotBelievedError(why)
-        covered = self._watch.covered
-        self._turned = self._turned + abs(twist.omega) * (now - self._looked) if covered else 0.0
+        silent, unsure = self._watch.covered, self._watch.covered or self._watch.frozen
+        self._turned = self._turned + abs(twist.omega) * (now - self._looked) if unsure else 0.0
         self._looked = now
         if self._turned > TURN:
             raise NotBelievedError(
-                f"{math.degrees(covered):.0f} degrees of the LiDAR return nothing, however the robot turns: it is covered"
+                why or f"{math.degrees(silent):.0f} degrees of the LiDAR return nothing, however the robot turns: it is covered"
             )
         return self.pool(self._scan, _shifted(mount))
 
@@ -235,8 +236,8 @@ class BeliefDriver:
         self._time = self._time + self.period if now is None else now
         if not sectors or self.pool.seen is None:
             return wish
-        if self._watch.covered:
-            self.seen_space.notice = COVERED
+        if self._watch.covered or self._watch.frozen:
+            self.seen_space.notice = UNSURE
             return Command(0.0, min(LOOK, self.robot.max_angular))
         return self.seen_space.limit(wish, Command(mean.v, mean.omega), self.pool.seen, scan_age, self._time)
 
