@@ -70,7 +70,7 @@ VOTES, STILL_VOTES = 3, 4
 MIRRORED, STILL, PART = 4, 8, 9
 """Numbers of the first way of seeing the motion mirrored, of seeing none, and of a part that sees none."""
 JOINED = 0.3
-"""Distance of neighbouring points up to which they are of one surface, m, if their directions are not farther apart."""
+"""Distance up to which neighbouring points are of one surface, m, or three times that of their directions, if larger."""
 PARTS, LEAST_IN_PART = 16, 8
 """Number of parts of the circle, each two sixteenths wide, and least number of points that say something of one."""
 AT_ONCE, AT_REST = 0.04, 0.2
@@ -302,7 +302,7 @@ def _surface(points: NDArray[np.float64], bins: int) -> NDArray[np.float64]:
     right, left = np.roll(nearest, reach, axis=1), np.roll(nearest, -reach, axis=1)
     along = left - right
     length = np.hypot(*along)
-    apart = np.maximum(JOINED, 2.0 * (2.0 * math.pi / bins) * np.hypot(*nearest))
+    apart = np.maximum(JOINED, 3.0 * (2.0 * math.pi / bins) * np.hypot(*nearest))
     joined = (np.hypot(*(left - nearest)) < apart) & (np.hypot(*(nearest - right)) < apart)
     normal = np.where(joined, np.stack((-along[1], along[0])) / np.maximum(length, 1e-9), np.nan)
     return np.concatenate((nearest, normal))
