@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
 from typing import Annotated, Any
 
-from turtlebot_gym.validation import (
+from turtlebot_gym.config import (
     FINITE,
     NON_NEGATIVE,
     ONE_OR_MORE,

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
+from turtlebot_gym.files import source_of
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.plugins import source_of
 from turtlebot_gym.tasks import arrived, by_time, distance_to, remaining
 
 NEAR = 0.15

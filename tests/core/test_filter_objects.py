@@ -150,7 +150,6 @@ def test_a_file_of_Q_and_R_drives_as_the_numbers_do(tmp_path):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ("P0: [1, 1, 1, 1, 1]", "P0 is read with from_origin: true only"),
         ("kind: Gatd", "Did you mean 'Gated'"),
         ("kind: {name: Kalman, gaet: 9}", "Did you mean 'gate'"),
         ("kind: Gated", "Gated needs heading_gate"),

@@ -81,7 +81,7 @@ POSES = r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e
         ({"reward": {"speed": 1.0}}, "reward has no term 'speed': its terms on open ground are progress, time, effort, succ"),
         ({"reward": {"tim": 1.0}}, ".* Did you mean 'time'"),
         ({"reward": {"math:pi": 1.0}}, r"reward\['math:pi'\] must be a RewardTerm, got 3.14"),
-        ({"reward": {"nosuch:SPIN": 1.0}}, "No module named 'nosuch'"),
+        ({"reward": {"nosuch:SPIN": 1.0}}, "'nosuch:SPIN' cannot be loaded from .*: No module named 'nosuch'"),
         ({"reward": 3.0}, "reward must be weights by name, such as {'effort': 0.2}, got 3.0"),
         (
             {"reward": {"turtlebot_gym.rewards:PROGRESS": 1.0}},

@@ -11,6 +11,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.envs.common import (
     FIRST_SHARE,
     FLAGS,
@@ -34,7 +35,6 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Options, Parameters, Snapshot, make_room
-from turtlebot_gym.validation import as_int, choose
 
 
 class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):

@@ -14,6 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.loop import FLAGS
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.envs.common import (
     FIRST_SHARE,
     NUMBERS,
@@ -39,7 +40,6 @@ from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Options, Outcome, Parameters, Snapshot
 from turtlebot_gym.tasks import StartAndGoal
-from turtlebot_gym.validation import as_int, choose
 
 MOST = 2**24
 """Most environments in one."""

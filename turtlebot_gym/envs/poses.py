@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.config import short_repr
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Parameters, make_room
 from turtlebot_gym.tasks import StartAndGoal, Task, given_pose
-from turtlebot_gym.validation import short_repr
 
 POSES = ("start", "goal")
 """Options of a reset that are poses."""

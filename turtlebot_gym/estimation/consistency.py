@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from turtlebot_gym.config import Range, as_int, choose
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import jacobians, matrix
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.models.unicycle import INTEGRATORS, execution_variances
 from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise
-from turtlebot_gym.validation import Range, as_int, choose
 from turtlebot_gym.values import Command, Pose
 
 

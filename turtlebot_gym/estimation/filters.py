@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.config import POSITIVE, choose, refusal
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import DEAD_RECKONING, EXTENDED_KALMAN, GATED, Estimate
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gate, Kalman
-from turtlebot_gym.validation import POSITIVE, choose, refusal
 from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
 _UPPER = np.triu_indices(5)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
+from turtlebot_gym.config import NON_NEGATIVE
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.gate import ONE_MEASUREMENT
@@ -17,7 +18,6 @@ from turtlebot_gym.estimation.sixth import Sixth, correct_both_correlated, moved
 from turtlebot_gym.estimation.update import Projection, Variances, wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning, Gate
-from turtlebot_gym.validation import NON_NEGATIVE
 from turtlebot_gym.values import Belief, Pose, State
 
 

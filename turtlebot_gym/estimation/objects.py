@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.config import refusal
 from turtlebot_gym.estimation.filters import jacobian
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import Integrator, advance
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym.validation import refusal
 from turtlebot_gym.values import Pose, State
 
 UNKNOWN = 1e9

@@ -28,7 +28,6 @@ from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.plugins import failure
 from turtlebot_gym.values import Belief, Covariance, Pose, Senses, State
 
 _UPPER = np.triu_indices(5)
@@ -62,10 +61,7 @@ class _PlainEstimate(NamedTuple):
 @lru_cache(64)
 def _worker(make: Callable[[Any], Any], tuning: Any) -> tuple[Any, NDArray[np.float64], NDArray[np.float64]]:
     """Return the object for a tuning, its first state and covariance."""
-    try:
-        worker = make(tuning)
-    except Exception as error:
-        raise failure(_name(make), error) from error
+    worker = make(tuning)
     x, P = (np.array(getattr(worker, name, ()), np.float64) for name in ("x", "P"))
     if x.ndim != 1 or len(x) < 5 or P.shape != (len(x), len(x)):
         shapes = f"got {x.shape} and {P.shape}"
@@ -107,10 +103,7 @@ def _filter_of(make: Callable[[Any], Any]) -> Filter:
     def run(estimate: _PlainEstimate, tuning: Any, work: Callable[[Any], float]) -> _PlainEstimate:
         worker, first, _ = _worker(make, tuning)
         worker.x, worker.P = _unpacked(estimate, len(first))
-        try:
-            nis = work(worker)
-        except Exception as error:
-            raise failure(_name(make), error) from error
+        nis = work(worker)
         return _packed(make, worker.x, worker.P, nis)
 
     def step(

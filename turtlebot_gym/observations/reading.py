@@ -8,11 +8,11 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from turtlebot_gym.config import did_you_mean, refusal, short_repr
+from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.observations.known import OBSERVED, TERMS
 from turtlebot_gym.observations.term import ObservationTerm
-from turtlebot_gym.plugins import load_object
-from turtlebot_gym.validation import did_you_mean, refusal, short_repr
 
 _HISTORY = re.compile(r"(.+?)\*(\d+)(?:@(\d+))?")
 
@@ -79,7 +79,7 @@ def _term(name: str, own: Sequence[ObservationTerm]) -> ObservationTerm:
         return own_term(name)
     if name not in known:
         raise ValueError(
-            f"observation has no term {short_repr(name)}: there are {', '.join((*OBSERVED, *known))}, and MODULE:NAME for one "
+            f"observation has no term {short_repr(name)}: there are {', '.join((*OBSERVED, *known))}, and MODULE:NAME "
             f"of your own.{did_you_mean(name, (*OBSERVED, *known))}"
         )
     return known[name]

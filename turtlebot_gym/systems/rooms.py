@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from turtlebot_gym.config import refusal
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, late_by, with_fixes
 from turtlebot_gym.estimation.interface import Filter
+from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS, Observed, read_terms
-from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
@@ -37,8 +38,7 @@ from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import RoomParts, System
 from turtlebot_gym.systems.tracking import tracking
-from turtlebot_gym.systems.world import Judgement, RoomState
-from turtlebot_gym.validation import refusal
+from turtlebot_gym.systems.world import RoomState
 from turtlebot_gym.values import Pose
 
 
@@ -95,12 +95,10 @@ def _complete(world, judgement, p):
     """Judge contact."""
     collided = world.room.collided
     terminated = judgement.terminated or collided
-    return Judgement(
-        judgement.distance,
-        judgement.is_success and not collided,
-        terminated,
-        judgement.truncated and not terminated,
-        judgement.reached,
+    return judgement._replace(
+        is_success=judgement.is_success and not collided,
+        terminated=terminated,
+        truncated=judgement.truncated and not terminated,
     )
 
 
@@ -201,10 +199,7 @@ def find_system(system: System | str | Callable[[Parameters], System] | WithTerm
         return tracking(seen)
     loaded: Any = load_object(system) if isinstance(system, str) else system
     if callable(loaded):
-        try:
-            loaded = loaded(parameters)
-        except Exception as error:
-            raise failure(str(system), error) from error
+        loaded = loaded(parameters)
     if not isinstance(loaded, System):
         raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", loaded)
     if loaded.reads_scan and not loaded.surroundings:

@@ -29,9 +29,9 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym import values
+from turtlebot_gym.config import LARGEST, short_repr
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
-from turtlebot_gym.validation import LARGEST, short_repr
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.node.block import Correction, Disagreement, InitialPose, Input, Nis, Resume
