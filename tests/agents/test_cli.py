@@ -223,7 +223,7 @@ def test_results_are_printed_whatever_the_terminal_can_show():
     arguments = ["evaluate", "--policy", "bearing", "proportional", "--episodes", "3"]
     environment = {**os.environ, "COLUMNS": "0", "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
-        [sys.executable, "-m", "turtlebot_gym", *arguments], env=environment, capture_output=True, text=True, check=False
+        [sys.executable, "-m", "turtlebot_gym_agents", *arguments], env=environment, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     assert "to goal, s" in done.stdout
