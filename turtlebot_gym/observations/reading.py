@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -108,23 +108,13 @@ def own_term(source: str) -> ObservationTerm:
 def _clipped(term: ObservationTerm) -> ObservationTerm:
     """Return a term whose numbers are within its bounds; the kernel's attribute ``__wrapped__`` is the one before."""
     of, bounds = term.of, tuple(zip(*term.bounds, strict=True))
-    if term.width == 1:
-        ((low, high),) = bounds
-        clipped: Any = kernel(lambda world, p: min(max(of(world, p), low), high))
-    else:
-        clip = _clip(term.width)
-        clipped = kernel(lambda world, p: clip(of(world, p), bounds))
+    ((low, high), *_) = bounds
+    clipped: Any = kernel(lambda world, p: min(max(of(world, p), low), high))
+    if term.width > 1:
+
+        @kernel
+        def clipped(world, p):
+            return tuple(min(max(number, low), high) for number, (low, high) in zip(of(world, p), bounds, strict=True))
+
     clipped.__wrapped__ = of
     return replace(term, of=clipped)
-
-
-def _clip(number: int) -> Callable[..., Any]:
-    """Return the kernel that clips so many numbers of a tuple, each to its own bounds."""
-    last = number - 1
-    before = _clip(last) if last else kernel(lambda numbers, bounds: ())
-
-    @kernel
-    def clip(numbers, bounds):
-        return before(numbers, bounds) + (min(max(numbers[last], bounds[last][0]), bounds[last][1]),)  # noqa: RUF005
-
-    return clip
