@@ -9,7 +9,7 @@ from typing import Any
 
 from turtlebot_gym.config import build, choose, given, read_parameters, refusal, split, vary
 from turtlebot_gym.estimation.gyro import Gyro
-from turtlebot_gym.estimation.objects import Maker, is_filterpy, variances_of
+from turtlebot_gym.estimation.objects import kinds_of, maker_of, variances_of
 from turtlebot_gym.estimation.plain import Plain
 from turtlebot_gym.files import is_file, load_object
 from turtlebot_gym.parameters import (
@@ -217,10 +217,10 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     if is_file(tuning):
         return read_parameters(FilterTuning, tuning, "filter")
     loaded: Any = load_object(tuning) if isinstance(tuning, str) and ":" in tuning else tuning
-    if callable(loaded) and not (is_filterpy(loaded) or _is_filter(loaded)):
+    if callable(loaded) and not (kinds_of(loaded) or _is_filter(loaded)):
         loaded = loaded(noise)
-    if is_filterpy(loaded):
-        R, kind = variances_of(loaded), Plain(make=Maker(loaded), corrects=not noise.odometry.wheel, reads_Q=False)
+    if kinds_of(loaded):
+        R, kind = variances_of(loaded), Plain(make=maker_of(loaded), corrects=not noise.odometry.wheel, reads_Q=False)
         return replace(matched(noise), R=R, kind=kind)
     if _is_filter(loaded):
         if not isinstance(loaded, type):
