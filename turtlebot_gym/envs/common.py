@@ -18,6 +18,7 @@ from turtlebot_gym.observations import bounds_of
 from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System
+from turtlebot_gym.tasks import StartAndGoal, Task, given_pose
 
 PARTS = {
     "true_state": "body.true_state",
@@ -44,6 +45,25 @@ ROOM_PARTS = {
 
 FIRST_SHARE = Outcome._fields.index("shares")
 """The first row of the reward's shares in outcomes."""
+
+
+POSES = ("start", "goal")
+"""Options of a reset of one environment that are poses."""
+
+
+def given_poses(options: Mapping[str, Any], task: Task) -> StartAndGoal:
+    """Return start and goal that are given to an episode on open ground.
+
+    Raises:
+        ValueError: If a pose is malformed, or the task does not draw start and goal.
+    """
+    given = {name: given_pose(name, options[name]) for name in POSES if name in options}
+    if given and not task.random:
+        raise ValueError(
+            f"{' and '.join(given)} cannot be given at a reset: this task starts at the origin and drives through given "
+            "waypoints; make the environment with waypoints=[(x, y, heading), ...]."
+        )
+    return StartAndGoal(**given)
 
 
 def reward_terms(system: System) -> tuple[str, ...]:
@@ -213,18 +233,13 @@ def read_options(options: Any, known: Sequence[str]) -> dict[str, Any]:
     return dict(options or {})
 
 
-def reset_mask(options: dict[str, Any] | None, num_envs: int, *, others: Sequence[str] = ()) -> NDArray[np.bool_]:
+def reset_mask(options: dict[str, Any] | None, num_envs: int) -> NDArray[np.bool_]:
     """Return the environments that a reset's option ``reset_mask`` selects; all if it is missing.
-
-    Args:
-        options: The reset's.
-        num_envs: How many environments there are.
-        others: Names of further options that there are.
 
     Raises:
         ValueError: If it is no boolean array of shape (num_envs,), true somewhere, or there is another option.
     """
-    chosen = read_options(options, ["reset_mask", *others])
+    chosen = read_options(options, ["reset_mask"])
     if "reset_mask" not in chosen:
         return np.ones(num_envs, np.bool_)
     mask = chosen["reset_mask"]

@@ -16,7 +16,9 @@ from turtlebot_gym.envs.common import (
     FIRST_SHARE,
     FLAGS,
     PARTS,
+    POSES,
     ROOM_PARTS,
+    given_poses,
     indices_of,
     make_batch,
     no_way,
@@ -27,7 +29,6 @@ from turtlebot_gym.envs.common import (
     with_limit,
 )
 from turtlebot_gym.envs.pictures import Pictures
-from turtlebot_gym.envs.poses import POSES, on_open_ground
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
@@ -181,7 +182,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         for_episode = read_options(options, ("world", *POSES) if self._own else POSES)
         seed = None if seed is None else as_int("seed", seed)
-        given = {0: on_open_ground(for_episode, self.parameters.task)} if for_episode and not self._own else {}
+        given = {0: given_poses(for_episode, self.parameters.task)} if for_episode and not self._own else {}
         if self._own:
             self._enter(with_options(self._own, for_episode))
         super().reset(seed=seed)
