@@ -21,6 +21,7 @@ from turtlebot_gym.parameters import (
     Noise,
     OdometryNoise,
     ProcessNoise,
+    Tutorial,
 )
 from turtlebot_gym.robots import ROBOTS, Robot
 
@@ -112,7 +113,7 @@ TUTORIAL_FILTER = FilterTuning(
     R=(0.05, 0.05, 0.1),
     from_origin=True,
     P0=(0.1, 0.1, 0.1, 1.0, 1.0),
-    kind=Kalman(remember_velocity=True, wrap_innovation=False),
+    kind=Tutorial(),
 )
 """The reference system's filter as written, for any noise: process noise that the plant does not have, a Jacobian that keeps
 the velocities of the previous step, and a heading innovation that jumps by 2 pi."""

@@ -11,7 +11,7 @@ from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.estimation.consistency import mean_bounds, nees
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import FilterTuning, Kalman, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Tutorial
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.values import Pose
@@ -109,7 +109,7 @@ def scaled(factor):
     [
         *({"R": tuple(factor * variance for variance in TRUE_TUNING.R)} for factor in (0.5, 2.0)),
         *(scaled(factor) for factor in (0.5, 2.0)),
-        {"kind": Kalman(remember_velocity=True)},
+        {"kind": Tutorial()},
     ],
     ids=["half of R", "twice R", "half of the process", "twice the process", "a Jacobian that remembers the twist"],
 )

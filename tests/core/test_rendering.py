@@ -22,7 +22,7 @@ RADIUS = ROBOTS["burger"].radius
 
 def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.05, steps=0.0) -> Snapshot:
     """Return a world with everything at its place, and all else in a corner."""
-    covariance = Covariance(*[0.0] * 15)._replace(xx=deviation**2, yy=deviation**2, tt=0.01)
+    covariance = Covariance(*[0.0] * 8)._replace(xx=deviation**2, yy=deviation**2, tt=0.01)
     return Snapshot(
         Body(State(*truth, 0.0, 0.0), STOP, (STOP, STOP, STOP), Pose(*truth), False),
         Senses(Odometry(odometry, STOP, True)),

@@ -221,7 +221,7 @@ def test_what_each_observation_shows_and_states(observation, distance, sine, v, 
     task, waypoints = Options(task="square", waypoints=[Pose(2.0, 0.0, 0.0)]).course()
     p = make_parameters(task, noise="clean", observation=observation)
     episode = Episode(p._replace(tuning=replace(p.tuning, R=(0.03, 0.01, 0.25))), waypoints)
-    covariance = Covariance(*[0.0] * 15)._replace(xx=0.09, yy=0.16, tt=0.01)
+    covariance = Covariance(*[0.0] * 8)._replace(xx=0.09, yy=0.16, tt=0.01)
     believed = ekf.Estimate(Belief(State(1.0, 0.0, 0.0, 0.1054, 0.0), covariance), 4.0, 0.0)
     body = episode.world.body._replace(true_state=State(0.0, 0.0, 0.0, 0.0, 1.3175))
     senses = Senses(Odometry(Pose(0.0, 1.0, 0.0), Command(0.2108, -2.635), True))

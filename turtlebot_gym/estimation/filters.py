@@ -13,13 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from turtlebot_gym.config import FINITE, POSITIVE, Numbers, choose, refusal
 from turtlebot_gym.estimation.ekf import DEAD_RECKONING, EXTENDED_KALMAN, GATED, Estimate
 from turtlebot_gym.estimation.interface import Filter
+from turtlebot_gym.estimation.tutorial import TUTORIAL
 from turtlebot_gym.models.unicycle import INTEGRATORS, Integrator, motion
 from turtlebot_gym.parameters import FilterTuning, Gate
 from turtlebot_gym.values import ORIGIN, STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
-_UPPER = np.triu_indices(5)
+PLACES = np.array([0, 0, 0, 1, 1, 2, 3, 4]), np.array([0, 1, 2, 1, 2, 2, 3, 4])
+"""Rows and columns of a `Covariance` in the matrix (5, 5)."""
 
-FILTERS = {type(known.kind): known for known in (EXTENDED_KALMAN, DEAD_RECKONING, GATED)}
+FILTERS = {type(known.kind): known for known in (EXTENDED_KALMAN, DEAD_RECKONING, GATED, TUTORIAL)}
 """Filters by the class of their own numbers."""
 
 
@@ -37,10 +39,15 @@ def filter_of(tuning: FilterTuning) -> Filter:
 
 
 def matrix(covariance: Covariance) -> NDArray[np.float64]:
-    """Return a covariance's 15 independent entries as the symmetric matrix (5, 5)."""
+    """Return a covariance as the symmetric matrix (5, 5)."""
     P = np.zeros((5, 5))
-    P[_UPPER] = covariance
-    return P + np.triu(P, 1).T
+    P[PLACES] = P[PLACES[::-1]] = covariance
+    return P
+
+
+def covariance_of(P: NDArray[np.float64]) -> Covariance:
+    """Return the covariance of a pose and the variances of the twist in a symmetric matrix (5, 5)."""
+    return Covariance(*P[PLACES].tolist())
 
 
 class KalmanFilter:
@@ -73,7 +80,7 @@ class KalmanFilter:
         if isinstance(self._estimate, Estimate):  # other kinds keep more than a belief
             mean = Numbers(FINITE, 5).check("state", (0.0,) * 5 if state is None else state)
             P = np.diag(tuning.P0) if covariance is None else np.asarray(covariance, np.float64)
-            self._estimate = Estimate(Belief(State(*mean), Covariance(*P[_UPPER].tolist())), 0.0, 0.0)
+            self._estimate = Estimate(Belief(State(*mean), covariance_of(P)), 0.0, 0.0)
         elif state is not None or covariance is not None:
             raise ValueError("A filter of this kind begins with its first measurement: leave out state and covariance.")
         self._odometry: Pose | None = None

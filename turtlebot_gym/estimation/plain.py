@@ -24,13 +24,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.estimation.filters import covariance_of, matrix
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.values import Belief, Covariance, Pose, Senses, State
-
-_UPPER = np.triu_indices(5)
+from turtlebot_gym.values import Belief, Pose, Senses, State
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,7 +79,7 @@ def _packed(make: Any, x: Any, P: Any, nis: float) -> _PlainEstimate:
     # Rounding must not leave it asymmetric.
     P = 0.5 * (P + P.T)
     more = (*x[5:].tolist(), *P[5:].ravel().tolist())
-    return _PlainEstimate(Belief(State(*x[:5].tolist()), Covariance(*P[:5, :5][_UPPER].tolist())), nis, more)
+    return _PlainEstimate(Belief(State(*x[:5].tolist()), covariance_of(P)), nis, more)
 
 
 def _unpacked(estimate: _PlainEstimate, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

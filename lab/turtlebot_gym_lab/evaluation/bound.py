@@ -15,7 +15,7 @@ from scipy import stats
 
 from turtlebot_gym.config import choose
 from turtlebot_gym.models.unicycle import INTEGRATORS, execution_variances, motion
-from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise
+from turtlebot_gym.parameters import REFERENCE_PERIOD, DeadReckoning, FilterTuning, Kalman, Noise, OdometryNoise, Tutorial
 from turtlebot_gym.values import Command
 
 
@@ -99,7 +99,7 @@ def cramer_rao_bound(
     R, added = np.array(tuning.R), np.array(tuning.Q) * (dt / REFERENCE_PERIOD)
     for k in range(inputs.shape[1]):
         F = _jacobians(states[:, k], dt=dt, integrator=rule)
-        F[:, 3, 3] = F[:, 4, 4] = float(isinstance(tuning.kind, Kalman) and tuning.kind.remember_velocity)
+        F[:, 3, 3] = F[:, 4, 4] = float(isinstance(tuning.kind, Tutorial))
         P = F @ P @ np.swapaxes(F, 1, 2)
         P[:, [0, 1, 2], [0, 1, 2]] += added[:3]
         twists = (Command(*twist) for twist in inputs[:, k].tolist())
