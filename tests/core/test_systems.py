@@ -50,9 +50,7 @@ def range_update(belief, beacon_x, beacon_y, z):
     dx, dy = mean.x - beacon_x, mean.y - beacon_y
     predicted = sqrt(dx * dx + dy * dy)
     hx, hy = dx / predicted, dy / predicted
-    column = State(
-        hx * P.xx + hy * P.xy, hx * P.xy + hy * P.yy, hx * P.xt + hy * P.yt, hx * P.xv + hy * P.yv, hx * P.xw + hy * P.yw
-    )
+    column = Pose(hx * P.xx + hy * P.xy, hx * P.xy + hy * P.yy, hx * P.xt + hy * P.yt)
     after, _ = update(belief, Projection(column, hx * column.x + hy * column.y), z - predicted, 1e-4)
     return after
 
