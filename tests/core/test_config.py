@@ -317,3 +317,13 @@ def test_an_unknown_option_is_answered_with_the_nearest_one():
     for make in (make_parameters, lambda **options: Options.of(options)):
         with pytest.raises(TypeError, match=r"^There is no option 'nois'; options are task, robot, .* Did you mean 'noise'\?$"):
             make(nois="clean")
+
+
+def test_the_import_registers_the_environments_and_brings_little_else(run):
+    heavy = ("llvmlite", "scipy", "matplotlib", "filterpy", "pygame", "torch", "mujoco", "trimesh", "PIL")
+    loaded, ids = run(f"""
+import json, sys, turtlebot_gym, gymnasium
+ids = sorted(id.partition("/TurtleBot")[2] for id in gymnasium.registry if id.startswith("turtlebot_gym/"))
+print(json.dumps([[name for name in {heavy} if name in sys.modules], ids]))
+""")
+    assert (loaded, ids) == ([], ["Missions-v0", "Nav-v0", "Pose-v0", "Rooms-v0", "Square-v0"])

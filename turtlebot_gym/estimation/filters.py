@@ -38,7 +38,7 @@ def filter_of(tuning: FilterTuning) -> Filter:
     return brought if isinstance(brought, Filter) else FILTERS[type(tuning.kind)]
 
 
-def matrix(covariance: Covariance) -> NDArray[np.float64]:
+def matrix(covariance: ArrayLike) -> NDArray[np.float64]:
     """Return a covariance as the symmetric matrix (5, 5)."""
     P = np.zeros((5, 5))
     P[PLACES] = P[PLACES[::-1]] = covariance

@@ -91,7 +91,7 @@ def absorb(belief: Belief, column: Pose, gain: float, inverse: float) -> Belief:
     Returns:
         The posterior, whose heading is not wrapped yet.
     """
-    mean, P, (x, y, t) = *belief, column
+    (mean, P), (x, y, t) = belief, column
     i, j, k = x * inverse, y * inverse, t * inverse
     xx, yy, tt = max(P.xx - i * x, 0.0), max(P.yy - j * y, 0.0), max(P.tt - k * t, 0.0)
     covariance = Covariance(xx, P.xy - i * y, P.xt - i * t, yy, P.yt - j * t, tt, P.vv, P.ww)

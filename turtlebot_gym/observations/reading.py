@@ -108,13 +108,13 @@ def own_term(source: str) -> ObservationTerm:
 def _clipped(term: ObservationTerm) -> ObservationTerm:
     """Return a term whose numbers are within its bounds; the kernel's attribute ``__wrapped__`` is the one before."""
     of, bounds = term.of, tuple(zip(*term.bounds, strict=True))
-    ((low, high), *_) = bounds
-    clipped: Any = kernel(lambda world, p: min(max(of(world, p), low), high))
-    if term.width > 1:
 
-        @kernel
-        def clipped(world, p):
-            return tuple(min(max(number, low), high) for number, (low, high) in zip(of(world, p), bounds, strict=True))
+    def of_one(world, p):
+        return min(max(of(world, p), bounds[0][0]), bounds[0][1])
 
+    def of_several(world, p):
+        return tuple(min(max(number, low), high) for number, (low, high) in zip(of(world, p), bounds, strict=True))
+
+    clipped: Any = kernel(of_one if term.width == 1 else of_several)
     clipped.__wrapped__ = of
     return replace(term, of=clipped)

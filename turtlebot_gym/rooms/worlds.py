@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym.config import did_you_mean, given, refusal, short_repr, split
-from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
@@ -37,6 +36,8 @@ def find_world(world: World) -> RoomRules | FloorPlan:
     if isinstance(world, FloorPlan):
         return world
     if isinstance(world, (str, Path)) and Path(world).suffix in GAZEBO:
+        from turtlebot_gym.rooms.gazebo import read_gazebo  # slow to import, and rarely needed
+
         return read_gazebo(world)
     if isinstance(world, (str, Path)) and Path(world).suffix in MAPS:
         return read_map(world)

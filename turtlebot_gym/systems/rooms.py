@@ -34,10 +34,8 @@ from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.missions import on_missions
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
-from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import RoomParts, System
-from turtlebot_gym.systems.tracking import tracking
 from turtlebot_gym.systems.world import RoomState
 from turtlebot_gym.values import Pose
 
@@ -149,7 +147,10 @@ def system_of(parameters: Parameters) -> System:
     filter, fix = filter_of(parameters.tuning), parameters.fix
     filter = with_fixes(filter, depth_of(parameters.dt, fix.delay)) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
-    system = physical(system, parameters.plant) if parameters.plant else system
+    if parameters.plant:
+        from turtlebot_gym.systems.physics import physical  # slow to import, and rarely needed, as below
+
+        system = physical(system, parameters.plant)
     system = localizing(system) if parameters.localizer else system
     system = system._replace(terms=LOCATED_ROOM) if parameters.localizer and parameters.observed == Observed.LOCATED else system
     system = on_missions(system) if parameters.room and parameters.task.laps > 1.0 else system
@@ -196,6 +197,8 @@ def find_system(system: System | str | Callable[[Parameters], System] | WithTerm
             return seen
         if not parameters.noise.odometry.wheel:
             raise ValueError("observation 'tracks' needs wheel odometry: choose such a noise, such as noise='wheel'.")
+        from turtlebot_gym.systems.tracking import tracking
+
         return tracking(seen)
     loaded: Any = load_object(system) if isinstance(system, str) else system
     if callable(loaded):
