@@ -68,7 +68,7 @@ def episode(drive: SquareDrive, steps: int, *, number: int = 0) -> Drive:
         noise=drive.noise,
         filter=drive.filter,
         fix=None if drive.fix == "none" else drive.fix,
-        plant=make_plant(drive.plant, friction=drive.friction) if drive.plant != "unicycle" else drive.plant,
+        plant=make_plant({"base": drive.plant, "friction": drive.friction}) if drive.plant != "unicycle" else drive.plant,
         robot=drive.robot,
         switch=drive.switch,
         laps=drive.laps,

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import tyro
 
+from turtlebot_gym.config import Range, as_int, choose
 from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym.validation import Range, as_int, choose
 from turtlebot_gym_agents.commands.console import EnvironmentOptions
 from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, require_known

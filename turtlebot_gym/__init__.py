@@ -6,37 +6,19 @@ Without it and a compiler, as on a robot, the filter, the models and the tasks s
 """
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING
 
-from turtlebot_gym.lazy import lazy_names
-
-if TYPE_CHECKING:
-    from turtlebot_gym.estimation.ekf import Estimate
-    from turtlebot_gym.files import read_parameters, write_parameters
-    from turtlebot_gym.heart import Episode
-    from turtlebot_gym.observations import Observation, ObservationTerm
-    from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
-    from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
-    from turtlebot_gym.rewards import RewardTerm
-    from turtlebot_gym.robots import ROBOTS, Robot
-    from turtlebot_gym.systems import Options, Parameters, Snapshot, System, make_parameters
-    from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS, Task
-    from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
-else:  # import names at first use: the compiler alone takes half a second
-    _HOMES = {
-        "estimation.ekf": ("Estimate",),
-        "files": ("read_parameters", "write_parameters"),
-        "heart": ("Episode",),
-        "observations": ("Observation", "ObservationTerm"),
-        "parameters": ("FilterTuning", "FixNoise", "Noise", "OdometryNoise", "ProcessNoise"),
-        "presets": ("NOISES", "make_filter", "make_fix", "make_noise", "make_robot"),
-        "rewards": ("RewardTerm",),
-        "robots": ("ROBOTS", "Robot"),
-        "systems": ("Options", "Parameters", "System", "Snapshot", "make_parameters"),
-        "tasks": ("NAV", "POSE", "SQUARE", "SQUARE_WAYPOINTS", "Task"),
-        "values": ("STOP", "Belief", "Command", "Covariance", "Pose", "State"),
-    }
-    __getattr__, __dir__ = lazy_names(__name__, _HOMES)
+from turtlebot_gym.config import read_parameters
+from turtlebot_gym.estimation.ekf import Estimate
+from turtlebot_gym.files import write_parameters
+from turtlebot_gym.heart import Episode
+from turtlebot_gym.observations import Observation, ObservationTerm
+from turtlebot_gym.parameters import FilterTuning, FixNoise, Noise, OdometryNoise, ProcessNoise
+from turtlebot_gym.presets import NOISES, make_filter, make_fix, make_noise, make_robot
+from turtlebot_gym.rewards import RewardTerm
+from turtlebot_gym.robots import ROBOTS, Robot
+from turtlebot_gym.systems import Options, Parameters, Snapshot, System, make_parameters
+from turtlebot_gym.tasks import NAV, POSE, SQUARE, SQUARE_WAYPOINTS, Task
+from turtlebot_gym.values import STOP, Belief, Command, Covariance, Pose, State
 
 __version__ = "0.2.0"
 

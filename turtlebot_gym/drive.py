@@ -143,12 +143,9 @@ class Drive:
 
     @classmethod
     def stack(cls, rows: Iterable[Mapping[str, Any]], *, time: ArrayLike, **rest: Any) -> Drive:
-        """Return the drive whose rows hold values by the names of columns; other names are ignored.
+        """Return the drive whose T rows hold values by the names of columns, such as the infos of an episode.
 
-        Args:
-            rows: T mappings, such as the infos of an episode: that of ``reset``, then that of each ``step``.
-            time: Shape (T,), s.
-            **rest: Other fields.
+        Other names are ignored. ``time`` has shape (T,), s; ``rest`` are other fields.
         """
         rows = list(rows)
         columns = {
@@ -211,22 +208,12 @@ def known(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def position_error(pose: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
-    """Return the distance between positions, m.
-
-    Args:
-        pose: Poses or states, shape (..., 3) or (..., 5).
-        truth: True ones.
-    """
+    """Return the distance between the positions of poses or states, shape (..., 3) or (..., 5), m."""
     pose, truth = np.asarray(pose), np.asarray(truth)
     return np.hypot(pose[..., 0] - truth[..., 0], pose[..., 1] - truth[..., 1])
 
 
 def heading_error(pose: ArrayLike, truth: ArrayLike) -> NDArray[np.float64]:
-    """Return the size of the wrapped difference of headings, rad, in [0, pi].
-
-    Args:
-        pose: Poses or states, shape (..., 3) or (..., 5).
-        truth: True ones.
-    """
+    """Return the size of the wrapped difference of the headings of poses or states, rad, in [0, pi]."""
     turn = np.asarray(pose)[..., 2] - np.asarray(truth)[..., 2]
     return np.abs(np.arctan2(np.sin(turn), np.cos(turn)))  # keeps NaN, which the scalar `wrap` does not

@@ -11,8 +11,6 @@ from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from typing import Any
 
-from turtlebot_gym.extras import installing
-
 OWN = "turtlebot_gym_"
 """Prefix of the satellites' packages; what follows is the extra that brings what they need."""
 
@@ -56,4 +54,4 @@ def load_entry_point(group: str, name: str, *, extra: str = "all") -> Any:
             if not package.startswith(OWN):
                 raise ImportError(f"{name}: {package} cannot be imported ({cause}): install it anew, or remove it.") from error
             extra = package.removeprefix(OWN)
-    raise ImportError(f"{name} needs the extra [{extra}]: {installing(extra)} ({cause}).")
+    raise ImportError(f"{name} needs the extra [{extra}]: pip install 'turtlebot-gym[{extra}]' ({cause}).")

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.extras import installing
-
 FORMATS = (".stl", ".obj", ".dae", ".ply", ".off", ".glb", ".gltf")
 """File name endings of meshes."""
 
@@ -46,7 +44,7 @@ def load_mesh(path: Path, scale: NDArray[np.float64], part: str = "") -> list[Bo
         if path.suffix.lower() == ".dae":
             import collada  # noqa: F401
     except ImportError as error:
-        raise ImportError(f"Meshes need {error.name}: {installing('gym')}.") from error
+        raise ImportError(f"Meshes need {error.name}: pip install 'turtlebot-gym[gym]'.") from error
     try:
         scene: Any = trimesh.load_scene(path)
         names = [name for name in scene.graph.nodes_geometry if not part or part in (name, scene.graph[name][1])]

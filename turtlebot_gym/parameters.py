@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
 from typing import Annotated, Any
 
-from turtlebot_gym.validation import (
+from turtlebot_gym.config import (
     FINITE,
     NON_NEGATIVE,
     ONE_OR_MORE,
@@ -188,12 +188,12 @@ class Gate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kalman(Gate):
-    """The extended Kalman filter, `estimation.ekf`: its own numbers beside those of `FilterTuning`, as for the next classes."""
+    """The extended Kalman filter, `estimation.ekf`."""
 
-    remember_velocity: bool = False
-    """The tutorial's Jacobian: speed and turning rate depend on their previous values, though commands replace them."""
-    wrap_innovation: bool = True
-    """Whether the heading's innovation is wrapped to [-pi, pi); the tutorial does not wrap it."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tutorial:
+    """The tutorial's filter, `estimation.tutorial`, which has no numbers of its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,7 +217,7 @@ class Gated(Gate):
     """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom)."""
 
 
-KINDS: dict[str, type] = {kind.__name__: kind for kind in (Kalman, DeadReckoning, Gated)}
+KINDS: dict[str, type] = {kind.__name__: kind for kind in (Kalman, DeadReckoning, Gated, Tutorial)}
 """Filters' own numbers by name."""
 
 
@@ -238,7 +238,7 @@ class FilterTuning:
     process: ProcessNoise = field(default_factory=ProcessNoise)
     """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
     kind: Any = field(default_factory=Kalman)
-    """The filter, with what it alone reads: `Kalman`, `DeadReckoning` or `Gated`; in a file its name, or a
+    """The filter, with what it alone reads: `Kalman`, `DeadReckoning`, `Gated` or `Tutorial`; in a file its name, or a
     mapping of its name and its fields: ``{name: Gated, heading_gate: 6.6}``."""
 
     def __post_init__(self) -> None:

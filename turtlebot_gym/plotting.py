@@ -10,13 +10,13 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.drive import Drive, heading_error, position_error
+from turtlebot_gym.drive import Drive, position_error
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, GridMap
 
 if TYPE_CHECKING:
@@ -75,13 +75,9 @@ _COMMANDS = {"v": "speed (m/s)", "omega": "turning rate (rad/s)"}
 
 
 def ellipse(mean: ArrayLike, covariance: ArrayLike, *, sigmas: float = SIGMAS, points: int = 49) -> NDArray[np.float64]:
-    """Return the closed outline, shape (points, 2), of the ellipse ``sigmas`` standard deviations around a position.
+    """Return the closed outline, shape (points, 2), of the ellipse ``sigmas`` standard deviations around a position, m.
 
-    Args:
-        mean: x and y, m; further components are ignored.
-        covariance: Shape (2, 2) or larger, x and y first; positive semi-definite.
-        sigmas: Size of the ellipse.
-        points: Points on the outline.
+    The mean and the covariance begin with x and y; further components are ignored.
     """
     variances, directions = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[:2, :2])
     angle = np.linspace(0.0, 2.0 * np.pi, points)
@@ -90,13 +86,7 @@ def ellipse(mean: ArrayLike, covariance: ArrayLike, *, sigmas: float = SIGMAS, p
 
 
 def draw_trajectory(axes: Axes, trajectory: Drive, *, ellipses: int = 12) -> Axes:
-    """Draw a drive seen from above: truth, estimate, odometry, waypoints, start, and the estimate's ellipse now and then.
-
-    Args:
-        axes: Axes to draw into.
-        trajectory: The drive.
-        ellipses: Approximate number of ellipses, evenly spaced in time.
-    """
+    """Draw a drive seen from above: truth, estimate with about so many ellipses, odometry, waypoints and start."""
     from matplotlib.collections import PolyCollection  # heavy, and not needed on a robot
 
     truth, estimate, covariance = trajectory.true_state, trajectory.estimate, trajectory.covariance
@@ -181,12 +171,10 @@ def draw_command(axes: Axes, trajectory: Drive, component: Literal["v", "omega"]
 
 def draw_position_error(axes: Axes, trajectory: Drive) -> Axes:
     """Draw the position errors of estimate and odometry over time."""
-    return _draw_errors(axes, trajectory, position_error, "position error (m)")
-
-
-def draw_heading_error(axes: Axes, trajectory: Drive) -> Axes:
-    """Draw the heading errors of estimate and odometry over time."""
-    return _draw_errors(axes, trajectory, heading_error, "heading error (rad)")
+    for poses, style in ((trajectory.estimate, _ESTIMATE), (trajectory.odometry, _ODOMETRY)):
+        _plot(axes, trajectory.time, position_error(poses, trajectory.true_state), style)
+    axes.set_ylim(bottom=0.0)
+    return _over_time(axes, "position error (m)")
 
 
 def tutorial_figure(
@@ -200,13 +188,8 @@ def tutorial_figure(
 ) -> Figure:
     """Return a drive at a glance: its trajectory; x, y and heading, commands and position error over time.
 
-    Args:
-        trajectory: The drive.
-        title: Title of the figure or table.
-        room: Walls and obstacles.
-        grid: Map of the room.
-        scan: The last scan, and the pose of the LiDAR's frame.
-        command: What the legend calls the trajectory's commands.
+    It may lie in a room or on its map, with the last scan and the pose of the LiDAR's frame. ``command`` is what the legend
+    calls the commands.
     """
     figure = _figure(14.0, 7.0, title)
     axes = draw_panels(figure, trajectory, command=command)
@@ -224,13 +207,7 @@ def tutorial_figure(
 def draw_panels(figure: FigureBase, trajectory: Drive, *, command: str = "command") -> Axes:
     """Draw x, y and heading, commands and position error over time into an empty figure or a part of one.
 
-    Args:
-        figure: The figure.
-        trajectory: The drive.
-        command: What the legend calls the trajectory's commands.
-
-    Returns:
-        Empty axes beside them, for the drive seen from above.
+    Empty axes beside them are returned, for the drive seen from above. ``command`` is what the legend calls the commands.
     """
     panels = figure.subplot_mosaic(
         [["trajectory", "x", "v"], ["trajectory", "y", "omega"], ["trajectory", "theta", "error"]],
@@ -245,11 +222,9 @@ def draw_panels(figure: FigureBase, trajectory: Drive, *, command: str = "comman
 
 
 def comparison_figure(trajectories: Sequence[tuple[str, Drive]], *, title: str | None = None) -> Figure:
-    """Return the true paths of several drives in one figure; a cross marks the end of each.
+    """Return the true paths of several drives with their labels in one figure; a cross marks the end of each.
 
-    Args:
-        trajectories: Label and drive of each; labels that agree up to a comma share a colour and differ in line style.
-        title: Title of the figure or table.
+    Labels that agree up to a comma share a colour and differ in line style.
     """
     figure = _figure(6.4, 6.8, title)
     axes = figure.subplots()
@@ -285,13 +260,6 @@ def draw_places(axes: Axes, trajectories: Sequence[Drive]) -> None:
     shared = axes in axes.get_shared_x_axes() and axes in axes.get_shared_y_axes()
     axes.set_aspect("equal", adjustable="box" if shared else "datalim")  # axes that share both limits cannot fill the panel
     axes.grid(alpha=0.3)
-
-
-def _draw_errors(axes: Axes, trajectory: Drive, error: Callable[..., NDArray], label: str) -> Axes:
-    _plot(axes, trajectory.time, error(trajectory.estimate, trajectory.true_state), _ESTIMATE)
-    _plot(axes, trajectory.time, error(trajectory.odometry, trajectory.true_state), _ODOMETRY)
-    axes.set_ylim(bottom=0.0)
-    return _over_time(axes, label)
 
 
 def _plot(axes: Axes, x: NDArray, y: NDArray, style: _Style) -> None:

@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from turtlebot_gym.config import build, choose, given, read_parameters, refusal, split, vary
 from turtlebot_gym.estimation.gyro import Gyro
-from turtlebot_gym.estimation.objects import Maker, is_filterpy, variances_of
+from turtlebot_gym.estimation.objects import kinds_of, maker_of, variances_of
 from turtlebot_gym.estimation.plain import Plain
-from turtlebot_gym.files import T, is_file, kind_of, read_parameters
+from turtlebot_gym.files import is_file, load_object
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
@@ -20,11 +21,9 @@ from turtlebot_gym.parameters import (
     Noise,
     OdometryNoise,
     ProcessNoise,
+    Tutorial,
 )
-from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.robots import ROBOTS, Robot
-from turtlebot_gym.validation import build, choose, refusal
-from turtlebot_gym.variants import split, vary
 
 SPEED_FLOOR, TURN_FLOOR = 0.005, 0.01
 """Least standard deviations of the executed twist that the matched filter assumes, m/s and rad/s per step of 0.1 s. A filter
@@ -114,7 +113,7 @@ TUTORIAL_FILTER = FilterTuning(
     R=(0.05, 0.05, 0.1),
     from_origin=True,
     P0=(0.1, 0.1, 0.1, 1.0, 1.0),
-    kind=Kalman(remember_velocity=True, wrap_innovation=False),
+    kind=Tutorial(),
 )
 """The reference system's filter as written, for any noise: process noise that the plant does not have, a Jacobian that keeps
 the velocities of the previous step, and a heading innovation that jumps by 2 pi."""
@@ -184,52 +183,29 @@ FILTERS: dict[str, Callable[..., FilterTuning]] = {
 """Filter tunings by name, as functions of the noise in use; `gyro` also takes that of the gyro."""
 
 
-def resolve(kind: type[T], given: str | Path | Mapping[str, Any] | T, known: Mapping[str, T]) -> T:
-    """Return parameters as they are given, as a mapping of their fields, from a file, by their name, or as a variant."""
-    base, changes = split(given)
-    if changes:
-        return vary(resolve(kind, base, known), changes, kind_of(kind))
-    given = base
-    if isinstance(given, (kind, Mapping)):
-        return build(kind, given, kind_of(kind))
-    return read_parameters(kind, given) if is_file(given) else choose(kind_of(kind), given, known)
-
-
 def make_robot(robot: str | Path | Mapping[str, Any] | Robot) -> Robot:
-    """Return a robot, given as such, by a name in `turtlebot_gym.robots.ROBOTS`, or by a file (see `turtlebot_gym.files`).
-
-    Raises:
-        ValueError: If the name is unknown, or the file does not contain one.
-    """
-    return resolve(Robot, robot, ROBOTS)
+    """Return a robot: a name in `turtlebot_gym.robots.ROBOTS`, or what else `turtlebot_gym.config.given` takes."""
+    return given(Robot, robot, ROBOTS, "robot")
 
 
 def make_noise(noise: str | Path | Mapping[str, Any] | Noise) -> Noise:
-    """Return a noise model, given as such, by a name in `NOISES`, or by a file (see `turtlebot_gym.files`).
-
-    Raises:
-        ValueError: If the name is unknown, or the file does not contain one.
-    """
-    return resolve(Noise, noise, NOISES)
+    """Return a noise model: a name in `NOISES`, or what else `turtlebot_gym.config.given` takes."""
+    return given(Noise, noise, NOISES, "noise")
 
 
 def make_fix(fix: str | Path | Mapping[str, Any] | FixNoise) -> FixNoise:
-    """Return an external pose sensor, given as such, by a name in `FIXES`, or by a file.
-
-    Raises:
-        ValueError: If the name is unknown, or the file does not contain one.
-    """
-    return resolve(FixNoise, fix, FIXES)
+    """Return an external pose sensor: a name in `FIXES`, or what else `turtlebot_gym.config.given` takes."""
+    return given(FixNoise, fix, FIXES, "fix")
 
 
 def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
     """Return a filter tuning.
 
     Args:
-        tuning: The tuning, a mapping of its fields or a variant (see `variants`), or a file of them (see
-            `turtlebot_gym.files`); a name in `FILTERS`, for the noise in use; an object of filterpy (see `estimation.objects`);
-            a filter of one's own as a class with ``predict`` and ``update`` (see `estimation.plain`), or a function of the
-            noise that returns a tuning; or "module:name" of any of these.
+        tuning: The tuning, a mapping of its fields, a variant or a file, see `turtlebot_gym.config.given`; a name in `FILTERS`,
+            for the noise in use; an object of filterpy (see `estimation.objects`); a filter of one's own as a class with
+            ``predict`` and ``update`` (see `estimation.plain`), or a function of the noise that returns a tuning; or
+            "module:name" of any of these.
         noise: The noise in use.
         imu: Noise of the gyro, if there is one.
 
@@ -237,22 +213,15 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
         ValueError: If the name is unknown, there is no such object, or the file does not contain a tuning.
     """
     base, changes = split(tuning)
-    if changes:
-        varied = vary(make_filter(base, noise, imu=imu), changes, "filter")
-        if "P0" in changes and not varied.from_origin:
-            raise ValueError("filter: P0 is read with from_origin: true only: add that, or leave out P0.")
-        return varied
-    tuning = base
+    if base is not tuning:
+        return vary(make_filter(base, noise, imu=imu), changes, "filter")
     if is_file(tuning):
-        return read_parameters(FilterTuning, tuning)
+        return read_parameters(FilterTuning, tuning, "filter")
     loaded: Any = load_object(tuning) if isinstance(tuning, str) and ":" in tuning else tuning
-    if callable(loaded) and not (is_filterpy(loaded) or _is_filter(loaded)):
-        try:
-            loaded = loaded(noise)
-        except Exception as error:
-            raise failure(str(tuning), error) from error
-    if is_filterpy(loaded):
-        R, kind = variances_of(loaded), Plain(make=Maker(loaded), corrects=not noise.odometry.wheel, reads_Q=False)
+    if callable(loaded) and not (kinds_of(loaded) or _is_filter(loaded)):
+        loaded = loaded(noise)
+    if kinds_of(loaded):
+        R, kind = variances_of(loaded), Plain(make=maker_of(loaded), corrects=not noise.odometry.wheel, reads_Q=False)
         return replace(matched(noise), R=R, kind=kind)
     if _is_filter(loaded):
         if not isinstance(loaded, type):
@@ -264,15 +233,6 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
         raise refusal("filter", "a tuning, or what makes one", loaded)
     preset = choose("filter", tuning, FILTERS)
     return _gyro(noise, imu) if preset is _gyro else preset(noise)
-
-
-def reduced(tuning: Any, noise: Noise) -> list[str]:
-    """Return a remark if a filter, chosen by name, is the usual one with a noise, as all are with wheel odometry."""
-    if not isinstance(tuning, str) or tuning in ("matched", "gyro") or tuning not in FILTERS:
-        return []
-    why = "with wheel odometry no filter corrects" if noise.odometry.wheel else "there is nothing else to model"
-    remark = f"filter {tuning!r} changes nothing with this noise, where it is 'matched': {why}."
-    return [remark] if make_filter(tuning, noise) == matched(noise) else []
 
 
 def _is_filter(given: object) -> bool:

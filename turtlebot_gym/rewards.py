@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
+from turtlebot_gym.files import source_of
 from turtlebot_gym.kernel import kernel
-from turtlebot_gym.plugins import source_of
 from turtlebot_gym.tasks import arrived, by_time, distance_to, remaining
 
 NEAR = 0.15
@@ -129,37 +129,17 @@ def default_weights(terms: Sequence[RewardTerm]) -> Any:
     return shares_of(tuple(term.name for term in terms))(*(float(term.weight) for term in terms))
 
 
-def _each(terms: tuple[RewardTerm, ...]) -> Callable[..., Any]:
-    """Return the kernel of what each term adds to the reward, as a tuple."""
-    (name, of, _), rest = terms[0], _each(terms[1:]) if terms[1:] else None
-    if rest is None:
-        return kernel(lambda before, after, judgement, p: (getattr(p.reward, name) * of(before, after, judgement, p),))
-
-    @kernel
-    def each(before, after, judgement, p):
-        share = getattr(p.reward, name) * of(before, after, judgement, p)
-        return (share,) + rest(before, after, judgement, p)  # noqa: RUF005  # no star in compiled code
-
-    return each
-
-
-def _sum(number: int) -> Callable[[Any], float]:
-    """Return the kernel that adds up so many numbers of a tuple, from the first on."""
-    last = number - 1
-    if last == 0:
-        return kernel(lambda numbers: numbers[0])
-    before = _sum(last)
-    return kernel(lambda numbers: before(numbers) + numbers[last])
-
-
 @cache
 def rewarding(terms: tuple[RewardTerm, ...]) -> tuple[Callable[..., Any], Any]:
     """Return the kernel of a step's reward and of each term's share in it, and the shares where nothing happens."""
-    each, add_up, Shares = _each(terms), _sum(len(terms)), shares_of(tuple(term.name for term in terms))
+    parts, Shares = tuple((term.name, term.of) for term in terms), shares_of(tuple(term.name for term in terms))
 
     @kernel
     def reward_of(before, after, judgement, p):
-        shares = each(before, after, judgement, p)
-        return add_up(shares), Shares(*shares)
+        shares = tuple(getattr(p.reward, name) * of(before, after, judgement, p) for name, of in parts)
+        reward = shares[0]
+        for share in shares[1:]:
+            reward = reward + share
+        return reward, Shares(*shares)
 
     return reward_of, Shares(*(0.0,) * len(terms))

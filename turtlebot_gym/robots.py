@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from turtlebot_gym.validation import LEAST, POSITIVE, POSITIVE_OR_INFINITE, Range, check_fields
+from turtlebot_gym.config import LEAST, POSITIVE, POSITIVE_OR_INFINITE, Range, check_fields
 
 PLACE = Range(-1.0, 1.0, unit="m")
 """Places on a robot."""
-SPEED = Range(LEAST, 100.0, kind="positive number")
+SPEED = Range(LEAST, 100.0)
 """Speeds, m/s, and turning rates, rad/s: more is a mistake of units, and the covariances of a filter would overflow."""
 
 

@@ -6,10 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from turtlebot_gym.kernel import algebra, first_accepted, kernel, sqrt
-from turtlebot_gym.models.angles import PI, wrap
-from turtlebot_gym.models.random import GOAL, START, uniforms
-from turtlebot_gym.validation import (
+from turtlebot_gym.config import (
     FINITE,
     NON_NEGATIVE,
     ONE_OR_MORE,
@@ -19,6 +16,9 @@ from turtlebot_gym.validation import (
     check_fields,
     short_repr,
 )
+from turtlebot_gym.kernel import algebra, first_accepted, kernel, sqrt
+from turtlebot_gym.models.angles import PI, wrap
+from turtlebot_gym.models.random import GOAL, START, uniforms
 from turtlebot_gym.values import Pose, State
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.validation import LARGEST
+from turtlebot_gym.config import LARGEST
 
 
 class MalformedError(ValueError):

@@ -90,23 +90,16 @@ class Fix(NamedTuple):
 
 
 class Covariance(NamedTuple):
-    """The 15 independent entries of the symmetric 5 x 5 covariance of a `State`, row by row from the diagonal on."""
+    """The covariance of a pose, and the variances of the twist, which each command replaces: nothing correlates the two."""
 
     xx: float
     xy: float
     xt: float
-    xv: float
-    xw: float
     yy: float
     yt: float
-    yv: float
-    yw: float
     tt: float
-    tv: float
-    tw: float
-    vv: float
-    vw: float
-    ww: float
+    vv: float = 0.0
+    ww: float = 0.0
 
 
 class Belief(NamedTuple):

@@ -13,7 +13,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a subcommand, and return the exit status."""
     let_threads_sleep()  # the imports below load numpy
     from turtlebot_gym import __version__
-    from turtlebot_gym.extras import installing
 
     if [*(sys.argv[1:] if argv is None else argv)] == ["--version"]:
         print(f"turtlebot-gym {__version__}")
@@ -23,7 +22,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if str(error.name).startswith("turtlebot_gym"):
             raise
-        print(f"turtlebot-gym: {error.name} is missing: {installing('gym')}.", file=sys.stderr)
+        print(f"turtlebot-gym: {error.name} is missing: pip install 'turtlebot-gym[gym]'.", file=sys.stderr)
         return 2
     return run(argv)
 

@@ -115,7 +115,7 @@ def train_scene(colours, history, kept):
     for at, (path, goals) in enumerate(kept):
         left, axes = panel(colours)
         plot_learning(axes, [history[: at + 1]])
-        axes.lines[0].set_color(colours.shoulders)
+        axes.lines[0].set_color(colours.walker)
         axes.set(xlim=(0.0, history[-1]["steps"]))
         right, axes = panel(colours)
         for goal, track in zip(goals, np.moveaxis(path, 1, 0), strict=True):

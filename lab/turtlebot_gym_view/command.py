@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
-from turtlebot_gym.variants import flattened
+from turtlebot_gym.config import flattened
 from turtlebot_gym_agents.commands.console import DriveOptions, WritingOptions, needs
 from turtlebot_gym_agents.outputs import OutputFile
 from turtlebot_gym_lab.commands.recorded import MountOption, RecordingOptions

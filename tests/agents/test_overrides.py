@@ -12,8 +12,8 @@ import tyro
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
+
 from turtlebot_gym import Options
-from turtlebot_gym.notices import Notice
 from turtlebot_gym.parameters import KINDS
 from turtlebot_gym_agents.commands.cli import Evaluate, main
 from turtlebot_gym_agents.commands.fields import flags_of
@@ -130,7 +130,6 @@ def setup_of(command):
 
 
 def registered(env):
-    import gymnasium as gym
 
     return gym.registry[env].kwargs["task"]
 
@@ -209,7 +208,7 @@ def test_each_option_changes_the_environment_or_is_refused(name, learning):
             continue
         try:
             after = made(given(base, *context, f"{name}={VALUES[name]}"))
-        except (ValueError, ImportError, Notice):
+        except (ValueError, ImportError):
             refused += 1
             continue
         assert after != before or VALUES[name] == "belief", context  # which is the default of missions
@@ -437,15 +436,6 @@ def test_filters_are_compared_on_the_same_seeds(tmp_path, capsys):
     expected = evaluate("bearing", noise="rough", filter="gated", episodes=6).episodes
     assert runs[1]["episodes"]["time"] == pytest.approx(expected.time)
     assert runs[0]["episodes"]["seed"] == runs[1]["episodes"]["seed"]
-
-
-@pytest.mark.filterwarnings("default::turtlebot_gym.notices.Notice")
-def test_command_and_environment_say_the_same_of_a_filter_that_changes_nothing(capsys):
-    with pytest.warns(Notice, match="filter 'gated' changes nothing with this noise") as said:
-        gym.make("turtlebot_gym/TurtleBotNav-v0", noise="wheel", filter="gated")
-    words = ["evaluate", "--policy", "bearing", "--episodes", "2", "--noise", "wheel", "rough", "--filter", "gated", "matched"]
-    assert main(words) == 0
-    assert f"turtlebot-gym: {said[0].message}" in capsys.readouterr().err
 
 
 def parsed(*words):

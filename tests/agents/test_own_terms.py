@@ -83,7 +83,7 @@ def test_after_a_pause_a_history_begins_anew():
     deployment = Deployment(f"{__name__}:remembers")
     seen = []
     for now, v in ((0.1, 0.10), (0.2, 0.12), (0.3, 0.14), (30.0, 0.02), (30.1, 0.04)):
-        state, P = State(0.0, 0.0, 0.0, v, 0.0), Covariance(*[0.01] * 15)
+        state, P = State(0.0, 0.0, 0.0, v, 0.0), Covariance(*[0.01] * 8)
         deployment.command(state, P, 0.0, Pose(1.0, 0.0, 0.0), Pose(1.0, 0.0, 0.0), now=now)
         seen.append(deployment.observation[[0, 2]].tolist())
     speeds = [row[0] for row in seen]

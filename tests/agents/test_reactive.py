@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sights import BURGER, random_sights, sight, wall_ahead
 
+from turtlebot_gym.config import rules
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.validation import rules
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies import POLICIES, make_policy
 from turtlebot_gym_agents.policies.sight import UNSEEN, arc, look, time_to_contact

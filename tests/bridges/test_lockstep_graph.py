@@ -212,7 +212,7 @@ def test_a_recorder_counts_from_the_first_step_whatever_it_hears_first(runner):
     recorder = Recorder(runner.context, lock_step=True)
     try:
         said = {"true_state": State(0.0, 0.0, 0.0, 0.0, 0.0), "odom": values.Odometry(Pose(0.0, 0.0, 0.0), STOP, True)}
-        belief = Belief(said["true_state"], Covariance(*[0.0] * 15))
+        belief = Belief(said["true_state"], Covariance(*[0.0] * 8))
         said |= {"estimate": Estimate(belief, 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
         for first in said:
             start = {"true_state": 1, "odom": 62, "estimate": 123, "reference": 184}[first] * 10**9  # episodes, a minute apart
@@ -231,7 +231,7 @@ def test_what_a_recorder_did_not_hear_in_real_time_is_nan_in_its_row(runner, los
     try:
         state = State(1.0, 2.0, 0.3, 0.1, 0.2)
         said = {"true_state": state, "odom": values.Odometry(Pose(1.0, 2.0, 0.3), Command(0.1, 0.2), True)}
-        said |= {"estimate": Estimate(Belief(state, Covariance(*[1.0] * 15)), 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
+        said |= {"estimate": Estimate(Belief(state, Covariance(*[1.0] * 8)), 0.0, 0.0), "reference": Pose(1.0, 0.0, 0.0)}
         for k in range(3):
             recorder._rows[k * 10**8] = {topic: value for topic, value in said.items() if k != 1 or topic != lost}
         drive = recorder.trajectory()

@@ -113,7 +113,7 @@ class World:
     def tick(self):
         self.stamp += 100_000_000
         header = Header(stamp=Time(nanoseconds=self.stamp).to_msg(), frame_id="odom")
-        estimate = Estimate(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(*[0.01] * 15)), 0.0, 0.0)
+        estimate = Estimate(Belief(State(0.0, 0.0, 0.0, 0.0, 0.0), Covariance(*[0.01] * 8)), 0.0, 0.0)
         self.reference.publish(conversion(Pose).write(Pose(2.0, 0.0, 0.0), header))
         self.estimate.publish(conversion(Estimate).write(estimate, header))
         time.sleep(0.05)

@@ -8,7 +8,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from turtlebot_gym.validation import Range, rules
+from turtlebot_gym.config import Range, rules
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.nodes import BLOCKS, load

@@ -25,11 +25,6 @@ class Small(Extended):
         self.x, self.P = [0.0], [[1.0]]
 
 
-class Late(Extended):
-    def update(self, z, R):
-        return z[7]
-
-
 @kernel
 def slide(body, command, key, at, p):
     """A sledge that moves sideways as well: nothing that a unicycle can do."""
@@ -54,10 +49,6 @@ def system_with_spin(p):
 
 def sledge(p):
     return system_of(p)._replace(move=slide)
-
-
-def broken(given):
-    raise KeyError("nothing")
 
 
 nothing = 3

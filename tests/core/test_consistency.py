@@ -1,18 +1,17 @@
-"""The statistics that judge filters, and the bound on how good one can be."""
+"""The statistics that judge filters."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
+from scipy import stats
 
 from turtlebot_gym.compiled.batch import Batch
-from turtlebot_gym.estimation.consistency import heading_information, mean_bounds, nees, normalized
+from turtlebot_gym.estimation.consistency import mean_bounds, nees
 from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.parameters import FilterTuning, Kalman, Noise, OdometryNoise, ProcessNoise
-from turtlebot_gym.presets import DOCUMENTED, TUTORIAL
+from turtlebot_gym.parameters import FilterTuning, Noise, OdometryNoise, ProcessNoise, Tutorial
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import Task
 from turtlebot_gym.values import Pose
@@ -39,37 +38,8 @@ def test_nees_is_the_quadratic_form_with_the_heading_wrapped():
     assert estimate[2] == 3.0  # the caller's
     assert nees(np.tile(estimate, (2, 3, 1)), truth, np.tile(P, (2, 3, 1, 1))).shape == (2, 3)
     # [[2, 1], [1, 2]]^-1 = [[2, -1], [-1, 2]] / 3: (2 * 9 - 2 * 3 * 5 + 2 * 25) / 3
-    assert normalized([3.0, 5.0], [[2.0, 1.0], [1.0, 2.0]]) == pytest.approx(38.0 / 3.0)
-
-
-@pytest.mark.parametrize(
-    ("noise", "share", "accuracy"),
-    [
-        *((OdometryNoise(R=(0.0, 0.0, variance)), 1.0, 1e-10) for variance in (1e-8, 0.01, 4.0)),
-        (OdometryNoise(R=(0.0, 0.0, 0.01), spike=0.3), 1.0, 1e-10),  # of spikes that never come
-        (OdometryNoise(R=(0.0, 0.0, 0.01**2), spike_probability=0.1, spike=3.0), 1.0, 1e-9),  # told apart for certain
-        (TUTORIAL.odometry, 0.982, 5e-4),
-        (DOCUMENTED.odometry, 0.908, 5e-4),
-    ],
-)
-def test_heading_information_is_one_over_the_variance_less_what_spikes_cost(noise, share, accuracy):
-    assert heading_information(noise) * noise.R[2] == pytest.approx(share, abs=accuracy)
-
-
-def test_heading_information_equals_the_integral():
-    s, a, e = 0.05, 0.2, 0.1
-
-    def integrand(x):
-        parts = [(1.0 - e, 0.0), (0.5 * e, a), (0.5 * e, -a)]
-        p = sum(w * stats.norm.pdf(x, m, s) for w, m in parts)
-        return sum(w * stats.norm.pdf(x, m, s) * (m - x) / s**2 for w, m in parts) ** 2 / p
-
-    expected, _ = integrate.quad(integrand, -0.7, 0.7, points=[-a, 0.0, a], epsabs=0.0, epsrel=1e-10)
-    noise = OdometryNoise(R=(0.0, 0.0, s**2), spike_probability=e, spike=a)
-    assert heading_information(noise) == pytest.approx(expected, rel=1e-8)
-    assert 1.0 / (s**2 + e * a**2) < heading_information(noise) < 1.0 / s**2
-    with pytest.raises(ValueError, match=r"OdometryNoise\.R must have a positive heading variance for this, got 0\.0\."):
-        heading_information(OdometryNoise(R=(1.0, 1.0, 0.0)))
+    P[:2, :2] = [[2.0, 1.0], [1.0, 2.0]]
+    assert nees(np.array([3.0, 5.0, 0.0, 0.0, 0.0]), np.zeros(5), P, components=2) == pytest.approx(38.0 / 3.0)
 
 
 def test_bounds_of_a_mean_are_those_of_the_tables():
@@ -139,7 +109,7 @@ def scaled(factor):
     [
         *({"R": tuple(factor * variance for variance in TRUE_TUNING.R)} for factor in (0.5, 2.0)),
         *(scaled(factor) for factor in (0.5, 2.0)),
-        {"kind": Kalman(remember_velocity=True)},
+        {"kind": Tutorial()},
     ],
     ids=["half of R", "twice R", "half of the process", "twice the process", "a Jacobian that remembers the twist"],
 )

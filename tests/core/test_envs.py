@@ -100,8 +100,6 @@ def test_the_progress_of_a_course_is_its_length_whichever_way_it_was_driven(gain
 
 # Pictures.
 
-LARGE, SMALL = (704, 640, 3), (352, 320, 3)
-
 
 def square(n, **options):
     options = {"autoreset_mode": AutoresetMode.NEXT_STEP, "max_episode_steps": 4, "render_mode": "rgb_array"} | options
@@ -147,16 +145,6 @@ def test_a_reset_of_one_row_leaves_the_trails_of_the_others_and_other_parameters
     assert (after[1] != before[1]).any()
     envs.unwrapped.set_parameters(envs.unwrapped.parameters._replace(robot=make_robot("waffle")))
     assert (envs.render()[0] != after[0]).any()
-
-
-@pytest.mark.parametrize(("rows", "number", "shape"), [(2, 2, LARGE), (4, 4, LARGE), (5, 5, SMALL), (99, 6, SMALL)])
-def test_the_first_rows_are_drawn_the_smaller_where_they_are_many(rows, number, shape):
-    envs = square(6, render_rows=rows)
-    envs.reset(seed=0)
-    assert len(envs.unwrapped._pictures._renderers) == 0  # no pygame yet
-    pictures = envs.render()
-    assert isinstance(pictures, tuple)
-    assert [(picture.shape, picture.dtype) for picture in pictures] == [(shape, np.uint8)] * number
 
 
 @pytest.mark.parametrize("record", [RecordVideo, getattr(gym.wrappers.vector, "RecordVideo", None)])

@@ -11,14 +11,14 @@ from textbook import Textbook, difference
 from turtlebot_gym import Episode, FixNoise, make_filter, make_noise, make_parameters
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.estimation.ekf import correct
-from turtlebot_gym.estimation.filters import filter_of, matrix
+from turtlebot_gym.estimation.filters import covariance_of, filter_of, matrix
 from turtlebot_gym.estimation.fixes import no_fix, with_fixes
 from turtlebot_gym.estimation.sixth import Sixth, correct_both, correct_both_correlated
 from turtlebot_gym.estimation.update import correct_correlated
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
-from turtlebot_gym.values import STOP, Belief, Command, Covariance, Fix, Odometry, Pose, Senses, State, senses_of
+from turtlebot_gym.values import STOP, Belief, Command, Fix, Odometry, Pose, Senses, State, senses_of
 
 DT, DEPTH = 0.1, 5
 CASES = [("matched", "rough"), ("gated", "rough"), ("matched", "wheel"), ("tutorial", "tutorial")]
@@ -122,8 +122,8 @@ def test_without_correlations_a_fix_is_to_the_last_bit_the_update_by_x_y_and_hea
     rng, R = np.random.default_rng(4), (0.02, 0.03, variance)
     for _ in range(50):
         root = rng.standard_normal((5, 5))
-        belief = Belief(State(*rng.standard_normal(5).tolist()), Covariance(*(root @ root.T)[np.triu_indices(5)].tolist()))
-        sixth, z = Sixth(1.0, 0.3, State(*(0.1 * root[0]).tolist())), Pose(*rng.uniform(-3.0, 3.0, 3).tolist())
+        belief = Belief(State(*rng.standard_normal(5).tolist()), covariance_of(root @ root.T))
+        sixth, z = Sixth(1.0, 0.3, Pose(*(0.1 * root[0, :3]).tolist())), Pose(*rng.uniform(-3.0, 3.0, 3).tolist())
         turn = wrap(z.theta - belief.mean.theta)
         assert correct_correlated(belief, z, (*R, 0.0, 0.0, 0.0)) == correct(belief, z, R)
         assert correct_both_correlated(belief, sixth, z, (*R, 0.0, 0.0, 0.0)) == correct_both(belief, sixth, z, R, turn)[:2]

@@ -1,4 +1,4 @@
-"""A reset takes a start and a goal where the task draws them: on open ground as in rooms, scalar as vector."""
+"""A reset takes a start and a goal where the task draws them: on open ground as in rooms."""
 
 import math
 
@@ -7,7 +7,6 @@ import numpy as np
 import own_parts
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 
@@ -23,10 +22,6 @@ START, GOAL = (0.5, -1.0, 2.0), (1.0, 1.5, -0.5)
 
 def make(name, **options):
     return gym.make(f"turtlebot_gym/TurtleBot{name.partition(',')[0]}-v0", **options)
-
-
-def vector(name, n=3, **options):
-    return gym.make_vec(f"turtlebot_gym/TurtleBot{name.partition(',')[0]}-v0", num_envs=n, info="full", **options)
 
 
 def driven(env, **reset):
@@ -48,46 +43,6 @@ def test_poses_that_the_task_would_draw_change_no_bit(name):
         assert driven(make(name, **OPEN[name]), seed=3, options=given) == usual
 
 
-@pytest.mark.sample(4)
-@pytest.mark.parametrize("name", OPEN)
-@pytest.mark.parametrize("mode", AutoresetMode)
-def test_each_row_begins_where_its_scalar_environment_does_and_once(name, mode):
-    """The given poses hold for one episode; the next one is drawn as ever."""
-    envs = vector(name, max_episode_steps=4, autoreset_mode=mode, **OPEN[name])
-    starts = np.array([START, (0.0, 0.0, 0.0), (-1.0, 1.0, 0.3)])
-    observations, infos = envs.reset(seed=20, options={"start": starts, "goal": GOAL})
-    seen = [[observation] for observation in observations]
-    np.testing.assert_array_equal(infos["true_state"][:, :3], starts)
-    np.testing.assert_array_equal(infos["reference"], [GOAL] * 3)
-    for _ in range(7):
-        observations, _, terminated, truncated, infos = envs.step(np.tile(np.float32([0.1, 0.2]), (3, 1)))
-        done = terminated | truncated
-        for row in range(3):
-            seen[row].append(infos["final_obs"][row] if "final_obs" in infos and done[row] else observations[row])
-            if done[row] and mode is AutoresetMode.SAME_STEP:
-                seen[row].append(observations[row])
-        if mode is AutoresetMode.DISABLED and done.any():
-            observations, _ = envs.reset(options={"reset_mask": done})
-            for row in np.flatnonzero(done):
-                seen[row].append(observations[row])
-    for row in range(3):
-        env = make(name, max_episode_steps=4, **OPEN[name])
-        expected = [env.reset(seed=20 + row, options={"start": starts[row], "goal": GOAL})[0]]
-        while len(expected) < 8:
-            observation, _, terminated, truncated, _ = env.step(np.array([0.1, 0.2], np.float32))
-            expected += [observation, *([env.reset()[0]] if terminated or truncated else [])]
-        np.testing.assert_array_equal(seen[row][:8], expected[:8])
-
-
-def test_poses_are_for_the_rows_in_the_mask():
-    envs = vector("Nav")
-    _, before = envs.reset(seed=0)
-    _, infos = envs.reset(options={"reset_mask": np.array([False, True, False]), "goal": (1, 1)})
-    assert infos["reference"][1].tolist() == [1.0, 1.0, 0.0]
-    _, _, _, _, infos = envs.step(np.zeros((3, 2), np.float32))
-    np.testing.assert_array_equal(infos["reference"][[0, 2]], before["reference"][[0, 2]])
-
-
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["Nav", "Pose", "Rooms", "Missions"])
 def test_a_heading_that_is_left_out_is_0(name):
@@ -97,8 +52,6 @@ def test_a_heading_that_is_left_out_is_0(name):
     _, info = env.reset(seed=0, options={"goal": np.array([1.0, 1.0, 7.0]), "start": [-1.5, 0.2]})
     np.testing.assert_allclose(info["reference"], [1.0, 1.0, 7.0 - 2.0 * math.pi])
     assert info["true_state"].tolist() == [-1.5, 0.2, 0.0, 0.0, 0.0]
-    _, infos = vector(name).reset(seed=0, options={"goal": [(1, 1)] * 3, "start": (-1.5, 0.2)})
-    assert infos["reference"].tolist() == [[1.0, 1.0, 0.0]] * 3
 
 
 def test_a_goal_that_is_not_given_is_as_far_away_as_any():
@@ -114,7 +67,6 @@ GIVEN = (
 )
 
 
-@pytest.mark.parametrize("maker", [make, vector], ids=["scalar", "vector"])
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
@@ -127,8 +79,8 @@ GIVEN = (
         ("Nav", {"goals": (1, 1)}, "options must be among .*'start', 'goal', got 'goals'"),
     ],
 )
-def test_other_options_of_a_reset_are_refused_and_begin_nothing(maker, name, options, message):
-    env = maker(name)
+def test_other_options_of_a_reset_are_refused_and_begin_nothing(name, options, message):
+    env = make(name)
     with pytest.raises(ValueError, match=f"{message}[^\n]*$"):
         env.reset(seed=0, options=options)
     with pytest.raises(ResetNeeded):

@@ -46,21 +46,15 @@ def test_environments_take_a_system_by_name_and_pickle_with_it():
     np.testing.assert_array_equal(info["true_state"], episode.world.body.true_state)
 
 
-PLACE = r"own_parts:broken: KeyError: 'nothing' \(.*own_parts.py, line \d+\)"
-
-
 @pytest.mark.parametrize(
     ("option", "name", "message"),
     [
-        ("filter", "own_parts:Missing", "module 'own_parts' .*own_parts.py. has no attribute 'Missing'"),
+        ("filter", "own_parts:Missing", "module 'own_parts' has no attribute 'Missing'"),
         ("filter", "no_such_module:Filter", "No module named 'no_such_module'"),
         ("filter", "own_parts:nothing", "filter must be a tuning, or what makes one, got 3"),
-        ("filter", "own_parts:broken", PLACE),
         ("filter", "own_parts:Small", r"own_parts:Small: x must hold 5 numbers or more, .* got \(1,\) and \(1, 1\)"),
-        ("filter", "own_parts:Late", r"own_parts:Late: IndexError: .* \(.*own_parts.py, line \d+\)"),
         ("system", "own_parts:missing", "has no attribute 'missing'"),
         ("system", "own_parts:nothing", "system must be a System, a function of the parameters that returns one, .* got 3"),
-        ("system", "own_parts:broken", PLACE),
     ],
 )
 def test_what_is_no_filter_or_system_is_refused_on_one_line(option, name, message):

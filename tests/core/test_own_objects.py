@@ -7,9 +7,9 @@ import own_terms
 import pytest
 
 from turtlebot_gym import ObservationTerm, RewardTerm
+from turtlebot_gym.files import load_object, source_of
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.observations import GOAL, read_items
-from turtlebot_gym.plugins import load_object, source_of
 from turtlebot_gym.systems import Options
 
 ID = "turtlebot_gym/TurtleBotNav-v0"

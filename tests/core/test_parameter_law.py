@@ -154,7 +154,7 @@ LAW = {
             "kind": DeadReckoning(),
         },
     ),
-    Kalman: (TUNING.kind, of_filter, {"remember_velocity": True, "wrap_innovation": False, **RULES}),
+    Kalman: (TUNING.kind, of_filter, RULES),
     DeadReckoning: (
         DeadReckoning(leap=0.05, leap_turn=0.5),
         lambda value: of_filter(value)._replace(noise=Noise(process=PROCESS, odometry=LEAPING)),

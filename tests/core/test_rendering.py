@@ -22,7 +22,7 @@ RADIUS = ROBOTS["burger"].radius
 
 def world(truth=FAR, *, believed=FAR, odometry=FAR, reference=FAR, deviation=0.05, steps=0.0) -> Snapshot:
     """Return a world with everything at its place, and all else in a corner."""
-    covariance = Covariance(*[0.0] * 15)._replace(xx=deviation**2, yy=deviation**2, tt=0.01)
+    covariance = Covariance(*[0.0] * 8)._replace(xx=deviation**2, yy=deviation**2, tt=0.01)
     return Snapshot(
         Body(State(*truth, 0.0, 0.0), STOP, (STOP, STOP, STOP), Pose(*truth), False),
         Senses(Odometry(odometry, STOP, True)),
@@ -72,13 +72,6 @@ def test_robot_is_drawn_where_it_is(x, y):
     assert pixel(picture, x + 0.3, y) not in (BLACK, BODY)
 
 
-@pytest.mark.parametrize("heading", [0.0, 0.7, 3.0])
-def test_the_robot_has_a_wheel_at_either_side(heading):
-    picture = make(robot=replace(ROBOTS["burger"], radius=0.5)).draw(world(Pose(0.0, 0.0, heading)))
-    for turn, color in ((0.5, BLACK), (-0.5, BLACK), (0.25, BODY), (-0.25, BODY)):
-        assert pixel(picture, 0.0, 0.0, ahead=0.75 * 0.5, heading=heading + turn * np.pi) == color
-
-
 def test_on_dark_paper_everything_is_drawn_that_is_on_light_paper():
     goal, odometry = Pose(1.0, 1.0, 0.0), Pose(-1.0, -0.5, 0.0)
     now = world(Pose(0.0, 0.0, 0.0), odometry=odometry, reference=goal)
@@ -88,21 +81,6 @@ def test_on_dark_paper_everything_is_drawn_that_is_on_light_paper():
     assert (drawn[0] == drawn[1]).mean() > 0.99
     for near in (30, 60):  # labels and lines stand out from the paper
         assert np.abs(dark[:HEADER].astype(int) - dark[HEADER, 5]).max() > near
-
-
-def test_every_label_of_the_legend_is_whole():
-    strip = make().draw(world())[24:HEADER].min(axis=(0, 2))
-    assert (strip[-100:] == 255).all()  # the last one ends before the edge
-    gaps = np.split(strip, np.flatnonzero(np.diff(strip == 255)) + 1)
-    assert max(len(gap) for gap in gaps[1:-1] if gap[0] == 255) < 40
-
-
-def test_coordinates_at_the_edge_are_left_out_instead_of_cut_off():
-    """Of a view from -4.25 to 4.25 m, where the labels of -4 m of both axes would meet in the corner."""
-    picture = make(task=replace(NAV, arena=3.75)).draw(world())
-    assert picture[-34:, :34].min() > 220  # white, and lines of the grid
-    assert picture[-20:, 60:].min() < 150
-    assert picture[HEADER + 60 : -60, :30].min() < 150
 
 
 @pytest.mark.parametrize("current", SQUARE_WAYPOINTS)
@@ -115,13 +93,6 @@ def test_the_square_fills_the_view_and_its_current_waypoint_stands_out(current):
         color = pixel(picture, x, y, ahead=0.15, heading=theta, **view)
         assert (color == GREEN) == ((x, y, theta) == current)
         assert max(color) - min(color) > 30  # the others are there too, paler
-
-
-def test_the_goal_has_the_radius_of_arrival():
-    picture = make().draw(world(reference=Pose(1.0, 1.0, 0.0)))
-    inside = NAV.radius - 0.01
-    assert pixel(picture, 1.0, 1.0 + inside) == pixel(picture, 1.0, 1.0 - inside) == GREEN
-    assert pixel(picture, 1.0, 1.0 + NAV.radius + 0.05) != GREEN
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.0])
@@ -153,15 +124,6 @@ def test_trails_grow_and_reset_forgets_them():
     np.testing.assert_array_equal(renderer.draw(world(Pose(-1.0, 0.5, 0.0))), start)
 
 
-def test_odometry_stays_as_dots_of_which_the_latest_stands_out_and_shows_its_heading():
-    renderer, heading = make(), 2.0
-    latest, past = (renderer.draw(world(odometry=Pose(x, 1.55, heading))) for x in (0.05, 1.05))
-    for x, picture, shown in ((0.05, latest, True), (1.05, past, True), (0.05, past, False)):
-        assert (pixel(picture, x, 1.55, ahead=0.9 * RADIUS, heading=heading) == SKY_BLUE) == shown
-        assert pixel(picture, x, 1.55) == SKY_BLUE
-    assert pixel(past, 0.55, 1.55) == WHITE
-
-
 def test_a_robot_that_drives_away_stays_in_view_with_its_trail():
     renderer = make(robot=replace(ROBOTS["burger"], radius=0.5))
     for x in np.linspace(0.0, 9.0, 40):
@@ -171,16 +133,6 @@ def test_a_robot_that_drives_away_stays_in_view_with_its_trail():
         assert pixel(picture, x / 2.0, 0.5, half=half) == BLACK or x < 1.1  # a shorter trail is under the robot
     renderer.reset()
     assert pixel(renderer.draw(world(Pose(1.0, 0.5, np.pi))), 1.15, 0.5) == BODY
-
-
-def test_nothing_outside_the_map_covers_the_legend_and_the_time_is_shown():
-    above = Pose(0.0, 2.6, 0.0)
-    strips = [make().draw(world(believed=at, odometry=at))[:HEADER] for at in (above, FAR)]
-    np.testing.assert_array_equal(*strips)
-    renderer = make()
-    early, late = (renderer.draw(world(steps=steps)) for steps in (0.0, 123.0))
-    assert (early[:HEADER] != late[:HEADER]).any()
-    np.testing.assert_array_equal(early[HEADER:], late[HEADER:])
 
 
 def test_window_shows_the_picture_and_closes(monkeypatch):

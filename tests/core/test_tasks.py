@@ -203,7 +203,7 @@ def test_arrival_by_belief_may_be_wrong_and_is_then_no_success(arrival):
     p = make_parameters(task, noise="clean", filter=replace(make_parameters(noise="clean").tuning, R=(100.0,) * 3))
     episode = Episode(p, waypoints)
     world, key = episode.world, episode.key
-    certain = world.estimate.belief._replace(mean=State(1.0, 0.0, 0.0, 0.0, 0.0), covariance=Covariance(*[0.0] * 15))
+    certain = world.estimate.belief._replace(mean=State(1.0, 0.0, 0.0, 0.0, 0.0), covariance=Covariance(*[0.0] * 8))
     deluded = world._replace(estimate=world.estimate._replace(belief=certain))
     there = placed(world, State(1.0, 0.0, 0.0, 0.0, 0.0))
     for start, ends in ((deluded, (arrival == "belief", False)), (there, (arrival == "truth", arrival == "truth"))):

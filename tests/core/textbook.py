@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from turtlebot_gym.parameters import Tutorial
+
 MIDDLE = {"euler": 0.0, "midpoint": 0.5}
 
 
@@ -39,7 +41,7 @@ class Textbook:
         F[0, 2:5] = -v * math.sin(along) * dt, math.cos(along) * dt, -v * math.sin(along) * self.middle * dt**2
         F[1, 2:5] = v * math.cos(along) * dt, math.sin(along) * dt, v * math.cos(along) * self.middle * dt**2
         F[2, 4] = dt
-        F[3, 3] = F[4, 4] = float(getattr(t.kind, "remember_velocity", False))
+        F[3, 3] = F[4, 4] = float(isinstance(t.kind, Tutorial))
         v2, omega2, p = command[0] ** 2, command[1] ** 2, t.process
         Q = np.zeros(n)
         Q[:5] = np.array(t.Q) * dt / 0.1
@@ -60,7 +62,7 @@ class Textbook:
         z, R = np.array(z)[known], matrix[np.ix_(known, known)]
         H = np.eye(len(z), len(self.x)) if H is None else H
         nu = z - H @ self.x
-        if len(nu) == 3 and getattr(self.tuning.kind, "wrap_innovation", True):
+        if len(nu) == 3 and not isinstance(self.tuning.kind, Tutorial):
             nu[2] = difference(nu[2])
         S = H @ self.P @ H.T + R
         K = self.P @ H.T @ np.linalg.inv(S)

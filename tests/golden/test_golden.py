@@ -6,8 +6,6 @@ import random
 import golden
 import pytest
 
-pytestmark = pytest.mark.filterwarnings("ignore::turtlebot_gym.notices.Notice")  # of filters that change nothing
-
 CHOSEN = list(golden.combinations())
 KNOWN = json.loads(golden.HASHES.read_text())
 OPEN_GROUND = [case for case in CHOSEN if case["id"] != "Rooms" and "fix" not in case and "plant" not in case]

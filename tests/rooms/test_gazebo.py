@@ -7,7 +7,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from turtlebot_gym.notices import Notice
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.sensing import clearance
 from turtlebot_gym.values import Pose
@@ -187,7 +186,7 @@ def test_what_is_left_out_is_said(tmp_path):
         model("<heightmap><uri>h.png</uri></heightmap>"),
         '<actor name="ann"/>',
     )
-    with pytest.warns(Notice) as said:
+    with pytest.warns(UserWarning, match=".") as said:
         plan = read_gazebo(path)
     assert (len(plan.circles), len(plan.boxes)) == (1, 0)
     texts = sorted(str(notice.message) for notice in said)
@@ -255,7 +254,7 @@ def test_what_stands_on_a_thick_floor_stands_on_the_ground(tmp_path, height, is_
         with pytest.raises(ValueError, match="no obstacle at the height of a robot"):
             read_gazebo(path)
         return
-    with pytest.warns(Notice, match="the ground is the top of a box, at 0.15 m"):
+    with pytest.warns(UserWarning, match="the ground is the top of a box, at 0.15 m"):
         plan = read_gazebo(path)
     assert (len(plan.circles), plan.boxes) == (1, ())
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from turtlebot_gym.notices import Notice
 from turtlebot_gym.rooms.grid import FREE, UNKNOWN
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.worlds import find_world
@@ -108,7 +107,7 @@ def test_unexplored_cells_that_thresholds_make_free_are_unknown_and_said(tmp_pat
     Image.fromarray(pixels).convert(mode).save(tmp_path / image, **({"quality": 90} if image.endswith("jpg") else {}))
     path.write_text(path.read_text().replace("map.pgm", image))
     with (
-        pytest.warns(Notice, match="^map.yaml: free_thresh .* makes unexplored .* unknown for Nav2")
+        pytest.warns(UserWarning, match="^map.yaml: free_thresh .* makes unexplored .* unknown for Nav2")
         if is_said
         else nullcontext()
     ):

@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode
 
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
@@ -111,97 +110,6 @@ def test_more_obstacles_than_can_be_drawn_are_refused():
 
 def vector(n=3, **options):
     return gym.make_vec(ID, num_envs=n, lidar="ideal", info="full", **options)
-
-
-STARTS, GOALS = [(-2.0, 0.1, 0.5), (-1.9, 1.0, 0.0), (-1.8, -1.2, 1.0)], (2.0, 0.0, 1.0)
-ROOM = FloorPlan(walls=(0.0, 0.0, 3.0, 2.0), circles=((0.0, 0.0, 0.3),))
-
-
-@pytest.mark.parametrize("mode", AutoresetMode)
-@pytest.mark.parametrize("world", ["clutter", ROOM], ids=["rules", "plan"])
-def test_each_row_starts_where_its_scalar_environment_does_and_once(mode, world):
-    envs = vector(world=world, max_episode_steps=4, autoreset_mode=mode)
-    parameters = envs.unwrapped.parameters
-    observations, infos = envs.reset(seed=20, options={"start": np.array(STARTS), "goal": GOALS})
-    episodes = [[] for _ in STARTS]
-    for row, start in enumerate(STARTS):
-        env = make(world=world, max_episode_steps=4)
-        first, info = env.reset(seed=20 + row, options={"start": start, "goal": GOALS})
-        np.testing.assert_array_equal(observations[row], first)
-        np.testing.assert_allclose(infos["true_state"][row, :3], start)
-        assert infos["way_left"][row] == info["way_left"]
-        values = episodes[row]
-        while len(values) < 8:
-            observation, reward, terminated, truncated, _ = env.step(np.array([0.1, 0.2], np.float32))
-            values.append((reward, observation))
-            if terminated or truncated:
-                values.append((0.0, env.reset()[0]))  # in the environment's own world again
-    seen = [[] for _ in STARTS]
-    while min(map(len, seen)) < 8:
-        observations, rewards, terminated, truncated, infos = envs.step(np.tile(np.float32([0.1, 0.2]), (3, 1)))
-        done = terminated | truncated
-        last = infos.get("final_obs", observations)
-        for row in range(3):
-            seen[row].append((rewards[row], last[row] if done[row] else observations[row]))
-            if done[row] and mode is AutoresetMode.SAME_STEP:
-                seen[row].append((0.0, observations[row]))
-        if mode is AutoresetMode.DISABLED and done.any():
-            observations, _ = envs.reset(options={"reset_mask": done})
-            for row in np.flatnonzero(done):
-                seen[row].append((0.0, observations[row]))
-    for values, expected in zip(seen, episodes, strict=True):
-        for (reward, observation), (other, wanted) in zip(values, expected, strict=False):
-            assert reward == other
-            np.testing.assert_array_equal(observation, wanted)
-    assert envs.unwrapped.parameters is parameters  # one for all again, which is faster
-
-
-def test_poses_are_for_the_rows_in_the_mask():
-    envs = vector(world="clutter")
-    _, before = envs.reset(seed=0)
-    mask = np.array([False, True, False])
-    _, infos = envs.reset(options={"reset_mask": mask, "goal": GOALS})
-    assert infos["reference"][1].tolist() == list(GOALS)
-    assert infos["_reference"].tolist() == mask.tolist()
-    _, _, _, _, infos = envs.step(np.zeros((3, 2), np.float32))
-    np.testing.assert_array_equal(infos["reference"][[0, 2]], before["reference"][[0, 2]])
-    _, infos = envs.reset(options={"reset_mask": mask})
-    assert infos["reference"][1].tolist() != list(GOALS)
-
-
-def test_parameters_that_are_set_take_the_place_of_options():
-    envs = vector(world="clutter", max_episode_steps=2, autoreset_mode=AutoresetMode.SAME_STEP)
-    envs.reset(seed=0, options={"goal": GOALS})
-    rows = [envs.unwrapped.parameters[0]._replace(dt=0.05)] * 3
-    envs.unwrapped.set_parameters(rows)
-    for _ in range(2):
-        envs.step(np.zeros((3, 2), np.float32))
-    assert envs.unwrapped.parameters == rows
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"starts": (0.0, 0.0, 0.0)}, "options must be among 'reset_mask', 'start', 'goal', got 'starts'"),
-        ({"start": [[0.0], [0.0, 1.0]]}, "start must be x, y and perhaps a heading, or those of each of 3, got "),
-        ({"start": np.zeros((2, 3))}, "start must be x, y and perhaps a heading, or those of each of 3, got "),
-        ({"start": (0.0, np.nan, 0.0)}, "start must hold x, y and perhaps a heading, finite numbers"),
-        ({"start": np.full((3, 3), 0.1j)}, "start must hold x, y and perhaps a heading, finite numbers"),
-        ({"goal": "door"}, "goal must be x, y and perhaps a heading, or those of each of 3, got 'door'"),
-        ({"goal": (9.0, 0.0, 0.0)}, "FloorPlan.goal must be in the room"),
-        ({"start": [*[(-2.0, 0.0, 0.0)] * 2, (0.0, 0.0, 0.0)]}, "FloorPlan.start must be in the room and in no obstacle"),
-        ({"goal": [(2.0, 0.0, 0.0), (0.0, 0.31, 0.0), (2.0, 0.0, 0.0)]}, "^Environment 1: No way leads from start to goal"),
-        ({"world": "office"}, "world must be the same in all episodes of a vector environment: make another one"),
-    ],
-)
-def test_invalid_options_of_a_reset_begin_nothing_in_any_row(options, message):
-    envs = vector(world=ROOM)
-    with pytest.raises(ValueError, match=f"{message}[^\n]*$"):
-        envs.reset(seed=0, options=options)
-    with pytest.raises(ResetNeeded):
-        envs.step(np.zeros((3, 2), np.float32))
-    observations, _ = envs.reset(seed=0)
-    np.testing.assert_array_equal(observations, vector(world=ROOM).reset(seed=0)[0])
 
 
 @pytest.mark.parametrize("maker", [make, vector], ids=["scalar", "vector"])

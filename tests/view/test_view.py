@@ -12,7 +12,6 @@ from bokeh.models import HoverTool
 from bokeh.models.glyphs import Image as ImageGlyph
 
 from turtlebot_gym.drive import Drive, RoomData, Seen
-from turtlebot_gym.extras import installing
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Obstacles, Scan
 from turtlebot_gym.values import Pose
@@ -241,4 +240,4 @@ def test_a_missing_bokeh_is_named_with_the_remedy(tmp_path, capsys, monkeypatch)
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "bokeh", None)
     assert main(["watch", "--html", str(tmp_path / "a.html")]) == 2
-    assert installing("view") in capsys.readouterr().err
+    assert "turtlebot-gym[view]" in capsys.readouterr().err

@@ -179,6 +179,11 @@ def _tuple(body: Any, value: Any = ()) -> Any:
     return tuple(value)
 
 
+@_stands_for(zip)
+def _zip(body: Any, *values: Any, strict: bool = False) -> Any:
+    return tuple(zip(*values, strict=strict))
+
+
 # New arrays
 
 

@@ -62,6 +62,22 @@ def each(body: Any, nodes: Sequence[ast.expr]) -> list[Any]:
     return values
 
 
+def of_GeneratorExp(body: Any, node: ast.GeneratorExp) -> Any:
+    """Return the values of a comprehension over one tuple, which is written out."""
+    from turtlebot_gym.compiled.statements import assign  # which imports this module
+
+    (loop,) = node.generators
+    values = []
+    for item in body.of(loop.iter):
+        assign(body, loop.target, item)
+        if all(body.truth(condition) for condition in loop.ifs):
+            values.append(body.of(node.elt))
+    return tuple(values)
+
+
+of_ListComp = of_GeneratorExp
+
+
 def of_Attribute(body: Any, node: ast.Attribute) -> Any:
     value = body.of(node.value)
     if not isinstance(value, Array):
@@ -197,6 +213,8 @@ def of_Call(body: Any, node: ast.Call) -> Any:
         return body.refuse(node)
     if isinstance(function, MethodType) and isinstance(function.__self__, Array):
         return function.__func__(body, function.__self__, *arguments)
+    if isinstance(function, MethodType) and function.__name__ == "_replace":  # of a named tuple
+        return function(**named)
     try:
         emit = IN_PLACE.get(function)
     except TypeError:

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from turtlebot_gym.compiled.batch import PARALLEL_FROM, ROOMS_PARALLEL_FROM, Batch
-from turtlebot_gym.extras import installing
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.kernel import HAS_LLVM
 from turtlebot_gym.systems import Options
-from turtlebot_gym.validation import as_int, choose
 
 _FILTERS: dict[str, dict[str, Any]] = {
     "kalman": {},
@@ -63,7 +62,9 @@ def fill_all(
     for name in names:
         choose("system", name, SYSTEMS)
     if not HAS_LLVM:
-        raise ImportError(f"Nothing can be compiled without llvmlite: {installing('gym')}, and unset TURTLEBOT_GYM_PLAIN.")
+        raise ImportError(
+            "Nothing is compiled without llvmlite: pip install 'turtlebot-gym[gym]', and unset TURTLEBOT_GYM_PLAIN."
+        )
     times: dict[str, float] = {}
     order = sorted(names, key=lambda name: not name.startswith("rooms"))  # the longest first
     context = multiprocessing.get_context("spawn")

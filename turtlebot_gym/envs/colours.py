@@ -21,9 +21,7 @@ class Colours(NamedTuple):
     solid: str = "#555555"
     unknown: str = "#dddddd"
     beam: str = "#f0d9e6"
-    shoulders: str = BLUE
-    head: str = "#e8c39e"
-    hair: str = "#3b2f2f"
+    walker: str = BLUE
 
 
 LIGHT = Colours()
@@ -40,6 +38,4 @@ DARK = Colours(
     "#3a3f46",
     "#3f2c3a",
     "#4a9fd8",
-    "#e8c39e",
-    "#6b564c",
 )

@@ -13,11 +13,13 @@ from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
+from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int, short_repr
+from turtlebot_gym.estimation.filters import PLACES
 from turtlebot_gym.observations import bounds_of
 from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options, Outcome, Parameters, Setup, System
-from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int, short_repr
+from turtlebot_gym.tasks import StartAndGoal, Task, given_pose
 
 PARTS = {
     "true_state": "body.true_state",
@@ -46,6 +48,25 @@ FIRST_SHARE = Outcome._fields.index("shares")
 """The first row of the reward's shares in outcomes."""
 
 
+POSES = ("start", "goal")
+"""Options of a reset of one environment that are poses."""
+
+
+def given_poses(options: Mapping[str, Any], task: Task) -> StartAndGoal:
+    """Return start and goal that are given to an episode on open ground.
+
+    Raises:
+        ValueError: If a pose is malformed, or the task does not draw start and goal.
+    """
+    given = {name: given_pose(name, options[name]) for name in POSES if name in options}
+    if given and not task.random:
+        raise ValueError(
+            f"{' and '.join(given)} cannot be given at a reset: this task starts at the origin and drives through given "
+            "waypoints; make the environment with waypoints=[(x, y, heading), ...]."
+        )
+    return StartAndGoal(**given)
+
+
 def reward_terms(system: System) -> tuple[str, ...]:
     """Return the names of the terms of the reward, in the order of their shares."""
     return tuple(term.name for term in system.rewards)
@@ -54,20 +75,13 @@ def reward_terms(system: System) -> tuple[str, ...]:
 FLAGS = ("measured", "slipping", "collision")
 """Single numbers that are booleans."""
 
-SYMMETRIC = np.zeros((5, 5), np.intp)
-"""Index of the independent entry, of 15, at each place of a covariance matrix."""
-SYMMETRIC[np.triu_indices(5)] = np.arange(15)
-# The lower triangle mirrors the upper one.
-SYMMETRIC |= np.triu(SYMMETRIC, 1).T
 
-
-def indices_of(batch: Batch, key: str, path: str) -> NDArray[np.intp]:
-    """Return the indices of a part of a world, or of a number, shape (1,); those of a covariance are of the whole matrix."""
+def indices_of(batch: Batch, path: str) -> NDArray[np.intp]:
+    """Return the indices of a part of a world, or of a number, shape (1,)."""
     world = batch.layout.world
     if path in world.names:
         return np.array([world.names.index(path)])
-    part = np.arange(len(world.names))[world.slices[path]]
-    return part[SYMMETRIC] if key == "covariance" else part
+    return np.arange(len(world.names))[world.slices[path]]
 
 
 class InfoReader:
@@ -82,7 +96,7 @@ class InfoReader:
         self._slices: list[tuple[str, slice]] = []
         self._numbers: list[tuple[str, int, bool]] = []
         self._covariance: tuple[str, slice] | None = None
-        chosen, end = [indices_of(batch, key, path) for key, path in parts.items()], 0
+        chosen, end = [indices_of(batch, path) for path in parts.values()], 0
         for (key, path), indices in zip(parts.items(), chosen, strict=True):
             start, end = end, end + indices.size
             if path in batch.layout.world.names:
@@ -100,7 +114,8 @@ class InfoReader:
         info: dict[str, NDArray[Any]] = {key: numbers[part].T for key, part in self._slices}
         if self._covariance:
             key, part = self._covariance
-            info[key] = numbers[part].reshape(5, 5, -1).transpose(2, 0, 1)
+            (rows, columns), info[key] = PLACES, np.zeros((numbers.shape[1], 5, 5))
+            info[key][:, rows, columns] = info[key][:, columns, rows] = numbers[part].T
         for key, at, is_flag in self._numbers:
             info[key] = numbers[at] != 0.0 if is_flag else numbers[at]
         return info
@@ -213,18 +228,13 @@ def read_options(options: Any, known: Sequence[str]) -> dict[str, Any]:
     return dict(options or {})
 
 
-def reset_mask(options: dict[str, Any] | None, num_envs: int, *, others: Sequence[str] = ()) -> NDArray[np.bool_]:
+def reset_mask(options: dict[str, Any] | None, num_envs: int) -> NDArray[np.bool_]:
     """Return the environments that a reset's option ``reset_mask`` selects; all if it is missing.
-
-    Args:
-        options: The reset's.
-        num_envs: How many environments there are.
-        others: Names of further options that there are.
 
     Raises:
         ValueError: If it is no boolean array of shape (num_envs,), true somewhere, or there is another option.
     """
-    chosen = read_options(options, ["reset_mask", *others])
+    chosen = read_options(options, ["reset_mask"])
     if "reset_mask" not in chosen:
         return np.ones(num_envs, np.bool_)
     mask = chosen["reset_mask"]

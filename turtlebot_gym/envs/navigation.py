@@ -11,11 +11,14 @@ from gymnasium.envs.registration import registry
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.envs.common import (
     FIRST_SHARE,
     FLAGS,
     PARTS,
+    POSES,
     ROOM_PARTS,
+    given_poses,
     indices_of,
     make_batch,
     no_way,
@@ -26,7 +29,7 @@ from turtlebot_gym.envs.common import (
     with_limit,
 )
 from turtlebot_gym.envs.pictures import Pictures
-from turtlebot_gym.envs.poses import POSES, on_open_ground
+from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
@@ -34,7 +37,6 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Options, Parameters, Snapshot, make_room
-from turtlebot_gym.validation import as_int, choose
 
 
 class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -140,8 +142,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / p.dt))}
         self.action_space, self.observation_space = spaces_of(self._batch.system)
         self._numbers = {key: bool if key in FLAGS else float for key in ROOM_PARTS} if p.room else {}
-        parts = [indices_of(self._batch, key, path) for key, path in PARTS.items()]
-        numbers = [indices_of(self._batch, key, ROOM_PARTS[key])[0] for key in self._numbers]
+        parts = [indices_of(self._batch, path) for path in PARTS.values()]
+        numbers = [indices_of(self._batch, ROOM_PARTS[key])[0] for key in self._numbers]
         self._batch.select(*parts, numbers)
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
@@ -181,7 +183,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         for_episode = read_options(options, ("world", *POSES) if self._own else POSES)
         seed = None if seed is None else as_int("seed", seed)
-        given = {0: on_open_ground(for_episode, self.parameters.task)} if for_episode and not self._own else {}
+        given = {0: given_poses(for_episode, self.parameters.task)} if for_episode and not self._own else {}
         if self._own:
             self._enter(with_options(self._own, for_episode))
         super().reset(seed=seed)
@@ -259,7 +261,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             "true_state": numbers[true_state],
             "odometry": numbers[odometry],
             "estimate": numbers[estimate],
-            "covariance": numbers[covariance],
+            "covariance": matrix(numbers[covariance]),
             "reference": numbers[reference],
             "command": numbers[command],
         }

@@ -14,11 +14,10 @@ from gymnasium.vector.utils import batch_space
 from turtlebot_gym.compiled.device import FLAGS, NUMBERS
 from turtlebot_gym.compiled.device_batch import DeviceBatch, Results
 from turtlebot_gym.compiled.graph import Untraceable
+from turtlebot_gym.config import as_int, choose, short_repr
 from turtlebot_gym.envs.common import read_options, read_seeds, spaces_of, with_limit
-from turtlebot_gym.extras import installing
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import Options, Parameters, System, find_system
-from turtlebot_gym.validation import as_int, choose, short_repr
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -49,7 +48,7 @@ def find_device(device: str) -> str:
         import torch
         import warp as wp
     except ImportError as error:
-        raise ImportError(f"device={device!r} needs NVIDIA Warp and torch: {installing('gpu')} ({error}).") from error
+        raise ImportError(f"device={device!r} needs Warp and torch: pip install 'turtlebot-gym[gpu]' ({error}).") from error
     if device == WARP_ON_CPU:
         return "cpu"
     for library, count in (("Warp", wp.get_cuda_device_count()), ("torch", torch.cuda.device_count())):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -14,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.loop import FLAGS
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.envs.common import (
     FIRST_SHARE,
     NUMBERS,
@@ -32,14 +32,11 @@ from turtlebot_gym.envs.common import (
     with_limit,
 )
 from turtlebot_gym.envs.pictures import Pictures
-from turtlebot_gym.envs.poses import POSES, RoomPoses, by_row, on_open_ground
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Options, Outcome, Parameters, Snapshot
-from turtlebot_gym.tasks import StartAndGoal
-from turtlebot_gym.validation import as_int, choose
 
 MOST = 2**24
 """Most environments in one."""
@@ -102,8 +99,8 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._tells_shares = shares
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
-        self._poses = RoomPoses(self._batch, setup.plan) if self._batch.system.surroundings else None
-        self._told = InfoReader(self._batch, (ROOM_PARTS if self._poses else {}) | (PARTS | NUMBERS if full else {}))
+        self._in_room = bool(self._batch.system.surroundings)
+        self._told = InfoReader(self._batch, (ROOM_PARTS if self._in_room else {}) | (PARTS | NUMBERS if full else {}))
         self.num_envs = num_envs
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         fps = max(1, round(1.0 / setup.parameters.dt))
@@ -138,8 +135,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Use other parameters from the next step on: one for all environments, or one for each."""
         self._batch.set_parameters(parameters)
-        if self._poses:
-            self._poses.forget()
         self._pictures.close()  # they show the old robots and rooms
 
     def reset(
@@ -154,8 +149,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             seed: An int gives environment *i* the seed ``seed + i``; a list has one seed for each; None, also in the
                 list, begins the next episode of the seed in use.
             options: ``reset_mask``, boolean, shape (N,): reset only these. The others keep their state and have no infos.
-                Where the task draws them, ``start`` and ``goal``, for the episodes that begin now only: a pose as in
-                `NavigationEnv.reset` for all environments, or one for each, shape (N, 2) or (N, 3).
 
         Returns:
             Observations of all environments, and infos.
@@ -165,13 +158,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             ResetNeeded: If the mask leaves out an environment that was never reset and so has no observation.
         """
         mask, batch, seeds = self._reset_mask(options), self._batch, read_seeds(seed, self.num_envs)
-        in_room: dict[int, Parameters] = {}
-        on_ground: dict[int, StartAndGoal] = {}
-        if self._poses:
-            in_room = self._poses.read(options or {}, mask)
-        else:
-            for row, own in by_row(options or {}, mask).items():
-                on_ground[row] = on_open_ground(own, batch.parameters_of(row).task)
         super().reset(seed=next((row_seed for row_seed in seeds if row_seed is not None), None))
         if not self._begun:
             seeds = [self._entropy() + i if row_seed is None else row_seed for i, row_seed in enumerate(seeds)]
@@ -182,7 +168,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         batch.episodes[mask] += 1
         batch.episodes[seeded] = 0
         observations, outcomes = batch.last()
-        self._begin(mask, observations, outcomes, in_room, on_ground)
+        self._begin(mask, observations, outcomes)
         self._begun = True
         self._done[mask] = False
         self._is_any_over = np.count_nonzero(self._done) > 0
@@ -192,9 +178,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         return int(self.np_random_seed or 0)
 
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-        if self._poses and isinstance(options, Mapping) and "world" in options:
-            raise ValueError("world must be the same in all episodes of a vector environment: make another one with world=...")
-        mask = reset_mask(options, self.num_envs, others=POSES)
+        mask = reset_mask(options, self.num_envs)
         if not self._begun and not mask.all():
             raise ResetNeeded(f"Environment {np.argmin(mask)}: call reset() for all before a reset_mask leaves it out.")
         return mask
@@ -252,19 +236,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._batch.episodes[mask.nonzero()] += 1  # in half the time of the mask itself
         self._begin(mask, observations, outcomes)
 
-    def _begin(
-        self,
-        mask: NDArray[np.bool_],
-        observations: NDArray[np.float32],
-        outcomes: NDArray[np.float64],
-        in_room: Mapping[int, Parameters] = MappingProxyType({}),
-        on_ground: Mapping[int, StartAndGoal] = MappingProxyType({}),
-    ) -> None:
-        """Begin the episodes of some environments, whose numbers are already set; those of some rows at given poses."""
-        if self._poses:
-            self._poses.begin(mask, in_room)
-        self._batch.reset(mask, observations, outcomes, given=on_ground)
-        if self._poses and (lost := mask & (self._batch.numbers(ROOM_PARTS["way_left"]) == UNKNOWN)).any():
+    def _begin(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
+        """Begin the episodes of some environments, whose numbers are already set."""
+        self._batch.reset(mask, observations, outcomes)
+        if self._in_room and (lost := mask & (self._batch.numbers(ROOM_PARTS["way_left"]) == UNKNOWN)).any():
             # No step may follow an episode that did not begin.
             self._begun, row = False, int(np.argmax(lost))
             raise ValueError(f"Environment {row}: {no_way(self._batch.parameters_of(row))}")
@@ -314,6 +289,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         Raises:
             ValueError: On open ground.
         """
-        if not self._poses:
+        if not self._in_room:
             raise ValueError("truth is of rooms: there is none on open ground.")
         return self._batch.scenes, self._batch.numbers(PARTS["true_state"]), self._batch.numbers(PARTS["reference"])

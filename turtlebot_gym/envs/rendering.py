@@ -17,7 +17,7 @@ from turtlebot_gym.plotting import ESTIMATE_WITHIN, SKY_BLUE, ellipse
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.systems import Snapshot
 from turtlebot_gym.tasks import Task, distance_to
-from turtlebot_gym.values import Belief, Pose
+from turtlebot_gym.values import Belief, Pose, State
 
 if TYPE_CHECKING:
     from pygame import Surface
@@ -39,9 +39,19 @@ _WHEEL = (0.75, 0.45, 0.13)
 
 
 class Renderer:
-    """Draws the world of one environment.
+    """Draws the world of one environment; a robot that leaves the map widens the view until the reset.
 
-    The arena, or the given waypoints, fill the map. A robot that leaves the map widens the view until the reset.
+    Args:
+        mode: "human" for a window, which opens with the first picture; "rgb_array" for arrays, which need no display.
+        robot: Robot whose size is drawn.
+        task: Task whose arena and arrival radius are drawn.
+        waypoints: The given waypoints, which fill the map together with the origin; None if the arena does.
+        dt: Control interval, s, for the displayed time.
+        fps: Pictures per second in the window.
+        dark: Whether the paper is dark, for slides and dark pages.
+
+    Raises:
+        DependencyNotInstalled: If pygame is missing.
     """
 
     def __init__(
@@ -55,20 +65,6 @@ class Renderer:
         fps: float,
         dark: bool = False,
     ) -> None:
-        """Prepare to draw; the window of mode "human" opens with the first picture.
-
-        Args:
-            mode: "human" for a window, "rgb_array" for arrays, which need no display.
-            robot: Robot whose size is drawn.
-            task: Task whose arena and arrival radius are drawn.
-            waypoints: The given waypoints, which fill the map together with the origin; None if the arena does.
-            dt: Control interval, s, for the displayed time.
-            fps: Pictures per second in the window.
-            dark: Whether the paper is dark, for slides and dark pages.
-
-        Raises:
-            DependencyNotInstalled: If pygame is missing.
-        """
         try:
             import pygame
         except ImportError as error:
@@ -90,7 +86,7 @@ class Renderer:
         low, high = np.min(seen, axis=0), np.max(seen, axis=0)
         self._centre = (low + high) / 2.0
         self._half = float(np.max(high - low)) / 2.0 + _MARGIN
-        self._history: list[Snapshot] = []
+        self._trails: list[tuple[Pose, State, State]] = []
         self._paper = self._make_paper()
 
     def _to_be_seen(self) -> list[tuple[float, float]]:
@@ -104,19 +100,16 @@ class Renderer:
         Returns:
             The picture, shape (HEADER + SIDE, SIDE, 3), in mode "rgb_array"; None in mode "human", which shows it.
         """
-        self._history.append(world)
+        self._trails.append((world.senses.odometry.pose, world.body.true_state, world.estimate.belief.mean))
         if self._widen(world):
             self._paper = self._make_paper()
-            # In a wider view all trails lie elsewhere.
-            for before, after in zip(self._history, self._history[1:], strict=False):
-                self._draw_trails(before, after)
-        else:
-            self._draw_trails(self._history[max(len(self._history) - 2, 0)], world)
         fine = self._surface(HEADER + SIDE)
         fine.blit(self._legend, (0, 0))
         self._write_numbers(fine, world)
         fine.blit(self._paper, (0, _FINE * HEADER))
-        self._draw_present(fine.subsurface((0, _FINE * HEADER, _FINE * SIDE, _FINE * SIDE)), world)
+        below = fine.subsurface((0, _FINE * HEADER, _FINE * SIDE, _FINE * SIDE))
+        self._draw_trails(below)
+        self._draw_present(below, world)
         picture = self._pygame.transform.smoothscale(fine, (SIDE, HEADER + SIDE))
         if self._mode == "rgb_array":
             pixels = bytearray(self._pygame.image.tobytes(picture, "RGB"))  # four times as fast as pygame.surfarray
@@ -194,21 +187,17 @@ class Renderer:
 
     def _draw_grid(self, paper: Surface) -> None:
         """Draw lines at whole metres, with coordinates along two edges."""
-        spacing = max(1, round(self._half / 4.0))
-        left, bottom = self._centre - self._half
-        for axis in (0, 1):
-            first, last = self._centre[axis] - self._half, self._centre[axis] + self._half
-            for metres in range(math.ceil(first / spacing) * spacing, math.floor(last) + 1, spacing):
-                if axis == 0:
-                    column, row = self._at(metres, bottom)
-                    self._line(paper, self._colours.grid, (column, 0), (column, row), 1.0)
-                    if _EDGE < column < _FINE * SIDE - _EDGE:
-                        self._write(paper, f"{metres} m", self._colours.text, midbottom=(column, row - 4 * _FINE))
-                else:
-                    column, row = self._at(left, metres)
-                    self._line(paper, self._colours.grid, (column, row), (_FINE * SIDE, row), 1.0)
-                    if _EDGE < row < _FINE * SIDE - 1.5 * _EDGE:  # not over the column labels
-                        self._write(paper, f"{metres} m", self._colours.text, midleft=(column + 4 * _FINE, row))
+        spacing, end, text = max(1, round(self._half / 4.0)), _FINE * SIDE, self._colours.text
+        for metres in range(-spacing * 999, spacing * 999, spacing):
+            column, row = self._at(metres, metres)
+            if 0.0 <= column <= end:
+                self._line(paper, self._colours.grid, (column, 0), (column, end), 1.0)
+            if 0.0 <= row <= end:
+                self._line(paper, self._colours.grid, (0, row), (end, row), 1.0)
+            if _EDGE < column < end - _EDGE:
+                self._write(paper, f"{metres} m", text, midbottom=(column, end - 4 * _FINE))
+            if _EDGE < row < end - 1.5 * _EDGE:  # not over the column labels
+                self._write(paper, f"{metres} m", text, midleft=(4 * _FINE, row))
 
     def _legend_entries(self) -> list[tuple[str, Callable[[Surface, tuple, float], None]]]:
         """Return label and symbol of what is drawn; a symbol is drawn around a point, in a size."""
@@ -247,12 +236,13 @@ class Renderer:
         to_go = distance_to(world.body.true_state, world.course.reference)
         self._write(surface, f"{to_go:.2f} m to the waypoint", self._colours.text, midleft=(128 * _FINE, row))
 
-    def _draw_trails(self, before: Snapshot, after: Snapshot) -> None:
-        z, truth, mean = after.senses.odometry.pose, after.body.true_state, after.estimate.belief.mean
-        self._disc(self._paper, SKY_BLUE, self._at(z.x, z.y), 2.0 * _FINE)
-        was, believed = before.body.true_state, before.estimate.belief.mean
-        self._line(self._paper, self._colours.truth, self._at(was.x, was.y), self._at(truth.x, truth.y), 3.0)
-        self._line(self._paper, self._colours.estimate, self._at(believed.x, believed.y), self._at(mean.x, mean.y), 1.5)
+    def _draw_trails(self, surface: Surface) -> None:
+        measured, *paths = ([self._at(each[0], each[1]) for each in trail] for trail in zip(*self._trails, strict=True))
+        for place in measured:
+            self._disc(surface, SKY_BLUE, place, 2.0 * _FINE)
+        for path, colour, width in zip(paths, (self._colours.truth, self._colours.estimate), (3.0, 1.5), strict=True):
+            if len(path) > 1:
+                self._pygame.draw.lines(surface, colour, False, path, round(width * _FINE))
 
     def _draw_present(self, surface: Surface, world: Snapshot) -> None:
         self._draw_waypoint(surface, world.course.reference, self._colours.goal, 3.0)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.envs.rendering import _FINE, Renderer
+from turtlebot_gym.envs.rendering import Renderer
 from turtlebot_gym.observations import NEAREST
 from turtlebot_gym.plotting import PURPLE, SIGMAS
 from turtlebot_gym.rooms.cells import to_cells
@@ -23,10 +23,6 @@ if TYPE_CHECKING:
 
 _LINES = 36
 """Most beams drawn as lines; only the end points of the others are drawn."""
-_STEP = 0.6
-"""Length of a person's step, m."""
-_CIRCLE = np.column_stack([function(np.linspace(0.0, 2.0 * np.pi, 33)[:-1]) for function in (np.cos, np.sin)])
-"""Points on the unit circle."""
 
 
 class RoomRenderer(Renderer):
@@ -135,28 +131,6 @@ class RoomRenderer(Renderer):
         return self._scene.room.circles[: self._scene.room.counts[0]].tolist()
 
     def _draw_walker(self, surface: Surface, x: float, y: float, radius: float, vx: float, vy: float) -> None:
-        """Draw a person from above: feet, shoulders as wide as the circle, and a head that looks where the person walks."""
-        speed = math.hypot(vx, vy)
-        cosine, sine = vx / speed, vy / speed
-        colours, outline = self._colours, round(1.5 * _FINE)
-
-        def turned(points: NDArray[np.float64]) -> list[tuple[float, float]]:
-            return [self._at(x + radius * (a * cosine - b * sine), y + radius * (a * sine + b * cosine)) for a, b in points]
-
-        def ellipse(ahead: float, aside: float, length: float, width: float) -> list[tuple[float, float]]:
-            return turned(_CIRCLE * (length, width) + (ahead, aside))
-
-        stride = math.sin(math.pi * (x * cosine + y * sine) / _STEP)  # feet move with the way that was walked
-        for side in (1.0, -1.0):
-            foot = ellipse(0.55 * side * stride, 0.35 * side, 0.38, 0.17)
-            self._pygame.draw.polygon(surface, colours.hair, foot)
-        for shape, colour in (
-            (ellipse(0.0, 0.0, 0.48, 1.0), colours.shoulders),
-            (ellipse(0.2, 0.0, 0.46, 0.4), colours.head),
-            (ellipse(0.0, 0.0, 0.42, 0.42), colours.hair),
-        ):
-            self._pygame.draw.polygon(surface, colour, shape)
-            self._pygame.draw.polygon(surface, colours.paper, shape, outline)
-        shaft, tip = turned(np.array([[1.1, 0.0], [1.5, 0.0]]))
-        self._line(surface, colours.shoulders, shaft, tip, 2.5)
-        self._pygame.draw.polygon(surface, colours.shoulders, turned(np.array([[1.8, 0.0], [1.35, 0.25], [1.35, -0.25]])))
+        """Draw a person from above, as a disc with the way of a second."""
+        self._disc(surface, self._colours.walker, self._at(x, y), self._length(radius))
+        self._line(surface, self._colours.walker, self._at(x, y), self._at(x + vx, y + vy), 2.5)

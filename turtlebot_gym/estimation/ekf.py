@@ -1,8 +1,8 @@
 """An extended Kalman filter for a unicycle whose pose is measured; with a gate for the heading, and without any correction.
 
-State ``[x, y, theta, v, omega]``, input the executed twist, measurement ``[x, y, theta]``. The measured components are
-independent, so the update processes them in turn: three scalar updates equal the joint one, need no matrix inverse, and keep
-the covariance symmetric by construction.
+State ``[x, y, theta]``, input the executed twist, measurement the state. Its measured components are independent, so the update
+processes them in turn: three scalar updates equal the joint one, need no matrix inverse, and keep the covariance symmetric by
+construction.
 
 References:
     Bar-Shalom, Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 10.3 (EKF).
@@ -49,7 +49,7 @@ def initialize(odometry: Pose, tuning: FilterTuning) -> Estimate:
     x, y, theta = (0.0, 0.0, 0.0) if tuning.from_origin else (odometry.x, odometry.y, odometry.theta)
     xx, yy, tt = (P0[0], P0[1], P0[2]) if tuning.from_origin else (R[0], R[1], R[2])
     vv, ww = (P0[3], P0[4]) if tuning.from_origin else (0.0, 0.0)
-    covariance = Covariance(xx, 0.0, 0.0, 0.0, 0.0, yy, 0.0, 0.0, 0.0, tt, 0.0, 0.0, vv, 0.0, ww)
+    covariance = Covariance(xx, 0.0, 0.0, yy, 0.0, tt, vv, ww)
     return Estimate(Belief(State(x, y, theta, 0.0, 0.0), covariance), 0.0, 0.0 if tuning.from_origin else ONE_MEASUREMENT)
 
 
@@ -60,7 +60,7 @@ def start(senses: Senses, tuning: FilterTuning) -> Estimate:
 
 
 @algebra
-def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, integrator: float, keep: bool = False) -> Belief:
+def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, integrator: float) -> Belief:
     """Move the belief by one control interval: the pose with the believed twist, then the twist to the executed one.
 
     Args:
@@ -69,51 +69,33 @@ def predict(belief: Belief, twist: Command, tuning: FilterTuning, dt: float, int
         tuning: Process noise, with the systematic errors of the twist, if they are known.
         dt: Interval, s.
         integrator: The integrator, a value of `Integrator`.
-        keep: Whether the new twist depends on the old one, `parameters.Kalman.remember_velocity`.
 
     Returns:
-        ``f(mean, twist)`` and ``F P F' + Q`` with F the true Jacobian of f: since the input *replaces* the twist, its rows
-        for v and omega are zero (one, with ``keep``).
+        ``f(mean, twist)``, and for the pose ``F P F' + G U G' + Q`` with F and G the true Jacobians of f with respect to the
+        pose and the twist, whose variances U were those of the last interval.
     """
     mean, P = belief
     moved = motion(mean.theta, mean.v, mean.omega, dt, integrator)
-    # The rows of F for the pose: [1 0 a c e], [0 1 b s g], [0 0 1 0 dt].
+    # The rows of F: [1 0 a], [0 1 b], [0 0 1]; those of G: [c e], [s g], [0 dt].
     a, c, e = moved.x_theta, moved.x_v, moved.x_omega
     b, s, g = moved.y_theta, moved.y_v, moved.y_omega
     executed, var_v, var_omega = expected(twist, tuning.process, dt)
-    share = dt / REFERENCE_PERIOD
-    Q = tuning.Q
+    share, Q = dt / REFERENCE_PERIOD, tuning.Q
 
-    # F P, row by row ...
-    xx = P.xx + a * P.xt + c * P.xv + e * P.xw
-    xy = P.xy + a * P.yt + c * P.yv + e * P.yw
-    xt = P.xt + a * P.tt + c * P.tv + e * P.tw
-    xv = P.xv + a * P.tv + c * P.vv + e * P.vw
-    xw = P.xw + a * P.tw + c * P.vw + e * P.ww
-    yy = P.yy + b * P.yt + s * P.yv + g * P.yw
-    yt = P.yt + b * P.tt + s * P.tv + g * P.tw
-    yv = P.yv + b * P.tv + s * P.vv + g * P.vw
-    yw = P.yw + b * P.tw + s * P.vw + g * P.ww
-    tt = P.tt + dt * P.tw
-    tv = P.tv + dt * P.vw
-    tw = P.tw + dt * P.ww
-    # ... times F', plus Q. Rounding may leave less than 0 where a component is known exactly.
+    # F P, row by row, and G U ...
+    xx, xy, xt = P.xx + a * P.xt, P.xy + a * P.yt, P.xt + a * P.tt
+    yy, yt = P.yy + b * P.yt, P.yt + b * P.tt
+    xv, xw, yv, yw, tw = c * P.vv, e * P.ww, s * P.vv, g * P.ww, dt * P.ww
+    # ... times F' and G', plus Q. Rounding may leave less than 0 where a component is known exactly.
     covariance = Covariance(
         max(xx + a * xt + c * xv + e * xw, 0.0) + Q[0] * share,
         xy + b * xt + s * xv + g * xw,
         xt + dt * xw,
-        xv if keep else 0.0,
-        xw if keep else 0.0,
         max(yy + b * yt + s * yv + g * yw, 0.0) + Q[1] * share,
         yt + dt * yw,
-        yv if keep else 0.0,
-        yw if keep else 0.0,
-        max(tt + dt * tw, 0.0) + Q[2] * share,
-        tv if keep else 0.0,
-        tw if keep else 0.0,
-        (P.vv if keep else 0.0) + max(var_v, Q[3] * share),
-        P.vw if keep else 0.0,
-        (P.ww if keep else 0.0) + max(var_omega, Q[4] * share),
+        max(P.tt + dt * tw, 0.0) + Q[2] * share,
+        max(var_v, Q[3] * share),
+        max(var_omega, Q[4] * share),
     )
     pose = State(mean.x + moved.x, mean.y + moved.y, wrap(mean.theta + moved.theta), executed.v, executed.omega)
     return Belief(pose, covariance)
@@ -140,37 +122,35 @@ def correct_position(belief: Belief, z: Pose, R: Variances, turn: float) -> tupl
 
 
 @kernel
-def correct(belief: Belief, z: Pose, R: Variances, wraps: bool = True) -> tuple[Belief, float]:
+def correct(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float]:
     """Condition the belief on a measured pose.
 
     Args:
         belief: Prior mean and covariance.
         z: Measured pose; m, m, rad.
         R: Variances of the measured x, y and heading; m^2, m^2, rad^2. Infinite for a heading that was not measured.
-        wraps: Whether the heading's innovation is wrapped.
 
     Returns:
-        The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = H P H' + R`` and ``H = [I 0]``.
+        The posterior, and the normalized innovation squared ``nu' S^-1 nu`` with ``S = P + R``.
     """
-    belief, nis, turn = correct_position(belief, z, R, innovation(belief.mean, z, wraps).theta)
+    belief, nis, turn = correct_position(belief, z, R, innovation(belief.mean, z).theta)
     belief, nis_theta = update(belief, of_heading(belief.covariance), turn, R[2])
     return wrapped(belief), nis + nis_theta
 
 
 @kernel
-def innovation(mean: State, z: Pose, wraps: bool = True) -> Pose:
-    """Return measured minus predicted pose, with the heading wrapped if asked."""
-    turn = z.theta - mean.theta
-    return Pose(z.x - mean.x, z.y - mean.y, wrap(turn) if wraps else turn)
+def innovation(mean: State, z: Pose) -> Pose:
+    """Return measured minus predicted pose, with the heading wrapped."""
+    return Pose(z.x - mean.x, z.y - mean.y, wrap(z.theta - mean.theta))
 
 
 @kernel
 def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTuning, dt: float, integrator: float) -> Estimate:
     """Predict, and correct by the measured pose if one arrived; see `interface.Filter`."""
     odometry = senses.odometry
-    prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator, tuning.kind.remember_velocity)
+    prior = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
     z, measured = odometry.pose, odometry.measured
-    posterior, nis = correct(prior, z, tuning.R, tuning.kind.wrap_innovation)
+    posterior, nis = correct(prior, z, tuning.R)
     verdict = judge(estimate.rejections, measured, nis > tuning.kind.gate, tuning, dt)
     belief = choose(verdict, measured, prior, posterior, restart(prior, z, tuning))
     return Estimate(belief, nis if measured else estimate.nis, verdict.rejections)
@@ -223,12 +203,10 @@ def _carried_step(
     missed = estimate.rejections  # measurements in a row, after which an increment is as many times as long
     carries = is_exact & (not _leaps(last, z, estimate.belief.mean, twist, (missed + 1.0) * dt, tuning))
     by_twist = prior.mean
-    mean = State(
-        pose.x if carries else by_twist.x,
-        pose.y if carries else by_twist.y,
-        pose.theta if carries else by_twist.theta,
-        by_twist.v,
-        by_twist.omega,
+    mean = by_twist._replace(
+        x=pose.x if carries else by_twist.x,
+        y=pose.y if carries else by_twist.y,
+        theta=pose.theta if carries else by_twist.theta,
     )
     return Estimate(Belief(mean, prior.covariance), 0.0, 0.0 if senses.odometry.measured else missed + 1.0)
 

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.estimation import ekf
+from turtlebot_gym.config import FINITE, POSITIVE, Numbers, choose, refusal
 from turtlebot_gym.estimation.ekf import DEAD_RECKONING, EXTENDED_KALMAN, GATED, Estimate
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.models.unicycle import INTEGRATORS, motion
-from turtlebot_gym.parameters import DeadReckoning, FilterTuning, Gate, Kalman
-from turtlebot_gym.validation import POSITIVE, choose, refusal
-from turtlebot_gym.values import STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
+from turtlebot_gym.estimation.tutorial import TUTORIAL
+from turtlebot_gym.models.unicycle import INTEGRATORS, Integrator, motion
+from turtlebot_gym.parameters import FilterTuning, Gate
+from turtlebot_gym.values import ORIGIN, STOP, Belief, Command, Covariance, Odometry, Pose, Senses, State
 
-_UPPER = np.triu_indices(5)
+PLACES = np.array([0, 0, 0, 1, 1, 2, 3, 4]), np.array([0, 1, 2, 1, 2, 2, 3, 4])
+"""Rows and columns of a `Covariance` in the matrix (5, 5)."""
 
-FILTERS = {type(known.kind): known for known in (EXTENDED_KALMAN, DEAD_RECKONING, GATED)}
+FILTERS = {type(known.kind): known for known in (EXTENDED_KALMAN, DEAD_RECKONING, GATED, TUTORIAL)}
 """Filters by the class of their own numbers."""
 
 
@@ -37,80 +38,52 @@ def filter_of(tuning: FilterTuning) -> Filter:
     return brought if isinstance(brought, Filter) else FILTERS[type(tuning.kind)]
 
 
-def matrix(covariance: Covariance) -> NDArray[np.float64]:
-    """Return a covariance's 15 independent entries as the symmetric matrix (5, 5)."""
+def matrix(covariance: ArrayLike) -> NDArray[np.float64]:
+    """Return a covariance as the symmetric matrix (5, 5)."""
     P = np.zeros((5, 5))
-    P[_UPPER] = covariance
-    return P + np.triu(P, 1).T
+    P[PLACES] = P[PLACES[::-1]] = covariance
+    return P
 
 
-def entries(P: ArrayLike, *, name: str = "covariance") -> Covariance:
-    """Return the 15 independent entries of a covariance matrix, checked.
-
-    Args:
-        P: Shape (5, 5).
-        name: Name of the matrix in error messages.
-
-    Raises:
-        ValueError: If the matrix is not finite, not symmetric, not positive semidefinite or of another shape.
-    """
-    P = np.asarray(P, np.float64)
-    if P.shape != (5, 5) or not np.isfinite(P).all():
-        raise ValueError(f"{name} must be a finite 5 x 5 matrix, got {P.tolist()!r}.")
-    scale = np.abs(P).max()
-    if np.abs(P - P.T).max() > 1e-12 * scale:  # tolerate rounding of F P F'
-        raise ValueError(f"{name} must be symmetric, got {P.tolist()!r}.")
-    least = np.linalg.eigvalsh(P)[0]
-    if least < -1e-12 * scale or np.diag(P).min() < 0.0:
-        raise ValueError(f"{name} must be positive semidefinite, got one with the eigenvalue {least:.3g}.")
-    return Covariance(*P[_UPPER].tolist())
+def covariance_of(P: NDArray[np.float64]) -> Covariance:
+    """Return the covariance of a pose and the variances of the twist in a symmetric matrix (5, 5)."""
+    return Covariance(*P[PLACES].tolist())
 
 
 class KalmanFilter:
-    """A filter of any kind, with access to its state, covariance and innovation.
-
-    ``step`` does what environments and nodes do in a control interval. ``predict`` and ``update`` are the two halves of the
-    extended Kalman filter, for a look in between; they apply no gate, and the odometry corrects even if the tuning makes it the
-    filter's input.
+    """A filter of any kind as an object, which does in a `step` what environments and nodes do in a control interval.
 
     Args:
-        tuning: Noise, gate and kind. Kinds that keep more than a belief accept no state and no
-            covariance; they begin at the origin, or with `start`.
-        state: Mean of the initial belief, shape (5,): x, y, theta, v, omega; m, m, rad, m/s, rad/s.
+        tuning: Noise, gate and kind.
+        state: Mean of the initial belief, shape (5,): x, y, theta, v, omega; m, m, rad, m/s, rad/s. None for a filter that
+            begins at the origin, or with `start`.
         covariance: Its covariance, shape (5, 5), symmetric and positive semidefinite; None for the tuning's P0.
         dt: Control interval, s.
         integrator: "euler" or "midpoint".
 
     Raises:
-        ValueError: If an argument is unknown or out of its range.
+        ValueError: If an argument is unknown or out of its range, or a filter that keeps more than a belief gets a state.
     """
 
     def __init__(
         self,
         tuning: FilterTuning,
         *,
-        state: ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0),
+        state: ArrayLike | None = None,
         covariance: ArrayLike | None = None,
         dt: float = 0.1,
         integrator: str = "euler",
     ) -> None:
-        mean = np.asarray(state, np.float64)
-        if mean.shape != (5,) or not np.isfinite(mean).all():
-            raise ValueError(f"state must be 5 finite numbers, got {state!r}.")
-        self.tuning = tuning
+        self.tuning, self._filter = tuning, filter_of(tuning)
         self.dt, self._integrator = POSITIVE.check("dt", dt), choose("integrator", integrator, INTEGRATORS)
-        P = entries(np.diag(tuning.P0) if covariance is None else covariance)
-        self._filter = filter_of(tuning)
-        self._rules = tuning.kind if isinstance(tuning.kind, Kalman) else Kalman()
-        self._estimate: Any = self._filter.start(_first(Pose(0.0, 0.0, 0.0)), tuning)
-        self._is_simple = isinstance(self._estimate, Estimate)  # other kinds keep more than a belief
-        if self._is_simple:
-            self._estimate = Estimate(Belief(State(*mean.tolist()), P), 0.0, 0.0)
-        elif covariance is not None or mean.any():
+        self._estimate: Any = self._filter.start(_first(ORIGIN), tuning)
+        if isinstance(self._estimate, Estimate):  # other kinds keep more than a belief
+            mean = Numbers(FINITE, 5).check("state", (0.0,) * 5 if state is None else state)
+            P = np.diag(tuning.P0) if covariance is None else np.asarray(covariance, np.float64)
+            self._estimate = Estimate(Belief(State(*mean), covariance_of(P)), 0.0, 0.0)
+        elif state is not None or covariance is not None:
             raise ValueError("A filter of this kind begins with its first measurement: leave out state and covariance.")
         self._odometry: Pose | None = None
-        self._innovation = np.full(3, np.nan)
-        self._innovation_covariance = np.full((3, 3), np.nan)
 
     @property
     def belief(self) -> Belief:
@@ -128,16 +101,6 @@ class KalmanFilter:
         return matrix(self.belief.covariance)
 
     @property
-    def innovation(self) -> NDArray[np.float64]:
-        """Last measured minus predicted pose, shape (3,); m, m, rad. NaN before a measurement."""
-        return self._innovation.copy()
-
-    @property
-    def innovation_covariance(self) -> NDArray[np.float64]:
-        """Covariance that the filter predicted for the last innovation, shape (3, 3). NaN before a measurement."""
-        return self._innovation_covariance.copy()
-
-    @property
     def nis(self) -> float:
         """Normalized innovation squared of the last measurement; for a correct filter, chi-square with 3 degrees of freedom."""
         return self._estimate.nis
@@ -152,54 +115,13 @@ class KalmanFilter:
         self._odometry = Pose(*odometry)
         self._estimate = self._filter.start(_first(self._odometry), self.tuning)
 
-    def predict(self, command: Command) -> None:
-        """Move the belief by one control interval, with the command that holds from now on.
-
-        Raises:
-            ValueError: If the filter is of a kind that has no such halves.
-        """
-        self._require_halves()
-        belief = self._moved(Command(*command))
-        self._estimate = self._estimate._replace(belief=belief)
-
-    def update(self, odometry: Pose) -> None:
-        """Condition the belief on a measured pose.
-
-        Raises:
-            ValueError: If the filter is of a kind that has no such halves.
-        """
-        self._require_halves()
-        z = Pose(*odometry)
-        self._note(self.belief, z)
-        belief, nis = ekf.correct(self.belief, z, self.tuning.R, self._rules.wrap_innovation)
-        self._estimate = Estimate(belief, nis, self._estimate.rejections)
-
     def step(self, command: Command, odometry: Pose | None = None) -> None:
-        """Predict and correct, gate included; None if no odometry arrived."""
-        command = Command(*command)
-        measured = odometry is not None
-        mean = self.belief.mean
-        z = Pose(*odometry) if measured else (self._odometry or Pose(mean.x, mean.y, mean.theta))
-        if measured and not isinstance(self.tuning.kind, DeadReckoning):
-            self._note(self._moved(command), z)
-        before, senses = Senses(Odometry(self._odometry or z, command, True)), Senses(Odometry(z, command, measured))
+        """Predict with the command that holds from now on, and correct, gate included; None if no odometry arrived."""
+        mean, last = self.belief.mean, self._odometry
+        z = Pose(*odometry) if odometry is not None else last or Pose(mean.x, mean.y, mean.theta)
+        before, senses = (Senses(Odometry(pose, Command(*command), odometry is not None)) for pose in (last or z, z))
         self._estimate = self._filter.step(self._estimate, before, senses, self.tuning, self.dt, self._integrator)
         self._odometry = z
-
-    def _moved(self, command: Command) -> Belief:
-        keep = self._rules.remember_velocity
-        return ekf.predict(self.belief, command, self.tuning, self.dt, self._integrator, keep)
-
-    def _require_halves(self) -> None:
-        if not self._is_simple:
-            raise ValueError(
-                "predict and update are halves of the extended Kalman filter; a filter of this kind has step alone."
-            )
-
-    def _note(self, prior: Belief, z: Pose) -> None:
-        """Store the innovation nu of a measurement against the prior, and S = H P H' + R."""
-        self._innovation = np.array(ekf.innovation(prior.mean, z, self._rules.wrap_innovation))
-        self._innovation_covariance = matrix(prior.covariance)[:3, :3] + np.diag(self.tuning.R)
 
 
 def _first(pose: Pose) -> Senses:
@@ -207,19 +129,11 @@ def _first(pose: Pose) -> Senses:
     return Senses(Odometry(pose, STOP, True))
 
 
-def jacobian(state: State, *, dt: float, integrator: str = "euler") -> NDArray[np.float64]:
+def jacobian(state: State, *, dt: float, integrator: float = Integrator.EULER) -> NDArray[np.float64]:
     """Return the derivative F (5, 5) of the motion with respect to the state.
 
     Its rows for v and omega are zero, because commands replace the twist. `ekf.predict` writes out the products with it.
     """
-    return jacobians(np.array([state]), dt=dt, integrator=choose("integrator", integrator, INTEGRATORS))[0]
-
-
-def jacobians(states: ArrayLike, *, dt: float, integrator: float) -> NDArray[np.float64]:
-    """Return `jacobian` for many states (n, 5), shape (n, 5, 5); the integrator is a value of `models.unicycle.Integrator`."""
-    twists = np.asarray(states, np.float64)[:, 2:].tolist()
-    moved = np.array([motion(theta, v, omega, dt, integrator)[3:] for theta, v, omega in twists])
-    F = np.zeros((len(twists), 5, 5))
-    F[:, [0, 1, 2], [0, 1, 2]] = 1.0
-    F[:, 0, 2:], F[:, 1, 2:], F[:, 2, 4] = moved[:, :3], moved[:, 3:], dt
+    moved, F = motion(state.theta, state.v, state.omega, dt, integrator), np.diag([1.0, 1.0, 1.0, 0.0, 0.0])
+    F[0, 2:], F[1, 2:], F[2, 4] = moved[3:6], moved[6:], dt
     return F

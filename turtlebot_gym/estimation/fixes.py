@@ -11,7 +11,6 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -64,106 +63,6 @@ def no_fix() -> Fix:
     return Fix(Pose(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.0, False, (0.0, 0.0, 0.0))
 
 
-@kernel
-def _with_fix(stored: StoredStep, fix: Fix, here: bool) -> StoredStep:
-    return StoredStep(stored.senses, fix if here else stored.fix, stored.dt)
-
-
-def filled(count: int) -> Callable[[Any], Any]:
-    """Return the kernel that makes a tuple of ``count`` equal values."""
-    if count == 1:
-        return kernel(lambda value: (value,))
-    rest = filled(count - 1)
-    return kernel(lambda value: (value,) + rest(value))  # noqa: RUF005  # compiled code has no star expressions
-
-
-def _values_of(names: tuple[str, ...]) -> Callable[[Any], Any]:
-    """Return the kernel that takes the values of some sensors, as a tuple."""
-    name, rest = names[0], _values_of(names[1:]) if names[1:] else None
-    if rest is None:
-        return kernel(lambda senses: (getattr(senses, name),))
-    return kernel(lambda senses: (getattr(senses, name),) + rest(senses))  # noqa: RUF005
-
-
-def _put(count: int) -> Callable[[Any, float, Fix], Any]:
-    """Return the kernel that puts a fix into one of ``count`` steps."""
-    if count == 1:
-        return kernel(lambda history, at, fix: (_with_fix(history[0], fix, at == 0),))
-    rest = _put(count - 1)
-    return kernel(lambda history, at, fix: (_with_fix(history[0], fix, at == 0),) + rest(history[1:], at - 1, fix))  # noqa: RUF005
-
-
-def _nearest(at: int, depth: int) -> Callable[..., Any]:
-    """Return the kernel that goes on from step ``at`` to find the step end nearest to an age, s, and how far off it is, s."""
-    if at == depth:
-        return kernel(lambda history, count, age, nearest, off, passed: (nearest, off))
-    rest = _nearest(at + 1, depth)
-
-    @kernel
-    def nearest_of(history, count, age, nearest, off, passed):
-        ago = passed + history[at].dt
-        is_nearer = (at < count) & (abs(age - ago) < off)
-        return rest(history, count, age, at + 1.0 if is_nearer else nearest, abs(age - ago) if is_nearer else off, ago)
-
-    return nearest_of
-
-
-def _replay(advance: Callable[..., Any], last: int) -> Callable[..., Any]:
-    """Return the kernel that repeats the last ``count`` of at most ``last`` steps, without a loop."""
-    if last == 0:
-        return kernel(lambda estimate, stored, count, tuning, integrator: estimate)
-    rest, before = _replay(advance, last - 1), last - 1
-
-    @kernel
-    def replay(estimate, stored, count, tuning, integrator):
-        moved = estimate
-        if last <= count:
-            moved = advance(estimate, stored[last], stored[before], tuning, integrator)
-        return rest(moved, stored, count, tuning, integrator)
-
-    return replay
-
-
-class _Memory(NamedTuple):
-    """The parts of a filter that remembers its last steps."""
-
-    start: Callable[..., Remembered]
-    remember: Callable[..., Remembered]
-    """``remember(estimate, before, senses, tuning, dt, integrator)`` returns the estimate after a step without a fix."""
-    advance: Callable[..., Any]
-    """``advance(estimate, before, now, tuning, integrator)`` repeats a stored step."""
-
-
-def _remembering(filter: Filter, depth: int) -> _Memory:
-    begin, step, fix_in, reads, _, _ = filter
-    Read, values_of = senses_of(reads), _values_of(reads)  # only these are stored, for as many steps as a fix may be late
-    fill, last = filled(depth + 1), depth
-
-    @kernel
-    def advance(estimate, before, now, tuning, integrator):
-        moved = step(estimate, before.senses, now.senses, tuning, now.dt, integrator)
-        if now.fix.arrived:
-            moved = fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning)
-        return moved
-
-    @kernel
-    def start(senses, tuning):
-        first = begin(senses, tuning)
-        stored = StoredStep(Read(*values_of(senses)), no_fix(), 0.0)
-        return Remembered(first.belief, first.nis, first, fill(stored), first, 0.0)
-
-    @kernel
-    def remember(estimate, before, senses, tuning, dt, integrator):
-        old, oldest = estimate.history, estimate.oldest
-        if estimate.steps >= last:
-            oldest = advance(oldest, old[last], old[last - 1], tuning, integrator)
-        stored = (StoredStep(Read(*values_of(senses)), no_fix(), dt),) + old[:-1]  # noqa: RUF005
-        newest = step(estimate.newest, before, senses, tuning, dt, integrator)
-        return Remembered(newest.belief, newest.nis, newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
-
-    return _Memory(start, remember, advance)
-
-
 @cache
 def with_fixes(filter: Filter, depth: int) -> Filter:
     """Return a filter that also takes fixes up to some age, from the sensor "fix"; it goes on reading what it has read.
@@ -174,29 +73,57 @@ def with_fixes(filter: Filter, depth: int) -> Filter:
     """
     if depth == 0:
         return _in_time(filter)
-    (start, remember, advance), fix_in, put = _remembering(filter, depth), filter.fix, _put(depth + 1)
-    nearest_of, replay = _nearest(0, depth), _replay(advance, depth)
+    begin, step, fix_in, reads, *_ = filter
+    Read, places, last = senses_of(reads), tuple(range(depth + 1)), depth  # only what it reads is stored
+
+    @kernel
+    def advance(estimate, before, now, tuning, integrator):
+        """Repeat a stored step."""
+        moved = step(estimate, before.senses, now.senses, tuning, now.dt, integrator)
+        if now.fix.arrived:
+            moved = fix_in(moved, now.fix.pose, now.fix.R + now.fix.cross, tuning)
+        return moved
+
+    @kernel
+    def start(senses, tuning):
+        first = begin(senses, tuning)
+        stored = StoredStep(Read(*(getattr(senses, name) for name in reads)), no_fix(), 0.0)
+        return Remembered(first.belief, first.nis, first, tuple(stored for _ in places), first, 0.0)
 
     @kernel
     def insert(estimate, fix, tuning, integrator):
+        """Put a fix into the step that ended nearest to its measurement, and repeat all steps."""
         stored, oldest, count = estimate.history, estimate.oldest, estimate.steps
-        at, off = nearest_of(stored, count, fix.age, 0.0, abs(fix.age), 0.0)
+        at, off, ago = 0.0, abs(fix.age), 0.0
+        for place in places[:-1]:
+            ago = ago + stored[place].dt
+            is_nearer = (place < count) & (abs(fix.age - ago) < off)
+            at, off = place + 1.0 if is_nearer else at, abs(fix.age - ago) if is_nearer else off
         is_stored = off <= 0.5 * stored[0].dt + 1e-9
         if is_stored & (at == count):
             oldest = fix_in(oldest, fix.pose, fix.R + fix.cross, tuning)
-        stored = put(stored, at if is_stored & (at < count) else -1.0, fix)
-        newest = replay(oldest, stored, count, tuning, integrator)
+        at = at if is_stored & (at < count) else -1.0
+        stored = tuple(each._replace(fix=fix if at == place else each.fix) for place, each in zip(places, stored, strict=True))
+        newest = oldest
+        for place in places[:0:-1]:
+            if place <= count:
+                newest = advance(newest, stored[place], stored[place - 1], tuning, integrator)
         return Remembered(newest.belief, newest.nis, newest, stored, oldest, count)
 
     @kernel
     def step_on(estimate, before, senses, tuning, dt, integrator):
-        now, remembered = senses.fix, remember(estimate, before, senses, tuning, dt, integrator)
+        old, oldest, now = estimate.history, estimate.oldest, senses.fix
+        if estimate.steps >= last:
+            oldest = advance(oldest, old[last], old[last - 1], tuning, integrator)
+        stored = (StoredStep(Read(*(getattr(senses, name) for name in reads)), no_fix(), dt), *old[:-1])
+        newest = step(estimate.newest, before, senses, tuning, dt, integrator)
+        remembered = Remembered(newest.belief, newest.nis, newest, stored, oldest, min(estimate.steps + 1.0, 1.0 * last))
         if now.arrived:
             fix = Fix(now.pose, now.R, now.age, now.arrived, now.cross)  # without what a simulated sensor keeps beside it
             remembered = insert(remembered, fix, tuning, integrator)
         return remembered
 
-    return filter._replace(start=start, step=step_on, reads=(*filter.reads, "fix"))
+    return filter._replace(start=start, step=step_on, reads=(*reads, "fix"))
 
 
 def _in_time(filter: Filter) -> Filter:

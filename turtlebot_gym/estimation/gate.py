@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.values import Belief, Covariance, Pose, State
+from turtlebot_gym.values import Belief, Covariance, Pose
 
 ONE_MEASUREMENT = -1.0
 """Number of refusals that stands for a belief which rests on one measurement."""
@@ -55,8 +55,7 @@ def judge(rejections: float, measured: bool, is_outlier: bool, tuning: FilterTun
 def restart(prior: Belief, z: Pose, tuning: FilterTuning) -> Belief:
     """Replace the believed pose by the measured one; the twist stays as executed."""
     R, P = tuning.R, prior.covariance
-    covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, P.vv, P.vw, P.ww)
-    return Belief(State(z.x, z.y, z.theta, prior.mean.v, prior.mean.omega), covariance)
+    return Belief(prior.mean._replace(x=z.x, y=z.y, theta=z.theta), Covariance(R[0], 0.0, 0.0, R[1], 0.0, R[2], P.vv, P.ww))
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""A filter that reads a gyro: the extended Kalman filter of `ekf`, with the gyro's bias as a sixth state.
+"""A filter that reads a gyro: the extended Kalman filter of `ekf`, with the gyro's bias as a further state.
 
 The gyro measures the turning rate that the robot executes, which neither commands nor wheels know. So the heading drifts less
 between two measured poses; with wheel odometry, which measures none, the gyro alone corrects.
@@ -9,16 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple
 
+from turtlebot_gym.config import NON_NEGATIVE
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.ekf import predict
 from turtlebot_gym.estimation.gate import ONE_MEASUREMENT
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.sixth import Sixth, correct_both_correlated, moved_column, settle_both, update_both
-from turtlebot_gym.estimation.update import Projection, Variances, wrapped
+from turtlebot_gym.estimation.sixth import Sixth, correct_both_correlated, settle_both, update_both
+from turtlebot_gym.estimation.update import Projection, Variances, inverse_of, wrapped
 from turtlebot_gym.kernel import kernel
+from turtlebot_gym.models.unicycle import motion
 from turtlebot_gym.parameters import FilterTuning, Gate
-from turtlebot_gym.validation import NON_NEGATIVE
-from turtlebot_gym.values import Belief, Pose, State
+from turtlebot_gym.values import Belief, Command, Pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,23 +46,53 @@ class _GyroEstimate(NamedTuple):
     """The gyro's bias, rad/s."""
     rejections: float
     """See `ekf.Estimate`."""
+    offset: float
+    """The turning rate is this, rad/s, ..."""
+    share: float
+    """... minus this share of the bias, ..."""
+    rest: float
+    """... with an error of this variance, (rad/s)^2, that nothing else has."""
 
 
 @kernel
 def _start(senses: Any, tuning: FilterTuning) -> _GyroEstimate:
     """Start from the first measurement, without a bias; see `interface.Filter`."""
     belief, deviation = ekf.initialize(senses.odometry.pose, tuning).belief, tuning.kind.bias_deviation
-    bias = Sixth(0.0, deviation * deviation, State(0.0, 0.0, 0.0, 0.0, 0.0))
-    return _GyroEstimate(belief, 0.0, bias, ONE_MEASUREMENT)
+    bias = Sixth(0.0, deviation * deviation, Pose(0.0, 0.0, 0.0))
+    return _GyroEstimate(belief, 0.0, bias, ONE_MEASUREMENT, 0.0, 0.0, belief.covariance.ww)
 
 
 @kernel
-def _turn_rate(belief: Belief, bias: Sixth) -> Projection:
-    """Project on what the gyro measures, the turning rate plus the bias."""
-    P, c = belief.covariance, bias.column
-    # var(omega + b) = var(omega) + 2 cov + var(b).
-    column = State(P.xw + c.x, P.yw + c.y, P.tw + c.theta, P.vw + c.v, P.ww + c.omega)
-    return Projection(column, P.ww + 2.0 * c.omega + bias.variance)
+def _predict(
+    estimate: _GyroEstimate, twist: Command, tuning: FilterTuning, dt: float, integrator: float
+) -> tuple[Belief, Sixth]:
+    """Move the belief; the bias adds to its covariance, since the turning rate has a share of it."""
+    mean, c, vb = estimate.belief.mean, estimate.bias.column, estimate.bias.variance
+    by = motion(mean.theta, mean.v, mean.omega, dt, integrator)
+    fx, fy, ft = -estimate.share * by.x_omega, -estimate.share * by.y_omega, -estimate.share * dt
+    cx, cy, ct = c.x + by.x_theta * c.theta, c.y + by.y_theta * c.theta, c.theta
+    alone = estimate.belief._replace(covariance=estimate.belief.covariance._replace(ww=estimate.rest))
+    belief = ekf.predict(alone, twist, tuning, dt, integrator)
+    P = belief.covariance
+    moved = P._replace(
+        xx=P.xx + fx * (2.0 * cx + fx * vb),
+        xy=P.xy + fx * cy + fy * cx + fx * fy * vb,
+        xt=P.xt + fx * ct + ft * cx + fx * ft * vb,
+        yy=P.yy + fy * (2.0 * cy + fy * vb),
+        yt=P.yt + fy * ct + ft * cy + fy * ft * vb,
+        tt=P.tt + ft * (2.0 * ct + ft * vb),
+    )
+    walk, column = tuning.kind.bias_walk, Pose(cx + fx * vb, cy + fy * vb, ct + ft * vb)
+    return belief._replace(covariance=moved), Sixth(estimate.bias.mean, vb + walk * walk * dt, column)
+
+
+@kernel
+def _turning(estimate: _GyroEstimate, belief: Belief, bias: Sixth) -> _GyroEstimate:
+    """Return an estimate with another belief and bias, and the turning rate that follows from the bias."""
+    share = estimate.share
+    mean = belief.mean._replace(omega=estimate.offset - share * bias.mean)
+    P = belief.covariance._replace(ww=estimate.rest + share * share * bias.variance)
+    return estimate._replace(belief=Belief(mean, P), bias=bias)
 
 
 @kernel
@@ -70,24 +100,23 @@ def _step(
     estimate: _GyroEstimate, before: Any, senses: Any, tuning: FilterTuning, dt: float, integrator: float
 ) -> _GyroEstimate:
     """Predict, and correct by turning rate and pose; see `interface.Filter`."""
-    odometry, gyro = senses.odometry, tuning.kind
-    to = moved_column(estimate.bias, estimate.belief.mean, dt, integrator)
-    belief = predict(estimate.belief, odometry.twist, tuning, dt, integrator)
-    variance = estimate.bias.variance + gyro.bias_walk * gyro.bias_walk * dt
-    bias = Sixth(estimate.bias.mean, variance, State(to.x, to.y, to.theta, 0.0, 0.0))  # a new twist is executed
-
-    surprise = senses.imu.omega - belief.mean.omega - bias.mean
-    h = _turn_rate(belief, bias)
-    belief, bias, _ = update_both(belief, bias, h, bias.column.omega + bias.variance, surprise, gyro.variance)
+    odometry, gyro, measured = senses.odometry, tuning.kind, senses.imu.omega
+    belief, bias = _predict(estimate, odometry.twist, tuning, dt, integrator)
+    # The gyro minus the turning rate of the wheels measures the bias; what remains of both is the turning rate itself.
+    told, unsure = belief.mean.omega, belief.covariance.ww
+    of_bias = Projection(bias.column, bias.variance)
+    off, noise = measured - told - bias.mean, unsure + gyro.variance
+    belief, bias, _ = update_both(belief, bias, of_bias, bias.variance, off, noise)
+    share = unsure * inverse_of(noise)
     corrects = odometry.measured & gyro.corrects
     belief, bias, nis, rejections = settle_both(estimate.rejections, wrapped(belief), bias, odometry.pose, corrects, tuning, dt)
-    return _GyroEstimate(belief, nis if corrects else estimate.nis, bias, rejections)
+    nis, offset = nis if corrects else estimate.nis, told + share * (measured - told)
+    return _turning(_GyroEstimate(belief, nis, bias, rejections, offset, share, share * gyro.variance), belief, bias)
 
 
 @kernel
 def _fix(estimate: _GyroEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _GyroEstimate:
-    belief, bias = correct_both_correlated(estimate.belief, estimate.bias, z, R)
-    return _GyroEstimate(belief, estimate.nis, bias, estimate.rejections)
+    return _turning(estimate, *correct_both_correlated(estimate.belief, estimate.bias, z, R))
 
 
 Gyro.filter = Filter(_start, _step, _fix, ("odometry", "imu"), Gyro(variance=3e-6, bias_deviation=0.01))

@@ -24,14 +24,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.estimation.filters import matrix
+from turtlebot_gym.estimation.filters import covariance_of, matrix
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.plugins import failure
-from turtlebot_gym.values import Belief, Covariance, Pose, Senses, State
-
-_UPPER = np.triu_indices(5)
+from turtlebot_gym.values import Belief, Pose, Senses, State
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,10 +59,7 @@ class _PlainEstimate(NamedTuple):
 @lru_cache(64)
 def _worker(make: Callable[[Any], Any], tuning: Any) -> tuple[Any, NDArray[np.float64], NDArray[np.float64]]:
     """Return the object for a tuning, its first state and covariance."""
-    try:
-        worker = make(tuning)
-    except Exception as error:
-        raise failure(_name(make), error) from error
+    worker = make(tuning)
     x, P = (np.array(getattr(worker, name, ()), np.float64) for name in ("x", "P"))
     if x.ndim != 1 or len(x) < 5 or P.shape != (len(x), len(x)):
         shapes = f"got {x.shape} and {P.shape}"
@@ -85,7 +79,7 @@ def _packed(make: Any, x: Any, P: Any, nis: float) -> _PlainEstimate:
     # Rounding must not leave it asymmetric.
     P = 0.5 * (P + P.T)
     more = (*x[5:].tolist(), *P[5:].ravel().tolist())
-    return _PlainEstimate(Belief(State(*x[:5].tolist()), Covariance(*P[:5, :5][_UPPER].tolist())), nis, more)
+    return _PlainEstimate(Belief(State(*x[:5].tolist()), covariance_of(P)), nis, more)
 
 
 def _unpacked(estimate: _PlainEstimate, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -107,10 +101,7 @@ def _filter_of(make: Callable[[Any], Any]) -> Filter:
     def run(estimate: _PlainEstimate, tuning: Any, work: Callable[[Any], float]) -> _PlainEstimate:
         worker, first, _ = _worker(make, tuning)
         worker.x, worker.P = _unpacked(estimate, len(first))
-        try:
-            nis = work(worker)
-        except Exception as error:
-            raise failure(_name(make), error) from error
+        nis = work(worker)
         return _packed(make, worker.x, worker.P, nis)
 
     def step(

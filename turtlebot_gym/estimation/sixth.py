@@ -1,6 +1,6 @@
-"""A sixth state beside the five of the robot: a scalar that a filter learns, such as a gyro's bias or the scale of ranges.
+"""A state beside the pose: a scalar that a filter learns, such as a gyro's bias or the scale of ranges.
 
-Five states have their covariance written out; a sixth needs its mean, its variance and its covariance with the five.
+A pose has its covariance written out; a further state needs its mean, its variance and its covariance with the pose.
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ from turtlebot_gym.estimation.update import (
 )
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.models.unicycle import motion
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.values import Belief, Pose, State
+from turtlebot_gym.values import Belief, Pose
 
 
 class Sixth(NamedTuple):
@@ -34,28 +33,19 @@ class Sixth(NamedTuple):
 
     mean: float
     variance: float
-    column: State
-    """Its covariance with each component of the robot's state."""
-
-
-@kernel
-def moved_column(sixth: Sixth, mean: State, dt: float, integrator: float) -> Pose:
-    """Return the covariance of a constant sixth state with the pose after an interval."""
-    c, by = sixth.column, motion(mean.theta, mean.v, mean.omega, dt, integrator)
-    x = c.x + by.x_theta * c.theta + by.x_v * c.v + by.x_omega * c.omega
-    y = c.y + by.y_theta * c.theta + by.y_v * c.v + by.y_omega * c.omega
-    return Pose(x, y, c.theta + dt * c.omega)
+    column: Pose
+    """Its covariance with each component of the robot's pose."""
 
 
 @kernel
 def update_both(
     belief: Belief, sixth: Sixth, h: Projection, across: float, innovation: float, r: float
 ) -> tuple[Belief, Sixth, float]:
-    """Condition as `update.update` does; the sixth state has the covariance ``across``."""
-    inverse = inverse_of(innovation_variance(h, r))
+    """Condition as `update.update` does; the further state has the covariance ``across`` with what is measured."""
+    inverse = inverse_of(innovation_variance(h.variance, r))
     posterior, nis = update(belief, h, innovation, r)
     c, s, k = sixth.column, h.column, across * inverse
-    column = State(c.x - k * s.x, c.y - k * s.y, c.theta - k * s.theta, c.v - k * s.v, c.omega - k * s.omega)
+    column = Pose(c.x - k * s.x, c.y - k * s.y, c.theta - k * s.theta)
     return posterior, Sixth(sixth.mean + k * innovation, max(sixth.variance - k * across, 0.0), column), nis
 
 
@@ -97,22 +87,20 @@ def settle_both(
 ) -> tuple[Belief, Sixth, float, float]:
     """Correct by a measured pose, unless there is none or the gate refuses it.
 
-    A filter that starts anew keeps its sixth state, which then has no covariance with the pose.
+    A filter that starts anew keeps its further state, which then has no covariance with the pose.
 
     Returns:
-        Belief and sixth state, the NIS, and the number of refusals in a row.
+        Belief and further state, the NIS, and the number of refusals in a row.
     """
     posterior, corrected, nis = correct_both(prior, sixth, z, tuning.R, innovation(prior.mean, z).theta)
     verdict = judge(rejections, measured, nis > tuning.kind.gate, tuning, dt)
     belief = choose(verdict, measured, prior, posterior, restart(prior, z, tuning))
     lost, takes = verdict.lost, measured & (nis <= tuning.kind.gate)
-    mean, variance = (corrected.mean if takes else sixth.mean), (corrected.variance if takes else sixth.variance)
     old, new = sixth.column, corrected.column
-    column = State(
+    column = Pose(
         0.0 if lost else (new.x if takes else old.x),
         0.0 if lost else (new.y if takes else old.y),
         0.0 if lost else (new.theta if takes else old.theta),
-        new.v if takes else old.v,
-        new.omega if takes else old.omega,
     )
+    mean, variance = (corrected.mean if takes else sixth.mean), (corrected.variance if takes else sixth.variance)
     return belief, Sixth(mean, variance, column), nis, verdict.rejections

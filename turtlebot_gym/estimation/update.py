@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from turtlebot_gym.kernel import algebra, kernel
 from turtlebot_gym.models.angles import wrap
-from turtlebot_gym.values import Belief, Covariance, Pose, State
+from turtlebot_gym.values import Belief, Covariance, Pose
 
 Variances = tuple[float, ...]
 
@@ -20,66 +20,36 @@ Variances = tuple[float, ...]
 class Projection(NamedTuple):
     """Projection of a covariance on a scalar measurement ``h x``."""
 
-    column: State
-    """``P h'``: its covariance with each component of the state."""
+    column: Pose
+    """``P h'``: its covariance with each component of the pose."""
     variance: float
     """``h P h'``."""
 
 
 @kernel
 def of_x(P: Covariance) -> Projection:
-    """Project on x, ``h = [1 0 0 0 0]``."""
-    return Projection(State(P.xx, P.xy, P.xt, P.xv, P.xw), P.xx)
+    """Project on x, ``h = [1 0 0]``."""
+    return Projection(Pose(P.xx, P.xy, P.xt), P.xx)
 
 
 @kernel
 def of_y(P: Covariance) -> Projection:
-    """Project on y, ``h = [0 1 0 0 0]``."""
-    return Projection(State(P.xy, P.yy, P.yt, P.yv, P.yw), P.yy)
+    """Project on y, ``h = [0 1 0]``."""
+    return Projection(Pose(P.xy, P.yy, P.yt), P.yy)
 
 
 @kernel
 def of_heading(P: Covariance) -> Projection:
-    """Project on the heading, ``h = [0 0 1 0 0]``."""
-    return Projection(State(P.xt, P.yt, P.tt, P.tv, P.tw), P.tt)
+    """Project on the heading, ``h = [0 0 1]``."""
+    return Projection(Pose(P.xt, P.yt, P.tt), P.tt)
 
 
 @kernel
 def of_row(P: Covariance, row: tuple[float, float, float]) -> Projection:
-    """Project on a weighted sum of x, y and heading, ``h = [row 0 0]``."""
+    """Project on a weighted sum of x, y and heading, ``h = row``."""
     i, j, k = row
-    column = State(
-        i * P.xx + j * P.xy + k * P.xt,
-        i * P.xy + j * P.yy + k * P.yt,
-        i * P.xt + j * P.yt + k * P.tt,
-        i * P.xv + j * P.yv + k * P.tv,
-        i * P.xw + j * P.yw + k * P.tw,
-    )
+    column = Pose(i * P.xx + j * P.xy + k * P.xt, i * P.xy + j * P.yy + k * P.yt, i * P.xt + j * P.yt + k * P.tt)
     return Projection(column, i * column.x + j * column.y + k * column.theta)
-
-
-@algebra
-def _condition(P: Covariance, column: State, inverse: float) -> Covariance:
-    """Reduce P by a scalar measurement: ``P - column column' / S``, with ``inverse`` for 1 / S."""
-    x, y, t, v, w = column
-    i, j, k, m, n = x * inverse, y * inverse, t * inverse, v * inverse, w * inverse
-    return Covariance(
-        max(P.xx - i * x, 0.0),
-        P.xy - i * y,
-        P.xt - i * t,
-        P.xv - i * v,
-        P.xw - i * w,
-        max(P.yy - j * y, 0.0),
-        P.yt - j * t,
-        P.yv - j * v,
-        P.yw - j * w,
-        max(P.tt - k * t, 0.0),
-        P.tv - k * v,
-        P.tw - k * w,
-        max(P.vv - m * v, 0.0),
-        P.vw - m * w,
-        max(P.ww - n * w, 0.0),
-    )
 
 
 LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12
@@ -87,7 +57,7 @@ LEAST_VARIANCE, LEAST_SHARE = 1e-12, 1e-12
 
 
 @kernel
-def innovation_variance(h: Projection, r: float) -> float:
+def innovation_variance(variance: float, r: float) -> float:
     """Return S, the variance of a scalar measurement's innovation: ``h P h' + r``.
 
     The noise counts as at least `LEAST_VARIANCE`, and as `LEAST_SHARE` of ``h P h'``. A measurement a million times more
@@ -95,10 +65,10 @@ def innovation_variance(h: Projection, r: float) -> float:
     fit those on it, and gains grow without limit. The floors leave a share that rounding, 2e-16, does not reach.
 
     Args:
-        h: What the measurement sees of the covariance.
+        variance: ``h P h'``.
         r: Variance of the measurement.
     """
-    return h.variance + max(r, max(LEAST_VARIANCE, LEAST_SHARE * h.variance))
+    return variance + max(r, max(LEAST_VARIANCE, LEAST_SHARE * variance))
 
 
 @kernel
@@ -109,22 +79,23 @@ def inverse_of(S: float) -> float:
 
 
 @algebra
-def absorb(belief: Belief, column: State, gain: float, inverse: float) -> Belief:
-    """Update a belief by a scalar measurement.
+def absorb(belief: Belief, column: Pose, gain: float, inverse: float) -> Belief:
+    """Update a belief by a scalar measurement: ``P - column column' / S``.
 
     Args:
         belief: Prior mean and covariance.
-        column: Covariance of the measured quantity with each component of the state.
+        column: Covariance of the measured quantity with each component of the pose.
         gain: Step of the mean along the column.
         inverse: Reduction of the covariance along ``column column'``: 1 / S for a measurement that is certainly accepted.
 
     Returns:
         The posterior, whose heading is not wrapped yet.
     """
-    (x, y, theta, v, omega), P = belief
-    c = column
-    mean = State(x + gain * c.x, y + gain * c.y, theta + gain * c.theta, v + gain * c.v, omega + gain * c.omega)
-    return Belief(mean, _condition(P, c, inverse))
+    (mean, P), (x, y, t) = belief, column
+    i, j, k = x * inverse, y * inverse, t * inverse
+    xx, yy, tt = max(P.xx - i * x, 0.0), max(P.yy - j * y, 0.0), max(P.tt - k * t, 0.0)
+    covariance = Covariance(xx, P.xy - i * y, P.xt - i * t, yy, P.yt - j * t, tt, P.vv, P.ww)
+    return Belief(mean._replace(x=mean.x + gain * x, y=mean.y + gain * y, theta=mean.theta + gain * t), covariance)
 
 
 @kernel
@@ -140,7 +111,7 @@ def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[
     Returns:
         The posterior, whose heading is not wrapped yet, and the normalized innovation squared ``innovation^2 / (h P h' + r)``.
     """
-    inverse = inverse_of(innovation_variance(h, r))
+    inverse = inverse_of(innovation_variance(h.variance, r))
     gain = innovation * inverse
     return absorb(belief, h.column, gain, inverse), gain * innovation
 
@@ -148,8 +119,7 @@ def update(belief: Belief, h: Projection, innovation: float, r: float) -> tuple[
 @kernel
 def wrapped(belief: Belief) -> Belief:
     """Return a belief with its heading wrapped."""
-    x, y, theta, v, omega = belief.mean
-    return Belief(State(x, y, wrap(theta), v, omega), belief.covariance)
+    return belief._replace(mean=belief.mean._replace(theta=wrap(belief.mean.theta)))
 
 
 @kernel

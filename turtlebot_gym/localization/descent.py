@@ -16,7 +16,7 @@ from turtlebot_gym.localization.passing import AGAINST, agreeing, verdict
 from turtlebot_gym.localization.points import LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos, wrap
 from turtlebot_gym.rooms.field import at_cell
-from turtlebot_gym.values import Belief, Covariance
+from turtlebot_gym.values import Belief
 
 LEAST_BEAMS = 5
 """Fewest beams on known ground that a scan needs."""
@@ -98,27 +98,8 @@ def judged(end: Descent, sight: ScanPoints, q: Any) -> Descent:
 @kernel
 def widened(belief: Belief, position: float, heading: float) -> Belief:
     """Return a belief with further variances of position and heading, m^2 and rad^2."""
-    mean, P = belief
-    return Belief(
-        mean,
-        Covariance(
-            P.xx + position,
-            P.xy,
-            P.xt,
-            P.xv,
-            P.xw,
-            P.yy + position,
-            P.yt,
-            P.yv,
-            P.yw,
-            P.tt + heading,
-            P.tv,
-            P.tw,
-            P.vv,
-            P.vw,
-            P.ww,
-        ),
-    )
+    P = belief.covariance
+    return belief._replace(covariance=P._replace(xx=P.xx + position, yy=P.yy + position, tt=P.tt + heading))
 
 
 @kernel

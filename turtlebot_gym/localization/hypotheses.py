@@ -236,26 +236,11 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     if is_sure and q.trust > 0.0:
         bank[TRIAL, 0], bank[TRIAL, 1], bank[TRIAL, 2], bank[LAST, OFF] = PROBATION, guesses[0, 7], guesses[0, 7], 0.0
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
-    covariance = Covariance(
-        POSITION * POSITION + xx * share,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        POSITION * POSITION + yy * share,
-        0.0,
-        0.0,
-        0.0,
-        TURN * TURN + tt * share,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )
+    around, turned = POSITION * POSITION, TURN * TURN + tt * share
+    covariance = Covariance(around + xx * share, 0.0, 0.0, around + yy * share, 0.0, turned)
     if count > 0:
         belief = Belief(State(best.x, best.y, best.theta, mean.v, mean.omega), covariance)
-    fresh = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
+    fresh = Sixth(0.0, q.scale * q.scale, Pose(0.0, 0.0, 0.0))
     # A place that is only the likeliest is nothing to drive by: the robot is lost until it is sure.
     misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, weight, max(silent, 2.0 * SILENT))
     agrees = agreeing(sight, Guess(best.x, best.y, best.theta, 0.0), q) if count > 0 else 0.0

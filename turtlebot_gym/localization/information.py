@@ -23,7 +23,7 @@ from turtlebot_gym.kernel import compiled_scratch, is_plain, kernel
 from turtlebot_gym.localization.points import DX, DY, LENGTH, X, Y
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.rooms.field import Corners, between, corners_of, fetch_around, place_of, sample
-from turtlebot_gym.values import Belief, Covariance, State
+from turtlebot_gym.values import Belief, Covariance, Pose
 
 FLAT = 0.5
 """Square of the gradient below which an end within a surface is about as far from its other side ..."""
@@ -253,7 +253,7 @@ def _absorb(
     h = of_row(belief.covariance, (x, y, t))
     across = x * c.x + y * c.y + t * c.theta + s * sixth.variance
     p = h.column
-    column = State(p.x + s * c.x, p.y + s * c.y, p.theta + s * c.theta, p.v + s * c.v, p.omega + s * c.omega)
+    column = Pose(p.x + s * c.x, p.y + s * c.y, p.theta + s * c.theta)
     variance = x * column.x + y * column.y + t * column.theta + s * across
     off = x * (mean.x - at.x) + y * (mean.y - at.y) + t * (mean.theta - at.theta) + s * (sixth.mean - at.scale)
     return update_both(belief, sixth, Projection(column, max(variance, 0.0)), across, -gradient / pivot - off, 1.0 / pivot)

@@ -91,9 +91,9 @@ class Located(NamedTuple):
 @kernel
 def locate(pose: Pose, R: tuple[float, float, float], q: Any) -> Located:
     """Return the localizer at a pose that is known with the variances R; m^2, m^2, rad^2."""
-    covariance = Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, 0.0, 0.0, 0.0)
+    covariance = Covariance(R[0], 0.0, 0.0, R[1], 0.0, R[2])
     belief = Belief(State(pose.x, pose.y, pose.theta, 0.0, 0.0), covariance)
-    scale = Sixth(0.0, q.scale * q.scale, State(0.0, 0.0, 0.0, 0.0, 0.0))
+    scale = Sixth(0.0, q.scale * q.scale, Pose(0.0, 0.0, 0.0))
     return Located(belief, 0.0, scale, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -115,22 +115,11 @@ def _spread(P: Covariance, heading: float, way: float, turn: float, drift: tuple
     sideways = q.aside_turn * turn
     aside = q.aside_walk * q.aside_walk * way + cross * cross + sideways * sideways
     heading_noise = drift[1] + q.turn_walk * q.turn_walk * way + swerve * swerve
-    return Covariance(
-        P.xx + cosine * cosine * along + sine * sine * aside,
-        P.xy + cosine * sine * (along - aside),
-        P.xt,
-        P.xv,
-        P.xw,
-        P.yy + sine * sine * along + cosine * cosine * aside,
-        P.yt,
-        P.yv,
-        P.yw,
-        P.tt + heading_noise,
-        P.tv,
-        P.tw,
-        P.vv,
-        P.vw,
-        P.ww,
+    return P._replace(
+        xx=P.xx + cosine * cosine * along + sine * sine * aside,
+        xy=P.xy + cosine * sine * (along - aside),
+        yy=P.yy + sine * sine * along + cosine * cosine * aside,
+        tt=P.tt + heading_noise,
     )
 
 
@@ -152,27 +141,11 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
     dx, dy, c = pose.x - mean.x, pose.y - mean.y, located.scale.column
     # F = [1 0 -dy; 0 1 dx; 0 0 1] for the pose; the twist is replaced.
     xt, yt = P.xt - dy * P.tt, P.yt + dx * P.tt
-    moved = Covariance(
-        P.xx - dy * (P.xt + xt),
-        P.xy - dy * P.yt + dx * xt,
-        xt,
-        0.0,
-        0.0,
-        P.yy + dx * (P.yt + yt),
-        yt,
-        0.0,
-        0.0,
-        P.tt,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-    )
+    moved = Covariance(P.xx - dy * (P.xt + xt), P.xy - dy * P.yt + dx * xt, xt, P.yy + dx * (P.yt + yt), yt, P.tt)
     way, turn, slack = sqrt(dx * dx + dy * dy), abs(wrap(now.theta - before.theta)), located.slack
     drift = (drift[0] * slack, drift[1] * slack)
     spread = _spread(moved, mean.theta, way, turn, drift, q)
-    scale = Sixth(located.scale.mean, located.scale.variance, State(c.x - dy * c.theta, c.y + dx * c.theta, c.theta, 0.0, 0.0))
+    scale = Sixth(located.scale.mean, located.scale.variance, Pose(c.x - dy * c.theta, c.y + dx * c.theta, c.theta))
     belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
     taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
     _, nis, _, fits, misfits, _, _, scans, moves, weight, _, _, strays, agrees, silent = located

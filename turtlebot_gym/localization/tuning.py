@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from turtlebot_gym.presets import resolve
+from turtlebot_gym.config import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, PROBABILITY, Range, check_fields, given
 from turtlebot_gym.rooms.lidar import Lidar
-from turtlebot_gym.validation import NON_NEGATIVE, ONE_OR_MORE, POSITIVE, PROBABILITY, Range, check_fields
 
 _BEAMS = Range(5, 10_000, whole=True)
 
@@ -151,4 +150,4 @@ def make_localizer(tuning: str | Path | Mapping[str, Any] | LocalizerTuning, lid
     Raises:
         ValueError: If the name is unknown, or the file does not contain one.
     """
-    return resolve(LocalizerTuning, tuning, {name: make(lidar) for name, make in LOCALIZERS.items()})
+    return given(LocalizerTuning, tuning, {name: make(lidar) for name, make in LOCALIZERS.items()}, "localizer")

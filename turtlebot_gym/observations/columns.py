@@ -54,14 +54,6 @@ def bounds_of(terms: Sequence[ObservationTerm]) -> tuple[tuple[float, ...], tupl
     return tuple(number for part in low for number in part), tuple(number for part in high for number in part)
 
 
-def _each(terms: tuple[ObservationTerm, ...]) -> Callable[..., Any]:
-    """Return the kernel of each term's value, as a tuple."""
-    of, rest = terms[0].of, _each(terms[1:]) if terms[1:] else None
-    if rest is None:
-        return kernel(lambda world, p: (of(world, p),))
-    return kernel(lambda world, p: (of(world, p),) + rest(world, p))  # noqa: RUF005  # no star in compiled code
-
-
 class PresentValues(NamedTuple):
     """The values of all terms of an observation that are in no scene."""
 
@@ -71,8 +63,8 @@ class PresentValues(NamedTuple):
 @cache
 def observing(terms: tuple[ObservationTerm, ...]) -> Callable[..., PresentValues]:
     """Return the kernel ``observe(world, p)`` of an observation's terms."""
-    each = _each(tuple(term for term in terms if not term.in_scene))
-    return kernel(lambda world, p: PresentValues(each(world, p)))
+    kernels = tuple(term.of for term in terms if not term.in_scene)
+    return kernel(lambda world, p: PresentValues(tuple(of(world, p) for of in kernels)))
 
 
 class ColumnRun(NamedTuple):

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from turtlebot_gym.config import did_you_mean, refusal, short_repr
+from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.observations.known import OBSERVED, TERMS
 from turtlebot_gym.observations.term import ObservationTerm
-from turtlebot_gym.plugins import load_object
-from turtlebot_gym.validation import did_you_mean, refusal, short_repr
 
 _HISTORY = re.compile(r"(.+?)\*(\d+)(?:@(\d+))?")
 
@@ -79,7 +79,7 @@ def _term(name: str, own: Sequence[ObservationTerm]) -> ObservationTerm:
         return own_term(name)
     if name not in known:
         raise ValueError(
-            f"observation has no term {short_repr(name)}: there are {', '.join((*OBSERVED, *known))}, and MODULE:NAME for one "
+            f"observation has no term {short_repr(name)}: there are {', '.join((*OBSERVED, *known))}, and MODULE:NAME "
             f"of your own.{did_you_mean(name, (*OBSERVED, *known))}"
         )
     return known[name]
@@ -108,23 +108,13 @@ def own_term(source: str) -> ObservationTerm:
 def _clipped(term: ObservationTerm) -> ObservationTerm:
     """Return a term whose numbers are within its bounds; the kernel's attribute ``__wrapped__`` is the one before."""
     of, bounds = term.of, tuple(zip(*term.bounds, strict=True))
-    if term.width == 1:
-        ((low, high),) = bounds
-        clipped: Any = kernel(lambda world, p: min(max(of(world, p), low), high))
-    else:
-        clip = _clip(term.width)
-        clipped = kernel(lambda world, p: clip(of(world, p), bounds))
+
+    def of_one(world, p):
+        return min(max(of(world, p), bounds[0][0]), bounds[0][1])
+
+    def of_several(world, p):
+        return tuple(min(max(number, low), high) for number, (low, high) in zip(of(world, p), bounds, strict=True))
+
+    clipped: Any = kernel(of_one if term.width == 1 else of_several)
     clipped.__wrapped__ = of
     return replace(term, of=clipped)
-
-
-def _clip(number: int) -> Callable[..., Any]:
-    """Return the kernel that clips so many numbers of a tuple, each to its own bounds."""
-    last = number - 1
-    before = _clip(last) if last else kernel(lambda numbers, bounds: ())
-
-    @kernel
-    def clip(numbers, bounds):
-        return before(numbers, bounds) + (min(max(numbers[last], bounds[last][0]), bounds[last][1]),)  # noqa: RUF005
-
-    return clip

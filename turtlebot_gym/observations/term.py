@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from turtlebot_gym.plugins import failure, source_of
-from turtlebot_gym.validation import POSITIVE, as_int, refusal, short_repr
+from turtlebot_gym.config import POSITIVE, as_int, refusal, short_repr
+from turtlebot_gym.files import source_of
 
 MOST = 100
 """Most numbers of a term, most values of it, and most steps from one to the next."""
@@ -127,15 +127,8 @@ class ObservationTerm:
         return tuple(np.clip(numbers, *self.bounds).tolist())
 
     def example(self, world: Any, p: Any) -> Any:
-        """Return the value of a term in a world, before it is clipped.
-
-        Raises:
-            ValueError: If its kernel fails, or returns another number of numbers; the message is one line that says where.
-        """
-        try:
-            value = getattr(self.of, "__wrapped__", self.of)(world, p)
-        except Exception as error:
-            raise failure(self.source or self.name, error) from error
+        """Return the value of a term in a world, before it is clipped; a ``ValueError`` refuses another number of numbers."""
+        value = getattr(self.of, "__wrapped__", self.of)(world, p)
         if (count := len(value) if isinstance(value, tuple) else 1) != self.width:
             raise ValueError(f"the term {self.name!r} has bounds of {self.width} numbers, but its kernel returns {count}.")
         return value

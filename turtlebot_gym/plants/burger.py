@@ -12,8 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, Numbers, check_fields, choose
-from turtlebot_gym.variants import split, vary
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, Numbers, check_fields, given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,30 +96,7 @@ PLANTS: dict[str, MujocoBurger | tuple[()]] = {"unicycle": (), "mujoco": MujocoB
 """Plants by name. The unicycle of `models` has no parameters besides those of the robot and the noise."""
 
 
-def make_plant(
-    plant: str | Mapping[str, Any] | MujocoBurger = "unicycle",
-    *,
-    friction: float | None = None,
-    caster_friction: float | None = None,
-) -> MujocoBurger | tuple[()]:
-    """Return a plant by its name in `PLANTS`, or unchanged.
-
-    Args:
-        plant: The name, a Burger, or a variant of one, see `variants`.
-        friction: Friction of the wheels, for "mujoco" only; None for the default.
-        caster_friction: Friction of the caster, likewise.
-
-    Raises:
-        ValueError: If the name is unknown, or a friction is given for the unicycle or is not finite and >= 0.
-    """
-    options = {"friction": friction, "caster_friction": caster_friction}
-    frictions = {name: value for name, value in options.items() if value is not None}
-    base, changes = split(plant)
-    model = base if isinstance(base, MujocoBurger) else choose("plant", base, PLANTS)
-    if frictions and not isinstance(model, MujocoBurger):
-        raise ValueError(f"friction and caster_friction are for the plant 'mujoco', not for {base!r}.")
-    if changes and not isinstance(model, MujocoBurger):
-        raise ValueError(f"{', '.join(f'plant.{name}' for name in changes)} is for the plant 'mujoco', not for {base!r}.")
-    if twice := frictions.keys() & changes.keys():
-        raise ValueError(f"plant.{min(twice)} is given twice: leave it out, or the option for it.")
-    return vary(model, {**changes, **frictions}, "plant")
+def make_plant(plant: str | Mapping[str, Any] | MujocoBurger = "unicycle") -> MujocoBurger | tuple[()]:
+    """Return a plant: a name in `PLANTS`, or what else `turtlebot_gym.config.given` takes for a Burger."""
+    model: Any = given(MujocoBurger, plant, PLANTS, "plant")  # pyright: ignore[reportArgumentType]
+    return model

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from turtlebot_gym.extras import installing
 from turtlebot_gym.models.angles import wrap, yaw_of_quaternion
 from turtlebot_gym.models.unicycle import Integrator, advance
 from turtlebot_gym.plants.burger import MujocoBurger
@@ -91,7 +90,7 @@ class Engine:
         try:
             mujoco: Any = import_module("mujoco")  # large, and rarely needed
         except ImportError as error:
-            raise ImportError(f"The plant 'mujoco' needs MuJoCo: {installing('mujoco')}.") from error
+            raise ImportError("The plant 'mujoco' needs MuJoCo: pip install 'turtlebot-gym[mujoco]'.") from error
         self._burger, self._mujoco = burger, mujoco
         self._model = mujoco.MjModel.from_xml_string(_model_of(burger))
         self._data = mujoco.MjData(self._model)

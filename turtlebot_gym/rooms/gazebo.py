@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,9 +11,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from turtlebot_gym.files import in_bounds
 from turtlebot_gym.meshes import Body, load_mesh
-from turtlebot_gym.notices import notify
 from turtlebot_gym.resources import find_resource, searched
 from turtlebot_gym.rooms.enclosure import maps_of
 from turtlebot_gym.rooms.plan import FloorPlan
@@ -55,14 +54,14 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
         ValueError: If a file cannot be read, or nothing in it is an obstacle.
 
     Warns:
-        Notice: Of each thing that is left out but may be an obstacle, and of models that can be moved.
+        UserWarning: Of each thing that is left out but may be an obstacle, and of models that can be moved.
     """
     contents = _read(Path(path))
-    notify(f"{Path(path).name}: {text}." for text in contents.notices)
+    for text in contents.notices:
+        warnings.warn(f"{Path(path).name}: {text}.", stacklevel=2)
     return enclosed(contents.shapes, start=start, goal=goal, is_whole=contents.is_whole)
 
 
-@in_bounds
 def _read(path: Path) -> _Contents:
     """Return the contents of a world."""
     meshes: dict[str, str] = {}

@@ -11,11 +11,11 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, Numbers, Range, check_fields, refusal
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.angles import TWO_PI, sincos
 from turtlebot_gym.models.odometry import quantize
 from turtlebot_gym.models.random import normals, uniforms
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, PROBABILITY, Numbers, Range, check_fields, refusal
 
 SECTORS = 36
 """Number of sectors into which a policy's ranges are pooled: the first is ahead, the others follow counter-clockwise."""

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.files import in_bounds, load
-from turtlebot_gym.notices import notify
+from turtlebot_gym.config import FINITE, POSITIVE, PROBABILITY, Numbers, choose, refusal
+from turtlebot_gym.files import load
 from turtlebot_gym.rooms.grid import CUT, FREE, MAX_CELLS, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.validation import FINITE, POSITIVE, PROBABILITY, Numbers, choose, refusal
 from turtlebot_gym.values import Pose
 
 FAR_ENOUGH = 6.0
@@ -41,11 +40,12 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
         ValueError: If a file cannot be read or is invalid.
 
     Warns:
-        Notice: If thresholds make unexplored cells free. Here they are unknown: as free ones they stop neither the robot nor
-            beams, but no start, goal or path is there, and a lost robot is not searched for there.
+        UserWarning: If thresholds make unexplored cells free. Here they are unknown: as free ones they stop neither the robot
+            nor beams, but no start, goal or path is there, and a lost robot is not searched for there.
     """
     grid, notice = _read_grid(path)
-    notify(notice)
+    for text in notice:
+        warnings.warn(text, stacklevel=2)
     return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal, max_distance=FAR_ENOUGH)
 
 
@@ -90,7 +90,6 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
-@in_bounds
 def _read_image(path: Path, mode: str, **limits: Any) -> tuple[NDArray[np.int8], int]:
     """Return the values of cells, the first row being the highest, and how many unexplored ones the thresholds make free.
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from turtlebot_gym.config import FINITE, Numbers, refusal
 from turtlebot_gym.rooms.charting import chart
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.rules import ANYWHERE, GIVEN, RoomRules
 from turtlebot_gym.rooms.scene import Scene, Walls, make_scenes, scene_at
 from turtlebot_gym.rooms.sensing import clearance
-from turtlebot_gym.validation import FINITE, Numbers, refusal
 from turtlebot_gym.values import Pose
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from turtlebot_gym.validation import (
+from turtlebot_gym.config import (
     LARGEST,
     NON_NEGATIVE,
     POSITIVE,

@@ -7,16 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym.presets import resolve
-from turtlebot_gym.rooms.gazebo import read_gazebo
+from turtlebot_gym.config import did_you_mean, given, refusal, short_repr, split
 from turtlebot_gym.rooms.geodesic import MARGIN, UNKNOWN
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
 from turtlebot_gym.tasks import given_pose
-from turtlebot_gym.validation import build, did_you_mean, refusal, short_repr
-from turtlebot_gym.variants import split, vary
 
 World = str | Path | RoomRules | FloorPlan | Mapping[str, Any]
 """Types that specify a world."""
@@ -36,25 +33,21 @@ def find_world(world: World) -> RoomRules | FloorPlan:
     Raises:
         ValueError: If there is no such world, or its file cannot be read.
     """
-    base, changes = split(world)
-    if changes:
-        rules = find_world(base)
-        if isinstance(rules, FloorPlan):
-            raise ValueError(f"world: {short_repr(base)} is given and has no rules, so {', '.join(changes)} must be left out.")
-        return vary(rules, changes, "world")
-    world = base
-    if isinstance(world, (RoomRules, FloorPlan)):
+    if isinstance(world, FloorPlan):
         return world
-    if isinstance(world, Mapping):
-        return build(RoomRules, world, "world")
     if isinstance(world, (str, Path)) and Path(world).suffix in GAZEBO:
+        from turtlebot_gym.rooms.gazebo import read_gazebo  # slow to import, and rarely needed
+
         return read_gazebo(world)
     if isinstance(world, (str, Path)) and Path(world).suffix in MAPS:
         return read_map(world)
-    if not isinstance(world, str) or world not in ROOMS:
-        error = refusal("world", f"one of {', '.join(map(repr, ROOMS))}, or a file ({', '.join((*GAZEBO, *MAPS))})", world)
-        raise ValueError(f"{error}{did_you_mean(world, ROOMS)}")
-    return ROOMS[world]
+    base, changes = split(world)
+    if changes and isinstance(find_world(base), FloorPlan):
+        raise ValueError(f"world: {short_repr(base)} is given and has no rules, so {', '.join(changes)} must be left out.")
+    if isinstance(world, (RoomRules, Mapping)) or (isinstance(world, str) and world in ROOMS):
+        return given(RoomRules, world, ROOMS, "world")
+    error = refusal("world", f"one of {', '.join(map(repr, ROOMS))}, or a file ({', '.join((*GAZEBO, *MAPS))})", world)
+    raise ValueError(f"{error}{did_you_mean(world, ROOMS)}")
 
 
 def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> RoomRules | FloorPlan:
@@ -84,12 +77,8 @@ def with_options(world: RoomRules | FloorPlan, options: Mapping[str, Any]) -> Ro
 
 
 def find_lidar(lidar: str | Path | Mapping[str, Any] | Lidar) -> Lidar:
-    """Return a LiDAR, given as such, as a mapping of its fields, by a name in `lidar.LIDARS`, by a file, or as a variant.
-
-    Raises:
-        ValueError: If the name is unknown, or the file does not contain one.
-    """
-    return resolve(Lidar, lidar, LIDARS)
+    """Return a LiDAR: a name in `lidar.LIDARS`, or what else `turtlebot_gym.config.given` takes."""
+    return given(Lidar, lidar, LIDARS, "lidar")
 
 
 def require_a_way(plan: FloorPlan, radius: float, way: float) -> None:

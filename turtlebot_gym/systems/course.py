@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from turtlebot_gym.config import LARGEST, as_int, choose, given, refusal, short_repr, split
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, TASKS, Task
-from turtlebot_gym.validation import LARGEST, as_int, choose, refusal, short_repr
 from turtlebot_gym.values import Pose
-from turtlebot_gym.variants import split, vary
 
 if TYPE_CHECKING:
     from turtlebot_gym.systems.options import Options
@@ -19,9 +17,8 @@ if TYPE_CHECKING:
 
 def course_of(options: Options) -> tuple[Task, tuple[Pose, ...]]:
     """Return the task and its waypoints; see `Options.course`."""
-    based_on, given = split(options.task)
-    name = ("room" if options.in_room else "nav") if based_on is None else based_on
-    task = vary(name if isinstance(name, Task) else choose("task", name, TASKS), given, "task")
+    name = ("room" if options.in_room else "nav") if options.task is None else split(options.task)[0]
+    task = given(Task, name if options.task is None else options.task, TASKS, "task")
     if task.random and (options.waypoints is not None or options.switch == "time" or options.laps not in (None, 1)):
         raise ValueError("waypoints, switch='time' and laps are for tasks with given waypoints: this one draws its goal.")
     if options.in_room and (name in ("nav", "pose", "square") or not task.random):
@@ -45,29 +42,9 @@ def course_of(options: Options) -> tuple[Task, tuple[Pose, ...]]:
         changes["switch_period"] = choose("switch", options.switch, {"arrival": math.inf, "time": SQUARE_PERIOD})
     if options.laps is not None:
         changes["laps"] = as_int("laps", options.laps, 1)
-    for field in changes:
-        if field in given:
-            raise ValueError(f"task.{field} is given twice: leave it out, or the option for it.")
     poses = _poses(SQUARE_WAYPOINTS if options.waypoints is None else options.waypoints)
     task = replace(task, **changes)
-    _require_read(given, task, options)
     return task, poses[:1] if task.random else poses
-
-
-def _require_read(given: Mapping[str, Any], task: Task, options: Options) -> None:
-    """Refuse fields of a task that are given and that the task does not read."""
-    unread = {
-        "arena": ("a room determines start and goal", options.in_room),
-        "min_distance": ("a room determines start and goal", options.in_room),
-        "margin": ("it is for arrival='belief'", not task.on_belief),
-        "start_known": ("it is for a localizer", options.localizer is None),
-        "patience": ("it is for several goals", not (options.in_room and task.laps > 1)),
-        "laps": ("this task has one goal", task.random and not options.in_room),
-        "switch_period": ("it is for tasks with given waypoints", task.random),
-    }
-    for field, (reason, applies) in unread.items():
-        if field in given and applies:
-            raise ValueError(f"task.{field} would change nothing: {reason}.")
 
 
 def _poses(waypoints: Any) -> tuple[Pose, ...]:

@@ -9,7 +9,7 @@ import math
 from functools import cache
 from typing import NamedTuple
 
-from turtlebot_gym.estimation.fixes import filled, no_fix
+from turtlebot_gym.estimation.fixes import no_fix
 from turtlebot_gym.estimation.update import inverse_of
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
@@ -72,19 +72,19 @@ def _pose(body):
 @cache
 def fix_sensor(late: int) -> Sensor:
     """Return the sensor of fixes that come ``late`` steps late."""
-    fill = filled(late + 1)
+    places = tuple(range(late + 1))
 
     @kernel
     def first(body, key, p):
         none = no_fix()
-        return TrackedFix(none.pose, none.R, none.age, none.arrived, none.cross, fill(_pose(body)))
+        return TrackedFix(none.pose, none.R, none.age, none.arrived, none.cross, tuple(_pose(body) for _ in places))
 
     @kernel
     def sense(body, before, key, at, p):
-        passed = (_pose(body),) + before.passed[:-1]  # noqa: RUF005  # compiled code has no star expressions
+        passed = (_pose(body), *before.passed[:-1])
         own_key, stamp = sub_key(key, FIX), at - late
         arrived = _arrives(p.fix, own_key, stamp, p.dt)
-        fix = TrackedFix(before.pose, before.R, before.age, arrived, before.cross, passed)
+        fix = before._replace(arrived=arrived, passed=passed)
         if arrived:
             R, (xy, xt, yt) = p.fix.R, p.fix.cross
             pose = _measure(passed[late], p.fix, own_key, stamp)

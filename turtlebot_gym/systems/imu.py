@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
+from turtlebot_gym.config import NON_NEGATIVE, check_fields
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import HEADING, POSITION, normals, sub_key
 from turtlebot_gym.systems.sensors import Sensor
-from turtlebot_gym.validation import NON_NEGATIVE, check_fields
 
 _USE = 5  # of an episode's key, beside those in `models.random`
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from turtlebot_gym.config import FINITE, as_int, choose, did_you_mean, given, refusal, short_repr, split
 from turtlebot_gym.estimation.fixes import depth_of
+from turtlebot_gym.files import load_object
 from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.notices import notify
 from turtlebot_gym.observations import OBSERVED, ObservationTerm, read_items
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
 from turtlebot_gym.plants import MujocoBurger, make_plant
-from turtlebot_gym.plugins import load_object
-from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot, reduced, resolve
+from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
 from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS, RewardTerm, default_weights
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import Lidar
@@ -25,9 +25,7 @@ from turtlebot_gym.systems.imu import IMUS, ImuNoise
 from turtlebot_gym.systems.parameters import DT, MAX_DELAY, Parameters, make_room
 from turtlebot_gym.systems.system import LOCALIZER, System
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.validation import FINITE, as_int, choose, did_you_mean, refusal, short_repr
 from turtlebot_gym.values import Pose
-from turtlebot_gym.variants import split
 
 MAX_DEPTH = 25
 """Greatest delay of a fix in steps; each step is stored and compiled."""
@@ -58,11 +56,11 @@ class Options:
     """What to reach: nav, pose, square, room or mission; in Python also a `turtlebot_gym.Task`, whose finite ``max_steps``
     truncates too. None for "room" where `world` or `lidar` is given, otherwise for "nav". Registered ids set it."""
     robot: str | Path | Mapping[str, Any] | Robot = "burger"
-    """Robot: a preset (the names in `turtlebot_gym.ROBOTS`, which an unknown one lists), or a file of your own
-    (FILE.yaml); in Python also a `turtlebot_gym.Robot` or a mapping of its fields."""
+    """Robot: a preset (the names in `turtlebot_gym.ROBOTS`), or a file of your own (FILE.yaml); in Python also a
+    `turtlebot_gym.Robot` or a mapping of its fields."""
     noise: str | Path | Mapping[str, Any] | Noise = "tutorial"
-    """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml); in Python
-    also a `turtlebot_gym.Noise` or a mapping of its fields."""
+    """Noise: clean, tutorial, documented, wheel, rough, recorded, or a file of your own (FILE.yaml); in Python also a
+    `turtlebot_gym.Noise` or a mapping of its fields."""
     filter: str | Path | Mapping[str, Any] | FilterTuning | Callable[..., Any] | object = "matched"
     """Filter: matched, calibrated, tutorial, gated, with an `imu` gyro, a file with Q and R (FILE.yaml),
     or one of your own (MODULE:NAME); in Python also a `turtlebot_gym.FilterTuning`, a mapping of its fields, a class, see
@@ -124,11 +122,7 @@ class Options:
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Options:
-        """Return options from keyword arguments.
-
-        Raises:
-            TypeError: If one is unknown.
-        """
+        """Return options from keyword arguments; a ``TypeError`` refuses an unknown one."""
         known = [item.name for item in fields(cls)]
         for name in given:
             if name not in known:
@@ -162,7 +156,7 @@ class Options:
         return isinstance(based_on, Task) or "max_steps" in given
 
     def setup(self) -> Setup:
-        """Return the checked parameters, the waypoints and the floor plan; a `Notice` says if `filter` is the usual one.
+        """Return the checked parameters, the waypoints and the floor plan.
 
         Raises:
             ValueError: If an option is unknown or out of its range, or two do not suit each other.
@@ -174,11 +168,10 @@ class Options:
         if fix and depth_of(dt, fix.delay) > MAX_DEPTH:
             raise ValueError(f"fix must come at most {MAX_DEPTH} steps late, got {fix.delay!r} s with dt {dt!r} s.")
         noise, robot = make_noise(self.noise), make_robot(self.robot)
-        notify(reduced(self.filter, noise))
         pose, items = read_items(self.observation)
         if pose == "located" and self.localizer is None:
             raise ValueError(f"observation 'located' needs {LOCALIZER}.")
-        imu = () if self.imu is None else resolve(ImuNoise, self.imu, IMUS)
+        imu = () if self.imu is None else given(ImuNoise, self.imu, IMUS, "imu")
         room, plan = self._room(dt)
         terms = (ON_MISSIONS if task.laps > 1 else IN_ROOMS) if self.in_room else ON_GROUND
         parameters = Parameters(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from turtlebot_gym.config import Range
 from turtlebot_gym.models.unicycle import Integrator
 from turtlebot_gym.observations import Observed
 from turtlebot_gym.parameters import FilterTuning, Noise
@@ -12,7 +13,6 @@ from turtlebot_gym.rooms.lidar import Lidar
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.tasks import Task
-from turtlebot_gym.validation import Range
 
 MAX_DELAY = 3
 """Longest delay of a command, steps."""

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
+from turtlebot_gym.config import refusal
 from turtlebot_gym.estimation.filters import filter_of
 from turtlebot_gym.estimation.fixes import depth_of, late_by, with_fixes
 from turtlebot_gym.estimation.interface import Filter
+from turtlebot_gym.files import load_object
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.random import SCAN, sub_key
 from turtlebot_gym.observations import LOCATED_ROOM, ROOM, TRACKS, Observed, read_terms
-from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.rewards import IN_ROOMS, RewardTerm, default_weights
 from turtlebot_gym.rooms.drawing import capacity, draw
 from turtlebot_gym.rooms.geodesic import way_left
@@ -33,12 +34,9 @@ from turtlebot_gym.systems.localizing import localizing
 from turtlebot_gym.systems.missions import on_missions
 from turtlebot_gym.systems.open_ground import open_ground
 from turtlebot_gym.systems.parameters import SENSORS, Parameters, RoomParameters
-from turtlebot_gym.systems.physics import physical
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import RoomParts, System
-from turtlebot_gym.systems.tracking import tracking
-from turtlebot_gym.systems.world import Judgement, RoomState
-from turtlebot_gym.validation import refusal
+from turtlebot_gym.systems.world import RoomState
 from turtlebot_gym.values import Pose
 
 
@@ -95,12 +93,10 @@ def _complete(world, judgement, p):
     """Judge contact."""
     collided = world.room.collided
     terminated = judgement.terminated or collided
-    return Judgement(
-        judgement.distance,
-        judgement.is_success and not collided,
-        terminated,
-        judgement.truncated and not terminated,
-        judgement.reached,
+    return judgement._replace(
+        is_success=judgement.is_success and not collided,
+        terminated=terminated,
+        truncated=judgement.truncated and not terminated,
     )
 
 
@@ -151,7 +147,10 @@ def system_of(parameters: Parameters) -> System:
     filter, fix = filter_of(parameters.tuning), parameters.fix
     filter = with_fixes(filter, depth_of(parameters.dt, fix.delay)) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
-    system = physical(system, parameters.plant) if parameters.plant else system
+    if parameters.plant:
+        from turtlebot_gym.systems.physics import physical  # slow to import, and rarely needed, as below
+
+        system = physical(system, parameters.plant)
     system = localizing(system) if parameters.localizer else system
     system = system._replace(terms=LOCATED_ROOM) if parameters.localizer and parameters.observed == Observed.LOCATED else system
     system = on_missions(system) if parameters.room and parameters.task.laps > 1.0 else system
@@ -198,13 +197,12 @@ def find_system(system: System | str | Callable[[Parameters], System] | WithTerm
             return seen
         if not parameters.noise.odometry.wheel:
             raise ValueError("observation 'tracks' needs wheel odometry: choose such a noise, such as noise='wheel'.")
+        from turtlebot_gym.systems.tracking import tracking
+
         return tracking(seen)
     loaded: Any = load_object(system) if isinstance(system, str) else system
     if callable(loaded):
-        try:
-            loaded = loaded(parameters)
-        except Exception as error:
-            raise failure(str(system), error) from error
+        loaded = loaded(parameters)
     if not isinstance(loaded, System):
         raise refusal("system", "a System, a function of the parameters that returns one, or 'module:name' of either", loaded)
     if loaded.reads_scan and not loaded.surroundings:

@@ -50,53 +50,27 @@ def _first_odometry(body, key, p):
 ODOMETRY = Sensor("odometry", _first_odometry, _sense_odometry)
 
 
-def _all_first(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
-    """Return the kernel of all sensors' first values, as a tuple."""
-    first, rest = sensors[0].first, _all_first(sensors[1:]) if sensors[1:] else None
-    if rest is None:
-        return kernel(lambda body, key, p: (first(body, key, p),))
-    return kernel(lambda body, key, p: (first(body, key, p),) + rest(body, key, p))  # noqa: RUF005  # no star in compiled code
-
-
-def _all_sense(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
-    """Return the kernel of all sensors' values after a step, as a tuple."""
-    (name, _, sense, *_), rest = sensors[0], _all_sense(sensors[1:]) if sensors[1:] else None
-    if rest is None:
-        return kernel(lambda body, before, key, at, p: (sense(body, getattr(before, name), key, at, p),))
-    return kernel(
-        lambda body, before, key, at, p: (sense(body, getattr(before, name), key, at, p),) + rest(body, before, key, at, p)  # noqa: RUF005
-    )
-
-
-def _all_look(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
-    """Return the kernel of all sensors' values after looking around, as a tuple."""
-    name, look, rest = sensors[0].name, sensors[0].look or kernel(lambda value, room, p: value), sensors[1:]
-    if not rest:
-        return kernel(lambda senses, room, p: (look(getattr(senses, name), room, p),))
-    others = _all_look(rest)
-    return kernel(lambda senses, room, p: (look(getattr(senses, name), room, p),) + others(senses, room, p))  # noqa: RUF005
-
-
 @cache
 def looking(sensors: tuple[Sensor, ...]) -> Callable[..., Any]:
     """Return the kernel ``look(senses, room, p)`` that completes the values of sensors that look around."""
     if not any(sensor.look for sensor in sensors):
         return kernel(lambda senses, room, p: senses)
-    Senses, all_look = senses_of(tuple(sensor.name for sensor in sensors)), _all_look(sensors)
-    return kernel(lambda senses, room, p: Senses(*all_look(senses, room, p)))
+    Senses = senses_of(tuple(sensor.name for sensor in sensors))
+    parts = tuple((sensor.name, sensor.look or kernel(lambda value, room, p: value)) for sensor in sensors)
+    return kernel(lambda senses, room, p: Senses(*(look(getattr(senses, name), room, p) for name, look in parts)))
 
 
 @cache
 def sensing(sensors: tuple[Sensor, ...]) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return the kernels ``first`` and ``sense`` of a set of sensors."""
-    Senses, all_first, all_sense = senses_of(tuple(sensor.name for sensor in sensors)), _all_first(sensors), _all_sense(sensors)
+    Senses = senses_of(tuple(sensor.name for sensor in sensors))
 
     @kernel
     def first(body, key, p):
-        return Senses(*all_first(body, key, p))
+        return Senses(*(sensor.first(body, key, p) for sensor in sensors))
 
     @kernel
     def sense(body, before, key, at, p):
-        return Senses(*all_sense(body, before, key, at, p))
+        return Senses(*(sensor.sense(body, getattr(before, sensor.name), key, at, p) for sensor in sensors))
 
     return first, sense

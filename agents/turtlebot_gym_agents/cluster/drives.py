@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from turtlebot_gym.validation import as_int
+from turtlebot_gym.config import as_int
 from turtlebot_gym_agents.cluster.workers import Run, results
 from turtlebot_gym_agents.evaluation.consistency import joined
 from turtlebot_gym_agents.evaluation.episodes import concatenate

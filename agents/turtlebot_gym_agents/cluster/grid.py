@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from turtlebot_gym import Options
+from turtlebot_gym.config import Range, as_int, build, check_fields, choose, short_repr
 from turtlebot_gym.files import load
-from turtlebot_gym.validation import Range, as_int, build, check_fields, choose, short_repr
 from turtlebot_gym_agents.evaluation.evaluate import require_known
 from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import environment_id

@@ -12,8 +12,8 @@ from typing import Any
 
 import turtlebot_gym
 import turtlebot_gym_agents
-from turtlebot_gym.files import LARGEST_LOG, load, read_bytes, read_text, write_text
-from turtlebot_gym.validation import short_repr
+from turtlebot_gym.config import short_repr
+from turtlebot_gym.files import load, write_text
 from turtlebot_gym_agents.policies.named import bare, pretrained_folder
 from turtlebot_gym_agents.provenance import libraries, plain, replace_json
 from turtlebot_gym_agents.training.hyperparameters import configs_folder
@@ -68,7 +68,7 @@ def _paths_of(name: str) -> list[Path]:
 
 
 def _hash(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path)).hexdigest()[:16]
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def require_same(path: Path, settings: Mapping[str, Any]) -> None:
@@ -100,7 +100,7 @@ class Ledger:
         require_same(folder / "settings.json", settings)
         self._path = folder / "finished.jsonl"
         self.results: dict[str, Any] = {}
-        text = read_text(self._path, most=LARGEST_LOG) if self._path.exists() else ""
+        text = self._path.read_text("utf-8") if self._path.exists() else ""
         whole, _, broken = text.rpartition("\n")
         if broken:  # this process was killed while it wrote
             write_text(self._path, whole + "\n" if whole else "")

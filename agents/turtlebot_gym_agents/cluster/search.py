@@ -27,7 +27,7 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
-from turtlebot_gym.validation import as_int, choose
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym_agents.cluster.ledger import difference, origin
 from turtlebot_gym_agents.cluster.trainings import settings_of
 from turtlebot_gym_agents.cluster.workers import Run, results

@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor
 from typing import Any, TypeVar
 
-from turtlebot_gym.extras import installing
-from turtlebot_gym.validation import as_int
+from turtlebot_gym.config import as_int
 from turtlebot_gym_agents.cluster.ledger import difference, origin
 
 T = TypeVar("T")
@@ -70,7 +69,7 @@ def _on_this_machine(jobs: Jobs[T], workers: int | None) -> Iterator[tuple[str, 
     try:
         from joblib import Parallel, delayed, parallel_config
     except ModuleNotFoundError as error:
-        raise ImportError(f"The cluster 'local' needs joblib: {installing('agents')}.") from error
+        raise ImportError("The cluster 'local' needs joblib: pip install 'turtlebot-gym[agents]'.") from error
     warnings.filterwarnings("ignore", "A worker stopped while some jobs were given", UserWarning)  # it starts again by itself
     warnings.filterwarnings("ignore", ".*still being processed by the workers", UserWarning)  # when it is interrupted
     missing, reason = dict(jobs), ""
@@ -103,7 +102,7 @@ def _on_ray(jobs: Jobs[T], address: str) -> Iterator[tuple[str, T]]:
         import ray  # pyright: ignore[reportMissingImports]
         from ray.exceptions import RayError, RayTaskError  # pyright: ignore[reportMissingImports]
     except ModuleNotFoundError as error:
-        raise ImportError(f"The cluster {address!r} needs ray: {installing('cluster')}.") from error
+        raise ImportError(f"The cluster {address!r} needs ray: pip install 'turtlebot-gym[cluster]'.") from error
     if address != "auto":
         _require_listening(address)  # Ray itself would wait for minutes
     ray.init(address, log_to_driver=False, logging_level="ERROR", runtime_env={"env_vars": {"TURTLEBOT_GYM_THREADS": "1"}})

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from runpy import run_path
 
-from turtlebot_gym.validation import Range, as_int
+from turtlebot_gym.config import Range, as_int
 from turtlebot_gym_agents.commands.console import File, JsonFile, WritingOptions, print_tables, progress
 
 _BENCHMARKS = Path(__file__).parents[3] / "benchmarks"

@@ -9,9 +9,8 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
+from turtlebot_gym.config import BASE, POSITIVE
 from turtlebot_gym.files import write_text
-from turtlebot_gym.validation import POSITIVE
-from turtlebot_gym.variants import BASE
 from turtlebot_gym_agents.commands.console import WritingOptions
 from turtlebot_gym_agents.commands.overrides import Hidden, Overridable
 from turtlebot_gym_agents.front.defaults import BUNDLE

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import tyro
 
+from turtlebot_gym.config import choose
 from turtlebot_gym.entry_points import load_entry_point, loadable, names_in
-from turtlebot_gym.notices import Notice
-from turtlebot_gym.validation import choose
 from turtlebot_gym_agents.commands.benchmark import Benchmark, Compile
 from turtlebot_gym_agents.commands.bundles import Export, ShowCard
 from turtlebot_gym_agents.commands.console import (
@@ -191,7 +190,7 @@ def _as_text(show: Callable[..., None]) -> Callable[..., None]:
     """Return a function that prints a notice as one line, and shows other warnings by another function."""
 
     def shown(message: Any, category: type[Warning], *where: Any, **more: Any) -> None:
-        if issubclass(category, Notice):
+        if category is UserWarning:
             print(f"turtlebot-gym: {message}", file=sys.stderr)
         else:
             show(message, category, *where, **more)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
-from turtlebot_gym.extras import installing
 from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.commands.flags import Environment
 from turtlebot_gym_agents.commands.overrides import Overridable
@@ -140,7 +139,9 @@ class DriveOptions(EnvironmentOptions):
         if self.reward is not None:
             raise ValueError("reward changes nothing here, where nothing learns: leave it out.")
         options = super().options(**chosen)
-        plant = make_plant(options["plant"], friction=self.friction, caster_friction=self.caster_friction)
+        frictions = {"friction": self.friction, "caster_friction": self.caster_friction}
+        changed = {name: value for name, value in frictions.items() if value is not None}
+        plant = make_plant({"base": options["plant"], **changed} if changed else options["plant"])
         return options | {"plant": plant or self.plant, "allow_mismatch": self.allow_mismatch}
 
     def described(self, *left_out: str) -> list[str]:
@@ -188,7 +189,7 @@ def needs(extra: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise ImportError(f"{error.name} is not installed: {installing(extra)}.") from error
+        raise ImportError(f"{error.name} is not installed: pip install 'turtlebot-gym[{extra}]'.") from error
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from pathlib import Path
 from textwrap import wrap as textwrap
 from typing import Any
 
-from turtlebot_gym.validation import choose
+from turtlebot_gym.config import choose
 from turtlebot_gym_agents.commands.fields import Flag, flags_of
 from turtlebot_gym_agents.commands.overrides import Overridable, keys_of, phrase
 

@@ -14,8 +14,7 @@ from typing import Annotated, Any, TypeVar, get_origin, get_type_hints
 
 import tyro
 
-from turtlebot_gym.validation import did_you_mean, short_repr
-from turtlebot_gym.variants import BASE, flattened
+from turtlebot_gym.config import BASE, did_you_mean, flattened, short_repr
 from turtlebot_gym_agents.commands.fields import Flag, flags_of, texts_of
 from turtlebot_gym_agents.commands.typed import free, typed
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
+from turtlebot_gym.config import refusal, short_repr
 from turtlebot_gym.files import parse_yaml
-from turtlebot_gym.validation import refusal, short_repr
 from turtlebot_gym_agents.commands.flags import read_whole
 
 _NOTHING = ("none", "null", "")

@@ -17,10 +17,10 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.drive import NOWHERE, Drive
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import Parameters
-from turtlebot_gym.validation import as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.consistency import Consistent, joined
 from turtlebot_gym_agents.evaluation.episodes import Episodes, concatenate, measure, outcome_of

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.config import flattened, split
 from turtlebot_gym.drive import Drive
-from turtlebot_gym.variants import flattened, split
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.consistency import Consistency
 from turtlebot_gym_agents.evaluation.episodes import Episodes
@@ -143,7 +143,7 @@ def title_of(config: Mapping[str, Any], *left_out: str) -> str:
 
 
 def _changes(value: Any) -> str:
-    """Return the changed fields of a variant, see `turtlebot_gym.variants`."""
+    """Return the changed fields of a variant, see `turtlebot_gym.config`."""
     return "".join(f" {key} {name_of(changed)}" for key, changed in flattened(split(value)[1]))
 
 

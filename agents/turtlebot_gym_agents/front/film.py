@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from turtlebot_gym.config import POSITIVE, as_int
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.files import replacing
 from turtlebot_gym.plotting import BLACK, GREEN, SKY_BLUE, VERMILLION, draw_map, draw_room, ellipse
-from turtlebot_gym.validation import POSITIVE, as_int
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.validation import as_int, choose
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.figures import LEARNING, plot_learning

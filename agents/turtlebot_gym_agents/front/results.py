@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.config import BASE, did_you_mean
 from turtlebot_gym.files import write_text
-from turtlebot_gym.validation import did_you_mean
-from turtlebot_gym.variants import BASE
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:

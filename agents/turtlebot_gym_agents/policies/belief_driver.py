@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.beams import TURN
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, PROBABILITY
 from turtlebot_gym.models.unicycle import command_of, limit
 from turtlebot_gym.observations import (
     EVIDENCE,
@@ -38,7 +39,6 @@ from turtlebot_gym.rooms.scan import Scan, beams_in
 from turtlebot_gym.rooms.sectors import Pooling
 from turtlebot_gym.scan_watch import ScanWatch
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, PROBABILITY
 from turtlebot_gym.values import Command, Covariance, Pose, State
 from turtlebot_gym_agents.policies.fit import robot_of
 from turtlebot_gym_agents.policies.named import bare, bundle_of, make_policy

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym import Options, Parameters, Robot
-from turtlebot_gym.files import read_bytes, replacing
+from turtlebot_gym.config import choose, short_repr
+from turtlebot_gym.files import replacing
 from turtlebot_gym.observations import (
     OBSERVED,
     OPEN_GROUND,
@@ -30,7 +31,6 @@ from turtlebot_gym.observations import (
 )
 from turtlebot_gym.systems import WithTerms, find_system
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.validation import choose, short_repr
 from turtlebot_gym_agents.policies.fit import describe_robot, require_fit
 from turtlebot_gym_agents.policies.onnx_network import OnnxNetwork
 from turtlebot_gym_agents.provenance import plain
@@ -158,7 +158,7 @@ class BundlePolicy:
     """
 
     def __init__(self, path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> None:
-        self._path, content = path, read_bytes(path)
+        self._path, content = path, Path(path).read_bytes()
         self.sha256: str = _verified_hash(path, content)
         """Hash of the file."""
         self._open(content)

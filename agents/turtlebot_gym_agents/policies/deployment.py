@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal, short_repr
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.filters import KalmanFilter, filter_of
 from turtlebot_gym.models.angles import wrap
@@ -17,16 +18,6 @@ from turtlebot_gym.presets import make_filter, make_noise
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import MAX_AGE
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.validation import (
-    FINITE,
-    NON_NEGATIVE,
-    POSITIVE_OR_INFINITE,
-    PROBABILITY,
-    Numbers,
-    Range,
-    refusal,
-    short_repr,
-)
 from turtlebot_gym.values import ORIGIN, STOP, Command, Covariance, Odometry, Pose, State
 from turtlebot_gym_agents.policies.belief_driver import RETURNS, BeliefDriver
 
@@ -260,7 +251,7 @@ def _covariance(covariance: Any) -> Covariance:
     rows = rows if rows.ndim == 2 else np.diag(rows)
     xx, yy, tt = _VARIANCES.check("covariance", rows.diagonal())
     xy, xt, yt = _POSE.check("covariance", rows[(0, 0, 1), (1, 2, 2)])
-    return Covariance(xx, xy, xt, 0.0, 0.0, yy, yt, 0.0, 0.0, tt, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Covariance(xx, xy, xt, yy, yt, tt)
 
 
 def _floats(name: str, value: Any, dtype: Any, rule: str) -> NDArray[Any]:

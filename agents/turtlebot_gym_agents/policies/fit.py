@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym import ROBOTS, Robot, make_robot
+from turtlebot_gym.config import build, short_repr
 from turtlebot_gym.files import is_file
 from turtlebot_gym.observations import SCAN
 from turtlebot_gym.systems import Parameters
-from turtlebot_gym.validation import build, short_repr
 from turtlebot_gym_agents.policies.policy import terms_of
 from turtlebot_gym_agents.provenance import plain
 

@@ -14,12 +14,12 @@ from typing import Annotated, Any, ClassVar, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.config import NON_NEGATIVE, POSITIVE, Range, check_fields
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.observations import OPEN_GROUND, Observation, ObservationTerm
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, check_fields
 from turtlebot_gym_agents.policies.policy import numbers_of
 
 _TINY = 1e-12  # instead of zero in a denominator

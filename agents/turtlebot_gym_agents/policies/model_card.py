@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym.files import read_text
 from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 
@@ -64,7 +63,7 @@ def model_card(path: Path) -> str:
     }
     rows = "\n".join(f"| {name} | {value} |" for name, value in facts.items())
     page = _PAGE.format(name=path.stem, file=path.name, env=_line(card.env), rows=rows)
-    return page + (f"\n## Measured\n{read_text(measured).partition(chr(10))[2]}" if measured.is_file() else "")
+    return page + (f"\n## Measured\n{measured.read_text('utf-8').partition(chr(10))[2]}" if measured.is_file() else "")
 
 
 def _terms(terms: Sequence[ObservationTerm]) -> str:

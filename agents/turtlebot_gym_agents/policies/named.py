@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.files import is_file
+from turtlebot_gym.config import did_you_mean
+from turtlebot_gym.files import is_file, load_object
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
-from turtlebot_gym.plugins import failure, load_object
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_agents.policies.baselines import POLICIES, SUFFIXES, load_baseline
 from turtlebot_gym_agents.policies.policy import Policy, Wrapped, numbers_of, terms_of
 from turtlebot_gym_agents.policies.protection import within_layer
@@ -118,7 +117,7 @@ def _load_own(name: str, robot: Robot, dt: float) -> Policy:
     try:
         return _Own(name, policy(robot=robot, dt=dt) if isinstance(policy, type) else policy)
     except Exception as error:
-        raise failure(name, error) from error
+        raise ValueError(f"{name}: {type(error).__name__}: {error}") from error
 
 
 class _Own(Wrapped):
@@ -143,7 +142,7 @@ class _Own(Wrapped):
         try:
             answer = self._policy(observations)
         except Exception as error:
-            raise failure(self._name, error) from error
+            raise ValueError(f"{self._name}: {type(error).__name__}: {error}") from error
         shape = (*np.shape(observations)[:-1], 2)
         try:
             actions = np.asarray(answer, np.float32)

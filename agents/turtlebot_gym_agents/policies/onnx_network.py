@@ -12,8 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.extras import installing
-
 
 class OnnxNetwork:
     """An ONNX model that onnxruntime runs.
@@ -31,7 +29,7 @@ class OnnxNetwork:
         try:
             import onnxruntime
         except ImportError as error:
-            raise ImportError(f"A policy bundle needs onnxruntime: {installing('deploy')}.") from error
+            raise ImportError("A policy bundle needs onnxruntime: pip install 'turtlebot-gym[deploy]'.") from error
         self._path = path
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -8,9 +8,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.config import NON_NEGATIVE, POSITIVE, Range
 from turtlebot_gym.observations import ROOM, Observation
 from turtlebot_gym.rooms.lidar import SECTORS
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range
 from turtlebot_gym_agents.policies.cheapest_way import FREE
 from turtlebot_gym_agents.policies.grid import CELL, CERTAIN, FREED, SIDE, advance, shifted
 from turtlebot_gym_agents.policies.policy import numbers_of

@@ -8,13 +8,13 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, check_fields
 from turtlebot_gym.models.unicycle import execution_variances
 from turtlebot_gym.observations import ROOM, columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.rooms.lidar import SECTORS, SIGHT
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, check_fields
 from turtlebot_gym.values import Command
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import (

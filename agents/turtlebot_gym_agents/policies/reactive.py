@@ -12,9 +12,9 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, Range
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.observations import ROOM, ObservationTerm
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, POSITIVE, Range
 from turtlebot_gym_agents.policies.geometric import Baseline, action_of
 from turtlebot_gym_agents.policies.sight import HALF_SECTOR, Sight, look, time_to_contact
 

@@ -15,12 +15,12 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from turtlebot_gym.config import POSITIVE, Range, check_fields
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.observations import NEAREST, ROOM, TRACKS, TWIST, ObservationTerm, columns_of
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import POSITIVE, Range, check_fields
 from turtlebot_gym.values import Command
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy, numbers_of, shown, terms_of
 from turtlebot_gym_agents.policies.sight import arc

@@ -15,7 +15,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 
-from turtlebot_gym.validation import did_you_mean, refusal
+from turtlebot_gym.config import did_you_mean, refusal
 from turtlebot_gym_agents.training.config import NAMES
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {name: getattr(stable_baselines3, name.upper()) for name in NAMES}

@@ -14,7 +14,7 @@ from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Options, Parameters
-from turtlebot_gym.validation import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
+from turtlebot_gym.config import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
 from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
 from turtlebot_gym_agents.policies.bundle import Card

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from turtlebot_gym import Options
-from turtlebot_gym.validation import as_int, refusal
-from turtlebot_gym.variants import BASE, split
+from turtlebot_gym.config import BASE, as_int, refusal, split
 from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import arguments_of, brought_by
 from turtlebot_gym_agents.policies import PolicyWithMemory

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from turtlebot_gym import Options
-from turtlebot_gym.files import load, read_bytes
-from turtlebot_gym.validation import choose
+from turtlebot_gym.config import choose
+from turtlebot_gym.files import load
 from turtlebot_gym_agents.training.config import NAMES
 
 if TYPE_CHECKING:
@@ -111,7 +111,6 @@ def _onnx(path: Path) -> Any:
     import onnx
     from google.protobuf.message import DecodeError
 
-    read_bytes(path)  # refuses what is no regular file
     try:
         return onnx.load(path)
     except (DecodeError, ValueError, OSError) as error:

@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from turtlebot_gym import files
-from turtlebot_gym.validation import Range, refusal
+from turtlebot_gym.config import Range, refusal
 from turtlebot_gym_agents.policies.named import shipped_folder
 
 ROLLOUTS = 40

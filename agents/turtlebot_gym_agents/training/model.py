@@ -24,7 +24,7 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file
 
-from turtlebot_gym.files import in_bounds, replacing, require_small
+from turtlebot_gym.files import replacing
 from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
@@ -141,9 +141,7 @@ def weights_of(model: BaseAlgorithm, path: Path) -> Iterator[None]:
         model.num_timesteps = steps
 
 
-@in_bounds
 def data_of(path: Path) -> dict[str, Any]:
     """Return the settings in a saved model; nothing in it is run."""
-    require_small(path)
     with zipfile.ZipFile(path) as archive:
         return dict(json.loads(archive.read("data")))

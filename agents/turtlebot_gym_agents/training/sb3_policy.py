@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import VecFrameStack, VecNormalize
 from stable_baselines3.common.vec_env.stacked_observations import StackedObservations
 from torch import nn
 
-from turtlebot_gym.validation import short_repr
+from turtlebot_gym.config import short_repr
 from turtlebot_gym_agents.training.stages import FrameStack, Normalization, normalization_of, other_size
 
 _SEES_NOTHING = ("VecMonitor", "VecCheckNan", "VecVideoRecorder")

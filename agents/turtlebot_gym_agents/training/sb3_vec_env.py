@@ -27,7 +27,7 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecEnv
 
-from turtlebot_gym.validation import POSITIVE
+from turtlebot_gym.config import POSITIVE
 
 _PURE = ("compute_reward",)
 """Methods whose result does not depend on the row; `HerReplayBuffer` uses this one."""

@@ -75,14 +75,12 @@ def _run(argv: Sequence[str] | None) -> int:
         from turtlebot_gym_ros.base.process import run
         from turtlebot_gym_ros.node.shell import Shell
     except ModuleNotFoundError as error:
-        from turtlebot_gym.extras import installing
-
         missing = (error.name or "").partition(".")[0]
         extra = EXTRAS.get("rclpy" if missing.endswith(("_msgs", "_srvs", "_interfaces")) else missing)
         if extra is None:
             raise
         sourced = "source a ROS 2 installation, or " if extra == "ros" else ""
-        print(f"error: {missing} is missing: {sourced}{installing(extra)}.", file=sys.stderr)
+        print(f"error: {missing} is missing: {sourced}pip install 'turtlebot-gym[{extra}]'.", file=sys.stderr)
         return 2
     makes = [partial(Shell, block, block.Params, name=each) for each, block in blocks]
     return run(makes, rest[len(names) - 1 :], in_thread=True)

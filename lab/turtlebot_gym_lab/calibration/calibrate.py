@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from turtlebot_gym.config import choose
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.parameters import Noise, OdometryNoise, ProcessNoise
 from turtlebot_gym.presets import WHEEL
-from turtlebot_gym.validation import choose
 from turtlebot_gym_lab.calibration.alignment import NO_SHIFT, SAME_FRAME, Frame, Shift, aligned
 from turtlebot_gym_lab.calibration.coordinates import with_values
 from turtlebot_gym_lab.calibration.estimates import (

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from turtlebot_gym.config import choose
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.estimation.consistency import difference
 from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise, OdometryNoise
-from turtlebot_gym.validation import choose
 from turtlebot_gym_lab.calibration.coordinates import (
     ALPHAS,
     MEASURED,

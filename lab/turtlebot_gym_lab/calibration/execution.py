@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.config import choose
 from turtlebot_gym.drive import Drive, known
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.parameters import Noise
-from turtlebot_gym.validation import choose
 from turtlebot_gym_lab.calibration.alignment import NO_SHIFT, Shift, shift_twist
 from turtlebot_gym_lab.calibration.alphas import AlphaFit, fit_alphas, intervals, pieces_of
 from turtlebot_gym_lab.calibration.blocks import quantile

@@ -14,13 +14,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
+from turtlebot_gym.config import NON_NEGATIVE, PROBABILITY, check_fields
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import innovation, predict
 from turtlebot_gym.estimation.update import absorb, innovation_variance, inverse_of, of_heading, of_x, of_y, update, wrapped
 from turtlebot_gym.kernel import kernel, sqrt
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.validation import NON_NEGATIVE, PROBABILITY, check_fields
 from turtlebot_gym.values import Belief, Odometry, Pose, State
 
 Three = tuple[float, float, float]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from turtlebot_gym.validation import as_int, choose
+from turtlebot_gym.config import as_int, choose
 from turtlebot_gym_agents.commands.console import FigureFile, ReportingOptions, print_tables, progress, save_figure
 from turtlebot_gym_lab.commands.recorded import RecordingOptions
 

@@ -51,7 +51,7 @@ class Map(ReportingOptions):
     def run(self) -> None:
         from rich.table import Table
 
-        from turtlebot_gym.validation import POSITIVE
+        from turtlebot_gym.config import POSITIVE
         from turtlebot_gym_lab.drives import read
         from turtlebot_gym_lab.scans.map_files import write_map
         from turtlebot_gym_lab.scans.mapping import map_of

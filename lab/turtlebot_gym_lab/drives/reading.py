@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from turtlebot_gym.config import FINITE, Numbers
 from turtlebot_gym.drive import Drive
-from turtlebot_gym.files import in_bounds
 from turtlebot_gym.models.angles import wrap_all
-from turtlebot_gym.validation import FINITE, Numbers
 from turtlebot_gym.values import Pose
 from turtlebot_gym_lab.drives.bags import is_bag, read_bag, sensors_of
 from turtlebot_gym_lab.drives.laser import is_laser_arrays, read_laser_arrays
@@ -25,7 +24,6 @@ MISSING = 1.75
 """Ratio to the usual interval from which a row is missing."""
 
 
-@in_bounds
 def read(
     path: str | Path,
     *,
@@ -77,7 +75,6 @@ def read(
     return _with_gaps_noted(_with_headings(drive))
 
 
-@in_bounds
 def pose_sensors(path: str | Path, *, truth: str = "") -> list[str]:
     """Return the topics of a bag that state measured poses: the first usual one, or all others; nothing for other recordings.
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive, RoomData, known
-from turtlebot_gym.files import LARGEST_LOG, read_arrays, read_text
+from turtlebot_gym.files import read_arrays
 
 _STATE = ("x", "y", "theta", "v", "omega")
 NAMES: dict[str, tuple[str, ...]] = {
@@ -105,7 +105,7 @@ def _open(path: Path) -> tuple[Columns, list[str]]:
     if path.is_file() and zipfile.is_zipfile(path):
         return _arrays(path), []
     try:
-        lines = [line for line in read_text(path, most=LARGEST_LOG).splitlines() if line.strip()]
+        lines = [line for line in path.read_text("utf-8-sig").splitlines() if line.strip()]
     except UnicodeDecodeError:
         lines = ["\0"]
     if not lines or "\0" in lines[0]:

@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym import FilterTuning, Noise, make_filter, make_noise, make_robot
-from turtlebot_gym.estimation.consistency import cramer_rao_bound, difference, mean_bounds, nees, true_tuning
+from turtlebot_gym.config import POSITIVE, as_int, choose
+from turtlebot_gym.estimation.consistency import difference, mean_bounds, nees
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.models.unicycle import INTEGRATORS, motion
 from turtlebot_gym.systems.parameters import DT
-from turtlebot_gym.validation import POSITIVE, as_int, choose
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.consistency import pose_nees
 from turtlebot_gym_agents.evaluation.metrics import Interval
+from turtlebot_gym_lab.evaluation.bound import cramer_rao_bound, true_tuning
 
 SQUARE = "turtlebot_gym/TurtleBotSquare-v0"
 """Environment of the drives; switched by time, it never terminates."""

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int, choose
 from turtlebot_gym.drive import Drive, known, position_error
 from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.models.random import MAX_SEED
@@ -23,7 +24,6 @@ from turtlebot_gym.parameters import FilterTuning, Noise, ProcessNoise
 from turtlebot_gym.plotting import PURPLE, legend_below, tutorial_figure
 from turtlebot_gym.presets import WHEEL, make_filter, make_noise
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int, choose
 from turtlebot_gym.values import Pose
 from turtlebot_gym_agents.evaluation.metrics import Errors, errors
 from turtlebot_gym_lab.calibration.alignment import in_one_frame

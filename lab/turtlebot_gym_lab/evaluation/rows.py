@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.cache import compiled, in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.estimation.filters import filter_of
+from turtlebot_gym.estimation.filters import PLACES, filter_of
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.odometry import sense
@@ -20,7 +20,7 @@ from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.parameters import FilterTuning, OdometryNoise
 from turtlebot_gym.values import Belief, Command, Odometry, Pose, Senses
 
-_ROWS, _COLUMNS = np.triu_indices(5)
+_ROWS, _COLUMNS = PLACES
 
 
 class Rows(NamedTuple):

@@ -115,7 +115,7 @@ def chart(
     pose, now = Pose(0.0, 0.0, 0.0), Pose(path[0, 0], path[0, 1], path[0, 2])
     rest(trail, time[0], now)
     way, turn, moved, turned, k, fused = 0.0, 0.0, APART, 0.0, 0, 0
-    nothing, scale = State(0.0, 0.0, 0.0, 0.0, 0.0), Sixth(0.0, 0.0, State(0.0, 0.0, 0.0, 0.0, 0.0))
+    nothing, scale = State(0.0, 0.0, 0.0, 0.0, 0.0), Sixth(0.0, 0.0, Pose(0.0, 0.0, 0.0))
     for row in range(len(path)):
         if row > 0:
             before, now = now, Pose(path[row, 0], path[row, 1], path[row, 2])
@@ -127,7 +127,7 @@ def chart(
             when = Timing(last[k], timing.interval, timing.x, timing.y, timing.range_max)
             number = to_points(ranges[k], beams[k], 0, when, trail, points)
             off, swerve = AT_REST[0] + BY_WAY * way, AT_REST[1] + BY_TURN * turn + 0.5 * BY_WAY * way
-            P = Covariance(off * off, 0.0, 0.0, 0.0, 0.0, off * off, 0.0, 0.0, 0.0, swerve * swerve, 0.0, 0.0, 0.0, 0.0, 0.0)
+            P = Covariance(off * off, 0.0, 0.0, off * off, 0.0, swerve * swerve)
             prior = Belief(State(pose.x, pose.y, pose.theta, nothing.v, nothing.omega), P)
             sight = ScanPoints(known, frame, points, number)
             share, is_first = fits[k], fused == 0

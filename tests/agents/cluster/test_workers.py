@@ -20,7 +20,6 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # helpers, which workers import too
 import jobs
 
-from turtlebot_gym.extras import installing
 from turtlebot_gym_agents import provenance
 from turtlebot_gym_agents.cluster.drives import evaluate_all
 from turtlebot_gym_agents.cluster.workers import RETRIES, results
@@ -157,7 +156,7 @@ def test_an_address_without_a_cluster_is_refused(address, monkeypatch):
 def test_without_its_library_the_command_says_what_to_install(cluster, library, extra, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, library, None)
     assert main(["evaluate", "--policy", "bearing", "--episodes", "20", "--cluster", cluster]) == 2
-    assert f"needs {library}: {installing(extra)}." in capsys.readouterr().err
+    assert f"needs {library}: pip install 'turtlebot-gym[{extra}]'." in capsys.readouterr().err
 
 
 def test_nothing_of_ray_or_joblib_is_imported_without_a_cluster(tmp_path):

@@ -19,7 +19,7 @@ def generator(**parameters):
 
 
 def at(x, y, theta=0.0):
-    return Estimate(Belief(State(x, y, theta, 0.0, 0.0), Covariance(*[0.0] * 15)), 0.0, 0.0)
+    return Estimate(Belief(State(x, y, theta, 0.0, 0.0), Covariance(*[0.0] * 8)), 0.0, 0.0)
 
 
 def reference(node, estimate=None, goal=None):

@@ -15,7 +15,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from turtlebot_gym.validation import Range, Rule, rules
+from turtlebot_gym.config import Range, Rule, rules
 from turtlebot_gym_ros.base.explain import descriptions
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
@@ -29,7 +29,7 @@ def declare(node: Node, *params: type) -> tuple[Any, ...]:
     Args:
         node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
         *params: Dataclasses with defaults for all fields, whose docstrings are the descriptions; their rules of
-            `turtlebot_gym.validation` are shown. If two share a name, the later one counts.
+            `turtlebot_gym.config` are shown. If two share a name, the later one counts.
 
     Raises:
         ValueError: With one line, if a given parameter does not exist, has the wrong type, or is refused by its class.

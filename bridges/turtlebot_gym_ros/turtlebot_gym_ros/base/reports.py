@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from turtlebot_gym.validation import short_repr
+from turtlebot_gym.config import short_repr
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 _NUMBER, _LAST = "callbacks that failed", "last one"

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
+from turtlebot_gym.config import POSITIVE, Range, check_fields
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import limit
 from turtlebot_gym.parameters import Noise
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
-from turtlebot_gym.validation import POSITIVE, Range, check_fields
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_ros.node.block import Input, On, Output
 

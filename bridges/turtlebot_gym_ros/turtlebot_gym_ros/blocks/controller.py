@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
@@ -14,7 +15,6 @@ from turtlebot_gym.mounts import SAME_WAY
 from turtlebot_gym.observations import TRACKS, ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.tasks import NAV, believed_to_arrive
-from turtlebot_gym.validation import FINITE, NON_NEGATIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
 from turtlebot_gym_agents.policies.belief_driver import BeliefDriver, NotBelievedError
 from turtlebot_gym_ros.node.block import HALT, SCAN, Input, Nis, On, Output, Stamped, Tracks

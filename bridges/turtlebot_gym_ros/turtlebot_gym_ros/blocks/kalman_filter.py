@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
+from turtlebot_gym.config import Range, check_fields, choose
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import filter_of
@@ -15,7 +16,6 @@ from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.models.unicycle import INTEGRATORS, limit
 from turtlebot_gym.parameters import MAX_FIX_AGE, FilterTuning
 from turtlebot_gym.presets import make_filter, make_noise, make_robot
-from turtlebot_gym.validation import Range, check_fields, choose
 from turtlebot_gym.values import ORIGIN, STOP, Command, Fix, Odometry, Pose, senses_of
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility, Gate, bounded
 from turtlebot_gym_ros.node.block import COMMANDED, INITIAL_POSE, RESUME, Input, Nis, On, Output, Resume, Stamped

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym.config import Names, Range, check_fields
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.bank import COLUMNS, ROWS, followed
@@ -27,7 +28,6 @@ from turtlebot_gym.rooms.maps import read_map
 from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.systems.localizing import drift_of
-from turtlebot_gym.validation import Names, Range, check_fields
 from turtlebot_gym.values import ORIGIN, Command, Odometry, Pose
 from turtlebot_gym_ros.blocks.credible import DISAGREEMENT, Credibility
 from turtlebot_gym_ros.blocks.ticks import Ticks

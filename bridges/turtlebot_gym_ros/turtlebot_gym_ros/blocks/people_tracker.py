@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.beams import Beams
+from turtlebot_gym.config import Range, check_fields
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.rooms.sectors import EDGE
 from turtlebot_gym.rooms.worlds import find_lidar
@@ -19,7 +20,6 @@ from turtlebot_gym.tracking.bodies import POST
 from turtlebot_gym.tracking.sweep import Sweep, pose_at
 from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan
 from turtlebot_gym.tracking.tracks import FRESH, MOVES, PX, PY, SIZE, STATE, TIME, VX, VY, predicted
-from turtlebot_gym.validation import Range, check_fields
 from turtlebot_gym.values import Odometry
 from turtlebot_gym_ros.blocks.ticks import Ticks
 from turtlebot_gym_ros.node.block import SCAN, Input, On, Output, People, Person, Stamped, Tracks

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from turtlebot_gym.config import Range, check_fields
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.angles import TWO_PI
@@ -19,7 +20,6 @@ from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
 from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
-from turtlebot_gym.validation import Range, check_fields
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty

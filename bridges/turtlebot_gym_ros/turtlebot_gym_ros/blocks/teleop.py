@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-from turtlebot_gym.validation import check_fields
+from turtlebot_gym.config import check_fields
 from turtlebot_gym.values import STOP, Command
 from turtlebot_gym_ros.node.block import PERIOD, Every, Output
 

@@ -53,4 +53,4 @@ class OdometryUncertainty:
         vv, ww = max(var_v, Q[3] * share), max(var_omega, Q[4] * share)
         if self._estimate is not None:
             return self._estimate.belief.covariance._replace(vv=vv, ww=ww)
-        return Covariance(R[0], 0.0, 0.0, 0.0, 0.0, R[1], 0.0, 0.0, 0.0, R[2], 0.0, 0.0, vv, 0.0, ww)
+        return Covariance(R[0], 0.0, 0.0, R[1], 0.0, R[2], vv, ww)

@@ -9,14 +9,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+from turtlebot_gym.config import NON_NEGATIVE, POSITIVE, Range, check_fields, short_repr
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.files import SMALL, load, read_text
+from turtlebot_gym.files import load
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
-from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, check_fields, short_repr
 from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output
 from turtlebot_gym_ros.node.errand import Errand, Failure
@@ -221,7 +221,7 @@ def _load_waypoints(path: str) -> list[Pose]:
 
 
 def _read_csv(file: Path) -> list[Any]:
-    lines = read_text(file, most=SMALL).splitlines()
+    lines = file.read_text("utf-8-sig").splitlines()
     rows = [row for row in csv.reader(lines) if row and not row[0].startswith("#")]
     has_header = bool(rows) and [cell.strip() for cell in rows[0]] == ["x", "y", "theta"]
     return rows[1:] if has_header else rows

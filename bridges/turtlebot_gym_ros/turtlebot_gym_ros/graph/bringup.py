@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.drive import Drive, heading_error, position_error
 from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
@@ -23,7 +24,6 @@ from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.tasks import ROOM, arrived
-from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.base.options import parser_of

@@ -11,10 +11,10 @@ from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
+from turtlebot_gym.config import Range, choose
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.observations import EVIDENCE, SCAN, TRACKS
 from turtlebot_gym.rooms.worlds import find_lidar
-from turtlebot_gym.validation import Range, choose
 from turtlebot_gym_agents.policies import make_policy, terms_of
 from turtlebot_gym_agents.policies.fit import OPEN, require_task
 from turtlebot_gym_ros.base.frames import Common

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from std_msgs.msg import Header
 
-from turtlebot_gym.validation import did_you_mean, refusal
+from turtlebot_gym.config import did_you_mean, refusal
 from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.node.convert import register
 

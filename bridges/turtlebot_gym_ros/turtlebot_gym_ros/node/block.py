@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+from turtlebot_gym.config import Range
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.validation import Range
 from turtlebot_gym.values import Command, Covariance, Fix, Pose
 from turtlebot_gym_ros.base.frames import Mount
 

@@ -29,9 +29,9 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Empty, Header, String
 
 from turtlebot_gym import values
+from turtlebot_gym.config import LARGEST, short_repr
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.localization.localizer import Located
-from turtlebot_gym.validation import LARGEST, short_repr
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.node.block import Correction, Disagreement, InitialPose, Input, Nis, Resume
@@ -155,9 +155,7 @@ def _odometry_to_message(odometry: values.Odometry, header: Header) -> Odometry:
 def _estimate_of(message: Odometry) -> Estimate:
     pose, twist = (tuple(map(float, part.covariance)) for part in (message.pose, message.twist))  # faster than NumPy's
     finite("the covariance", (*pose, *twist), most=LARGEST)
-    P = Covariance(
-        pose[0], pose[1], pose[5], 0.0, 0.0, pose[7], pose[11], 0.0, 0.0, pose[35], 0.0, 0.0, twist[0], twist[5], twist[35]
-    )
+    P = Covariance(pose[0], pose[1], pose[5], pose[7], pose[11], pose[35], twist[0], twist[35])
     if min(P.xx, P.yy, P.tt, P.vv, P.ww) < 0.0:
         raise ValueError(f"variances must not be negative, got {P.xx:g}, {P.yy:g}, {P.tt:g}, {P.vv:g}, {P.ww:g}")
     return Estimate(Belief(_state_of(message), P), 0.0, 0.0)
@@ -176,7 +174,7 @@ def state_covariance(message: Odometry, P: Covariance) -> None:
     measured = pose[0] >= 0.0
     write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
     twist[0], twist[35] = P.vv, P.ww
-    twist[5] = twist[30] = P.vw
+    twist[5] = twist[30] = 0.0
     if not measured:
         pose[:] = [0.0] * len(pose)
     for at in _UNUSED_IN_POSE if measured else (*PLANAR_POSE, *_UNUSED_IN_POSE):

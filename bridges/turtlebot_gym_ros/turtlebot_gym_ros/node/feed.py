@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
-from turtlebot_gym.validation import short_repr
+from turtlebot_gym.config import short_repr
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.executor import PolledGroup, take
 from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood

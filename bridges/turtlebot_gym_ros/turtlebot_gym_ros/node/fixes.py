@@ -13,9 +13,9 @@ from typing import Any
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from std_msgs.msg import Header
 
+from turtlebot_gym.config import LARGEST, LEAST
 from turtlebot_gym.localization.localizer import Located
 from turtlebot_gym.parameters import is_covariance
-from turtlebot_gym.validation import LARGEST, LEAST
 from turtlebot_gym.values import Fix
 from turtlebot_gym_ros.node.block import InitialPose
 from turtlebot_gym_ros.node.geometry import read_pose, write_pose

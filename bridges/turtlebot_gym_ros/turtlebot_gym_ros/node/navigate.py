@@ -14,7 +14,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from turtlebot_gym.validation import short_repr
+from turtlebot_gym.config import short_repr
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.node.errand import Errand, Failure

@@ -32,7 +32,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import get_default_context
 
-from turtlebot_gym.validation import POSITIVE, build, refusal
+from turtlebot_gym.config import POSITIVE, build, refusal
 from turtlebot_gym_ros.base.discovery import prepare
 from turtlebot_gym_ros.base.executor import best_executor
 from turtlebot_gym_ros.base.names import type_name

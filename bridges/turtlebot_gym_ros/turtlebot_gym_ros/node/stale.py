@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.validation import POSITIVE, choose
+from turtlebot_gym.config import POSITIVE, choose
 from turtlebot_gym_ros.node.arrays import read_array
 
 POLICIES = {name: name for name in ("zero", "hold", "drop")}

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from rclpy.node import Node
 
-from turtlebot_gym.validation import did_you_mean
+from turtlebot_gym.config import did_you_mean
 from turtlebot_gym_ros.base import options
 from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from turtlebot_gym.validation import did_you_mean
+from turtlebot_gym.config import did_you_mean
 
 LONGEST = 128
 """Elements of an array that `text_of` shows, as in ros2cli."""

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 
-from turtlebot_gym.validation import Range
+from turtlebot_gym.config import Range
 from turtlebot_gym_ros.base.names import absolute, message_type, node_name
 from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import STREAM
