@@ -179,7 +179,7 @@ def test_without_mujoco_the_command_says_what_to_install(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("seed", ["-1", str(2**63), str(2**80)])
-@pytest.mark.parametrize("name", ["evaluate", "train", "tune"])
+@pytest.mark.parametrize("name", ["evaluate", "train"])
 def test_an_invalid_seed_is_refused_by_name(name, seed, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main([name, "--seed", seed]) == 2
@@ -207,7 +207,6 @@ def test_a_command_takes_a_count_with_an_exponent(capsys):
         (["train", "--out", "run", "--cluster", "local"], "The same command continues: finished trainings are in run."),
         (["evaluate"], "Nothing was kept; a study keeps what is finished: turtlebot-gym study FILE.yaml."),
         (["study", "study.yaml", "--out", "run"], "The same command continues: finished jobs are in run."),
-        (["tune", "--out", "run"], "The same command continues: finished trials are kept."),
     ],
 )
 def test_an_interrupted_command_says_how_to_continue(arguments, message, capsys, tmp_path, monkeypatch):

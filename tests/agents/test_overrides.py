@@ -249,7 +249,6 @@ def made(command):
         ("train speed_error=0.1", "speed_error would change nothing without randomize"),
         ("train --veer 0.1", "veer would change nothing without randomize"),
         ("train n_timesteps=5", "n_timesteps is the option steps"),
-        ("tune storage=a.journal gamma.x=1", "gamma.x is no hyper-parameter"),
         ("watch drive=[a.csv] noise=rough", "noise is for episodes, and changes nothing in recorded drives"),
         ("watch drive=[a.csv] robot.max_linear=0.1", "robot.max_linear is for episodes"),
         ("watch truth=none", "truth is for recorded drives: add --drive"),

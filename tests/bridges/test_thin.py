@@ -24,7 +24,6 @@ ABSENT = (
     "torch",
     "stable_baselines3",
     "onnx",
-    "optuna",
     "tensorboard",
     "mujoco",
 )

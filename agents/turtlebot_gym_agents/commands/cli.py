@@ -35,7 +35,7 @@ from turtlebot_gym_agents.commands.console import (
 )
 from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.commands.help import help_of
-from turtlebot_gym_agents.commands.learning import Train, Tune
+from turtlebot_gym_agents.commands.learning import Train
 from turtlebot_gym_agents.commands.overrides import extract, override
 from turtlebot_gym_agents.commands.study import Study
 from turtlebot_gym_agents.front.defaults import EPISODES, POLICIES
@@ -121,7 +121,6 @@ _SETTINGS = ("noise", "filter", "observation")
 COMMANDS: dict[str, type[_CommandLine]] = {
     "evaluate": Evaluate,
     "train": Train,
-    "tune": Tune,
     "export": Export,
     "card": ShowCard,
     "study": Study,

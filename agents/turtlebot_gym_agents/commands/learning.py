@@ -1,9 +1,9 @@
-"""The subcommands that learn: ``train`` and ``tune``."""
+"""The subcommand ``train``."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -28,16 +28,9 @@ from turtlebot_gym_agents.front.defaults import RUN, SEEDS
 from turtlebot_gym_agents.outputs import FOLDER
 
 if TYPE_CHECKING:
-    from optuna.trial import FrozenTrial
-    from rich.table import Table
-
     from turtlebot_gym_agents.cluster.workers import Run
     from turtlebot_gym_agents.training.config import TrainingConfig
     from turtlebot_gym_agents.training.train import TrainingResult
-
-
-SHOWN = 5
-"""Trials in the table of a search, the best first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,57 +138,6 @@ class Train(Placement, _LearningOptions):
         return wandb.init(project=self.wandb, name=config.title, dir=folder, config=config.record(), sync_tensorboard=True)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tune(Placement, _LearningOptions):
-    """Search for hyper-parameters with Optuna, and write the best as OUT/best.yaml for train --config.
-
-    The same command resumes an interrupted search.
-    """
-
-    COMMON: ClassVar = ("env", "algo", "config", "steps", "trials", "generation", "out", "noise", "filter")
-    EXAMPLE: ClassVar = "reward.effort=0.2 gamma=0.98, which the search keeps"
-
-    out: Annotated[Path, FOLDER] = Path("runs/tune")
-    """Study folder; an existing study is resumed."""
-    trials: int = 50
-    """Total number of finished trials, earlier ones included."""
-    storage: str | None = None
-    """Storage of the study, which several processes can share: a file (Optuna's journal), or the URL of a database. By default
-    OUT/study.db."""
-    generation: int | None = None
-    """Number of trials to draw together, so that they can run in parallel: the search depends on it, but not on the number of
-    workers. By default trials are drawn one by one, on a cluster 8 together."""
-
-    def run(self) -> None:
-        config = self.training()
-        with _loading(config), needs("agents"):
-            from turtlebot_gym_agents.cluster.search import tune
-        from optuna.trial import TrialState
-        from rich.console import Console
-
-        generation = 8 if self.generation is None and self.spread else self.generation
-        runner, console = self.runner(), Console(stderr=True)
-        with console.status("") as status:
-
-            def show(ended: int) -> None:
-                status.update(f"{ended} of {self.trials} trials")
-
-            common = {"storage": self.storage, "run": runner, "progress": show}
-            study = tune(config, self.out, trials=self.trials, generation=generation, **common)
-        trials = study.get_trials(states=(TrialState.COMPLETE, TrialState.PRUNED))
-        title = f"{', '.join([self.env, self.algo, *self.described()])}: the best of {len(trials)}"
-        print_tables(_search_table(trials, title=title))
-        rows = [
-            {"number": trial.number, "state": trial.state.name, "return": trial.value, "parameters": trial.params}
-            for trial in trials
-        ]
-        self.report({"trials": rows}, {**self.settings(), "generation": generation})
-
-    def resuming(self) -> str:
-        """Return how to continue after an interruption."""
-        return "The same command continues: finished trials are kept."
-
-
 @contextmanager
 def _loading(config: TrainingConfig) -> Iterator[None]:
     """Load a training's compiled loops in a second thread during this block, which imports torch."""
@@ -218,14 +160,3 @@ def _loading(config: TrainingConfig) -> Iterator[None]:
         yield
     finally:
         beside.join()
-
-
-def _search_table(trials: Sequence[FrozenTrial], *, title: str) -> Table:
-    """Return the best trials of a search, at most `SHOWN`."""
-    from rich.table import Table
-
-    table = Table("trial", "return", "hyper-parameters", title=title)
-    complete = sorted((trial for trial in trials if trial.state.name == "COMPLETE"), key=lambda trial: -(trial.value or 0.0))
-    for trial in complete[:SHOWN]:
-        table.add_row(str(trial.number), f"{trial.value:.3f}", ", ".join(f"{k} {v}" for k, v in trial.params.items()))
-    return table

@@ -71,7 +71,7 @@ class TrainingConfig(Options):
     mapping."""
     overrides: Mapping[str, Any] = field(default_factory=dict)
     """Hyper-parameters that replace those of ``config``, by name, with a dot if nested: ``{"learning_rate": 3e-4,
-    "policy_kwargs.net_arch": [32, 32]}``. ``tune`` keeps them."""
+    "policy_kwargs.net_arch": [32, 32]}``."""
     evaluations: Annotated[int, STEPS] = 5
     """Number of evaluations during training."""
     episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500

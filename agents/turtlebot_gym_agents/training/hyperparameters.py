@@ -9,8 +9,6 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from turtlebot_gym import files
 from turtlebot_gym.validation import Range, refusal
 from turtlebot_gym_agents.policies.named import shipped_folder
@@ -98,14 +96,6 @@ def shipped_names() -> set[str]:
     """Return the names of the hyper-parameters in the files that are shipped with the package."""
     contents = [files.load(path) for path in sorted(configs_folder().glob("*.yaml"))]
     return {name for content in contents for hyper in content.values() for name in hyper}
-
-
-def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
-    """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
-    network = hyper["policy_kwargs"].items()
-    words = (f"{key}={f'{_CLASSES[key]}.{value}' if key in _CLASSES else repr(value)}" for key, value in network)
-    content = {**hyper, "policy_kwargs": f"dict({', '.join(words)})"}
-    files.write_text(path, yaml.safe_dump({env: content}, sort_keys=False, width=128))
 
 
 def _as_numbers(value: Any) -> Any:

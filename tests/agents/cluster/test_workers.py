@@ -49,7 +49,6 @@ trainings:
 COMMANDS = {
     "evaluate": ["evaluate", "--policy", "bearing", "ppo-nav", "--noise", "tutorial", "rough", "--episodes", "600"],
     "train": ["train", "--config", "tiny.yaml", "--steps", "1024", "--evaluations", "1", "--seeds", "2", "--out", "runs"],
-    "tune": ["tune", "--config", "tiny.yaml", "--steps", "512", "--trials", "3", "--generation", "2", "--out", "search"],
     "study": ["study", "study.yaml", "--out", "study"],
 }
 
