@@ -63,4 +63,5 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
 train(TrainingConfig(steps=1, episodes=4, evaluations=1), Path({str(tmp_path / "run")!r}), progress=False)
 """
+    assert loaded(script, ("onnxscript", "matplotlib", "onnx")) == ["onnx"]
     assert (tmp_path / "run" / "policy.onnx").is_file()

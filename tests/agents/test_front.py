@@ -16,7 +16,6 @@ import own_parts
 import own_terms
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
@@ -24,12 +23,10 @@ import turtlebot_gym_agents as front
 from turtlebot_gym import entry_points
 from turtlebot_gym.drive import position_error
 from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.plotting import GREEN, SKY_BLUE, VERMILLION
 from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
 from turtlebot_gym_agents.commands.cli import COMMANDS
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.result import title_of
-from turtlebot_gym_agents.front.film import FRAMES
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -194,24 +191,6 @@ def test_a_drive_in_a_room_has_its_walls_in_arrays_and_in_its_plot(in_a_room, tm
     assert len(axes.patches) >= 1 + boxes
     without = drive("bearing", noise="clean").plot(Figure().subplots())
     assert not without.patches
-
-
-@pytest.mark.nightly
-def test_a_film_shows_the_whole_drive_and_is_small(in_a_room, tmp_path):
-    film = in_a_room.film(seconds=2.0)
-    film.save(tmp_path / "drive.gif")
-    with Image.open(tmp_path / "drive.gif") as picture:
-        assert picture.n_frames == FRAMES
-        assert picture.info["loop"] == 0
-        colours = set(picture.convert("RGB").getdata())
-    assert len(film.content) < 100_000
-    for colour in (VERMILLION, SKY_BLUE, GREEN):  # those of thin lines survive the palette
-        wanted = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)])
-        assert min(np.abs(np.array(each) - wanted).max() for each in colours) < 40, colour
-    shown = film._repr_mimebundle_()
-    assert {*shown} == {"image/gif", "text/plain"}
-    with pytest.raises(ValueError, match="seconds must be a positive number"):
-        in_a_room.film(seconds=0.0)
 
 
 def test_trainings_have_their_learning_curves_and_an_interval(trained):

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.table import Table
 
-    from turtlebot_gym_agents.front.film import Film
-
 _PARTS = {
     "true_state": ("true", ("x", "y", "theta", "v", "omega")),
     "odometry": ("odometry", ("x", "y", "theta")),
@@ -114,12 +112,6 @@ class DriveResult(Result):
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the drive seen from above, with walls and obstacles."""
         return with_legend(plot_drive(axes_or_new(axes), self.record))
-
-    def film(self, *, seconds: float = 6.0) -> Film:
-        """Return a moving picture of the drive, ``seconds`` long, which a notebook shows and ``save`` writes as a GIF."""
-        from turtlebot_gym_agents.front.film import film_of
-
-        return film_of(self.record, seconds=seconds)
 
 
 def drive(policy: Any = DRIVER, *, env: str = NAV, seed: int = SEED, **options: Any) -> DriveResult:
