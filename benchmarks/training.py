@@ -52,7 +52,7 @@ RECIPES = {
     "Square": Recipe((), "square", "corner"),
     "Pose": Recipe((), "pose", "rotate-drive-rotate"),
     "Nav, SAC": Recipe(("--algo", "sac")),
-    "Rooms, from vfh": Recipe(("--from", "vfh", "--steps", ROOMS), "rooms", "vfh"),
+    "Rooms, from vfh": Recipe(("--from-policy", "vfh", "--steps", ROOMS), "rooms", "vfh"),
 }
 """Trainings by name."""
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.filters import jacobians, matrix
@@ -79,6 +78,8 @@ def mean_bounds(degrees: int, runs: int, *, false_alarm: float) -> tuple[float, 
     Raises:
         ValueError: If an argument is out of its range.
     """
+    from scipy import stats  # slow to import
+
     df = as_int("degrees", degrees, 1) * as_int("runs", runs, 1)
     low, high = stats.chi2.interval(1.0 - Range(0.0, 1.0, open_low=True, open_high=True).check("false_alarm", false_alarm), df)
     return float(low / runs), float(high / runs)
@@ -94,6 +95,8 @@ def heading_information(noise: OdometryNoise) -> float:
     Raises:
         ValueError: If the heading is measured without white noise, which makes its information infinite.
     """
+    from scipy import stats  # slow to import
+
     variance, share, spike = noise.R[2], noise.spike_probability, noise.spike
     if not variance > 0.0:
         raise ValueError(f"OdometryNoise.R must have a positive heading variance for this, got {variance!r}.")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from turtlebot_gym.files import load
 from turtlebot_gym_agents.cluster.ledger import files_in, require_same
-from turtlebot_gym_agents.cluster.workers import Run, results
+from turtlebot_gym_agents.cluster.workers import results
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 
 if TYPE_CHECKING:
@@ -22,16 +21,16 @@ def train_seeds(
     config: TrainingConfig,
     folders: dict[int, Path],
     *,
-    run: Run = results,
-    progress: Callable[[int], None] = lambda done: None,
-) -> list[TrainingResult]:
+    cluster: str | None,
+    workers: int | None,
+) -> dict[int, TrainingResult]:
     """Train a policy with several seeds; repeated, it keeps finished trainings, and begins unfinished ones anew.
 
     Args:
         config: Configuration of the trainings, except the seed.
         folders: Folder of each seed's run, all in one folder, which every machine of a cluster must share.
-        run: Runs the jobs.
-        progress: Called with the number of finished trainings.
+        cluster: Where the jobs run, as for `workers.results`.
+        workers: Number of processes.
 
     Raises:
         ValueError: As `training.train.train`, and if the folder holds trainings of other code or settings.
@@ -47,11 +46,8 @@ def train_seeds(
         f"seed {seed}": partial(_train, replace(config, seed=seed, config=config.hyper), folder.resolve())
         for seed, folder in folders.items()
     }
-    done: dict[str, TrainingResult] = {}
-    for name, result in run(jobs):
-        done[name] = result
-        progress(len(done))
-    return [done[name] for name in jobs]
+    done = dict(results(jobs, cluster=cluster, workers=workers))
+    return {seed: done[f"seed {seed}"] for seed in folders}
 
 
 def settings_of(config: TrainingConfig) -> dict[str, Any]:

@@ -25,11 +25,9 @@ from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.consistency import Consistent, joined
 from turtlebot_gym_agents.evaluation.episodes import Episodes, concatenate, measure, outcome_of
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.evaluation.record import Recorder
 from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, walkers_of
-from turtlebot_gym_agents.front.defaults import EPISODES, NAV, SEED
 from turtlebot_gym_agents.ids import arguments_of, environment_id
 from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
 from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_task, require_terms
@@ -55,9 +53,9 @@ def paired(first: Evaluation, second: Evaluation) -> Interval:
 def evaluate(
     policy: str | Path | Policy,
     *,
-    env: str = NAV,
-    episodes: int = EPISODES,
-    seed: int = SEED,
+    env: str = "nav",
+    episodes: int = 1000,
+    seed: int = 0,
     progress: Callable[[int], None] = lambda ended: None,
     allow_mismatch: bool = False,
     consistency: bool = False,
@@ -142,6 +140,8 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
     if not isinstance(policy, str):
         return shown(policy, type(policy).__name__, terms) if terms else policy
     if policy == ORACLE and isinstance(envs, VectorEnv):
+        from turtlebot_gym_agents.evaluation.oracle import Oracle  # slow to import
+
         return Oracle(envs)
     p = parameters_of(envs)
     try:

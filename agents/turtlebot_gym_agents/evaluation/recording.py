@@ -24,7 +24,6 @@ from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.evaluation.episodes import ending_of
 from turtlebot_gym_agents.evaluation.evaluate import driven, driver_of, make_envs, policy_of, require_known
 from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, tracks_of
-from turtlebot_gym_agents.front.defaults import NAV, SEED
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.policies import Policy
@@ -43,8 +42,8 @@ class _Row(NamedTuple):
 def record_episode(
     policy: str | Path | Policy,
     *,
-    env: str = NAV,
-    seed: int = SEED,
+    env: str = "nav",
+    seed: int = 0,
     label: str | None = None,
     allow_mismatch: bool = False,
     **options: Any,

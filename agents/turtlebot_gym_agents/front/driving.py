@@ -16,7 +16,6 @@ from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.evaluation.recording import record_episode
 from turtlebot_gym_agents.evaluation.result import title_of
 from turtlebot_gym_agents.figures import plot_drive
-from turtlebot_gym_agents.front.defaults import DRIVER, NAV, SEED
 from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
 from turtlebot_gym_agents.ids import environment_id
 
@@ -114,7 +113,7 @@ class DriveResult(Result):
         return with_legend(plot_drive(axes_or_new(axes), self.record))
 
 
-def drive(policy: Any = DRIVER, *, env: str = NAV, seed: int = SEED, **options: Any) -> DriveResult:
+def drive(policy: Any = "bearing", *, env: str = "nav", seed: int = 0, **options: Any) -> DriveResult:
     """Drive one episode and return it, the first one of `evaluate` with the same arguments.
 
     Args:

@@ -6,7 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from turtlebot_gym_agents.front.defaults import BUNDLE
+import tyro
+
+from turtlebot_gym import Options
+from turtlebot_gym_agents.commands.console import needs
+from turtlebot_gym_agents.flags import Text, takes
+from turtlebot_gym_agents.outputs import OutputFile, require_outputs
 
 if TYPE_CHECKING:
     from turtlebot_gym_agents.policies.bundle import Card
@@ -50,25 +55,44 @@ class ExportedPolicy:
     __repr__ = __str__
 
 
-def export(model: Any, path: str | Path = BUNDLE, *, env: str | None = None, **options: Any) -> ExportedPolicy:
-    """Write a policy of another library as a bundle, if both return the same actions.
+@takes(Options, "task")
+def export(
+    model: tyro.conf.Positional[Text],
+    out: str | Path = "policy.onnx",
+    *,
+    env: str | None = None,
+    vec_normalize: tyro.conf.Suppress[Any] = None,
+    memory: tyro.conf.Suppress[int] = 0,
+    training: tyro.conf.Suppress[Any] = None,
+    steps: tyro.conf.Suppress[int] = 1000,
+    allow_pickle: bool = False,
+    force: bool = True,
+    **options: Any,
+) -> ExportedPolicy:
+    """Make a policy bundle, and check that it returns the same actions, in the environment of the training.
 
     Args:
-        model: A model of Stable-Baselines3 or sb3-contrib, a torch module, an ONNX model, or a file, see
-            `training.export.export`.
-        path: The bundle's file; an existing one is replaced.
-        env: Id or short name of the environment that it was trained in; None for what the model says, else Nav.
-        **options: Further arguments of `training.export.export`: ``vec_normalize``, ``allow_pickle``, the environment's, ...
+        model: The folder of a training by this package, a model in it (.zip), or an ONNX model (.onnx) from observations to
+            actions; in Python also a model of Stable-Baselines3 or sb3-contrib, or a torch module, see `training.export`.
+        out: The bundle.
+        env: Id or short name of the environment that it was trained in; None for what the model says, else nav.
+        vec_normalize: What normalized observations; "none" for nothing, None for what the model's environment has.
+        memory: Of a torch module with a state: how many numbers that has.
+        training: Entries of the card about the training.
+        steps: Steps of the check.
+        allow_pickle: Confirm that you trust the file: loading a .zip can run any code in it.
+        force: Overwrite a bundle that exists.
+        **options: The environment's of the training, see `turtlebot_gym.Options`.
 
     Raises:
         ValueError: If the policy cannot be a bundle; the message says what to do.
         RuntimeError: If the actions differ.
         ImportError: If a library is missing.
     """
-    from turtlebot_gym_agents.commands.console import needs
-
+    require_outputs([("--out", out, OutputFile((".onnx",)))], force=force)
     with needs("agents"):
         from turtlebot_gym_agents.training.export import export as write
-        from turtlebot_gym_agents.training.network import ROWS, STEPS
-    difference = write(model, path, env=env, **options)
-    return ExportedPolicy(policy=Path(path), difference=difference, steps=options.get("steps", STEPS), rows=ROWS)
+        from turtlebot_gym_agents.training.network import ROWS
+    given: dict[str, Any] = {"env": env, "vec_normalize": vec_normalize, "memory": memory, "training": training}
+    difference = write(model, out, **given, steps=steps, allow_pickle=allow_pickle, **options)
+    return ExportedPolicy(policy=Path(out), difference=difference, steps=steps, rows=ROWS)

@@ -15,7 +15,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Options, Parameters
 from turtlebot_gym.validation import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
-from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.provenance import plain, provenance
@@ -42,7 +41,7 @@ class TrainingConfig(Options):
     the evaluation. `commands.flags` has the flags of commands.
     """
 
-    env: str = NAV
+    env: str = "nav"
     """Environment id, or its short name."""
     algo: str = "ppo"
     """Algorithm: ppo, sac or td3; others of Stable-Baselines3, in lower case, with a FILE of hyper-parameters."""

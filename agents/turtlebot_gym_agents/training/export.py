@@ -24,7 +24,6 @@ from torch import nn
 from turtlebot_gym import Options
 from turtlebot_gym.validation import as_int, refusal
 from turtlebot_gym.variants import BASE, split
-from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import arguments_of, brought_by
 from turtlebot_gym_agents.policies import PolicyWithMemory
 from turtlebot_gym_agents.policies.bundle import KEY, Card
@@ -93,7 +92,7 @@ def export(
         found = files.read(Path(model), allow_pickle=allow_pickle)
         model = found.model
     known, own = _environment_of(model)
-    env = require_env(env or found.env or known or NAV)
+    env = require_env(env or found.env or known or "nav")
     trained = {**(own if env == known else {}), **(found.options if found.env in (None, env) else {})}
     options = {**trained, **{name: _based(value, name, env, trained) for name, value in options.items()}}
     with closing(_make(env, options)) as envs:
