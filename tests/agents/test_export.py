@@ -9,8 +9,7 @@ from turtlebot_gym.observations import LOCATED_ROOM, OPEN_GROUND, ROOM, bounds_o
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.training import export as module
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.export import export
-from turtlebot_gym_agents.training.files import load_model
+from turtlebot_gym_agents.training.export import export, load_model
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.network import TOLERANCE
 

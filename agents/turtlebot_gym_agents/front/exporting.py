@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 _PARTS = {
     "normalization": "normalized",
-    "a stack of observations": "frame_stack",
     "the state of a recurrent network": "state",
 }
 """Parts of a bundle as its maker is told of them, and their entries on the card."""

@@ -200,17 +200,6 @@ def require_env(env: str) -> str:
     return env
 
 
-def base_of(env: str, name: str) -> Any:
-    """Return what an option of an environment is where it is not given: what its variants are based on."""
-    usual = {"task": "nav", "world": "dense", "lidar": "lds01"}.get(name, getattr(Options(), name))
-    return brought_by(require_env(env)).get(name, usual)
-
-
-def steps_of(env: str) -> int | None:
-    """Return the limit of steps of a registered environment's episodes; None for none."""
-    return registry[env].max_episode_steps
-
-
 def require_no_run(folder: Path) -> None:
     """Raise ValueError if a folder holds a run."""
     if (folder / "config.json").exists():
