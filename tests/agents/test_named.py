@@ -5,12 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from turtlebot_gym_agents.front.defaults import NAV
 
 from turtlebot_gym import ROBOTS
 from turtlebot_gym.observations import ROOM, size_of
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
-from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.policies import BearingPolicy, PolarPolicy, ProportionalPolicy, RotateDriveRotatePolicy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.fit import ROOMS

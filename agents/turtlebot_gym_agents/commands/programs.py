@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,11 +43,9 @@ def study(
     require_outputs([("--json", json, JSON)], force=force)
     from turtlebot_gym_agents.cluster import study as program
     from turtlebot_gym_agents.cluster.grid import read_grid
-    from turtlebot_gym_agents.cluster.workers import results
 
     grid = read_grid(file)
-    with progress(1) as advance_to:
-        rows = program.study(grid, out, run=partial(results, cluster=cluster, workers=workers), progress=advance_to)
+    rows = program.study(grid, out, cluster=cluster, workers=workers)
     if json is not None:
         write_json(json, {"cells": rows}, config=vars(grid))
     return Shown(_study_table(rows, title=f"{file}: {grid.episodes} episodes from seed {grid.seed}"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -155,9 +154,14 @@ def compare(
     common = {"env": environment_id(env), "episodes": episodes, "seed": seed, "allow_mismatch": allow_mismatch, **options}
     common |= {"consistency": True} if plot else {}
     combinations = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
-    run = partial(_spread, cluster=cluster, workers=workers) if cluster or workers else _in_turn
-    with progress(episodes * len(combinations)) as advance_to:
-        results = run([common | combination for combination in combinations], advance_to)
+    requests = [common | combination for combination in combinations]
+    if cluster or workers:
+        from turtlebot_gym_agents.cluster.drives import evaluate_all
+
+        results = evaluate_all(requests, cluster=cluster, workers=workers)
+    else:
+        with progress(episodes * len(combinations)) as advance_to:
+            results = _in_turn(requests, advance_to)
     varied = [name for name, values in axes.items() if len(values) > 1] or ["policy"]
     labels = _distinct([", ".join(name_of(each[name]) for name in varied) for each in combinations])
     size = len(combinations) // len(axes["policy"])
@@ -167,15 +171,6 @@ def compare(
     if plot is not None:
         save_figure(compared.paths(), Path(plot))
     return compared
-
-
-def _spread(
-    requests: Sequence[Mapping[str, Any]], progress: _Progress, *, cluster: str | None, workers: int | None
-) -> list[Evaluation]:
-    from turtlebot_gym_agents.cluster.drives import evaluate_all
-    from turtlebot_gym_agents.cluster.workers import results
-
-    return evaluate_all(requests, run=partial(results, cluster=cluster, workers=workers), progress=progress)
 
 
 def _in_turn(requests: Sequence[Mapping[str, Any]], progress: _Progress) -> list[Evaluation]:

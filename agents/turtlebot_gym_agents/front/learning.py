@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -196,20 +197,21 @@ def train(
     first = replace(env, **options) if isinstance(env, TrainingConfig) else TrainingConfig(env=env, **options)
     numbers = range(first.seed, first.seed + as_int("seeds", seeds, 1))
     folders = {number: Path(out) / f"seed-{number}" if seeds > 1 else Path(out) for number in numbers}
+    for path in folders.values():
+        require_no_run(path)
     with needs("agents"):
         from turtlebot_gym_agents.training.train import train as train_one
     if cluster or workers:
-        from turtlebot_gym_agents.cluster.trainings import train_seeds
+        from turtlebot_gym_agents.cluster.workers import run
 
-        results = train_seeds(first, folders, cluster=cluster, workers=workers)
+        jobs = [partial(train_one, replace(first, seed=seed), path.resolve(), progress=False) for seed, path in folders.items()]
+        results = dict(zip(folders, run(jobs, cluster=cluster, workers=workers), strict=True))
     else:
-        for run in folders.values():
-            require_no_run(run)
         results = {}
-        for seed, run in folders.items():
+        for seed, path in folders.items():
             config = replace(first, seed=seed)
-            with _tracked(wandb, config, run):
-                results[seed] = train_one(config, run, progress=progress, callbacks=callbacks)
+            with _tracked(wandb, config, path):
+                results[seed] = train_one(config, path, progress=progress, callbacks=callbacks)
     trained = Training(config=first, folders=folders, results=results)
     if json is not None:
         trained.to_json(json)
