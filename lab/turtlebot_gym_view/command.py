@@ -93,13 +93,14 @@ def require_drivers(policies: Sequence[str], *, env: str, seed: int, allow_misma
     Raises:
         ValueError: If an argument is unknown or out of its range, or a policy does not match the environment.
     """
-    from turtlebot_gym_agents.evaluation.evaluate import driven, driver_of, make_envs, require_known
+    from turtlebot_gym_agents.evaluation.driving import driven
+    from turtlebot_gym_agents.evaluation.evaluate import driver_of, make_envs, require_known
 
     require_known(env, seed)
     envs = make_envs(env, 1, **options)
     try:
         for policy in policies if len(policies) > 1 else ():  # the only one is refused as early by its drive
-            steps = driven(envs, driver_of(policy, envs, allow_mismatch=allow_mismatch), seed)
+            steps = driven(envs, driver_of(policy, envs, allow_mismatch=allow_mismatch), seed=seed, episodes=1)
             next(steps)
             next(steps)
     finally:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
+from turtlebot_gym_agents.evaluation.driving import judge
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.training import cloning
 from turtlebot_gym_agents.training.callbacks import EVALUATION_SEED, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.judging import judge
 from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.train import learn
 
@@ -41,7 +41,9 @@ def test_the_network_drives_like_its_teacher_in_the_states_that_it_reaches():
 def test_actions_learn_after_the_critic(monkeypatch, share, learns):
     monkeypatch.setattr(cloning, "WARM_UP", share)
     monkeypatch.setattr(cloning, "clone", lambda *arguments, **others: None)
-    before, after = made()[0].policy.state_dict(), learn(small, small.make_training(), []).policy.state_dict()
+    before, (model, envs) = made()[0].policy.state_dict(), made()
+    learn(model, small, envs, [])
+    after = model.policy.state_dict()
     changed = {name for name, value in after.items() if not torch.equal(value, before[name])}
     actor = {name for name in after if "policy_net" in name or "action_net" in name or name == "log_std"}
     assert {name for name in after if "value" in name} <= changed
@@ -57,5 +59,9 @@ def test_actions_learn_after_the_critic(monkeypatch, share, learns):
     ],
 )
 def test_what_cannot_be_cloned_is_refused(changed, message):
+    def learned():
+        config, envs = replace(small, config=None, **changed), small.make(512)
+        learn(make_model(config, envs), config, envs, [])
+
     with pytest.raises(ValueError, match=message):
-        learn(replace(small, config=None, **changed), small.make(512), [])
+        learned()

@@ -48,5 +48,5 @@ def run(jobs: Sequence[Callable[[], T]], *, cluster: str | None = None, workers:
         register_ray()
         backend = {"backend": "ray"}
     with parallel_config(**backend):
-        done: Any = Parallel(n_jobs=workers or -1, batch_size=1)(delayed(job)() for job in jobs)
+        done: Any = Parallel(n_jobs=workers or -1)(delayed(job)() for job in jobs)
     return done

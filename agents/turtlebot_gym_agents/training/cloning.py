@@ -26,7 +26,6 @@ from torch import nn
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of, require_terms
 from turtlebot_gym_agents.policies.policy import PolicyWithMemory, shown
-from turtlebot_gym_agents.training.callbacks import Callback, mean_actions
 from turtlebot_gym_agents.training.config import TrainingConfig
 
 CLONING_SEED = 2**43
@@ -95,6 +94,11 @@ def clone(model: OnPolicyAlgorithm, envs: VectorEnv, policy: Policy, *, seed: in
         _fit(network, optimizer, *(torch.from_numpy(np.concatenate(rows)) for rows in (observed, labels)))
 
 
+def mean_actions(policy: ActorCriticPolicy, observations: torch.Tensor) -> torch.Tensor:
+    """Return the means of a Gaussian policy's actions."""
+    return policy.action_net(policy.mlp_extractor.forward_actor(policy.pi_features_extractor(observations)))
+
+
 def _actor(network: ActorCriticPolicy) -> Iterator[nn.Parameter]:
     """Yield the parameters on which the actions depend."""
     yield network.log_std
@@ -111,7 +115,7 @@ def _fit(network: ActorCriticPolicy, optimizer: torch.optim.Optimizer, observed:
             optimizer.step()
 
 
-class _WarmUpCallback(Callback):
+class _WarmUpCallback(BaseCallback):
     """Let only the critic learn at first.
 
     Args:
@@ -121,6 +125,9 @@ class _WarmUpCallback(Callback):
     def __init__(self, steps: int) -> None:
         super().__init__()
         self._steps = steps
+
+    def _on_step(self) -> bool:
+        return True
 
     def _on_rollout_start(self) -> None:
         assert isinstance(self.model.policy, ActorCriticPolicy)
