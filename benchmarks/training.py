@@ -44,7 +44,7 @@ class Recipe(NamedTuple):
 
 
 ROOMS = "262144"
-"""Steps in rooms, of a training that begins with a known policy."""
+"""Steps in rooms."""
 RECIPES = {
     "Nav": Recipe(()),
     "Nav, 40,960 steps": Recipe(("--steps", "40960")),
@@ -52,7 +52,7 @@ RECIPES = {
     "Square": Recipe((), "square", "corner"),
     "Pose": Recipe((), "pose", "rotate-drive-rotate"),
     "Nav, SAC": Recipe(("--algo", "sac")),
-    "Rooms, from vfh": Recipe(("--from-policy", "vfh", "--steps", ROOMS), "rooms", "vfh"),
+    "Rooms": Recipe(("--steps", ROOMS), "rooms", "vfh"),
 }
 """Trainings by name."""
 

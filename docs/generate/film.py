@@ -89,7 +89,7 @@ def trained():
     judge = EvaluationCallback(config.make(config.episodes), every=config.between_evaluations)
     paths = Paths(config, judge)
     envs = config.make_training()
-    learn(make_model(config, envs), config, envs, [judge, paths])
+    learn(make_model(config, envs), config, [judge, paths])
     return judge.history[: len(paths.kept)], paths.kept
 
 

@@ -58,7 +58,7 @@ def study(grid: StudyGrid, folder: Path, *, cluster: str | None = None, workers:
         for name in grid.trainings:  # first, since they take longest
             for config in grid.trainings_of(name, cell):
                 labels.append((at, name, config.seed))
-                jobs.append(partial(learn, config, request, (code, _files_in([config.from_policy, *cell.values()]))))
+                jobs.append(partial(learn, config, request, (code, _files_in([*cell.values()]))))
         for policy in grid.policies:
             labels.append((at, policy, None))
             jobs.append(partial(drive, {**request, "policy": policy}, (code, _files_in([policy, *cell.values()]))))

@@ -25,8 +25,6 @@ STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
 NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
 """Algorithms of Stable-Baselines3 that train here, in lower case."""
-ON_POLICY = ("ppo", "a2c")
-"""Algorithms with a critic of the current policy, which can begin with the network of a known policy."""
 ROWS = 128
 """Most environments of an evaluation."""
 _RANDOMIZED = ("speed_error", "turn_error", "veer")
@@ -47,8 +45,6 @@ class TrainingConfig(Options):
     """Algorithm: ppo, sac or td3; others of Stable-Baselines3, in lower case, with a FILE of hyper-parameters."""
     seed: Annotated[int, Range(0, 2**20 - 1, whole=True)] = 0
     """Seed of the network, from which the environments' seeds follow."""
-    from_policy: str | None = None
-    """Begin with a network that was fitted to this policy, such as bearing, or vfh in rooms; for ppo and a2c."""
     randomize: bool = False
     """Randomize noise, speed scale and delay (in rooms also world and LiDAR) per environment; those given then apply to the
     evaluation; in Python see `randomization`."""
@@ -93,8 +89,6 @@ class TrainingConfig(Options):
         for item in unread:
             if getattr(self, item.name) != item.default:
                 raise ValueError(f"{item.name} would change nothing without randomize: add --randomize, or leave it out.")
-        if self.from_policy is not None and self.algo not in ON_POLICY:
-            raise ValueError(f"from_policy needs an algorithm among {', '.join(ON_POLICY)}, got {self.algo!r}.")
 
     def _hyperparameters(self) -> dict[str, Any]:
         """Return the hyper-parameters that ``config``, ``steps`` and ``overrides`` stand for."""

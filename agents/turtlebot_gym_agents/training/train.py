@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
-from gymnasium.vector import VectorEnv
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
@@ -21,7 +20,6 @@ from turtlebot_gym.compiled.threads import limited
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.callbacks import EvaluationCallback, RewardCallback
-from turtlebot_gym_agents.training.cloning import begin_with
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.model import make_model
@@ -80,7 +78,7 @@ def train(
             go_on=lambda figures: not config.reached(figures),
             confirm=True,
         )
-        learn(model, config, envs, [judge, RewardCallback(), *callbacks], progress=progress)
+        learn(model, config, [judge, RewardCallback(), *callbacks], progress=progress)
         seconds = time.perf_counter() - start
         about = {**record, "steps": model.num_timesteps, "seconds": round(seconds, 1), "evaluation": judge.best}
         with judge.best_model():
@@ -99,20 +97,14 @@ def train(
     return result
 
 
-def learn(
-    model: BaseAlgorithm, config: TrainingConfig, envs: VectorEnv, callbacks: Sequence[BaseCallback], *, progress: bool = False
-) -> None:
+def learn(model: BaseAlgorithm, config: TrainingConfig, callbacks: Sequence[BaseCallback], *, progress: bool = False) -> None:
     """Let a model learn.
 
     Args:
         model: The model.
         config: Configuration of the training.
-        envs: Environments in which it learns.
         callbacks: Callbacks of the training.
         progress: Whether to show a bar.
     """
     with limited(config.threads):
-        learned = list(callbacks)
-        if config.from_policy is not None:
-            learned.append(begin_with(model, envs, config))
-        model.learn(config.total, callback=learned, tb_log_name="run", progress_bar=progress)
+        model.learn(config.total, callback=list(callbacks), tb_log_name="run", progress_bar=progress)
