@@ -50,7 +50,7 @@ RECIPES = {
     "Nav, 40,960 steps": Recipe(("--steps", "40960")),
     "Nav, until success=1.0": Recipe(("--steps", "40960", "--until", "success=1.0")),
     "Square": Recipe((), "square", "corner"),
-    "Pose": Recipe((), "pose", "rotate-drive-rotate"),
+    "Pose": Recipe((), "pose", "ppo-pose"),
     "Nav, SAC": Recipe(("--algo", "sac")),
     "Rooms": Recipe(("--steps", ROOMS), "rooms", "vfh"),
 }
