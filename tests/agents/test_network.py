@@ -23,7 +23,7 @@ def mlp(inputs=13, outputs=2, scale=1.0):
 def test_the_bundle_does_what_the_network_does(tmp_path):
     network, path = mlp(scale=10.0), tmp_path / "new" / "nav.onnx"
     options = {"robot": "waffle", "noise": "rough", "dt": 0.05}
-    assert export(network, path, env=NAV, training={"library": "own"}, steps=100, **options) <= TOLERANCE
+    assert export(network, path, env=NAV, training={"library": "own"}, steps=100, **options).difference <= TOLERANCE
     policy = BundlePolicy(path)
     observations = np.random.default_rng(5).uniform(*bounds_of(OPEN_GROUND), (500, 13)).astype(np.float32)
     with torch.no_grad():

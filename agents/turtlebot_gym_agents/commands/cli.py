@@ -19,9 +19,9 @@ from turtlebot_gym.entry_points import loadable
 from turtlebot_gym.notices import Notice
 from turtlebot_gym_agents.commands.programs import card, compile_loops, study
 from turtlebot_gym_agents.front.comparing import compare
-from turtlebot_gym_agents.front.exporting import export
 from turtlebot_gym_agents.front.learning import train
 from turtlebot_gym_agents.outputs import outputs_of, require_outputs
+from turtlebot_gym_agents.training.export import export
 
 GROUP = "turtlebot_gym.commands"
 """Group of the entry points that name further commands."""

@@ -12,37 +12,33 @@ import sys
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+import tyro
 from gymnasium import spaces
 from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorObservationWrapper
 from numpy.typing import NDArray
-from torch import nn
 
 from turtlebot_gym import Options
 from turtlebot_gym.files import load
 from turtlebot_gym.validation import choose, refusal, short_repr
+from turtlebot_gym_agents.commands.console import needs
+from turtlebot_gym_agents.flags import Text, takes
 from turtlebot_gym_agents.ids import arguments_of, brought_by
-from turtlebot_gym_agents.policies.bundle import KEY, Card
+from turtlebot_gym_agents.outputs import OutputFile, require_outputs
+from turtlebot_gym_agents.policies.bundle import KEY, BundlePolicy, Card
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.training.config import NAMES, require_env
-from turtlebot_gym_agents.training.network import (
-    ROWS,
-    STEPS,
-    Normalization,
-    Predicting,
-    Program,
-    Recurrent,
-    TorchPolicy,
-    normalization_of,
-    program_of,
-    write_checked,
-)
+
+if TYPE_CHECKING:
+    from torch import nn
+
+    from turtlebot_gym_agents.training.network import Normalization
 
 NONE = "none"
 """Instead of statistics: observations were not normalized."""
@@ -63,49 +59,88 @@ class _Source(NamedTuple):
     """Noise for the card, if it is not that of the options."""
 
 
+_PARTS = {
+    "normalization": "normalized",
+    "the state of a recurrent network": "state",
+}
+"""Parts of a bundle as its maker is told of them, and their entries on the card."""
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ExportedPolicy:
+    """A bundle that acts as the policy it was made of; `evaluate` and `compare` take it for its policy."""
+
+    policy: Path
+    """The bundle."""
+    difference: float
+    """Largest difference between its actions and the library's."""
+    steps: int
+    """Steps of each environment in which they were compared."""
+    rows: int
+    """Number of these environments."""
+
+    @property
+    def card(self) -> Card:
+        """The card: what the policy was trained for."""
+        return BundlePolicy(self.policy).card
+
+    def __str__(self) -> str:
+        card = self.card
+        parts = "".join(f", with {name}" for name, there in _PARTS.items() if card.training.get(there))
+        return (
+            f"{self.policy}: {self.policy.stat().st_size:,} bytes, for {card.env}{parts}; its actions differ from the "
+            f"library's by at most {self.difference:.1g} over {self.steps:,} steps of {self.rows} environments."
+        )
+
+    __repr__ = __str__
+
+
+@takes(Options, "task")
 def export(
-    model: Any,
-    path: str | Path,
+    model: tyro.conf.Positional[Text],
+    out: str | Path = "policy.onnx",
     *,
     env: str | None = None,
-    vec_normalize: Any = None,
-    memory: int = 0,
+    vec_normalize: tyro.conf.Suppress[Any] = None,
+    memory: tyro.conf.Suppress[int] = 0,
+    training: tyro.conf.Suppress[Any] = None,
+    card: tyro.conf.Suppress[Any] = None,
+    steps: tyro.conf.Suppress[int] = 1000,
     allow_pickle: bool = False,
-    training: Mapping[str, Any] | None = None,
-    card: Card | None = None,
-    steps: int = STEPS,
+    force: bool = True,
     **options: Any,
-) -> float:
-    """Write a policy as a bundle, if both return the same actions.
+) -> ExportedPolicy:
+    """Make a policy bundle, and check that it returns the same actions, in the environment of the training.
 
     Args:
-        model: A model of Stable-Baselines3 or sb3-contrib, with the `VecNormalize` of its environment; a torch module from
-            observations (n, k) to actions (n, 2), of which those beyond 1 are clipped; an ONNX model that fits, which gets a
-            card and is not changed; or a file of one (.onnx), or the folder of a training by this package, or a model in it.
-        path: The bundle's file, replaced atomically.
-        env: Id of the environment that it was trained in; None for the one that the model or its folder names, else Nav.
+        model: The folder of a training by this package, a model in it (.zip), or an ONNX model (.onnx) from observations to
+            actions, which gets a card and is not changed; in Python also a model of Stable-Baselines3 or sb3-contrib, with the
+            `VecNormalize` of its environment, or a torch module from observations (n, k) to actions (n, 2), which are clipped.
+        out: The bundle.
+        env: Id or short name of the environment that it was trained in; None for what the model says, else nav.
         vec_normalize: What normalized observations: a `VecNormalize`, Gymnasium's `NormalizeObservation`, or "none"; None for
             what the model's environment has.
         memory: Of a torch module with a state: how many numbers that has. The module then maps observations and the state (n,
             memory), zeros where an episode begins, to actions and the next state.
-        allow_pickle: Whether files may be read that can run code.
         training: Entries for the card about the training, such as library, version, algorithm, steps and seed.
         card: Card to write; None for that of the environment.
         steps: Steps on which the actions are compared, in 8 environments.
-        **options: Arguments of the environment: ``robot``, ``noise``, ``filter``, ``observation``, ``dt`` and so on.
-
-    Returns:
-        The largest difference between the bundle's actions and the library's.
+        allow_pickle: Confirm that you trust the file: loading a .zip can run any code in it.
+        force: Overwrite a bundle that exists.
+        **options: The environment's of the training, see `turtlebot_gym.Options`.
 
     Raises:
         ValueError: If the policy cannot be a bundle, or a part of what it needs is missing; the message says what to do.
-        RuntimeError: If the difference is larger than `network.TOLERANCE`.
-        ImportError: If the library of a file is missing.
+        RuntimeError: If the actions differ by more than `network.TOLERANCE`.
+        ImportError: If a library is missing.
     """
+    require_outputs([("--out", out, OutputFile((".onnx",)))], force=force)
+    with needs("agents"):
+        from turtlebot_gym_agents.training import network
     source = _read(Path(model), allow_pickle) if isinstance(model, (str, Path)) else _trained_in(model)
     env = require_env(env or source.env or "nav")
     options = {**(source.options if env == require_env(source.env or env) else {}), **options}
-    given = {"num_envs": ROWS, "autoreset_mode": AutoresetMode.SAME_STEP, **arguments_of(options)}
+    given = {"num_envs": network.ROWS, "autoreset_mode": AutoresetMode.SAME_STEP, **arguments_of(options)}
     with closing(gym.make_vec(env, **given)) as envs:
         space: Any = envs.single_observation_space
         if not isinstance(space, spaces.Box) or len(space.shape) != 1:
@@ -115,7 +150,8 @@ def export(
             about = {**source.training, **about, **(training or {})}
             card = Card.of(env, brought_by(env) | arguments_of(options), parameters_of(envs), about)
             card = card if source.noise is None else replace(card, noise=source.noise)
-        return write_checked(program, path, card, original, envs, steps=steps)
+        difference = network.write_checked(program, out, card, original, envs, steps=steps)
+    return ExportedPolicy(policy=Path(out), difference=difference, steps=steps, rows=network.ROWS)
 
 
 def _read(path: Path, allow_pickle: bool) -> _Source:
@@ -199,6 +235,10 @@ def _trained_in(model: Any) -> _Source:
 
 def _convert(model: Any, space: spaces.Box, env: str, vec_normalize: Any, memory: int) -> tuple[Any, Any, dict[str, Any]]:
     """Return a policy as ONNX, as its library drives it (None for ONNX), and entries for the card."""
+    from torch import nn
+
+    from turtlebot_gym_agents.training.network import Program, TorchPolicy, normalization_of, program_of
+
     size = space.shape[0]
     if type(model).__name__ == "ModelProto":
         if any(entry.key == KEY for entry in model.metadata_props):
@@ -248,6 +288,8 @@ class _Sb3Policy:
 
 def _network_of(model: Any) -> nn.Module:
     """Return the network of a model from an observation to the deterministic action."""
+    from turtlebot_gym_agents.training.network import Predicting, Recurrent
+
     policy: Any = getattr(model, "policy", model)
     policy.set_training_mode(False)
     return Recurrent(policy) if hasattr(policy, "lstm_actor") else Predicting(policy)
