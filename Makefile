@@ -102,7 +102,7 @@ check: $(READY)  ## style, types, the direction of imports, and spelling
 
 ##@ Measure; benchmarks/README.md has the commands of all results
 bench: $(READY)  ## speed by wall time and CPU seconds, as ratios in one run, alone and beside busy processes (4 minutes)
-	$(RUN)turtlebot-gym benchmark --busy 4 --json $(OUT)/speed.json --force
+	PYTHONPATH=benchmarks $(RUN)python -m harness.measure --busy 4 --json $(OUT)/speed.json
 
 bench-peers: $(READY)  ## a step's CPU time beside JaxNav, IR-SIM, gymnax, EnvPool and Gymnasium, each from PyPI (10 minutes, and the installations)
 	$(RUN)python benchmarks/peers.py

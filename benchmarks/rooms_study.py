@@ -197,7 +197,7 @@ def main() -> None:
     """Train, drive, print a table, and write policy, card and results."""
     config = tyro.cli(Config, description=__doc__)
     folder = config.runs or results_folder("pretrained")
-    jobs = trainings(folder, config.steps, config.seeds, env=ROOMS, from_policy=COMPARED_WITH)
+    jobs = trainings(folder, config.steps, config.seeds, env=ROOMS)
     runs = run_all(jobs, "trainings", config.processes)
     shipped = SHIPPED if config.keep else (str(best_of_trainings(runs) / "policy.onnx") if runs else None)
     rows = study(config, folder, runs, shipped)

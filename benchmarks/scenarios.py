@@ -28,7 +28,7 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
 
 NAV, POSE, SQUARE = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Pose", "Square"))
-BASELINES = {NAV: ("bearing",), POSE: ("polar", "rotate-drive-rotate"), SQUARE: ("bearing", "corner")}
+BASELINES = {NAV: ("bearing",), POSE: ("bearing",), SQUARE: ("bearing", "corner")}
 """Baselines of each task; on Nav, without a following waypoint, `corner` equals `bearing`."""
 
 

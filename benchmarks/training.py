@@ -44,15 +44,15 @@ class Recipe(NamedTuple):
 
 
 ROOMS = "262144"
-"""Steps in rooms, of a training that begins with a known policy."""
+"""Steps in rooms."""
 RECIPES = {
     "Nav": Recipe(()),
     "Nav, 40,960 steps": Recipe(("--steps", "40960")),
     "Nav, until success=1.0": Recipe(("--steps", "40960", "--until", "success=1.0")),
     "Square": Recipe((), "square", "corner"),
-    "Pose": Recipe((), "pose", "rotate-drive-rotate"),
+    "Pose": Recipe((), "pose", "ppo-pose"),
     "Nav, SAC": Recipe(("--algo", "sac")),
-    "Rooms, from vfh": Recipe(("--from", "vfh", "--steps", ROOMS), "rooms", "vfh"),
+    "Rooms": Recipe(("--steps", ROOMS), "rooms", "vfh"),
 }
 """Trainings by name."""
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -20,10 +20,9 @@ from turtlebot_gym.config import Range, as_int, choose
 from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
-from turtlebot_gym_agents.commands.console import EnvironmentOptions
-from turtlebot_gym_agents.commands.flags import REGISTRY
 from turtlebot_gym_agents.evaluation.evaluate import evaluate, require_known
-from turtlebot_gym_agents.front.defaults import NAV
+from turtlebot_gym_agents.flags import EnvironmentOptions
+from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.policies.baselines import FORMAT, POLICIES, default_numbers
 from turtlebot_gym_agents.policies.fit import describe_robot
 from turtlebot_gym_agents.provenance import plain, provenance, replace_json
@@ -50,7 +49,7 @@ def tune_baseline(
     policy: str,
     path: Path,
     *,
-    env: str = NAV,
+    env: str = "nav",
     tries: int = 40,
     episodes: int = 2000,
     seed: int = 0,
@@ -152,8 +151,15 @@ def _share(span: Range, value: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Config(EnvironmentOptions):
+class Config:
     """Tune a baseline for a scenario, and write the best numbers to a file for ``turtlebot-gym evaluate --policy``."""
+
+    env: str = "nav"
+    """Environment: nav, pose, square, rooms, missions, or the id of another one."""
+    seed: int = 0
+    """The first seed."""
+    options: Annotated[EnvironmentOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=dict)
+    """Options of the environment."""
 
     policy: str = "bearing"
     """The baseline's name."""
@@ -167,9 +173,9 @@ class Config(EnvironmentOptions):
 
 def main() -> None:
     """Tune, and print the fastest try."""
-    config = tyro.cli(Config, description=__doc__, registry=REGISTRY)
+    config = tyro.cli(Config, description=__doc__)
     budget = {"tries": config.tries, "episodes": config.episodes, "seed": config.seed}
-    tries = tune_baseline(config.policy, config.out, env=config.env, **budget, **config.options(), progress=print)
+    tries = tune_baseline(config.policy, config.out, env=environment_id(config.env), **budget, **config.options, progress=print)
     print(f"{config.out}: {best_of(tries)}, with defaults {tries[0].time:.3f} s")
 
 

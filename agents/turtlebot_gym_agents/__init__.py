@@ -35,19 +35,19 @@ if TYPE_CHECKING:
     from turtlebot_gym_agents.evaluation.result import Evaluation
     from turtlebot_gym_agents.front.comparing import Comparison, compare
     from turtlebot_gym_agents.front.driving import DriveResult, drive
-    from turtlebot_gym_agents.front.exporting import ExportedPolicy, export
     from turtlebot_gym_agents.front.learning import Training, train
     from turtlebot_gym_agents.front.satellites import replay, watch
     from turtlebot_gym_agents.policies import BearingPolicy, Deployment, Policy, ProportionalPolicy, make_policy
+    from turtlebot_gym_agents.training.export import ExportedPolicy, export
 
 _HOMES = {
     "evaluation.evaluate": ("evaluate",),
     "evaluation.result": ("Evaluation",),
     "front.comparing": ("Comparison", "compare"),
     "front.driving": ("DriveResult", "drive"),
-    "front.exporting": ("ExportedPolicy", "export"),
     "front.learning": ("Training", "train"),
     "front.satellites": ("replay", "watch"),
+    "training.export": ("ExportedPolicy", "export"),
     "policies": ("BearingPolicy", "Deployment", "Policy", "ProportionalPolicy", "make_policy"),
 }
 _HOME_OF = {name: module for module, names in _HOMES.items() for name in names}

@@ -66,7 +66,7 @@ def judge(
     """
     ours = {name: row for name, row in before.items() if row["by"] == OURS}
     if not ours:
-        raise ValueError("The file must hold this package's ratios: make it with `turtlebot-gym benchmark --json FILE`.")
+        raise ValueError("The file must hold this package's ratios: make it with `python -m harness.measure --json FILE`.")
     verdicts = []
     for name, row in ours.items():
         single = row["size"] == 1 or row["threads"] == 1
@@ -86,7 +86,7 @@ def lost(verdicts: Iterable[Verdict]) -> list[str]:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Return the result in a file written by `turtlebot-gym benchmark --json`.
+    """Return the result in a file written by `python -m harness.measure --json`.
 
     Raises:
         ValueError: If it is another file.
@@ -97,7 +97,7 @@ def read(path: Path) -> dict[str, Any]:
             if not {"by", "size", "threads", "base", "ratio", "cpu_ratio"} <= row.keys():
                 raise KeyError
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path} must be a file that `turtlebot-gym benchmark --json` has written.") from error
+        raise ValueError(f"{path} must be a file that `python -m harness.measure --json` has written.") from error
     return result
 
 

@@ -1,19 +1,41 @@
-"""The program that `turtlebot-gym benchmark` runs: all contenders, and the check against a file."""
+"""Measure the speed of environments as ratios within one run, or check them against a file: ``python -m harness.measure``."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import tyro
 
 from harness import check, environments, report
 from harness.machine import busy, cores, machine
 from harness.turns import Contender, take_turns
-from turtlebot_gym_agents.commands.benchmark import Benchmark
 from turtlebot_gym_agents.commands.console import print_tables, progress
 from turtlebot_gym_agents.provenance import plain, settings_of, write_json
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """Measure the speed of environments as ratios within one run, by wall time and CPU seconds."""
+
+    num_envs: tuple[int, ...] = (4096, 65536)
+    """Sizes of the vector environments."""
+    rounds: int = 7
+    """Number of turns of each contender."""
+    seconds: float = 0.5
+    """Length of a turn, s."""
+    busy: int = 0
+    """Measure the most important rows again beside this many busy processes."""
+    check: Path | None = None
+    """Instead, compare this package's ratios with those in this file from --json; the exit status is 1 if one got worse."""
+    tolerance: float | None = None
+    """Largest accepted loss with --check, as a share: by default 0.25."""
+    json: Path | None = None
+    """Write the results here; an existing file is replaced."""
 
 
 def run(config: Benchmark) -> None:
@@ -74,3 +96,7 @@ def _check(config: Benchmark, path: Path) -> None:
     if lost := check.lost(verdicts):
         print(f"{len(lost)} of {len(verdicts)} ratios have lost more than {tolerance:.0%}.", file=sys.stderr)
         raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    run(tyro.cli(Benchmark))

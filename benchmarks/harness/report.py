@@ -12,7 +12,7 @@ def tables(result: Mapping[str, Any]) -> list[Table]:
     """Return the tables of a result: environments, also beside busy processes if measured.
 
     Args:
-        result: What `turtlebot-gym benchmark` has measured, as it stands in its JSON.
+        result: What `python -m harness.measure` has measured, as it stands in its JSON.
     """
     shown = [environments_table(result["environments"], title=conditions(result))]
     if "busy" in result:

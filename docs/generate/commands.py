@@ -16,19 +16,19 @@ WIDTH = 100
 """Columns that fit beside both side bars at 1400 pixels."""
 
 
-def help_of(main, *words, ask="--help"):
+def help_of(main, *words):
     """Return what a command prints when it is asked for help."""
     columns = patch.dict(os.environ, COLUMNS=str(WIDTH))
     with columns, redirect_stdout(StringIO()) as printed, suppress(SystemExit):
-        main([*words, ask])
+        main([*words, "--help"])
     lines = printed.getvalue().strip().splitlines()
     return "\n".join(fill(line, WIDTH) if len(line) > WIDTH else line for line in lines)  # descriptions come unwrapped
 
 
 with mkdocs_gen_files.open("reference/commands.md", "w") as page:
-    print("# Command line\n\nWhat the commands print with `--help-all`.\n", file=page)
+    print("# Command line\n\nWhat the commands print with `--help`.\n", file=page)
     for name in commands():
-        print(f"## turtlebot-gym {name}\n\n```text\n{help_of(turtlebot_gym, name, ask='--help-all')}\n```\n", file=page)
+        print(f"## turtlebot-gym {name}\n\n```text\n{help_of(turtlebot_gym, name)}\n```\n", file=page)
 
 with mkdocs_gen_files.open("reference/commands_ros.md", "w") as page:
     print("# Command line, ROS\n\nWhat the nodes and the graph print with `--help`.\n", file=page)

@@ -26,7 +26,7 @@ class Shown(NamedTuple):
 
 SHOWN = {
     "TurtleBotNav": Shown("bearing", 300, 0, "a point: within 0.15 m, whatever the heading"),
-    "TurtleBotPose": Shown("rotate-drive-rotate", 300, 2, "a pose: within 0.15 m and 0.2 rad, the sector, and not spinning"),
+    "TurtleBotPose": Shown("ppo-pose", 300, 2, "a pose: within 0.15 m and 0.2 rad, the sector, and not spinning"),
     "TurtleBotSquare": Shown("corner", 600, 0, "the corners of a square in turn, each within 0.3 m"),
     "TurtleBotRooms": Shown("vfh", 600, 1, "a point in a room, by the beams of a LiDAR"),
     "TurtleBotMissions": Shown("vfh", 400, 1, "points in a room in turn, for ten minutes"),

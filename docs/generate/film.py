@@ -16,11 +16,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image, ImageDraw, ImageFont
+from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym.envs.colours import DARK, LIGHT
 from turtlebot_gym_agents.figures import plot_learning
-from turtlebot_gym_agents.training.callbacks import Callback, EvaluationCallback, policy_of
+from turtlebot_gym_agents.training.callbacks import EvaluationCallback, policy_of
 from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.model import make_model
 from turtlebot_gym_agents.training.train import learn
 
 WIDTH, HEIGHT, TOP, SIDE = 880, 540, 74, 420
@@ -59,7 +61,7 @@ def font(size, face="DejaVuSans"):
     return ImageFont.truetype(str(Path(get_data_path(), "fonts", "ttf", f"{face}.ttf")), size)
 
 
-class Paths(Callback):
+class Paths(BaseCallback):
     """Evaluates a policy as it learns, and keeps the true paths of some robots each time."""
 
     def __init__(self, config, judge):
@@ -86,7 +88,8 @@ def trained():
     config = TrainingConfig(steps=120_000, evaluations=EVALUATIONS, episodes=200)
     judge = EvaluationCallback(config.make(config.episodes), every=config.between_evaluations)
     paths = Paths(config, judge)
-    learn(config, config.make_training(), [judge, paths])
+    envs = config.make_training()
+    learn(make_model(config, envs), config, [judge, paths])
     return judge.history[: len(paths.kept)], paths.kept
 
 

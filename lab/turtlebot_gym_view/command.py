@@ -5,16 +5,18 @@ from __future__ import annotations
 import tempfile
 import webbrowser
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from turtlebot_gym.config import flattened
-from turtlebot_gym_agents.commands.console import DriveOptions, WritingOptions, needs
+from turtlebot_gym_agents.commands.console import WritingOptions, needs
+from turtlebot_gym_agents.evaluation.result import title_of
+from turtlebot_gym_agents.flags import EnvironmentOptions
+from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.outputs import OutputFile
-from turtlebot_gym_lab.commands.recorded import MountOption, RecordingOptions
+from turtlebot_gym_lab.commands.recorded import MountOption
 
 if TYPE_CHECKING:
     from turtlebot_gym.drive import Drive
@@ -22,19 +24,22 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watch(WritingOptions, MountOption, DriveOptions):
+class Watch(WritingOptions, MountOption):
     """Show drives in a browser: an episode of each policy, or recorded drives. Play, select times, compare.
 
     Needs the extra [view].
     """
 
-    COMMON: ClassVar = ("policy", "env", "seed", "noise", "filter", "robot", "world", "drive", "html")
-    EXAMPLE: ClassVar = "env=rooms world=office noise.odometry.spike=0.1 dt=0.05"
-
     policy: tuple[str, ...] = ("bearing",)
     """Policies as for evaluate, at most six; all drive the same episode."""
+    env: str = "nav"
+    """Environment: nav, pose, square, rooms, missions, or the id of another one."""
     seed: int = 0
     """Seed of the episode."""
+    allow_mismatch: bool = False
+    """Also drive policies made for another task, observation, robot or rate."""
+    options: Annotated[EnvironmentOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=dict)
+    """Options of the environment."""
     drive: tuple[Path, ...] = ()
     """Recorded drives instead of episodes, as calibrate and replay take them."""
     html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html"), OutputFile((".html", ".htm"))] = None
@@ -55,7 +60,8 @@ class Watch(WritingOptions, MountOption, DriveOptions):
         Raises:
             ValueError: If an argument is unknown or out of its range, or a policy cannot drive; nothing is driven then.
         """
-        self._require_used()
+        if self.drive and set(self.options) - {"lidar"}:
+            raise ValueError(f"{', '.join(self.options)} would change nothing in recorded drives: leave out it, or --drive.")
         from turtlebot_gym_view import read_recorded, record_episode
 
         with needs("view"):
@@ -65,14 +71,13 @@ class Watch(WritingOptions, MountOption, DriveOptions):
         if self.side_by_side and number == 1:
             raise ValueError("--side-by-side needs two drives or more: add a policy or a recording, or leave it out.")
         if self.drive:
-            drives = [read_recorded(path, lidar=self.lidar or "lds01", **self.reading()) for path in self.drive]
+            drives = [read_recorded(path, lidar=self.options.get("lidar", "lds01"), **self.reading()) for path in self.drive]
             title = f"Recorded: {', '.join(path.name for path in self.drive)}"
         else:
-            require_drivers(self.policy, env=self.env, seed=self.seed, **self.options())
-            drives = [record_episode(policy, env=self.env, seed=self.seed, **self.options()) for policy in self.policy]
-            robot = [f"robot {self.robot}"] if self.robot != "burger" else []
-            place = [self.env.partition("/")[2], f"seed {self.seed}", *robot, f"noise {self.noise}"]
-            title = ", ".join([*place, *self.described()])
+            given = {"env": environment_id(self.env), "seed": self.seed, **self.options}
+            require_drivers(self.policy, allow_mismatch=self.allow_mismatch, **given)
+            drives = [record_episode(policy, allow_mismatch=self.allow_mismatch, **given) for policy in self.policy]
+            title = title_of(given)
         return self.page_of(drives, title=title)
 
     def page_of(self, drives: Sequence[Drive], *, title: str) -> Page:
@@ -81,19 +86,6 @@ class Watch(WritingOptions, MountOption, DriveOptions):
             from turtlebot_gym_view.page import Page
         return Page(drives=drives, title=title, side_by_side=self.side_by_side)
 
-    def _require_used(self) -> None:
-        """Refuse options that change nothing: those of episodes with recorded drives, and the reverse."""
-        recorded = [item.name for item in fields(RecordingOptions)] + ["mount"]
-        shared = (*recorded, "drive", "lidar", "side_by_side", "html", "force")
-        usual = type(self)()
-        given = [item.name for item in fields(self) if getattr(self, item.name) != getattr(usual, item.name)]
-        for name in given:
-            if self.drive and name not in shared:
-                name = next(flattened(self.changes))[0] if name == "changes" else name
-                raise ValueError(f"{name} is for episodes, and changes nothing in recorded drives: leave out it, or --drive.")
-            if not self.drive and name in recorded:
-                raise ValueError(f"{name} is for recorded drives: add --drive, or leave it out.")
-
 
 def require_drivers(policies: Sequence[str], *, env: str, seed: int, allow_mismatch: bool = False, **options: Any) -> None:
     """Refuse policies of which one cannot drive an environment: each drives a step.
@@ -101,13 +93,14 @@ def require_drivers(policies: Sequence[str], *, env: str, seed: int, allow_misma
     Raises:
         ValueError: If an argument is unknown or out of its range, or a policy does not match the environment.
     """
-    from turtlebot_gym_agents.evaluation.evaluate import driven, driver_of, make_envs, require_known
+    from turtlebot_gym_agents.evaluation.driving import driven
+    from turtlebot_gym_agents.evaluation.evaluate import driver_of, make_envs, require_known
 
     require_known(env, seed)
     envs = make_envs(env, 1, **options)
     try:
         for policy in policies if len(policies) > 1 else ():  # the only one is refused as early by its drive
-            steps = driven(envs, driver_of(policy, envs, allow_mismatch=allow_mismatch), seed)
+            steps = driven(envs, driver_of(policy, envs, allow_mismatch=allow_mismatch), seed=seed, episodes=1)
             next(steps)
             next(steps)
     finally:

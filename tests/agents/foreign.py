@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from sb3_contrib import TQC, RecurrentPPO
 from stable_baselines3 import A2C, DDPG, PPO, SAC, TD3
-from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecFrameStack, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecNormalize
 from torch import nn
 
 from turtlebot_gym import State
@@ -27,20 +27,8 @@ def plain(venv):
     return venv
 
 
-def stacked(venv):
-    return VecFrameStack(venv, 3)
-
-
 def normalized(venv):
     return VecNormalize(venv, clip_obs=3.0)
-
-
-def stack_of_normalized(venv):
-    return VecFrameStack(VecNormalize(venv), 3)
-
-
-def normalized_stack(venv):
-    return VecNormalize(VecFrameStack(venv, 4), norm_reward=False)
 
 
 def only_rewards(venv):
@@ -58,16 +46,8 @@ KINDS = {
     "normalized": (PPO, "MlpPolicy", ON, normalized),
     "normalized-sac": (SAC, "MlpPolicy", OFF, normalized),
     "only-rewards": (PPO, "MlpPolicy", ON, only_rewards),
-    "stacked": (PPO, "MlpPolicy", ON, stacked),
-    "stack-of-normalized": (PPO, "MlpPolicy", ON, stack_of_normalized),
-    "normalized-stack": (SAC, "MlpPolicy", OFF, normalized_stack),
     "recurrent": (RecurrentPPO, "MlpLstmPolicy", LSTM, plain),
-    "recurrent-normalized-stack": (
-        RecurrentPPO,
-        "MlpLstmPolicy",
-        LSTM,
-        stack_of_normalized,
-    ),
+    "recurrent-normalized": (RecurrentPPO, "MlpLstmPolicy", LSTM, normalized),
 }
 """Algorithm, policy, hyper-parameters, and wrappers of the environment."""
 
@@ -123,12 +103,9 @@ def library_actions(model, observations, begins):
         layer = layer.venv
     venv = Played(observations, begins, layer.observation_space)
     for wrapper in reversed(chain):
-        if isinstance(wrapper, VecFrameStack):
-            venv = VecFrameStack(venv, wrapper.stacked_obs.n_stack if hasattr(wrapper, "stacked_obs") else wrapper.n_stack)
-        else:
-            statistics, venv = wrapper, VecNormalize(venv, training=False, norm_obs=wrapper.norm_obs, clip_obs=wrapper.clip_obs)
-            if wrapper.norm_obs:
-                venv.obs_rms = statistics.obs_rms
+        statistics, venv = wrapper, VecNormalize(venv, training=False, norm_obs=wrapper.norm_obs, clip_obs=wrapper.clip_obs)
+        if wrapper.norm_obs:
+            venv.obs_rms = statistics.obs_rms
     seen, state, starts, actions = venv.reset(), None, np.ones(1, np.bool_), []
     for at in range(len(observations)):
         action, state = model.predict(seen, state=state, episode_start=starts, deterministic=True)

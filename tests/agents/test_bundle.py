@@ -22,7 +22,7 @@ from turtlebot_gym.tasks import NAV
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, Card, described, write_bundle
 from turtlebot_gym_agents.policies.fit import describe_robot
-from turtlebot_gym_agents.training.files import load_model
+from turtlebot_gym_agents.training.export import load_model
 
 
 @pytest.fixture

@@ -16,7 +16,6 @@ HEAVY = [
     "yaml",
     "onnx",
     "onnxruntime",
-    "optuna",
     "mujoco",
 ]
 
@@ -43,7 +42,7 @@ except SystemExit:
 
 def test_a_training_is_configured_without_torch():
     modules = loaded("from turtlebot_gym_agents.training.config import TrainingConfig; TrainingConfig()")
-    assert not {"torch", "stable_baselines3", "matplotlib", "onnxruntime", "optuna"} & set(modules)
+    assert not {"torch", "stable_baselines3", "matplotlib", "onnxruntime"} & set(modules)
 
 
 def test_the_names_of_the_agents_package_are_found():
@@ -64,5 +63,5 @@ from turtlebot_gym_agents.training.config import TrainingConfig
 from turtlebot_gym_agents.training.train import train
 train(TrainingConfig(steps=1, episodes=4, evaluations=1), Path({str(tmp_path / "run")!r}), progress=False)
 """
-    assert loaded(script, ("onnxscript", "matplotlib", "optuna", "onnx")) == ["onnx"]
+    assert loaded(script, ("onnxscript", "matplotlib", "onnx")) == ["onnx"]
     assert (tmp_path / "run" / "policy.onnx").is_file()

@@ -18,7 +18,7 @@ from turtlebot_gym_agents.training.train import train
 
 pytestmark = pytest.mark.touched("agents/turtlebot_gym_agents/training", "tests/agents")
 
-DAILY = ("ppo", "normalized", "recurrent-normalized-stack")
+DAILY = ("ppo", "normalized", "recurrent-normalized")
 """Kinds whose training and export take a second or two; the others run nightly."""
 
 
@@ -83,7 +83,7 @@ def as_onnx(network, path):
 def test_an_onnx_model_that_fits_gets_a_card(tmp_path, capsys):
     network = mlp()
     as_onnx(network, tmp_path / "rows.onnx")
-    words = ["--env", NAV, "--robot", "waffle", "--noise", "rough", "--rate", "20", "--observation", "odometry"]
+    words = ["--env", NAV, "--robot", "waffle", "--noise", "rough", "--dt", "0.05", "--observation", "odometry"]
     status, said = exported(capsys, tmp_path / "rows.onnx", "--out", tmp_path / "out.onnx", *words)
     assert status == 0, said
     card = BundlePolicy(tmp_path / "out.onnx", robot="waffle", dt=0.05).card
@@ -97,8 +97,13 @@ def test_an_agent_of_cleanrl_with_its_normalization_of_gymnasium(tmp_path):
     envs.reset(seed=0)
     for _ in range(300):
         envs.step(envs.action_space.sample())
-    clipped = lambda observation: agent.actor_mean(observation.clamp(-10.0, 10.0))  # noqa: E731
-    export(clipped, tmp_path / "policy.onnx", env=NAV, vec_normalize=envs, steps=100)
+    export(
+        nn.Sequential(nn.Hardtanh(-10.0, 10.0), agent.actor_mean),
+        tmp_path / "policy.onnx",
+        env=NAV,
+        vec_normalize=envs,
+        steps=100,
+    )
     observations, _, actions = deployed(tmp_path / "policy.onnx")
     envs.update_running_mean = False
     seen = np.clip([envs.observation(row) for row in observations], -10.0, 10.0)
@@ -110,7 +115,12 @@ class Model(nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.net, self.mean, self.std = mlp(), torch.linspace(-1.0, 1.0, 13), torch.linspace(0.5, 2.0, 13)
+        self.net = mlp()
+        self.register_buffer("mean", torch.linspace(-1.0, 1.0, 13))
+        self.register_buffer("std", torch.linspace(0.5, 2.0, 13))
+
+    def forward(self, observations):
+        return self.compute({"observations": self.scale(observations)}, "policy")[0]
 
     def compute(self, inputs, role):
         return self.net(inputs["observations"]), {"log_std": torch.zeros(2)}
@@ -121,10 +131,9 @@ class Model(nn.Module):
 
 def test_an_agent_of_skrl_with_its_preprocessor(tmp_path):
     agent = Model()
-    acting = lambda observation: agent.compute({"observations": agent.scale(observation)}, "policy")[0]  # noqa: E731
-    export(acting, tmp_path / "policy.onnx", env=NAV, steps=100)
+    export(agent, tmp_path / "policy.onnx", env=NAV, steps=100)
     observations, _, actions = deployed(tmp_path / "policy.onnx")
-    close(actions, torch_actions(acting, observations))
+    close(actions, torch_actions(agent, observations))
 
 
 class Recurrent(nn.Module):

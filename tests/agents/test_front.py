@@ -1,10 +1,8 @@
 """What a person imports: the commands as functions with the same defaults; results print, show, plot and can be written."""
 
 import csv
-import inspect
 import json
 import re
-from dataclasses import MISSING, fields
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from unittest.mock import patch
@@ -16,7 +14,6 @@ import own_parts
 import own_terms
 import pytest
 from matplotlib.figure import Figure
-from PIL import Image
 
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
@@ -24,12 +21,9 @@ import turtlebot_gym_agents as front
 from turtlebot_gym import entry_points
 from turtlebot_gym.drive import position_error
 from turtlebot_gym.estimation.consistency import nees
-from turtlebot_gym.plotting import GREEN, SKY_BLUE, VERMILLION
 from turtlebot_gym_agents import compare, drive, evaluate, export, make_policy, replay, train, watch
-from turtlebot_gym_agents.commands.cli import COMMANDS
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.result import title_of
-from turtlebot_gym_agents.front.film import FRAMES
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -58,40 +52,13 @@ def result(request, compared):
     return compared["bearing, clean"] if request.param == "evaluation" else request.getfixturevalue(request.param)
 
 
-@pytest.mark.parametrize(
-    ("function", "command", "names"),
-    [
-        (evaluate, "evaluate", {"env": "env", "episodes": "episodes", "seed": "seed"}),
-        (compare, "evaluate", {"env": "env", "episodes": "episodes", "seed": "seed"}),
-        (train, "train", {"env": "env", "folder": "out", "seeds": "seeds"}),
-        (export, "export", {"path": "out", "env": "env"}),
-    ],
-)
-def test_a_function_has_the_defaults_of_its_command(function, command, names):
-    given = inspect.signature(function).parameters
-    defaults = {item.name: item.default for item in fields(COMMANDS[command]) if item.default is not MISSING}
-    for name, field in names.items():
-        assert str(given[name].default) == str(defaults[field])
-
-
-def test_options_of_trainings_and_environments_have_the_defaults_of_the_commands():
-    flags = {item.name: item.default for item in fields(COMMANDS["train"])}
-    for item in fields(TrainingConfig):
-        if item.name in flags:
-            assert item.default == flags[item.name], item.name
-
-
-def test_a_comparison_without_policies_has_those_of_the_command():
-    assert [*compare(episodes=1).evaluations] == list(COMMANDS["evaluate"]().policy)
-
-
 def test_it_prints_as_a_table_and_a_verdict(result):
     text = str(result)
     assert repr(result) == text
     assert text.endswith(result.verdict())
     assert result.verdict()
     assert "━" in text
-    assert max(map(len, text.removesuffix(result.verdict()).splitlines())) <= 100
+    assert max(map(len, text.removesuffix(result.verdict()).splitlines())) <= 120
     assert not re.search(r"\w+\(\w+=|array\(", text)  # no dataclass, no array
 
 
@@ -196,24 +163,6 @@ def test_a_drive_in_a_room_has_its_walls_in_arrays_and_in_its_plot(in_a_room, tm
     assert not without.patches
 
 
-@pytest.mark.nightly
-def test_a_film_shows_the_whole_drive_and_is_small(in_a_room, tmp_path):
-    film = in_a_room.film(seconds=2.0)
-    film.save(tmp_path / "drive.gif")
-    with Image.open(tmp_path / "drive.gif") as picture:
-        assert picture.n_frames == FRAMES
-        assert picture.info["loop"] == 0
-        colours = set(picture.convert("RGB").getdata())
-    assert len(film.content) < 100_000
-    for colour in (VERMILLION, SKY_BLUE, GREEN):  # those of thin lines survive the palette
-        wanted = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)])
-        assert min(np.abs(np.array(each) - wanted).max() for each in colours) < 40, colour
-    shown = film._repr_mimebundle_()
-    assert {*shown} == {"image/gif", "text/plain"}
-    with pytest.raises(ValueError, match="seconds must be a positive number"):
-        in_a_room.film(seconds=0.0)
-
-
 def test_trainings_have_their_learning_curves_and_an_interval(trained):
     assert trained["success"].shape == (2, 2)
     assert trained["steps"].tolist() == [512.0, 1024.0]
@@ -270,8 +219,8 @@ def test_a_satellite_that_is_missing_is_named_with_its_extra(function, extra):
 class Shown:
     """A viewer's command, as an entry point brings one; it is its own page."""
 
-    def __init__(self, **options):
-        self.options = options
+    def __init__(self, options=None, **given):
+        self.options = {**given, **(options or {})}
         self.shown = self.file = None
 
     def page(self):

@@ -9,8 +9,8 @@ import yaml
 
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.hyperparameters import load
-from turtlebot_gym_agents.training.model import arguments, make_model
+from turtlebot_gym_agents.training.hyperparameters import arguments, load
+from turtlebot_gym_agents.training.model import make_model
 
 TASKS = ["turtlebot_gym/TurtleBotNav-v0", "turtlebot_gym/TurtleBotPose-v0", "turtlebot_gym/TurtleBotSquare-v0"]
 SHIPPED = sorted(path.stem for path in hyperparameters.configs_folder().glob("*.yaml"))
@@ -19,7 +19,7 @@ NEEDED = {"n_envs": 2, "n_timesteps": 16, "policy": "MlpPolicy"}
 
 def made(algo="ppo", **given):
     """Return the keyword arguments of an algorithm."""
-    return arguments(algo, load(algo, TASKS[0], NEEDED | given))
+    return arguments(load(algo, TASKS[0], NEEDED | given))
 
 
 def write(tmp_path, text):
@@ -35,18 +35,15 @@ def test_an_environments_own_entry_goes_before_the_default(tmp_path):
 
 
 @pytest.mark.parametrize("algo", SHIPPED)
-def test_shipped_files_are_read_for_any_environment_and_mean_the_same_to_the_zoo(algo, tmp_path):
+def test_shipped_files_are_read_for_any_environment_and_mean_the_same_to_the_zoo(algo):
     """rl-baselines3-zoo evaluates text under ``policy_kwargs`` with ``nn`` in scope, and splits rates at their underscore."""
     assert load(algo, "somebody/Else-v3")["n_envs"] > 0
     for env in TASKS:
         hyper = load(algo, env)
         assert load(algo, env, hyper) == hyper
-        hyperparameters.save(tmp_path / "saved.yaml", env, hyper)
-        assert load(algo, env, tmp_path / "saved.yaml") == hyper
-        for file in (tmp_path / "saved.yaml", hyperparameters.configs_folder() / f"{algo}.yaml"):
-            theirs = yaml.safe_load(file.read_text())[env]["policy_kwargs"]
-            network = eval(theirs, {"nn": torch.nn}) if isinstance(theirs, str) else theirs
-            assert network == arguments(algo, hyper)["policy_kwargs"]
+        theirs = yaml.safe_load((hyperparameters.configs_folder() / f"{algo}.yaml").read_text())[env]["policy_kwargs"]
+        network = eval(theirs, {"nn": torch.nn}) if isinstance(theirs, str) else theirs
+        assert network == arguments(hyper)["policy_kwargs"]
 
 
 def test_names_become_objects():
@@ -86,7 +83,7 @@ def test_files_of_another_form_are_refused(tmp_path, text, message):
 
 
 MAPPING = "policy_kwargs must be a mapping, or text like"
-MODULE = "policy_kwargs.activation_fn must be a module of torch.nn, such as ReLU"
+MODULE = "policy_kwargs.activation_fn must be a class of torch.nn"
 REFUSED = "Stable-Baselines3 refuses the hyper-parameters of ppo, see --config: "
 
 
@@ -95,41 +92,15 @@ REFUSED = "Stable-Baselines3 refuses the hyper-parameters of ppo, see --config: 
     [
         ("dreamer", {}, "algo must be one of 'a2c', 'ddpg', 'ppo', 'sac', 'td3', got 'dreamer'"),
         ("ppo", {"n_envs": True}, "n_envs must be a whole number from 1"),
-        ("ppo", {"gamma": "high"}, "gamma must be a value such as 0.99, got 'high'"),
-        ("ppo", {"learning_rate": "cos_0.1"}, "learning_rate must be a value such as 0.0003, got 'cos_0.1'"),
-        ("ppo", {"learning_rate": "lin_x"}, "learning_rate must be a value such as 0.0003, got 'lin_x'"),
-        ("ppo", {"device": "cpu"}, "device is no hyper-parameter: use the option --device"),
-        ("ppo", {"normalize": True}, "training here: observations are normalized within"),
-        ("ppo", {"frame_stack": 3}, "training here: the option --observation shows past values"),
-        ("ppo", {"env_wrapper": "a.B"}, "env_wrapper is of rl-baselines3-zoo, and no hyper-parameter"),
-        ("ppo", {"tau": 0.1}, "ppo has no hyper-parameter 'tau'; it has learning_rate, n_steps"),
-        ("td3", {"gamme": 0.9}, "Did you mean 'gamma'?"),
-        ("ppo", {3: 0.9}, "ppo has no hyper-parameter 3"),
-        ("td3", {"noise_type": "pink", "noise_std": 0.1}, "td3 has no hyper-parameter 'noise_type'"),
+        ("ppo", {"learning_rate": "lin_x"}, "could not convert string to float"),
+        ("ppo", {"device": "cpu"}, f"{REFUSED}"),
+        ("ppo", {"tau": 0.1}, f"{REFUSED}"),
         ("ppo", {"policy_kwargs": 3}, MAPPING),
         ("ppo", {"policy_kwargs": "dict(net_arch=[open('x')])"}, MAPPING),
-        ("ppo", {"policy_kwargs": "nn.ReLU"}, MAPPING),
         ("ppo", {"policy_kwargs": "dict("}, MAPPING),
         ("ppo", {"policy_kwargs": "dict(activation_fn=os.system)"}, f"{MODULE}, got 'system'"),
-        ("ppo", {"policy_kwargs": {"activation_fn": "__import__('os')"}}, MODULE),
-        ("ppo", {"policy_kwargs": "dict(**nn.__dict__)"}, f"{REFUSED}keywords must be strings"),
-        (
-            "ppo",
-            {"policy_kwargs": {"net_arc": [8]}},
-            "policy_kwargs has no 'net_arc'; it has net_arch, activation_fn",
-        ),
-        ("ppo", {"n_steps": 3.5}, "n_steps must be a value such as 2048, got 3.5"),
-        ("ppo", {"use_sde": 1}, "use_sde must be a value such as False, got 1"),
-        ("ppo", {"target_kl": "low"}, "target_kl must be of type float, got 'low'"),
-        ("ppo", {"rollout_buffer_class": "Mine"}, "rollout_buffer_class is a class, which data cannot name"),
-        ("ppo", {"policy_kwargs": {"log_std_init": "low"}}, "policy_kwargs.log_std_init must be a value such as 0.0"),
-        (
-            "ppo",
-            {"policy_kwargs": {"optimizer_class": "Best"}},
-            "optimizer_class must be a module of torch.optim",
-        ),
+        ("ppo", {"policy_kwargs": {"net_arc": [8]}}, f"{REFUSED}"),
         ("ppo", {"policy": "No"}, f"{REFUSED}Policy No unknown"),
-        ("ppo", {"n_steps": 1, "n_envs": 1}, f"{REFUSED}`n_steps * n_envs` must be greater than 1"),
         ("ppo", {"batch_size": 1}, f"{REFUSED}`batch_size` must be greater than 1"),
         ("ppo", {"reward_scale": 0}, "reward_scale must be a positive number"),
     ],

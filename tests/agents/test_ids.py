@@ -6,8 +6,6 @@ from dataclasses import asdict
 import gymnasium as gym
 import pytest
 
-from turtlebot_gym import Options
-from turtlebot_gym_agents.commands.cli import Evaluate
 from turtlebot_gym_agents.evaluation.evaluate import driver_of
 from turtlebot_gym_agents.ids import SHORT, arguments_of, environment_id
 from turtlebot_gym_agents.provenance import plain
@@ -56,13 +54,6 @@ def test_a_limit_of_steps_of_a_task_is_an_argument_of_the_environment():
     assert arguments_of({"task": task, "dt": 0.2}) == {"task": task, "dt": 0.2, "max_episode_steps": 50.0}
     assert arguments_of({"task": "nav"}) == {"task": "nav"}
     assert arguments_of({"task": None, "fix": None}) == {"fix": None}  # the id's own task
-
-
-def test_what_an_id_brings_counts_in_commands_where_nothing_else_is_given(own):
-    command = Evaluate(env=OWN, noise=("rough",))
-    request = command.options() | {name: value for name, (value,) in command.axes().items()}
-    del request["allow_mismatch"]
-    assert Options.of({"task": "room", **request}).setup() == Options.of(BROUGHT | {"noise": "rough"}).setup()
 
 
 @pytest.mark.parametrize("env", [*SHORT, OWN])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from stable_baselines3.common.logger import configure
 
+from turtlebot_gym_agents.evaluation.driving import Judged, judge
 from turtlebot_gym_agents.policies import make_policy
 from turtlebot_gym_agents.training import callbacks
 from turtlebot_gym_agents.training.callbacks import INTERIM, EvaluationCallback
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.judging import Judged, judge
 from turtlebot_gym_agents.training.model import make_model
 
 

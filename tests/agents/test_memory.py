@@ -10,7 +10,7 @@ from turtlebot_gym.values import Covariance, Pose
 from turtlebot_gym_agents import Deployment, make_policy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.policies.bundle import BundlePolicy, write_bundle
-from turtlebot_gym_agents.policies.policy import PolicyWithMemory, ShrinkingPolicy, shown
+from turtlebot_gym_agents.policies.policy import PolicyWithMemory, shown
 
 KEPT = np.float32(0.75)
 """Share of the memory that a step keeps."""
@@ -51,7 +51,7 @@ def bundle(tmp_path):
 @pytest.mark.parametrize("shape", [(), (1,), (5,), (2, 3)])
 def test_memory_is_carried_and_cleared_where_an_episode_begins(bundle, shape):
     policy, expected, random = BundlePolicy(bundle), Leaky(), np.random.default_rng(0)
-    assert isinstance(policy, ShrinkingPolicy)
+    assert isinstance(policy, PolicyWithMemory)
     begins = np.ones(shape, np.bool_)
     for _ in range(30):
         policy.reset(begins)
@@ -61,16 +61,11 @@ def test_memory_is_carried_and_cleared_where_an_episode_begins(bundle, shape):
         begins = random.random(shape) < 0.2
 
 
-def test_rows_that_are_dropped_take_their_memory_along(bundle):
-    policy, alone = BundlePolicy(bundle), BundlePolicy(bundle)
-    rows = np.random.default_rng(1).normal(size=(2, 4, 13)).astype(np.float32)
-    kept = np.array([False, True, False, True])
-    policy(rows[0])
-    policy.keep(kept)
-    alone(rows[0][kept])
-    np.testing.assert_array_equal(policy(rows[1][kept]), alone(rows[1][kept]))
+def test_another_number_of_rows_is_refused(bundle):
+    policy = BundlePolicy(bundle)
+    policy(np.zeros((2, 13), np.float32))
     with pytest.raises(ValueError, match=r"remembers episodes of shape \(2,\), got observations \(4, 13\): call reset\(mask\)"):
-        policy(rows[1])
+        policy(np.zeros((4, 13), np.float32))
 
 
 def test_evaluations_and_wrappers_clear_it(bundle):

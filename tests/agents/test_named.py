@@ -10,8 +10,7 @@ from turtlebot_gym import ROBOTS
 from turtlebot_gym.observations import ROOM, size_of
 from turtlebot_gym_agents import make_policy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
-from turtlebot_gym_agents.front.defaults import NAV
-from turtlebot_gym_agents.policies import BearingPolicy, PolarPolicy, ProportionalPolicy, RotateDriveRotatePolicy
+from turtlebot_gym_agents.policies import BearingPolicy, ProportionalPolicy
 from turtlebot_gym_agents.policies.bundle import BundlePolicy
 from turtlebot_gym_agents.policies.fit import ROOMS
 from turtlebot_gym_agents.policies.named import pretrained_folder
@@ -19,8 +18,6 @@ from turtlebot_gym_agents.policies.named import pretrained_folder
 LAWS = {
     "proportional": ProportionalPolicy,
     "bearing": BearingPolicy,
-    "polar": PolarPolicy,
-    "rotate-drive-rotate": RotateDriveRotatePolicy,
 }
 SHIPPED = {
     "ppo-nav": "turtlebot_gym/TurtleBotNav-v0",
@@ -119,14 +116,14 @@ def test_what_cannot_be_called_is_no_policy(name, reason):
 @pytest.mark.parametrize(
     ("policy", "options", "message"),
     [
-        ("ppo-square", {"env": NAV}, "ppo-square: made for turtlebot_gym/TurtleBotSquare-v0 and observation 'ekf'"),
+        ("ppo-square", {"env": "nav"}, "ppo-square: made for turtlebot_gym/TurtleBotSquare-v0 and observation 'ekf'"),
         (
             "ppo-nav",
-            {"env": NAV, "observation": "odometry"},
+            {"env": "nav", "observation": "odometry"},
             "asked for turtlebot_gym/TurtleBotNav-v0 and 'odometry'",
         ),
-        ("ppo-nav", {"env": NAV, "robot": "waffle"}, "made for 10 Hz burger, asked for 10 Hz waffle (max_linear "),
-        ("ppo-nav", {"env": NAV, "dt": 0.05}, "made for 10 Hz burger, asked for 20 Hz burger"),
+        ("ppo-nav", {"env": "nav", "robot": "waffle"}, "made for 10 Hz burger, asked for 10 Hz waffle (max_linear "),
+        ("ppo-nav", {"env": "nav", "dt": 0.05}, "made for 10 Hz burger, asked for 20 Hz burger"),
     ],
 )
 def test_a_bundle_for_another_setting_drives_only_if_it_may(policy, options, message):

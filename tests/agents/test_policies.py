@@ -12,7 +12,7 @@ from turtlebot_gym.observations import Observation
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents import BearingPolicy, ProportionalPolicy
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
-from turtlebot_gym_agents.policies import CornerPolicy, PolarPolicy, RotateDriveRotatePolicy
+from turtlebot_gym_agents.policies import CornerPolicy
 
 
 def random_sights(count: int, robot: Robot) -> list[tuple[State, Pose, np.ndarray]]:
@@ -186,7 +186,7 @@ def test_policies_need_neither_gymnasium_nor_llvmlite_nor_torch():
     assert done.stdout.strip() == "[(2,), (2,), (2,)]"
 
 
-@pytest.mark.parametrize("kind", [ProportionalPolicy, BearingPolicy, CornerPolicy, PolarPolicy, RotateDriveRotatePolicy])
+@pytest.mark.parametrize("kind", [ProportionalPolicy, BearingPolicy, CornerPolicy])
 def test_every_tunable_number_changes_what_a_baseline_does(kind):
     random, robot = np.random.default_rng(4), ROBOTS["burger"]
     places = [Pose(*random.uniform(-0.7, 0.7, 2).tolist(), 0.0) for _ in range(400)]
@@ -199,9 +199,7 @@ def test_every_tunable_number_changes_what_a_baseline_does(kind):
         assert np.abs(low - high).max() > 0.01, name
 
 
-@pytest.mark.parametrize(
-    ("name", "least", "most"), [("polar", 0.87, 1.0), ("rotate-drive-rotate", 0.96, 1.0), ("bearing", 0.0, 0.4)]
-)
+@pytest.mark.parametrize(("name", "least", "most"), [("bearing", 0.0, 0.4)])
 def test_pose_laws_reach_poses_and_the_bearing_alone_does_not(name, least, most):
     # 300 episodes: a law with 3 % more success than the least one and 5 % more fails this for fewer than one seed in 10^4.
     result = evaluate(name, env="turtlebot_gym/TurtleBotPose-v0", episodes=300, seed=11)

@@ -6,10 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import RecordEpisodeStatistics
-from stable_baselines3 import PPO, SAC, HerReplayBuffer
-from stable_baselines3.common.envs import BitFlippingEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecCheckNan, VecFrameStack, VecMonitor, VecNormalize, VecVideoRecorder
 
@@ -68,65 +66,6 @@ def row(i, space):
     return lambda: Monitor(Noted(i, SPACES[space]))
 
 
-both = pytest.mark.parametrize("make", [ours, theirs], ids=["ours", "theirs"])
-
-
-@both
-def test_rows_are_addressed_one_by_one(make):
-    env = make()
-    assert env.get_attr("name") == [0, 1, 2]
-    assert env.get_attr("name", 1) == [1]
-    assert env.get_attr("name", [2, 0]) == [2, 0]
-    assert env.env_method("shout", 2) == ["00!", "11!", "22!"]
-    assert env.env_method("shout", 1, indices=[1], end="?") == ["1?"]
-    assert env.env_method("shout", times=3, indices=2) == ["222!"]
-    env.set_attr("mark", "all")
-    env.set_attr("mark", "one", 1)
-    env.set_attr("mark", "two", [0])
-    assert env.get_attr("mark") == ["two", "one", "all"]
-    assert (env.has_attr("name"), env.has_attr("nothing")) == (True, False)
-    with pytest.raises(AttributeError, match="nothing"):
-        env.get_attr("nothing")
-    with pytest.raises(AttributeError, match="nothing"):
-        env.env_method("nothing")
-    assert env.env_is_wrapped(Monitor) == [True, True, True]
-    assert env.env_is_wrapped(gym.wrappers.TimeLimit, [0, 1]) == [False, False]
-
-
-def test_attributes_behind_wrappers_of_rows_and_of_all_are_reached():
-    made = [lambda: gym.wrappers.TimeLimit(Noted(0, SPACES["box"]), 5), lambda: Monitor(Noted(2, SPACES["box"]))]
-    env = Sb3VecEnv(RecordEpisodeStatistics(SyncVectorEnv(made, autoreset_mode=SAME_STEP)))
-    assert env.get_attr("name", 1) == [2]
-    assert env.env_is_wrapped(gym.wrappers.TimeLimit) == [True, False]
-    env.set_attr("steps", 1, 1)  # SB3's own would set it on the Monitor around, which nothing reads
-    env.reset()
-    assert env.step(np.zeros((2, 1), np.float32))[2].tolist() == [False, True]
-    env = Sb3VecEnv(RecordEpisodeStatistics(gym.make_vec(NAV, num_envs=2, autoreset_mode=SAME_STEP), stats_key="statistics"))
-    (parameters, _) = env.get_attr("parameters")
-    env.env_method("set_parameters", parameters)
-    env.set_attr("mark", 1)
-    assert env.get_attr("mark") == [1, 1]
-    with pytest.raises(AttributeError, match="nothing"):
-        env.get_attr("nothing")
-
-
-@both
-def test_seeds_and_options_are_those_of_each_row_and_count_once(make):
-    env = make()
-    env.seed(7)
-    env.reset()
-    assert [info["seed"] for info in env.reset_infos] == [7, 8, 9]
-    for _ in range(2):
-        env.reset()
-    assert [info["seed"] for info in env.reset_infos] == [-1, -1, -1]
-    env.seed(20)
-    env.set_options([{"a": 1}, {"a": 2}, {}])
-    env.reset()
-    env.reset()
-    last_two = [[(seed, options or {}) for seed, options in resets[-2:]] for resets in env.get_attr("resets")]
-    assert last_two == [[(20 + name, options), (None, {})] for name, options in enumerate(({"a": 1}, {"a": 2}, {}))]
-
-
 def same(value, other):
     if not isinstance(value, (dict, tuple)):
         return np.array_equal(value, other)
@@ -180,29 +119,6 @@ def compared(mine, other, steps):
     return ends, timeouts
 
 
-def test_hindsight_asks_a_row_for_its_reward():
-    made = [lambda: BitFlippingEnv(n_bits=3, continuous=True, max_steps=3)] * 2
-    env = Sb3VecEnv(SyncVectorEnv(made, autoreset_mode=SAME_STEP))
-    options = {"learning_starts": 20, "buffer_size": 100, "device": "cpu", "seed": 0, "policy_kwargs": {"net_arch": [8]}}
-    model = SAC("MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, **options)
-    model.learn(60)
-    assert model.replay_buffer.size() > 0
-
-
-def test_rows_in_other_processes_answer_together():
-    env = Sb3VecEnv(AsyncVectorEnv([lambda: gym.make("Pendulum-v1")] * 2, autoreset_mode=SAME_STEP))
-    try:
-        env.seed(5)
-        env.reset()
-        env.set_attr("g", 9.0)
-        assert env.get_attr("g", 1) == [9.0]
-        with pytest.raises(ValueError, match="The rows of AsyncVectorEnv share their attributes"):
-            env.set_attr("g", 8.0, 0)
-        assert env.env_method("has_wrapper_attr", "g") == [True, True]
-    finally:
-        env.close()
-
-
 def native(n, **options):
     return Sb3VecEnv(gym.make_vec(NAV, num_envs=n, autoreset_mode=SAME_STEP, **options))
 
@@ -243,11 +159,8 @@ def test_a_reset_of_some_rows_continues_the_others_and_their_returns():
     assert (env.reset() != before).any(axis=1).tolist() == [bool(info) for info in env.reset_infos] == [True, False]
     lengths = [[info["episode"]["l"] for info in env.step(still)[3] if info] for _ in range(4)]
     assert lengths == [[], [], [4], [4]]
-    env.set_options([{}, {"reset_mask": np.ones(2, np.bool_)}])
-    with pytest.raises(ValueError, match="the same for all rows where they hold a reset_mask"):
-        env.reset()
-    env.set_options([{}])
-    with pytest.raises(ValueError, match="options must be one for all or 2, got 1"):
+    env.set_options([{}, {"start": 1}])
+    with pytest.raises(ValueError, match="options must be one for all rows"):
         env.reset()
 
 

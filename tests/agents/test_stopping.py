@@ -6,9 +6,9 @@ from dataclasses import replace
 import pytest
 
 from turtlebot_gym_agents import train as train_seeds
+from turtlebot_gym_agents.evaluation.driving import Judged
 from turtlebot_gym_agents.training import callbacks
 from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.judging import Judged
 from turtlebot_gym_agents.training.train import train
 
 SMALL = {"n_envs": 64, "n_timesteps": 8192, "policy": "MlpPolicy", "policy_kwargs": {"net_arch": [8]}}

@@ -22,7 +22,6 @@ ABSENT = (
     "torch",
     "stable_baselines3",
     "onnx",
-    "optuna",
     "tensorboard",
     "mujoco",
 )

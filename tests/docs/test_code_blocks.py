@@ -49,7 +49,6 @@ QUICK = {
     "estimate": {"runs": "20"},
     "replay": {"seeds": "2"},
     "train": {"steps": "2048", "evaluations": "1"},
-    "tune": {"steps": "2048", "trials": "1"},
     "bringup": {"duration": "3"},
 }
 """Options that make the commands of the pages short; all others are left as they stand."""

@@ -74,21 +74,6 @@ def test_an_invalid_seed_is_refused_by_name(name, seed, drive, capsys):
     assert line.startswith("turtlebot-gym: seed must be a whole number from 0 to ")
 
 
-def test_estimate_takes_a_count_with_an_exponent(capsys):
-    assert main(["estimate", "--runs", "2e1", "--seconds", "1", "--filter", "matched"]) == 0
-    assert "20 drives of 1 s" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("words", ["calibrate mine.json --json mine.json", "calibrate bag --out bag/metadata.yaml"])
-def test_no_input_is_overwritten_even_with_force(words, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.json").write_text("{}")
-    (tmp_path / "bag").mkdir()
-    (tmp_path / "bag" / "metadata.yaml").write_text("x: 1\n")
-    assert main([*words.split(), "--force"]) == 2
-    assert "it is an input of the same command" in capsys.readouterr().err
-
-
 def test_several_drives_have_a_picture_each(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "more").mkdir()

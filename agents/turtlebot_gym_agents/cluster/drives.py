@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from turtlebot_gym.config import as_int
-from turtlebot_gym_agents.cluster.workers import Run, results
+from turtlebot_gym_agents.cluster.workers import run
 from turtlebot_gym_agents.evaluation.consistency import joined
 from turtlebot_gym_agents.evaluation.episodes import concatenate
 from turtlebot_gym_agents.evaluation.evaluate import batches, evaluate, require_known
@@ -19,33 +19,24 @@ CHUNK = 250
 
 
 def evaluate_all(
-    requests: Sequence[Mapping[str, Any]],
-    *,
-    run: Run = results,
-    chunk: int = CHUNK,
-    progress: Callable[[int], None] = lambda done: None,
+    requests: Sequence[Mapping[str, Any]], *, cluster: str | None = None, workers: int | None = None, chunk: int = CHUNK
 ) -> list[Evaluation]:
     """Return several evaluations, split into jobs.
 
     Args:
         requests: Arguments of `evaluation.evaluate.evaluate`: policy (a name), env, episodes, seed and options.
-        run: Runs the jobs.
+        cluster: Where the jobs run, as for `workers.run`.
+        workers: Number of processes.
         chunk: Episodes of a job.
-        progress: Called with the number of episodes driven.
     """
-    jobs: dict[str, Any] = {}
-    for at, request in enumerate(requests, 1):
+    jobs = []
+    for request in requests:
         as_int("episodes", request["episodes"], 1)
         require_known(request["env"], request["seed"])
         for start, size in batches(request["episodes"], chunk):
-            name = f"evaluation {at} of {len(requests)}, {request['policy']}, from seed {request['seed'] + start}"
-            jobs[name] = partial(evaluate, **{**request, "seed": request["seed"] + start, "episodes": size})
-    parts: dict[str, Evaluation] = {}
-    for name, part in run(jobs):
-        parts[name] = part
-        progress(sum(part.config["episodes"] for part in parts.values()))
-    ordered = map(parts.__getitem__, jobs)
-    return [_joined([next(ordered) for _ in batches(request["episodes"], chunk)]) for request in requests]
+            jobs.append(partial(evaluate, **{**request, "seed": request["seed"] + start, "episodes": size}))
+    parts = iter(run(jobs, cluster=cluster, workers=workers))
+    return [_joined([next(parts) for _ in batches(request["episodes"], chunk)]) for request in requests]
 
 
 def _joined(parts: Sequence[Evaluation]) -> Evaluation:

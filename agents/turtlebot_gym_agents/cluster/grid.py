@@ -23,7 +23,6 @@ from turtlebot_gym import Options
 from turtlebot_gym.config import Range, as_int, build, check_fields, choose, short_repr
 from turtlebot_gym.files import load
 from turtlebot_gym_agents.evaluation.evaluate import require_known
-from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.training.config import TrainingConfig
 
@@ -65,7 +64,7 @@ class StudyGrid:
 
     def cells(self) -> list[dict[str, Any]]:
         """Return the combinations of settings."""
-        names = {"env": NAV, **self.grid}
+        names = {"env": "nav", **self.grid}
         cells = [dict(zip(names, values, strict=True)) for values in itertools.product(*map(_listed, names.values()))]
         return [{**cell, "env": environment_id(cell["env"])} for cell in cells]
 

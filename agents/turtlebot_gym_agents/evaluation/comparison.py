@@ -7,7 +7,7 @@ training and a column per episode, and both are random effects: value = mean + t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,15 +110,6 @@ class PairedOutcome(NamedTuple):
     def of(cls, evaluation: Evaluation) -> PairedOutcome:
         episodes = evaluation.episodes
         return cls(int(episodes.seed[0]), evaluation.times(), episodes.success, episodes.false_arrival)
-
-    @classmethod
-    def read(cls, content: Mapping[str, Any]) -> PairedOutcome:
-        """Return an outcome from what `json` returned."""
-        return cls(content["seed"], *(np.array(content[name]) for name in cls._fields[1:]))
-
-    def json(self) -> dict[str, Any]:
-        """Return the outcome as JSON types, without loss."""
-        return {"seed": self.seed, **{name: getattr(self, name).tolist() for name in self._fields[1:]}}
 
 
 def compare(learned: Sequence[PairedOutcome], baseline: PairedOutcome) -> dict[str, Any]:

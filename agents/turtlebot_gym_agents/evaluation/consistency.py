@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.estimation.consistency import nees
+from turtlebot_gym_agents.evaluation.driving import Moment
 
 DEGREES = 3
 """Degrees of freedom of the NEES of a pose, and of the NIS of a measured one."""
@@ -36,22 +37,25 @@ def pose_nees(
 
 
 class Consistent:
-    """Collects the NEES and the NIS of episodes, step by step; call it with what `evaluate.driven` yields."""
+    """Collects the NEES and the NIS of episodes; call it with what `driving.driven` yields."""
 
     def __init__(self) -> None:
-        self._nees: list[NDArray[np.float64]] = []
-        self._nis: list[NDArray[np.float64]] = []
+        self._moments: list[tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]] = []
 
-    def __call__(self, info: dict[str, Any], running: NDArray[np.bool_]) -> None:
+    def __call__(self, moment: Moment) -> None:
+        info = {name: moment.info[name][moment.rows] for name in ("estimate", "true_state", "covariance", "measured", "nis")}
+        is_measured = np.asarray(info["measured"], np.bool_) & (not moment.is_start)  # the start is no prediction
         values = pose_nees(info["estimate"], info["true_state"], info["covariance"])
-        self._nees.append(np.where(running, values, np.nan))
-        is_measured = running & np.asarray(info["measured"], np.bool_) & bool(self._nis)  # the start is no prediction
-        self._nis.append(np.where(is_measured, info["nis"], np.nan))
+        self._moments.append((moment.number, values, np.where(is_measured, info["nis"], np.nan)))
 
     def result(self, dt: float) -> Consistency:
         """Return what was collected in steps of ``dt``, s."""
-        time = dt * np.arange(len(self._nees), dtype=np.float64)
-        return Consistency(time, np.stack(self._nees, axis=1), np.stack(self._nis, axis=1))
+        number, *collected = (np.concatenate(column) for column in zip(*self._moments, strict=True))
+        order, count = np.argsort(number, kind="stable"), np.bincount(number)
+        step = np.arange(len(number)) - np.repeat(np.cumsum(count) - count, count)
+        tables = np.full((2, len(count), count.max()), np.nan)
+        tables[:, number[order], step] = np.array(collected)[:, order]
+        return Consistency(dt * np.arange(count.max(), dtype=np.float64), *tables)
 
 
 def joined(parts: Sequence[Consistency]) -> Consistency:

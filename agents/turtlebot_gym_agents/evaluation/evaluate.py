@@ -1,4 +1,4 @@
-"""Evaluate a policy: one episode per seed, in one batch, measured by the true pose.
+"""Evaluate a policy: one episode per seed, measured by the true pose.
 
 Episode *i* has the seed ``seed + i`` in every evaluation, and noise is drawn by counter. So start, goal and noise are the same
 for all policies, and differences between policies are paired.
@@ -6,7 +6,7 @@ for all policies, and differences between policies are paired.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,6 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import registry
 from gymnasium.vector import VectorEnv
-from numpy.typing import NDArray
 
 from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.drive import NOWHERE, Drive
@@ -23,22 +22,21 @@ from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.systems import Parameters
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.consistency import Consistent, joined
+from turtlebot_gym_agents.evaluation.driving import ROWS, Moment, driven
 from turtlebot_gym_agents.evaluation.episodes import Episodes, concatenate, measure, outcome_of
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.evaluation.oracle import Oracle
 from turtlebot_gym_agents.evaluation.record import Recorder
 from turtlebot_gym_agents.evaluation.result import Evaluation
 from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, walkers_of
-from turtlebot_gym_agents.front.defaults import EPISODES, NAV, SEED
 from turtlebot_gym_agents.ids import arguments_of, environment_id
-from turtlebot_gym_agents.policies import Policy, PolicyWithMemory, make_policy
+from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import ANYWAY, Mismatch, parameters_of, require_task, require_terms
-from turtlebot_gym_agents.policies.policy import ShrinkingPolicy, shown
+from turtlebot_gym_agents.policies.policy import shown
 
 ORACLE = "oracle"
 """The name that stands for `oracle.Oracle`."""
 BATCH = 1024
-"""Number of episodes driven and held in memory at once."""
+"""Number of episodes held in memory at once."""
 
 
 def paired(first: Evaluation, second: Evaluation) -> Interval:
@@ -55,9 +53,9 @@ def paired(first: Evaluation, second: Evaluation) -> Interval:
 def evaluate(
     policy: str | Path | Policy,
     *,
-    env: str = NAV,
-    episodes: int = EPISODES,
-    seed: int = SEED,
+    env: str = "nav",
+    episodes: int = 1000,
+    seed: int = 0,
     progress: Callable[[int], None] = lambda ended: None,
     allow_mismatch: bool = False,
     consistency: bool = False,
@@ -85,10 +83,10 @@ def evaluate(
     runs = []
     # In batches, which bound the memory of the record.
     for start, size in batches(episodes, BATCH):
-        envs = make_envs(env, size, **options)
+        envs = make_envs(env, min(size, ROWS), **options)
         so_far = lambda ended, start=start: progress(start + ended)  # noqa: E731
         judged = Consistent() if consistency else None
-        runs.append((*drive(envs, policy, seed + start, so_far, allow_mismatch=allow_mismatch, judge=judged), judged))
+        runs.append((*drive(envs, policy, seed + start, size, so_far, allow_mismatch=allow_mismatch, judge=judged), judged))
         envs.close()
     parts, trajectories, parameters, judges = zip(*runs, strict=True)
     p: Parameters = parameters[0]
@@ -142,6 +140,8 @@ def driver_of(policy: str | Policy, envs: gym.Env | VectorEnv, *, allow_mismatch
     if not isinstance(policy, str):
         return shown(policy, type(policy).__name__, terms) if terms else policy
     if policy == ORACLE and isinstance(envs, VectorEnv):
+        from turtlebot_gym_agents.evaluation.oracle import Oracle  # slow to import
+
         return Oracle(envs)
     p = parameters_of(envs)
     try:
@@ -159,17 +159,19 @@ def drive(
     envs: VectorEnv,
     policy: str | Policy,
     seed: int,
+    episodes: int,
     progress: Callable[[int], None] = lambda ended: None,
     *,
     allow_mismatch: bool = False,
-    judge: Callable[[dict[str, Any], NDArray[np.bool_]], None] | None = None,
+    judge: Callable[[Moment], None] | None = None,
 ) -> tuple[Episodes, Drive, Parameters]:
-    """Drive one episode in each environment.
+    """Drive episodes.
 
     Args:
         envs: Vector environment of this package, with ``info="full"``.
         policy: See `evaluate`.
-        seed: Seed of the first environment.
+        seed: Seed of the first episode.
+        episodes: Number of episodes.
         progress: Called with the number of episodes that have ended so far.
         allow_mismatch: See `driver_of`.
         judge: Called with what `driven` yields.
@@ -179,48 +181,19 @@ def drive(
     """
     p = parameters_of(envs)
     driver = driver_of(policy, envs, allow_mismatch=allow_mismatch)
-    recorder, walkers, around = Recorder(), [], NOWHERE
-    for number, (info, running) in enumerate(driven(envs, driver, seed, progress)):
-        if number == 0:
+    recorder, walkers, around, ended = Recorder(episodes), [], NOWHERE, 0
+    for at, moment in enumerate(driven(envs, driver, seed=seed, episodes=episodes)):
+        if at == 0:
             around = room_of(envs, policy if isinstance(policy, str) else type(policy).__name__)
-        if running[0] and around.room:
+        if around.room and len(moment.number) and moment.number[0] == 0:
             walkers.append(walkers_of(scene_of(envs)))
-        recorder(info, running)
+        recorder(moment)
         if judge is not None:
-            judge(info, running)
+            judge(moment)
+        if moment.ended.any():
+            ended += int(moment.ended.sum())
+            progress(ended)
     record = recorder.result()
-    episodes = measure(record, p, seed)
-    first = replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome_of(episodes))
-    return episodes, first, p
-
-
-def driven(
-    envs: VectorEnv, policy: Policy, seed: int, progress: Callable[[int], None] = lambda ended: None
-) -> Iterator[tuple[dict[str, Any], NDArray[np.bool_]]]:
-    """Drive one episode in each environment, and yield the infos at the start and after each step until all have ended.
-
-    Each comes with a mask of the environments whose episode was running in the step. A policy without memory is shown those
-    alone. The arguments are those of `drive`.
-    """
-    observations, info = envs.reset(seed=seed)
-    running = np.ones(envs.num_envs, np.bool_)
-    # Once, since a runtime protocol looks at each attribute.
-    remembers = policy if isinstance(policy, PolicyWithMemory) else None
-    shrinks = policy if isinstance(policy, ShrinkingPolicy) else None
-    if remembers is not None:
-        remembers.reset(running.copy())
-    yield info, running
-    kept = np.arange(envs.num_envs)
-    actions = np.zeros((envs.num_envs, 2), np.float32)
-    while running.any():
-        if remembers is None:
-            kept = np.flatnonzero(running)
-        elif shrinks is not None and running[kept].sum() < 0.8 * len(kept):
-            # Only now and then, since a policy copies its memory each time.
-            shrinks.keep(running[kept])
-            kept = kept[running[kept]]
-        actions[kept] = policy(observations[kept])
-        observations, _, terminated, truncated, info = envs.step(actions)
-        yield info, running
-        running = running & ~(terminated | truncated)
-        progress(int(running.size - running.sum()))
+    measured = measure(record, p, seed)
+    first = replace(record.trajectory(dt=p.dt), around=around, circles=tuple(walkers), outcome=outcome_of(measured))
+    return measured, first, p

@@ -39,21 +39,15 @@ class Oracle:
             raise ValueError(f"the oracle needs a room: there is no map of {bare.spec.id if bare.spec else bare}.")
         self._envs, self._p = bare, parameters_of(bare)
         self._drive = BearingPolicy(self._p.robot, self._p.dt, tolerance=0.0)
-        self._rows = np.arange(bare.num_envs)
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
-        """Drive all environments again."""
-        self._rows = np.arange(len(mask))
-
-    def keep(self, mask: NDArray[np.bool_]) -> None:
-        """Drive only those of the present environments where the mask is true."""
-        self._rows = self._rows[mask]
+        """Do nothing: it remembers nothing, but drives all environments in each step."""
 
     def __call__(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return actions (n, 2) of the environments that it drives; the observations are ignored."""
+        """Return actions (n, 2) of all environments; the observations are ignored."""
         scenes, states, goals = self._envs.truth()
-        states, goals, targets = states[self._rows], goals[self._rows], np.empty((len(self._rows), 2))
-        _find_targets(scenes, self._rows, states, goals, self._p.robot.radius + KEPT, targets)
+        targets = np.empty((len(states), 2))
+        _find_targets(scenes, states, goals, self._p.robot.radius + KEPT, targets)
         moved, turned = arc(states[:, 3], states[:, 4], self._p.dt)
         # Into the body frame, as complex numbers.
         to = (targets - states[:, :2]) @ np.array([1.0, 1j]) * np.exp(-1j * states[:, 2])
@@ -95,9 +89,9 @@ def _is_clear(scene, x, y, to_x, to_y, distance):
 
 
 @in_machine_code("targets of the oracle")
-def _find_targets(scenes, rows, states, goals, distance, targets):
-    for at in range(len(rows)):
-        scene = scene_at(scenes, rows[at])
+def _find_targets(scenes, states, goals, distance, targets):
+    for at in range(len(states)):
+        scene = scene_at(scenes, at)
         x, y = states[at, 0], states[at, 1]
         targets[at] = goals[at, :2]
         if not _is_clear(scene, x, y, goals[at, 0], goals[at, 1], distance):

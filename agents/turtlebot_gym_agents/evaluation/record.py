@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.drive import Drive
+from turtlebot_gym_agents.evaluation.driving import Moment
 
 
 class Record(NamedTuple):
@@ -45,39 +46,51 @@ _OPEN_GROUND = ("true_state", "odometry", "estimate", "reference", "command", "i
 
 
 class Recorder:
-    """Collects the rows of running episodes, step by step; call it with what `evaluate.driven` yields."""
+    """Collects the rows of episodes; call it with what `driving.driven` yields.
 
-    def __init__(self) -> None:
-        self._running: list[NDArray[np.intp]] = []
-        self._rows: list[list[NDArray[Any]]] = []
+    Args:
+        episodes: Number of episodes.
+    """
+
+    def __init__(self, episodes: int) -> None:
+        self._episodes = episodes
+        self._starts: list[tuple[NDArray[np.intp], list[NDArray[Any]]]] = []
+        self._steps: list[tuple[NDArray[np.intp], list[NDArray[Any]]]] = []
         self._covariance: list[NDArray[np.float64]] = []
 
-    def __call__(self, info: dict[str, Any], running: NDArray[np.bool_]) -> None:
-        if not self._rows:
+    def __call__(self, moment: Moment) -> None:
+        info, rows = moment.info, moment.rows
+        if not self._starts:
             self._names = (*_OPEN_GROUND, *(name for name in ("collision", "clearance") if name in info))
-            self._way_left = info.get("way_left", np.full(running.shape, np.nan))
-        at = np.flatnonzero(running)
-        self._running.append(at)
-        self._rows.append([info[name][at] for name in self._names])
-        if running[0]:
-            self._covariance.append(info["covariance"][0])
+        values = [info[name][rows] for name in self._names]
+        if moment.is_start:
+            self._starts.append(
+                (moment.number, [*values, info["way_left"][rows] if "way_left" in info else 0.0 * rows + np.nan])
+            )
+        else:
+            self._steps.append((moment.number, values))
+        if len(moment.number) and moment.number[0] == 0:
+            self._covariance.append(info["covariance"][rows[0]])
 
     def result(self) -> Record:
         """Return what was collected."""
-        starts, *steps = self._running
-        newest, before, end = starts.copy(), list[NDArray[np.intp]](), len(starts)
-        for at in steps:
-            before.append(newest[at])
-            newest[at] = np.arange(end, end + len(at))
-            end += len(at)
+        n = self._episodes
+        order = np.argsort(np.concatenate([number for number, _ in self._starts]))
+        *starts, way_left = (np.concatenate(column)[order] for column in zip(*(each for _, each in self._starts), strict=True))
+        newest, before, end = np.arange(n), list[NDArray[np.intp]](), n
+        for number, _ in self._steps:
+            before.append(newest[number])
+            newest[number] = np.arange(end, end + len(number))
+            end += len(number)
         columns: dict[str, NDArray[Any]] = {"collision": np.zeros(end, np.bool_), "clearance": np.full(end, np.nan)}
+        steps = zip(*(each for _, each in self._steps), strict=True)
         columns |= {
-            name: np.concatenate(column) for name, column in zip(self._names, zip(*self._rows, strict=True), strict=True)
+            name: np.concatenate([start, *column]) for name, start, column in zip(self._names, starts, steps, strict=True)
         }
         return Record(
-            episode=np.concatenate(steps),
+            episode=np.concatenate([number for number, _ in self._steps]),
             before=np.concatenate(before),
-            way_left=self._way_left,
+            way_left=way_left,
             covariance=np.array(self._covariance),
             **columns,
         )

@@ -21,10 +21,10 @@ from turtlebot_gym.rooms.scan import Obstacles, Scan, mounted, obstacles_of
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Parameters, Snapshot
 from turtlebot_gym.values import Pose, State
+from turtlebot_gym_agents.evaluation.driving import driven
 from turtlebot_gym_agents.evaluation.episodes import ending_of
-from turtlebot_gym_agents.evaluation.evaluate import driven, driver_of, make_envs, policy_of, require_known
+from turtlebot_gym_agents.evaluation.evaluate import driver_of, make_envs, policy_of, require_known
 from turtlebot_gym_agents.evaluation.surroundings import room_of, scene_of, tracks_of
-from turtlebot_gym_agents.front.defaults import NAV, SEED
 from turtlebot_gym_agents.front.results import name_of
 from turtlebot_gym_agents.ids import environment_id
 from turtlebot_gym_agents.policies import Policy
@@ -43,8 +43,8 @@ class _Row(NamedTuple):
 def record_episode(
     policy: str | Path | Policy,
     *,
-    env: str = NAV,
-    seed: int = SEED,
+    env: str = "nav",
+    seed: int = 0,
     label: str | None = None,
     allow_mismatch: bool = False,
     **options: Any,
@@ -85,7 +85,7 @@ def _hypotheses_of(world: Snapshot, scene: Scene | None, p: Parameters) -> NDArr
 
 def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator[_Row]:
     """Yield the environment's data at the start and after each step of an episode."""
-    for info, _ in driven(envs, policy, seed):
+    for moment in driven(envs, policy, seed=seed, episodes=1):
         scene = scene_of(envs)
         room = None if scene is None else obstacles_of(scene)
         world: Snapshot = envs.unwrapped.snapshot(0)  # pyright: ignore[reportAttributeAccessIssue]
@@ -94,7 +94,7 @@ def _rows(envs: VectorEnv, policy: Policy, seed: int, p: Parameters) -> Iterator
         tracks = tracks_of(envs)
         sensed |= {} if tracks is None else {"tracks": tracks[None]}
         yield _Row(
-            info | sensed, room, None if scene is None else scene.lidar.ranges[1].copy(), _hypotheses_of(world, scene, p)
+            moment.info | sensed, room, None if scene is None else scene.lidar.ranges[1].copy(), _hypotheses_of(world, scene, p)
         )
 
 

@@ -5,18 +5,22 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from turtlebot_gym import Options
 from turtlebot_gym.plotting import BLUE
+from turtlebot_gym_agents.commands.console import progress, save_figure
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.evaluation.metrics import Interval
 from turtlebot_gym_agents.evaluation.result import Evaluation, title_of
-from turtlebot_gym_agents.front.defaults import EPISODES, NAV, POLICIES, SEED
+from turtlebot_gym_agents.flags import Text, takes
 from turtlebot_gym_agents.front.results import Result, axes_or_new, name_of
 from turtlebot_gym_agents.ids import environment_id
+from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,6 +44,8 @@ class Comparison(Result):
     """By label: all settings of the first policy, then of the next."""
     size: int = 1
     """Number of settings of each policy."""
+    details: bool = False
+    """Whether all tables are shown."""
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -52,16 +58,11 @@ class Comparison(Result):
         labels = np.repeat([*self.evaluations], [len(each.episodes.seed) for each in self.evaluations.values()])
         return {"label": labels, **{name: array.ravel() for name, array in self.arrays.items()}}
 
-    def tables(self, *, details: bool = False, title: str | None = None) -> tuple[Table, ...]:
-        """Return the tables of `turtlebot-gym evaluate`.
-
-        Args:
-            details: Whether to return all of them.
-            title: Their title; None for one that names what was given.
-        """
+    def tables(self) -> tuple[Table, ...]:
+        """Return the tables of `turtlebot-gym evaluate`."""
         from turtlebot_gym_agents.commands.report import evaluation_tables
 
-        return evaluation_tables(self.evaluations, title=title or self._title(), details=details)
+        return evaluation_tables(self.evaluations, title=self._title(), details=self.details)
 
     def verdict(self) -> str:
         """Return a sentence per comparison."""
@@ -105,43 +106,71 @@ class Comparison(Result):
         return title_of(first, *(name for name in first if any(other.get(name) is not first[name] for other in others)))
 
 
+@takes(Options, "task")
 def compare(
-    *policies: Any,
-    env: str = NAV,
-    episodes: int = EPISODES,
-    seed: int = SEED,
-    progress: _Progress = lambda ended: None,
-    run: Callable[[Sequence[Mapping[str, Any]], _Progress], list[Evaluation]] | None = None,
+    *policy: Text,
+    env: str = "nav",
+    episodes: int = 1000,
+    seed: int = 0,
+    allow_mismatch: bool = False,
+    details: bool = False,
+    cluster: str | None = None,
+    workers: int | None = None,
+    json: Path | None = None,
+    plot: Path | None = None,
+    force: bool = False,
     **options: Any,
 ) -> Comparison:
     """Drive policies on the same seeds, in every combination with the options that are lists.
 
     For example ``compare("bearing", "ppo-nav", filter=["matched", "gated"])``. A list gives the values of an option in turn; a
-    tuple is one value, such as the terms of an observation.
+    tuple is one value, such as the terms of an observation. On the command line a value is YAML, and several are a list:
+    ``--filter matched gated --noise "{base: rough, odometry: {spike: 0.1}}"``.
 
     Args:
-        *policies: As for `evaluate`; by default the baselines `POLICIES`.
-        env: The id of an environment of this package, or its short name, such as "nav".
-        episodes: Episodes of each combination; episode i has the seed ``seed + i``.
+        policy: bearing, proportional, in rooms vfh and planner, ppo-nav, ppo-rooms, FILE.onnx, MODULE:NAME of your own, and all
+            that `evaluate` takes; by default the baselines proportional and bearing.
+        env: Environment: nav, pose, square, rooms, missions, or the id of another one.
+        episodes: Episodes of each combination; episode i has the seed SEED + i.
         seed: The first seed.
-        progress: Called with the number of episodes that have ended so far.
-        run: Evaluates requests, which are keyword arguments of `evaluate`; None for one after the other in this process.
-        **options: The environment's, see `turtlebot_gym.Options`, and ``allow_mismatch``.
+        allow_mismatch: Also drive policies made for another task, observation, robot or rate.
+        details: Show all tables: also efficiency, effort, false arrivals and the errors of estimate and odometry.
+        cluster: Where the work runs: "local" for several processes, or the address of a Ray cluster; by default here.
+        workers: With "local": number of processes, by default one per core.
+        json: Write configuration, results and the numbers of every episode here.
+        plot: Draw here the first episode of each combination, and NEES and NIS of all episodes with their bounds.
+        force: Overwrite files that exist.
+        **options: The environment's, see `turtlebot_gym.Options`.
 
     Raises:
         ValueError: If an argument is unknown or out of its range, or a list is empty.
     """
+    require_outputs([("--json", json, JSON), ("--plot", plot, FIGURE)], force=force)
     axes = {name: value for name, value in options.items() if isinstance(value, list) and name not in _VALUES}
-    axes = {"policy": list(policies or POLICIES), **axes}
+    axes = {"policy": list(policy or ("proportional", "bearing")), **axes}
     for name, values in axes.items():
         if not values:
             raise ValueError(f"{name} must name at least one value, got none.")
-    common = {"env": environment_id(env), "episodes": episodes, "seed": seed, **options}
+    common = {"env": environment_id(env), "episodes": episodes, "seed": seed, "allow_mismatch": allow_mismatch, **options}
+    common |= {"consistency": True} if plot else {}
     combinations = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
-    results = (run or _in_turn)([common | combination for combination in combinations], progress)
+    requests = [common | combination for combination in combinations]
+    if cluster or workers:
+        from turtlebot_gym_agents.cluster.drives import evaluate_all
+
+        results = evaluate_all(requests, cluster=cluster, workers=workers)
+    else:
+        with progress(episodes * len(combinations)) as advance_to:
+            results = _in_turn(requests, advance_to)
     varied = [name for name, values in axes.items() if len(values) > 1] or ["policy"]
     labels = _distinct([", ".join(name_of(each[name]) for name in varied) for each in combinations])
-    return Comparison(evaluations=dict(zip(labels, results, strict=True)), size=len(combinations) // len(axes["policy"]))
+    size = len(combinations) // len(axes["policy"])
+    compared = Comparison(evaluations=dict(zip(labels, results, strict=True)), size=size, details=details)
+    if json is not None:
+        compared.to_json(json)
+    if plot is not None:
+        save_figure(compared.paths(), Path(plot))
+    return compared
 
 
 def _in_turn(requests: Sequence[Mapping[str, Any]], progress: _Progress) -> list[Evaluation]:

@@ -16,15 +16,12 @@ from turtlebot_gym.files import replacing
 from turtlebot_gym_agents.evaluation.recording import record_episode
 from turtlebot_gym_agents.evaluation.result import title_of
 from turtlebot_gym_agents.figures import plot_drive
-from turtlebot_gym_agents.front.defaults import DRIVER, NAV, SEED
 from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
 from turtlebot_gym_agents.ids import environment_id
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.table import Table
-
-    from turtlebot_gym_agents.front.film import Film
 
 _PARTS = {
     "true_state": ("true", ("x", "y", "theta", "v", "omega")),
@@ -115,14 +112,8 @@ class DriveResult(Result):
         """Draw the drive seen from above, with walls and obstacles."""
         return with_legend(plot_drive(axes_or_new(axes), self.record))
 
-    def film(self, *, seconds: float = 6.0) -> Film:
-        """Return a moving picture of the drive, ``seconds`` long, which a notebook shows and ``save`` writes as a GIF."""
-        from turtlebot_gym_agents.front.film import film_of
 
-        return film_of(self.record, seconds=seconds)
-
-
-def drive(policy: Any = DRIVER, *, env: str = NAV, seed: int = SEED, **options: Any) -> DriveResult:
+def drive(policy: Any = "bearing", *, env: str = "nav", seed: int = 0, **options: Any) -> DriveResult:
     """Drive one episode and return it, the first one of `evaluate` with the same arguments.
 
     Args:

@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import tyro
 from numpy.typing import NDArray
 
 from turtlebot_gym.config import as_int, choose
+from turtlebot_gym_agents.commands.console import needs, save_figure
 from turtlebot_gym_agents.evaluation import metrics
 from turtlebot_gym_agents.evaluation.metrics import Interval
-from turtlebot_gym_agents.figures import LEARNING, plot_learning
-from turtlebot_gym_agents.front.defaults import NAV, RUN, SEEDS
+from turtlebot_gym_agents.figures import LEARNING, learning_figure, plot_learning
+from turtlebot_gym_agents.flags import Text, takes
 from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
+from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.table import Table
-    from stable_baselines3.common.callbacks import BaseCallback
 
     from turtlebot_gym_agents.training.train import TrainingResult
 
@@ -84,15 +87,11 @@ class Training(Result):
             return means
         return [Interval(value, *np.clip([low, high], 0.0, 1.0).tolist()) for value, low, high in means]  # a share
 
-    def tables(self, *, title: str | None = None) -> tuple[Table, ...]:
-        """Return the table of `turtlebot-gym train`.
-
-        Args:
-            title: Its title; None for one that names environment and algorithm.
-        """
+    def tables(self) -> tuple[Table, ...]:
+        """Return the table of `turtlebot-gym train`."""
         from rich.table import Table
 
-        title = title or f"{self.config.env}, {self.config.algo}, the best model on the evaluation's seeds"
+        title = f"{self.config.env}, {self.config.algo}, the best model on the evaluation's seeds"
         table = Table("seed", "steps", "s", "steps/s", "success, %", "return", "steps to end", "policy", title=title)
         for (seed, result), policy in zip(self.results.items(), self.policies, strict=True):
             best = result.best
@@ -153,65 +152,80 @@ class Training(Result):
         return with_legend(plot_learning(axes_or_new(axes), runs, measure=name))
 
 
+@takes(TrainingConfig, "task", "env")
 def train(
-    env: str | TrainingConfig = NAV,
-    folder: str | Path = RUN,
+    env: Text = "nav",
+    out: str | Path = "runs/nav",
     *,
-    seeds: int = SEEDS,
-    progress: bool = True,
-    callbacks: Sequence[BaseCallback] | Callable[[TrainingConfig], Sequence[BaseCallback]] = (),
-    within: Callable[[TrainingConfig, Path], AbstractContextManager[Any]] = lambda config, folder: nullcontext(),
+    seeds: int = 1,
+    cluster: str | None = None,
+    workers: int | None = None,
+    json: Path | None = None,
+    plot: Path | None = None,
+    wandb: str | None = None,
+    force: bool = False,
+    progress: tyro.conf.Suppress[bool] = True,
+    callbacks: tyro.conf.Suppress[Any] = (),
     **options: Any,
 ) -> Training:
-    """Train a policy, and write it as a bundle, ``folder/policy.onnx``.
+    """Train policies with Stable-Baselines3, and write each as a policy bundle, OUT/policy.onnx.
 
-    For example ``train("nav", "runs/a", steps=200_000, seeds=3)``, or ``train("nav", until="success=1.0")``.
+    For example ``train("nav", "runs/a", steps=200_000, seeds=3)``, or ``train("nav", until="success=1.0")``. On the command
+    line a value is YAML, such as ``--reward "{effort: 0.2}"``, ``--overrides "{learning_rate: 3e-4}"``,
+    ``--noise "{base: rough, odometry: {spike: 0.1}}"``.
 
     Args:
-        env: The environment's id or short name, or a configuration, whose fields ``options`` then change.
-        folder: Folder of the run; each of several seeds has a folder seed-N in it.
-        seeds: Number of seeds to train, from ``seed`` on.
+        env: Environment: nav, pose, square, rooms, missions, or the id of another one; in Python also a `TrainingConfig`, whose
+            fields ``options`` then change.
+        out: Folder of the run; each of several seeds has a folder seed-N in it.
+        seeds: Number of seeds to train, from the option seed on.
+        cluster: Where several seeds are trained: "local" for several processes, or the address of a Ray cluster.
+        workers: With "local": number of processes, by default one per core.
+        json: Write configuration and results here.
+        plot: Draw here success and return over the steps; for several seeds their mean, with its 95 % interval.
+        wandb: Send configuration and TensorBoard's curves to this project of Weights & Biases; needs the extra [wandb].
+        force: Overwrite files that exist.
         progress: Whether to show a bar.
-        callbacks: Additional callbacks of Stable-Baselines3, or a function that returns those of a seed's configuration.
-        within: Returns a context for each run, of its configuration and folder, such as that of an experiment tracker.
-        **options: Fields of `TrainingConfig`: ``steps``, ``algo``, ``config`` (hyper-parameters), the environment's, and so on.
+        callbacks: Additional callbacks of Stable-Baselines3.
+        **options: Fields of `TrainingConfig`: steps, algo, config (hyper-parameters), the environment's, and so on.
 
     Raises:
         ValueError: If an argument is unknown or out of its range, or the folder holds a run.
         ImportError: If Stable-Baselines3 is missing.
     """
+    require_outputs([("--json", json, JSON), ("--plot", plot, FIGURE)], force=force)
     first = replace(env, **options) if isinstance(env, TrainingConfig) else TrainingConfig(env=env, **options)
-    folders = folders_of(folder, first.seed, seeds)
-    for run in folders.values():
-        require_no_run(run)
-    train_one = trainer()
-    results = {}
-    for seed, run in folders.items():
-        config = replace(first, seed=seed)
-        with within(config, run):
-            own = callbacks(config) if callable(callbacks) else callbacks
-            results[seed] = train_one(config, run, progress=progress, callbacks=own)
-    return Training(config=first, folders=folders, results=results)
-
-
-def folders_of(folder: str | Path, seed: int, seeds: int) -> dict[int, Path]:
-    """Return the folder of each seed's run.
-
-    Raises:
-        ValueError: If there is no seed.
-    """
-    numbers = range(seed, seed + as_int("seeds", seeds, 1))
-    return {number: Path(folder) / f"seed-{number}" if seeds > 1 else Path(folder) for number in numbers}
-
-
-def trainer() -> Callable[..., TrainingResult]:
-    """Return the function that trains one seed.
-
-    Raises:
-        ImportError: If a library is missing; the message names the extra that brings it.
-    """
-    from turtlebot_gym_agents.commands.console import needs
-
+    numbers = range(first.seed, first.seed + as_int("seeds", seeds, 1))
+    folders = {number: Path(out) / f"seed-{number}" if seeds > 1 else Path(out) for number in numbers}
+    for path in folders.values():
+        require_no_run(path)
     with needs("agents"):
         from turtlebot_gym_agents.training.train import train as train_one
-    return train_one
+    if cluster or workers:
+        from turtlebot_gym_agents.cluster.workers import run
+
+        jobs = [partial(train_one, replace(first, seed=seed), path.resolve(), progress=False) for seed, path in folders.items()]
+        results = dict(zip(folders, run(jobs, cluster=cluster, workers=workers), strict=True))
+    else:
+        results = {}
+        for seed, path in folders.items():
+            config = replace(first, seed=seed)
+            with _tracked(wandb, config, path):
+                results[seed] = train_one(config, path, progress=progress, callbacks=callbacks)
+    trained = Training(config=first, folders=folders, results=results)
+    if json is not None:
+        trained.to_json(json)
+    if plot is not None:
+        histories = [result.history for result in results.values()]
+        save_figure(learning_figure(histories, title=f"{first.env}, {first.algo}"), Path(plot))
+    return trained
+
+
+def _tracked(project: str | None, config: TrainingConfig, folder: Path) -> Any:
+    """Return the context of a run of Weights & Biases, if requested, which reads what goes to TensorBoard."""
+    if project is None:
+        return nullcontext()
+    with needs("wandb"):
+        import wandb  # pyright: ignore[reportMissingImports]
+    folder.mkdir(parents=True, exist_ok=True)
+    return wandb.init(project=project, name=config.title, dir=folder, config=config.record(), sync_tensorboard=True)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.table import Table
 
-WIDTH = 100
+WIDTH = 120
 """Width of printed tables, characters."""
 DPI = 80
 """Resolution of the figure in a notebook, pixels per inch."""
@@ -118,14 +118,26 @@ def with_legend(axes: Axes) -> Axes:
     return axes
 
 
+class Shown:
+    """Tables that a command prints.
+
+    Args:
+        *tables: The tables.
+    """
+
+    def __init__(self, *tables: Table) -> None:
+        self._tables = tables
+
+    def __str__(self) -> str:
+        return text_of(self._tables)
+
+
 def text_of(tables: Sequence[Table]) -> str:
-    """Return tables as text, in parts where one is too wide."""
+    """Return tables as text."""
     from rich.console import Console
 
-    from turtlebot_gym_agents.commands.tables import fitted
-
     console = Console(file=io.StringIO(), width=WIDTH, color_system=None, force_terminal=False, force_jupyter=False)
-    console.print(*(part for table in tables for part in fitted(table, WIDTH)))
+    console.print(*tables)
     return "\n".join(line.rstrip() for line in console.file.getvalue().splitlines())  # type: ignore[attr-defined]
 
 

@@ -8,7 +8,6 @@ from typing import Any
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.entry_points import load_entry_point
 from turtlebot_gym_agents.evaluation.evaluate import policy_of
-from turtlebot_gym_agents.front.defaults import DRIVER
 from turtlebot_gym_agents.front.driving import DriveResult
 
 GROUP = "turtlebot_gym.commands"
@@ -38,8 +37,9 @@ def watch(*what: Any, html: str | Path | None = None, **options: Any) -> Any:
     if drives:
         page = command(**options).page_of(drives, title=", ".join(each.around.label for each in drives))
     else:
-        policies = tuple(each if isinstance(each, str) else policy_of(each) for each in what) or (DRIVER,)
-        page = command(policy=policies, **options).page()
+        policies = tuple(each if isinstance(each, str) else policy_of(each) for each in what) or ("bearing",)
+        own = {name: options.pop(name) for name in ("env", "seed", "side_by_side", "allow_mismatch") if name in options}
+        page = command(policy=policies, options=options, **own).page()
     if html is not None:
         page.save(Path(html))
     return page

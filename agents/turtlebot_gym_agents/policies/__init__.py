@@ -5,9 +5,7 @@ from turtlebot_gym_agents.policies.deployment import Deployment
 from turtlebot_gym_agents.policies.geometric import (
     BearingPolicy,
     CornerPolicy,
-    PolarPolicy,
     ProportionalPolicy,
-    RotateDriveRotatePolicy,
 )
 from turtlebot_gym_agents.policies.named import make_policy, pretrained_folder
 from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, terms_of
@@ -17,11 +15,9 @@ __all__ = [
     "BearingPolicy",
     "CornerPolicy",
     "Deployment",
-    "PolarPolicy",
     "Policy",
     "PolicyWithMemory",
     "ProportionalPolicy",
-    "RotateDriveRotatePolicy",
     "make_policy",
     "pretrained_folder",
     "terms_of",

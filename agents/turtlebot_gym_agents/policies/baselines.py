@@ -21,9 +21,7 @@ from turtlebot_gym_agents.policies.geometric import (
     Baseline,
     BearingPolicy,
     CornerPolicy,
-    PolarPolicy,
     ProportionalPolicy,
-    RotateDriveRotatePolicy,
 )
 from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import Policy
@@ -37,8 +35,6 @@ POLICIES: dict[str, type[Baseline]] = {
     "proportional": ProportionalPolicy,
     "bearing": BearingPolicy,
     "corner": CornerPolicy,
-    "polar": PolarPolicy,
-    "rotate-drive-rotate": RotateDriveRotatePolicy,
     "vfh": VectorFieldHistogramPolicy,
     "planner": PlannerPolicy,
 }

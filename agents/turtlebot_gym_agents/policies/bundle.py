@@ -167,7 +167,7 @@ class BundlePolicy:
         """How many numbers it carries from a step to the next, such as a frame stack or the state of an LSTM; 0 for none."""
         self._memory: NDArray[np.float32] | None = None
         if self.memory:  # then it is a `PolicyWithMemory`
-            self.reset, self.keep = self._reset, self._keep
+            self.reset = self._reset
 
     def _open(self, content: bytes) -> None:
         """Load the model and the card, and try the model."""
@@ -217,11 +217,6 @@ class BundlePolicy:
         if self._memory is None or self._memory.shape[:-1] != begins.shape:
             self._memory = np.zeros((*begins.shape, self.memory), np.float32)
         self._memory = np.where(begins[..., None], np.float32(0.0), self._memory)
-
-    def _keep(self, mask: NDArray[np.bool_]) -> None:
-        """Drop the rows of the memory where the mask (n,) is false."""
-        if self._memory is not None:
-            self._memory = self._memory[mask]
 
 
 def _read_card(path: str | Path, content: Any) -> Card:

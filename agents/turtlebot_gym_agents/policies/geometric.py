@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from turtlebot_gym.config import NON_NEGATIVE, POSITIVE, Range, check_fields
-from turtlebot_gym.models.angles import wrap_all
 from turtlebot_gym.observations import OPEN_GROUND, Observation, ObservationTerm
 from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
@@ -141,50 +140,6 @@ class CornerPolicy(BearingPolicy):
         return self.steer(to.waypoint + inwards * bisector)
 
 
-@dataclass(eq=False, kw_only=True)
-class PolarPolicy(Baseline):
-    """The polar-coordinate law: drive a smooth path that ends in the right heading, forwards or backwards.
-
-    ``v = gamma rho cos(alpha)`` and ``omega = k alpha + gamma sinc(alpha) cos(alpha) (alpha + h phi)``, with rho the distance,
-    alpha the bearing and phi the bearing minus the remaining turn; slower on the same path if v exceeds the limit.
-
-    References:
-        Aicardi, Casalino, Bicchi, Balestrino, "Closed loop steering of unicycle-like vehicles via Lyapunov techniques" (1995).
-    """
-
-    gamma: Annotated[float, POSITIVE, Range(0.2, 5.0, log=True)] = 1.0
-    """Gain on the distance, 1/s."""
-    k: Annotated[float, POSITIVE, Range(0.5, 10.0, log=True)] = 2.0
-    """Gain on the bearing, 1/s."""
-    h: Annotated[float, POSITIVE, Range(0.2, 10.0, log=True)] = 2.0
-    """Weight of the final heading."""
-
-    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        robot, to = self._robot, Upcoming(observations, self._robot, self.dt)
-        direction = np.where((to.waypoint.real < 0.0) & robot.reverse, -1.0, 1.0)
-        alpha, distance = np.angle(direction * to.waypoint), np.abs(to.waypoint)
-        phi = wrap_all(alpha - to.turn)
-        v = self.gamma * distance * np.cos(alpha)
-        # NumPy has sinc(x) = sin(pi x) / (pi x).
-        omega = self.k * alpha + self.gamma * np.sinc(alpha / np.pi) * np.cos(alpha) * (alpha + self.h * phi)
-        excess = np.maximum(np.abs(v) / robot.max_linear, 1.0)
-        return action_of(direction * v / excess / robot.max_linear, omega / excess / robot.max_angular)
-
-
-@dataclass(eq=False, kw_only=True)
-class RotateDriveRotatePolicy(BearingPolicy):
-    """Drive to the point as `BearingPolicy` does, then turn on the spot: near optimal where turning is fast."""
-
-    stop: Annotated[float, POSITIVE, Range(0.02, 0.15)] = 0.1
-    """Distance within which it turns instead of driving, m."""
-
-    def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
-        to = Upcoming(observations, self._robot, self.dt)
-        turning = action_of(np.zeros_like(to.turn), to.turn / (self.dt * self._robot.max_angular))
-        near = np.abs(to.waypoint) < self.stop
-        return np.where(near[..., None], turning, self.steer(to.waypoint))
-
-
 class Upcoming:
     """Positions when the next command acts, after an interval at the current speeds, in the body frame: ahead + 1j left, m.
 
@@ -196,8 +151,8 @@ class Upcoming:
 
     def __init__(self, observations: ArrayLike, robot: Robot, dt: float) -> None:
         self._observed = o = _fields(observations)
-        self._moved, self._turned = o.v * robot.max_linear * dt, o.omega * robot.max_angular * dt
-        self._frame = np.exp(-1j * self._turned)
+        self._moved = o.v * robot.max_linear * dt
+        self._frame = np.exp(-1j * (o.omega * robot.max_angular * dt))
 
     @cached_property
     def waypoint(self) -> NDArray[np.complex128]:
@@ -210,11 +165,6 @@ class Upcoming:
         """The waypoint after it, shape (...); the same one if it is the last."""
         o = self._observed
         return (o.next_distance * (o.cos_next + 1j * o.sin_next) - self._moved) * self._frame
-
-    @cached_property
-    def turn(self) -> NDArray[np.float64]:
-        """Remaining turn, shape (...), rad, in [-pi, pi)."""
-        return wrap_all(np.arctan2(self._observed.sin_turn, self._observed.cos_turn) - self._turned)
 
 
 def _fields(observations: ArrayLike) -> Observation:

@@ -62,12 +62,11 @@ def make_policy(
     """Return a policy by its name.
 
     Args:
-        name: A baseline: "proportional", "bearing", "corner", "polar" or "rotate-drive-rotate", for rooms "vfh"
-            or "planner"; one with other numbers, ``*.yaml`` or ``*.json`` (see `baselines`); "ppo-nav", "ppo-pose",
-            "ppo-square" or "ppo-rooms", which are shipped with the package; a bundle's file, ``*.onnx``; or "module:callable"
-            for one of your own: a function is the policy itself, a class is instantiated with ``robot`` and ``dt`` as keywords.
-            In rooms, the suffix "+safety" wraps any of them in a `SafetyLayer`, and "+yield" lets it stop for people
-            who are tracked.
+        name: A baseline: "proportional", "bearing" or "corner", for rooms "vfh" or "planner"; a file of one with other numbers,
+            ``*.yaml`` (see `baselines`); "ppo-nav", "ppo-pose", "ppo-square" or "ppo-rooms", shipped with the package; a
+            bundle's file, ``*.onnx``; or "module:callable" for one of your own: a function is the policy itself, a class is
+            instantiated with ``robot`` and ``dt`` as keywords. In rooms, the suffix "+safety" wraps any of them in a
+            `SafetyLayer`, and "+yield" lets it stop for people who are tracked.
         robot: A name in `turtlebot_gym.ROBOTS`, or a robot.
         dt: Control interval, s.
         noise: Noise of the motion, which a `SafetyLayer` allows for.

@@ -12,7 +12,7 @@ from turtlebot_gym.config import NON_NEGATIVE, POSITIVE, Range
 from turtlebot_gym.observations import ROOM, Observation
 from turtlebot_gym.rooms.lidar import SECTORS
 from turtlebot_gym_agents.policies.cheapest_way import FREE
-from turtlebot_gym_agents.policies.grid import CELL, CERTAIN, FREED, SIDE, advance, shifted
+from turtlebot_gym_agents.policies.grid import CELL, SIDE, advance, shifted
 from turtlebot_gym_agents.policies.policy import numbers_of
 from turtlebot_gym_agents.policies.reactive import (
     Ahead,
@@ -138,24 +138,6 @@ class PlannerPolicy(VectorFieldHistogramPolicy):
             self._memory = self._forgotten(len(rows))
         for part, new in zip(self._memory, _NEW, strict=True):
             part[rows] = new
-
-    def keep(self, mask: NDArray[np.bool_]) -> None:
-        super().keep(mask)
-        self._motion.keep(mask)
-        self._memory = _Memory._make(part[mask] for part in self._memory)
-
-    def know(self, row: int, occupied: NDArray[np.complex128], free: NDArray[np.complex128]) -> None:
-        """Give a robot a map at its start, after `reset`.
-
-        Args:
-            row: The robot.
-            occupied: Places of obstacles in the frame of its first pose, as complex numbers, m.
-            free: Places without obstacles.
-        """
-        for places, evidence in ((free, FREED), (occupied, CERTAIN)):
-            i, j = (np.floor(part / CELL).astype(np.int64) + SIDE // 2 for part in (places.imag, places.real))
-            inside = (np.minimum(i, j) >= 0) & (np.maximum(i, j) < SIDE)
-            self._memory.grid[row, i[inside], j[inside]] = evidence
 
     def _look(self, observations: ArrayLike) -> Sight:
         """Return a policy's view, with the point to steer to instead of the goal."""

@@ -32,15 +32,6 @@ class PolicyWithMemory(Policy, Protocol):
         ...
 
 
-@runtime_checkable
-class ShrinkingPolicy(PolicyWithMemory, Protocol):
-    """A policy with memory that can drop some of its rows: evaluations drop the episodes that have ended."""
-
-    def keep(self, mask: NDArray[np.bool_], /) -> None:
-        """Drop the rows of the memory where the mask (n,) is false."""
-        ...
-
-
 def terms_of(policy: object) -> tuple[ObservationTerm, ...] | None:
     """Return the terms that a policy, or a class of policies, reads; None if it reads whatever it is shown.
 
@@ -93,9 +84,9 @@ class Wrapped:
 
     def __init__(self, policy: Any) -> None:
         self._policy = policy
-        for method in ("reset", "keep"):  # from Python 3.12 on, `isinstance` of a protocol does not ask `__getattr__`
-            if hasattr(policy, method) and not hasattr(type(self), method):
-                setattr(self, method, getattr(policy, method))
+        # From Python 3.12 on, `isinstance` of a protocol does not ask `__getattr__`.
+        if hasattr(policy, "reset") and not hasattr(type(self), "reset"):
+            self.reset = policy.reset
 
     def __getattr__(self, attribute: str) -> Any:
         if attribute.startswith("_"):

@@ -20,7 +20,6 @@ from turtlebot_gym_agents.policies.planner import PlannerPolicy
 from turtlebot_gym_agents.policies.policy import (
     Policy,
     PolicyWithMemory,
-    ShrinkingPolicy,
     numbers_of,
     shown,
     with_room,
@@ -119,15 +118,6 @@ class SafetyLayer:
         # Obstacles farther away cannot be reached within the reserve.
         margin = max(self.margin, self.margin_behind, self._sway)
         self._reach = self._robot.radius + margin + self._robot.max_linear * self.reserve
-        if isinstance(self.policy, ShrinkingPolicy) or not isinstance(self.policy, PolicyWithMemory):
-            self.keep = self._keep
-
-    def _keep(self, mask: NDArray[np.bool_]) -> None:
-        for policy in {self.policy, self._guide}:
-            if isinstance(policy, ShrinkingPolicy):
-                policy.keep(mask)
-        self._motion.keep(mask)
-        self._left, self._places, self._spread = self._left[mask], self._places[mask], self._spread[mask]
 
     def reset(self, mask: NDArray[np.bool_]) -> None:
         for policy in {self.policy, self._guide}:

@@ -103,10 +103,6 @@ class VectorFieldHistogramPolicy(_Reactive):
         """Forget the last direction where an episode begins."""
         self._last = np.where(mask, np.nan, np.broadcast_to(self._last, np.shape(mask)))
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
-        """Drop the rows where the mask is false."""
-        self._last = np.broadcast_to(self._last, np.shape(mask))[mask]
-
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         to = self._look(observations)
         goal, last = np.angle(to.goal), wrap_all(np.asarray(self._last - to.omega * self.dt))

@@ -62,10 +62,6 @@ class SightMotion:
         self._youngest = np.where(mask, np.inf, self._youngest)
         self._speeds = np.where(np.asarray(mask)[..., None, None], np.nan, self._speeds)
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
-        """Drop the rows where the mask is false."""
-        self._speeds, self._youngest = self._speeds[mask], self._youngest[mask]
-
     def since(self, age: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return place and heading in the frame of the pose when the beams of a scan of this age were measured, on average."""
         self._youngest = np.minimum(self._youngest, age)

@@ -22,7 +22,7 @@ from turtlebot_gym.parameters import REFERENCE_PERIOD
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
 from turtlebot_gym.values import Command
-from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, ShrinkingPolicy, numbers_of, shown, terms_of
+from turtlebot_gym_agents.policies.policy import Policy, PolicyWithMemory, numbers_of, shown, terms_of
 from turtlebot_gym_agents.policies.sight import arc
 
 
@@ -114,8 +114,6 @@ class Yielding:
         self._stop = PeopleStop(make_robot(self.robot), self.dt, self.terms, self.confidence)
         if isinstance(self.policy, PolicyWithMemory):
             self.reset = self.policy.reset
-        if isinstance(self.policy, ShrinkingPolicy):
-            self.keep = self.policy.keep
 
     def __call__(self, observations: ArrayLike) -> NDArray[np.float32]:
         """Return actions (..., 2) for observations (..., n) of `terms`."""

@@ -1,75 +1,34 @@
-"""Callbacks for training with Stable-Baselines3: progress, evaluation on separate seeds, and the files of a run.
+"""Callbacks for training with Stable-Baselines3: evaluation on separate seeds, and shares of the reward.
 
 They do not depend on the command line: scripts can pass them to ``model.learn(callback=[...])``.
 """
 
 from __future__ import annotations
 
-import time
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from copy import deepcopy
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import torch
-from gymnasium import spaces
 from gymnasium.vector import VectorEnv
-from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.distributions import DiagGaussianDistribution
-from stable_baselines3.common.policies import ActorCriticPolicy
 
-from turtlebot_gym import Parameters
+from turtlebot_gym.files import replacing
+from turtlebot_gym_agents.evaluation.driving import Judged, judge
 from turtlebot_gym_agents.policies import Policy
-from turtlebot_gym_agents.policies.fit import parameters_of
-from turtlebot_gym_agents.provenance import replace_json
-from turtlebot_gym_agents.training.config import TrainingConfig
-from turtlebot_gym_agents.training.export import export
-from turtlebot_gym_agents.training.judging import Judged, judge
-from turtlebot_gym_agents.training.model import save_model, weights_of
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 
 EVALUATION_SEED = 2**40
 """First seed of the evaluation's episodes, far from typical user seeds and those of trainings."""
 INTERIM = 100
 """Most episodes of an evaluation before the end of a training."""
-CHECKED = 100
-"""Steps in which a training's bundle is compared with its model."""
-
-
-def mean_actions(policy: ActorCriticPolicy, observations: torch.Tensor) -> torch.Tensor:
-    """Return the means of a Gaussian policy's actions."""
-    features = policy.pi_features_extractor(observations)
-    return policy.action_net(policy.mlp_extractor.forward_actor(features))
 
 
 def policy_of(model: BaseAlgorithm) -> Policy:
-    """Return a model's deterministic policy: ``model.predict`` to the bit, in half the time."""
-    policy: Any = model.policy
-    inputs, outputs = model.observation_space, model.action_space
-    gaussian = type(policy) is ActorCriticPolicy and type(policy.action_dist) is DiagGaussianDistribution
-    if not gaussian or not isinstance(outputs, spaces.Box) or not isinstance(inputs, spaces.Box) or len(inputs.shape) != 1:
-        return lambda observations: model.predict(observations, deterministic=True)[0]
-    policy.set_training_mode(False)
-    device = policy.device
-
-    def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        with torch.no_grad():
-            mean = mean_actions(policy, torch.as_tensor(observations, device=device).float())
-        return np.clip(mean.cpu().numpy(), outputs.low, outputs.high)
-
-    return act
-
-
-class Callback(BaseCallback):
-    """A callback that acts between rollouts and never stops a training."""
-
-    def _on_step(self) -> bool:
-        return True
+    """Return a model's deterministic policy."""
+    return lambda observations: model.predict(observations, deterministic=True)[0]
 
 
 class EvaluationCallback(BaseCallback):
@@ -78,10 +37,10 @@ class EvaluationCallback(BaseCallback):
     An evaluation during training drives the first `INTERIM` of the seeds, one at its end all of them.
 
     Args:
-        envs: Vector environment in the mode SAME_STEP, not the training's.
+        envs: Vector environment that resets by itself, not the training's.
         every: Steps between evaluations.
         episodes: Number of seeds; None for as many as environments.
-        path: File of the model with the highest mean return; None to keep none.
+        path: File of the model with the highest mean return; None to write none.
         seed: First seed of the evaluation.
         go_on: Called with the figures; the training stops if it returns false.
         confirm: Whether it stops only if ``go_on`` also returns false for the figures of all seeds.
@@ -128,10 +87,6 @@ class EvaluationCallback(BaseCallback):
             self.run(self._episodes)
         self.logger.dump(self.num_timesteps)
 
-    @property
-    def parameters(self) -> Parameters:
-        return parameters_of(self._envs)
-
     def run(self, episodes: int) -> dict[str, float]:
         """Evaluate the model in at most so many episodes, and return the figures."""
         judged = self._judge(episodes)
@@ -146,50 +101,35 @@ class EvaluationCallback(BaseCallback):
     def _keep_best(self, judged: Judged, reached: dict[str, float]) -> None:
         """Keep the model if it is the best; of an evaluation with more episodes than `INTERIM`, the best so far drives all."""
         mean = float(judged.returns[:INTERIM].mean())
-        if mean <= self._most and len(judged.returns) > INTERIM and self._path is not None:
-            with weights_of(self.model, self._path):
+        is_best = mean > self._most
+        if not is_best and len(judged.returns) > INTERIM:
+            with self.best_model():
                 self.best = self._figures(self._judge(len(judged.returns)))
             is_best = reached["return"] > self.best["return"]
-        else:
-            is_best = mean > self._most
         if is_best:
             self.best, self._most = reached, mean
+            self._weights = deepcopy(self.model.policy.state_dict())
             if self._path is not None:
-                save_model(self.model, self._path)
+                with replacing(self._path) as beside, beside.open("wb") as file:
+                    self.model.save(file)
+
+    @contextmanager
+    def best_model(self) -> Iterator[None]:
+        """Give the model the weights and the number of steps of the best one within this block."""
+        state, steps = deepcopy(self.model.policy.state_dict()), self.model.num_timesteps
+        self.model.policy.load_state_dict(self._weights)
+        self.model.num_timesteps = int(self.best["steps"])
+        try:
+            yield
+        finally:
+            self.model.policy.load_state_dict(state)
+            self.model.num_timesteps = steps
 
     def _judge(self, episodes: int) -> Judged:
         return judge(self._envs, policy_of(self.model), seed=self._seed, episodes=min(episodes, self._episodes))
 
     def _figures(self, judged: Judged) -> dict[str, float]:
         return {"steps": float(self.model.num_timesteps), **judged.figures()}
-
-
-class RecordCallback(Callback):
-    """Write what a run depends on into its folder when it begins, and the bundle of its best model when it ends.
-
-    Args:
-        config: Configuration of the training.
-        folder: Folder of the run; the best model is in its ``best.zip``.
-        judge: The evaluation, an earlier one of the callbacks: it determines the best model.
-    """
-
-    def __init__(self, config: TrainingConfig, folder: Path, judge: EvaluationCallback) -> None:
-        super().__init__()
-        self._config, self._folder, self._judge = config, folder, judge
-        self._begun = time.monotonic()
-
-    def _on_training_start(self) -> None:
-        self._record = {**self._config.record(), "device": self.model.device.type}
-        self._folder.mkdir(parents=True, exist_ok=True)
-        replace_json(self._folder / "config.json", self._record)
-
-    def _on_training_end(self) -> None:
-        seconds = round(time.monotonic() - self._begun, 1)
-        about = {**self._record, "steps": self.num_timesteps, "seconds": seconds, "evaluation": self._judge.best}
-        with weights_of(self.model, self._folder / "best.zip"):
-            card = self._config.card(self._judge.parameters, about)
-            options = {"vec_normalize": "none", "card": card, "steps": CHECKED, **self._config.options}
-            export(self.model, self._folder / "policy.onnx", env=self._config.env, **options)
 
 
 class RewardCallback(BaseCallback):
@@ -207,50 +147,3 @@ class RewardCallback(BaseCallback):
         for name, total in zip(envs.get_attr("reward_terms")[0] if envs.shares.size else (), envs.shares, strict=True):
             self.logger.record(f"reward/{name}", total / max(self.num_timesteps - self._begun, 1))
         envs.shares = np.zeros(0)
-
-
-class ProgressCallback(BaseCallback):
-    """Show a bar on standard error, with the success rate of the last 200 episodes.
-
-    Args:
-        total: Steps of the whole training.
-        label: Text before the bar.
-    """
-
-    def __init__(self, total: int, *, label: str = "training") -> None:
-        super().__init__()
-        self._total, self._label = total, label
-        self._success: deque[bool] = deque(maxlen=200)
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.completed:,.0f}/{task.total:,.0f} steps, {task.fields[rate]:,.0f}/s, {task.fields[success]}"),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-        )
-
-    def _on_training_start(self) -> None:
-        self._start = time.monotonic(), self.num_timesteps
-        self._progress.start()
-        self._task = self._progress.add_task(
-            self._label, total=self._total, completed=self.num_timesteps, rate=0.0, success="no episode yet"
-        )
-
-    def _on_step(self) -> bool:
-        dones: Any = self.locals.get("dones")
-        if dones is not None and dones.any():
-            self._success.extend(bool(self.locals["infos"][row].get("is_success")) for row in np.flatnonzero(dones))
-        return True
-
-    def _on_rollout_end(self) -> None:
-        begun, first = self._start
-        rate = (self.num_timesteps - first) / max(time.monotonic() - begun, 1e-9)
-        success = f"success {np.mean(self._success):.0%}" if self._success else "no episode yet"
-        self._progress.update(self._task, completed=self.num_timesteps, rate=rate, success=success)
-
-    def _on_training_end(self) -> None:
-        self.stop()
-
-    def stop(self) -> None:
-        """Release the terminal after an exception, about which SB3 does not notify callbacks."""
-        self._progress.stop()

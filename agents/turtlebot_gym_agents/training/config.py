@@ -15,7 +15,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from turtlebot_gym import Options, Parameters
 from turtlebot_gym.config import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
-from turtlebot_gym_agents.front.defaults import NAV
 from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
 from turtlebot_gym_agents.policies.bundle import Card
 from turtlebot_gym_agents.provenance import plain, provenance
@@ -26,8 +25,6 @@ STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
 NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
 """Algorithms of Stable-Baselines3 that train here, in lower case."""
-ON_POLICY = ("ppo", "a2c")
-"""Algorithms with a critic of the current policy, which can begin with the network of a known policy."""
 ROWS = 128
 """Most environments of an evaluation."""
 _RANDOMIZED = ("speed_error", "turn_error", "veer")
@@ -42,14 +39,12 @@ class TrainingConfig(Options):
     the evaluation. `commands.flags` has the flags of commands.
     """
 
-    env: str = NAV
+    env: str = "nav"
     """Environment id, or its short name."""
     algo: str = "ppo"
     """Algorithm: ppo, sac or td3; others of Stable-Baselines3, in lower case, with a FILE of hyper-parameters."""
     seed: Annotated[int, Range(0, 2**20 - 1, whole=True)] = 0
     """Seed of the network, from which the environments' seeds follow."""
-    from_policy: str | None = None
-    """Begin with a network that was fitted to this policy, such as bearing, or vfh in rooms; for ppo and a2c."""
     randomize: bool = False
     """Randomize noise, speed scale and delay (in rooms also world and LiDAR) per environment; those given then apply to the
     evaluation; in Python see `randomization`."""
@@ -71,7 +66,7 @@ class TrainingConfig(Options):
     mapping."""
     overrides: Mapping[str, Any] = field(default_factory=dict)
     """Hyper-parameters that replace those of ``config``, by name, with a dot if nested: ``{"learning_rate": 3e-4,
-    "policy_kwargs.net_arch": [32, 32]}``. ``tune`` keeps them."""
+    "policy_kwargs.net_arch": [32, 32]}``."""
     evaluations: Annotated[int, STEPS] = 5
     """Number of evaluations during training."""
     episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500
@@ -94,8 +89,6 @@ class TrainingConfig(Options):
         for item in unread:
             if getattr(self, item.name) != item.default:
                 raise ValueError(f"{item.name} would change nothing without randomize: add --randomize, or leave it out.")
-        if self.from_policy is not None and self.algo not in ON_POLICY:
-            raise ValueError(f"from_policy needs an algorithm among {', '.join(ON_POLICY)}, got {self.algo!r}.")
 
     def _hyperparameters(self) -> dict[str, Any]:
         """Return the hyper-parameters that ``config``, ``steps`` and ``overrides`` stand for."""
@@ -199,17 +192,6 @@ def require_env(env: str) -> str:
         error = refusal("env", f"one of {', '.join(map(repr, ids))}, or another id with their arguments", env)
         raise ValueError(f"{error}{did_you_mean(env, ids)}")
     return env
-
-
-def base_of(env: str, name: str) -> Any:
-    """Return what an option of an environment is where it is not given: what its variants are based on."""
-    usual = {"task": "nav", "world": "dense", "lidar": "lds01"}.get(name, getattr(Options(), name))
-    return brought_by(require_env(env)).get(name, usual)
-
-
-def steps_of(env: str) -> int | None:
-    """Return the limit of steps of a registered environment's episodes; None for none."""
-    return registry[env].max_episode_steps
 
 
 def require_no_run(folder: Path) -> None:

@@ -9,8 +9,6 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from turtlebot_gym import files
 from turtlebot_gym.config import Range, refusal
 from turtlebot_gym_agents.policies.named import shipped_folder
@@ -19,8 +17,10 @@ ROLLOUTS = 40
 """Fewest rollouts from which a training with the package's own hyper-parameters learns."""
 FEWEST_ENVS = 8
 """Fewest environments of such a training."""
-_CLASSES = {"activation_fn": "nn", "optimizer_class": "th.optim"}
-"""Arguments of a network that are classes, and the modules in which rl-baselines3-zoo finds them."""
+_CLASSES = ("activation_fn", "optimizer_class")
+"""Arguments of a network that are classes."""
+_OF_TRAINING = ("n_envs", "n_timesteps", "policy", "reward_scale")
+"""Hyper-parameters that are no arguments of an algorithm."""
 
 
 def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -94,18 +94,35 @@ def configs_folder() -> Path:
     return shipped_folder("configs")
 
 
-def shipped_names() -> set[str]:
-    """Return the names of the hyper-parameters in the files that are shipped with the package."""
-    contents = [files.load(path) for path in sorted(configs_folder().glob("*.yaml"))]
-    return {name for content in contents for hyper in content.values() for name in hyper}
+def arguments(hyper: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keyword arguments of an algorithm: schedules, classes and exploration noise made from their names.
 
+    Args:
+        hyper: Hyper-parameters by `load`.
 
-def save(path: Path, env: str, hyper: Mapping[str, Any]) -> None:
-    """Write hyper-parameters in a form that both `load` and rl-baselines3-zoo read."""
-    network = hyper["policy_kwargs"].items()
-    words = (f"{key}={f'{_CLASSES[key]}.{value}' if key in _CLASSES else repr(value)}" for key, value in network)
-    content = {**hyper, "policy_kwargs": f"dict({', '.join(words)})"}
-    files.write_text(path, yaml.safe_dump({env: content}, sort_keys=False, width=128))
+    Raises:
+        ValueError: If torch has no class of a name.
+    """
+    import numpy as np
+    import torch
+    from stable_baselines3.common.noise import NormalActionNoise
+    from stable_baselines3.common.utils import LinearSchedule
+
+    made: dict[str, Any] = {key: value for key, value in hyper.items() if key not in _OF_TRAINING}
+    for key, value in made.items():
+        if isinstance(value, str) and value.startswith("lin_"):
+            made[key] = LinearSchedule(float(value.removeprefix("lin_")), end=0.0, end_fraction=1.0)
+        elif isinstance(value, list):
+            made[key] = tuple(value)
+    if made.get("noise_type") == "normal":
+        del made["noise_type"]
+        made["action_noise"] = NormalActionNoise(np.zeros(2), np.full(2, made.pop("noise_std", 0.0)))
+    network, homes = dict(made["policy_kwargs"]), {"activation_fn": torch.nn, "optimizer_class": torch.optim}
+    for name in network.keys() & homes.keys():
+        if not hasattr(homes[name], str(network[name])):
+            raise refusal(f"policy_kwargs.{name}", f"a class of {homes[name].__name__}", network[name])
+        network[name] = getattr(homes[name], network[name])
+    return {**made, "policy_kwargs": network}
 
 
 def _as_numbers(value: Any) -> Any:

@@ -1,40 +1,29 @@
-"""Models of Stable-Baselines3: made for the configuration of a training, and saved.
-
-A saved model is a zip file. Besides the weights it holds pickled objects, which could run any code. A training reads only the
-weights and the number of steps from such a file.
-"""
+"""Models of Stable-Baselines3, made for the configuration of a training."""
 
 from __future__ import annotations
 
-import json
-import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from copy import deepcopy
 from pathlib import Path
-from pickle import UnpicklingError
-from typing import Any
 
 import numpy as np
+import stable_baselines3
 import torch
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
-from stable_baselines3.common.save_util import load_from_zip_file
 
-from turtlebot_gym.files import replacing
 from turtlebot_gym.observations import OPEN_GROUND, ObservationTerm
 from turtlebot_gym_agents.policies import Policy, make_policy
 from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.policies.policy import shown
-from turtlebot_gym_agents.training.arguments import ALGORITHMS, NETWORK, arguments
-from turtlebot_gym_agents.training.config import TrainingConfig
+from turtlebot_gym_agents.training.config import NAMES, TrainingConfig
+from turtlebot_gym_agents.training.hyperparameters import arguments
 from turtlebot_gym_agents.training.normalization import NormalizedObservation, measure, ranges_in
 from turtlebot_gym_agents.training.sb3_vec_env import Sb3VecEnv
 from turtlebot_gym_agents.training.staggering import Staggered
 
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {name: getattr(stable_baselines3, name.upper()) for name in NAMES}
+"""The algorithms of Stable-Baselines3 by their names in lower case."""
 MEASURED = 76_800
 """Most steps of all environments together from which the observations' normalization is measured."""
 STAGGER = 300
@@ -93,7 +82,7 @@ def make_model(config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | N
         "features_extractor_class": NormalizedObservation,
         "features_extractor_kwargs": {"mean": mean, "std": std, "ranges": ranges},
     }
-    keywords, device = arguments(config.algo, config.hyper), _choose_device(config.device, config.algo)
+    keywords, device = arguments(config.hyper), _choose_device(config.device, config.algo)
     adapter = Sb3VecEnv(Staggered(envs, driver, STAGGER), reward_scale=config.hyper.get("reward_scale", 1.0))
     try:
         model = ALGORITHMS[config.algo](
@@ -102,46 +91,10 @@ def make_model(config: TrainingConfig, envs: VectorEnv, *, tensorboard: Path | N
             seed=config.seed,
             device=device,
             tensorboard_log=None if tensorboard is None else str(tensorboard),
-            **{**keywords, NETWORK: normalization | keywords[NETWORK]},
+            **{**keywords, "policy_kwargs": normalization | keywords["policy_kwargs"]},
         )
     except (TypeError, ValueError, AssertionError) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"Stable-Baselines3 refuses the hyper-parameters of {config.algo}, see --config: {reason}") from error
     adapter.seed((1 + config.seed) * TRAINING_SEED)  # making the model has set the model's own seed there
-    if isinstance(model, OnPolicyAlgorithm):
-        adapter.bootstrap_with(model)
     return model
-
-
-def save_model(model: BaseAlgorithm, path: Path) -> None:
-    """Save a model; the file is replaced atomically."""
-    with replacing(path) as beside, beside.open("wb") as file:
-        model.save(file)
-
-
-@contextmanager
-def weights_of(model: BaseAlgorithm, path: Path) -> Iterator[None]:
-    """Give a model's policy the weights of a saved model, and its number of steps, within this block.
-
-    Raises:
-        ValueError: If the file is not a saved model.
-    """
-    state, steps = deepcopy(model.policy.state_dict()), model.num_timesteps
-    try:
-        reached = int(data_of(path)["num_timesteps"])
-        parameters: Any = load_from_zip_file(path, load_data=False, device=model.device)[1]
-    except (zipfile.BadZipFile, UnpicklingError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise ValueError(f"{path} is not a model of Stable-Baselines3: {' '.join(str(error).split())}") from error
-    model.policy.load_state_dict(parameters["policy"])
-    model.num_timesteps = reached
-    try:
-        yield
-    finally:
-        model.policy.load_state_dict(state)
-        model.num_timesteps = steps
-
-
-def data_of(path: Path) -> dict[str, Any]:
-    """Return the settings in a saved model; nothing in it is run."""
-    with zipfile.ZipFile(path) as archive:
-        return dict(json.loads(archive.read("data")))

@@ -1,7 +1,7 @@
 """Train a policy with Stable-Baselines3 on the native vector environment.
 
 A run's folder holds ``config.json`` (everything that the run depends on), ``best.zip`` (the best model on the evaluation's
-seeds), ``policy.onnx`` (its bundle, once the run is done), ``result.json`` and TensorBoard logs. Files are replaced atomically.
+seeds), ``policy.onnx`` (its bundle, once the run is done), ``result.json`` and TensorBoard logs.
 """
 
 from __future__ import annotations
@@ -13,21 +13,19 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
-from gymnasium.vector import VectorEnv
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym.compiled.threads import limited
+from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replace_json
-from turtlebot_gym_agents.training.callbacks import (
-    EvaluationCallback,
-    ProgressCallback,
-    RecordCallback,
-    RewardCallback,
-)
-from turtlebot_gym_agents.training.cloning import begin_with
+from turtlebot_gym_agents.training.callbacks import EvaluationCallback, RewardCallback
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
+from turtlebot_gym_agents.training.export import export
 from turtlebot_gym_agents.training.model import make_model
+
+CHECKED = 100
+"""Steps in which a training's bundle is compared with its model."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,30 +47,29 @@ class TrainingResult:
 
 
 def train(
-    config: TrainingConfig,
-    folder: str | Path,
-    *,
-    progress: bool = True,
-    callbacks: Sequence[BaseCallback] = (),
+    config: TrainingConfig, folder: str | Path, *, progress: bool = True, callbacks: Sequence[BaseCallback] = ()
 ) -> TrainingResult:
     """Train one policy.
 
     Args:
         config: Configuration of the training.
         folder: Folder for the run's files.
-        progress: Whether to show a bar.
+        progress: Whether to show Stable-Baselines3's bar.
         callbacks: Additional callbacks.
 
     Returns:
         The result; the folder holds the policy.
 
     Raises:
-        ValueError: If the device is missing, or the folder holds a run.
+        ValueError: If the device is missing, Stable-Baselines3 refuses a hyper-parameter, or the folder holds a run.
     """
     start, folder = time.perf_counter(), Path(folder)
     require_no_run(folder)
-    bar = ProgressCallback(config.total, label=config.title)
+    torch.set_num_threads(config.threads)
     with closing(config.make_training()) as envs, closing(config.make_judging()) as judges:
+        model = make_model(config, envs, tensorboard=folder / "tensorboard")
+        record = {**config.record(), "device": model.device.type}
+        replace_json(folder / "config.json", record)
         judge = EvaluationCallback(
             judges,
             path=folder / "best.zip",
@@ -81,13 +78,12 @@ def train(
             go_on=lambda figures: not config.reached(figures),
             confirm=True,
         )
-        watching = [*([bar] if progress else []), *callbacks]
-        try:
-            recorder = RecordCallback(config, folder, judge)
-            observers = [judge, RewardCallback(), *watching, recorder]
-            model = learn(config, envs, observers, tensorboard=folder / "tensorboard")
-        finally:
-            bar.stop()
+        learn(model, config, [judge, RewardCallback(), *callbacks], progress=progress)
+        seconds = time.perf_counter() - start
+        about = {**record, "steps": model.num_timesteps, "seconds": round(seconds, 1), "evaluation": judge.best}
+        with judge.best_model():
+            options = {"vec_normalize": "none", "card": config.card(parameters_of(judges), about), "steps": CHECKED}
+            export(model, folder / "policy.onnx", env=config.env, **options, **config.options)
     seconds = time.perf_counter() - start
     result = TrainingResult(
         steps=model.num_timesteps,
@@ -101,26 +97,14 @@ def train(
     return result
 
 
-def learn(
-    config: TrainingConfig,
-    envs: VectorEnv,
-    callbacks: Sequence[BaseCallback],
-    *,
-    tensorboard: Path | None = None,
-) -> BaseAlgorithm:
-    """Make a model, and train it.
+def learn(model: BaseAlgorithm, config: TrainingConfig, callbacks: Sequence[BaseCallback], *, progress: bool = False) -> None:
+    """Let a model learn.
 
     Args:
+        model: The model.
         config: Configuration of the training.
-        envs: Environments to train in.
         callbacks: Callbacks of the training.
-        tensorboard: Folder of the logs.
+        progress: Whether to show a bar.
     """
-    torch.set_num_threads(config.threads)
-    model = make_model(config, envs, tensorboard=tensorboard)
     with limited(config.threads):
-        learned = list(callbacks)
-        if config.from_policy is not None:
-            learned.append(begin_with(model, envs, config))
-        model.learn(config.total, callback=learned, tb_log_name="run")
-    return model
+        model.learn(config.total, callback=list(callbacks), tb_log_name="run", progress_bar=progress)

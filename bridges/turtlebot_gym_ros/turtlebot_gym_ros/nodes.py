@@ -97,7 +97,7 @@ def entry_of(name: str) -> Entry:
     """
     if entry := NODES.get(name) or TOOLS.get(name):
         return entry
-    from turtlebot_gym.config import did_you_mean  # slow to import
+    from turtlebot_gym.config import did_you_mean
 
     names = (*NODES, *TOOLS)
     if name.startswith("cmd_vel_"):

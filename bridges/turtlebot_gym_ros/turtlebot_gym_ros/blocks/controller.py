@@ -16,7 +16,7 @@ from turtlebot_gym.observations import TRACKS, ObservationTerm, own_term
 from turtlebot_gym.presets import make_noise, make_robot
 from turtlebot_gym.tasks import NAV, believed_to_arrive
 from turtlebot_gym.values import STOP, Command, Odometry, Pose
-from turtlebot_gym_agents.policies.belief_driver import BeliefDriver, NotBelievedError
+from turtlebot_gym_agents.policies.deployment import Deployment, NotBelievedError
 from turtlebot_gym_ros.node.block import HALT, SCAN, Input, Nis, On, Output, Stamped, Tracks
 
 OLDEST = 0.5
@@ -132,7 +132,7 @@ class VelocityController:
 
     def __init__(self, params: Params) -> None:
         self.trigger = replace(self.trigger, period=params.period)
-        self.driver = BeliefDriver(
+        self.driver = Deployment(
             params.policy,
             robot=params.robot,
             period=params.period,

@@ -181,7 +181,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         POSITIVE_OR_INFINITE.check("--duration", duration)
         as_int("--seed", chosen.get("seed", 0), 0, MAX_SEED)
         written = [("--figure", figure, FIGURE), ("--json", report, JSON)]
-        require_outputs([output for output in written if output[1] is not None], inputs=chosen.values(), force=force)
+        require_outputs(written, force=force)
     except (ValueError, OSError) as error:
         return refuse(error)
     be_interruptible()

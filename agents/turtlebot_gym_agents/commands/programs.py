@@ -1,0 +1,120 @@
+"""Commands that are no part of the Python front door: ``study``, ``card`` and ``compile``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tyro
+
+from turtlebot_gym.files import write_text
+from turtlebot_gym_agents.commands.console import progress
+from turtlebot_gym_agents.front.results import Shown
+from turtlebot_gym_agents.outputs import JSON, OutputFile, require_outputs
+from turtlebot_gym_agents.provenance import write_json
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def study(
+    file: tyro.conf.Positional[Path],
+    out: Path = Path("runs/study"),
+    *,
+    cluster: str | None = None,
+    workers: int | None = None,
+    json: Path | None = None,
+    force: bool = False,
+) -> Shown:
+    """Compare policies and trainings in every combination of settings that a YAML file names.
+
+    The same command resumes an interrupted study.
+
+    Args:
+        file: The study: episodes, seed, compare_with, grid, policies, trainings.
+        out: Folder of the study, in which finished jobs and trained policies are kept.
+        cluster: Where jobs run: local, or the address of a Ray cluster.
+        workers: With --cluster local: number of processes.
+        json: Write the results here.
+        force: Overwrite a file that exists.
+    """
+    require_outputs([("--json", json, JSON)], force=force)
+    from turtlebot_gym_agents.cluster import study as program
+    from turtlebot_gym_agents.cluster.grid import read_grid
+
+    grid = read_grid(file)
+    rows = program.study(grid, out, cluster=cluster, workers=workers)
+    if json is not None:
+        write_json(json, {"cells": rows}, config=vars(grid))
+    return Shown(_study_table(rows, title=f"{file}: {grid.episodes} episodes from seed {grid.seed}"))
+
+
+def _study_table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
+    """Return a row per policy and training in each cell."""
+    from rich.table import Table
+
+    varied = [name for name in rows[0]["setting"] if len({str(row["setting"][name]) for row in rows}) > 1]
+    columns = ("policy", "success, %", "time*, s", f"minus {rows[0]['compared_with']}, s", "p (Holm)")
+    caption = "with 95 % intervals, for trainings over seeds, too; * failures count as the time limit"
+    drawn = Table(*varied, *columns, title=title, caption=caption)
+    for row in rows:
+        drawn.add_section()
+        for name, result in {**row["policies"], **row["trainings"]}.items():
+            many = f", {result['trainings']} trainings" if "trainings" in result else ""
+            drawn.add_row(
+                *(str(row["setting"][option]).removeprefix("turtlebot_gym/") for option in varied),
+                f"{name}{many}",
+                f"{result['success']:.1%}",
+                f"{result['time']:.2f}",
+                "" if name == row["compared_with"] else f"{result['difference']:+.2f}",
+                f"{result['p_holm']:.2g}" if "p_holm" in result else "",
+            )
+    return drawn
+
+
+def card(policy: tyro.conf.Positional[str], *, out: Path | None = None, force: bool = False) -> str | None:
+    """Write a policy's card as a page in Markdown, in the form of model hubs: purpose, training and results.
+
+    Args:
+        policy: A bundle (FILE.onnx), or a policy shipped with the package, such as ppo-nav.
+        out: Write the page here; by default it is printed.
+        force: Overwrite a file that exists.
+    """
+    from turtlebot_gym_agents.policies.model_card import model_card
+    from turtlebot_gym_agents.policies.named import bundle_of
+
+    require_outputs([("--out", out, OutputFile((".md",)))], force=force)
+    if (path := bundle_of(policy)) is None:
+        raise ValueError(f"policy must be a bundle, FILE.onnx, or a trained policy of the package, got {policy!r}.")
+    if out is None:
+        return model_card(path).rstrip()
+    write_text(out, model_card(path))
+    return None
+
+
+def compile_loops(*system: str, all: bool = False, processes: int = os.cpu_count() or 1) -> Shown:
+    """Compile the loops of environments ahead of their first use: on a robot, in a container, before tests.
+
+    All processes, clones and virtual environments of a user share them, in the user's folder for caches or in
+    TURTLEBOT_GYM_CACHE_DIR. Without this command each is compiled when it is first used.
+
+    Args:
+        system: What to compile: nav (the default, with kalman and rooms-kalman), the task square with a filter (kalman, wheels,
+            gated, mixture, slip, scale), FILTER+fixes with fixes in time, and rooms-FILTER.
+        all: Compile all of them.
+        processes: Number of processes that compile at the same time.
+    """
+    from rich.table import Table
+
+    from turtlebot_gym.compiled.filling import SYSTEMS, fill_all
+    from turtlebot_gym.compiled.store import folder
+
+    names = tuple(SYSTEMS) if all else tuple(dict.fromkeys(system)) or ("nav", "kalman", "rooms-kalman")
+    with progress(len(names)) as advance_to:
+        times = fill_all(names, processes=min(processes, len(names)), progress=advance_to)
+    table = Table("system", "compiled or loaded in, s", title=f"cache: {folder()}")
+    for name, seconds in times.items():
+        table.add_row(name, f"{seconds:.1f}")
+    return Shown(table)

@@ -1,0 +1,89 @@
+"""The fields of a dataclass as keyword arguments of a function, which are flags of its command, too.
+
+`tyro` makes a command of any function with types. Environments take twenty options, which `turtlebot_gym.Options` names and
+explains once: `takes` gives a function all of them, and its command a flag for each. A value is YAML, as in
+``--noise "{base: rough, odometry: {spike: 0.1}}"``.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, fields
+from itertools import pairwise
+from textwrap import dedent
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, TypeVar
+
+import tyro
+from typing_extensions import TypedDict, Unpack
+from tyro.constructors import PrimitiveConstructorSpec
+
+from turtlebot_gym import Options
+from turtlebot_gym.files import parse_yaml
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _read(words: list[str]) -> Any:
+    values = [parse_yaml(word) for word in words]
+    return values[0] if len(values) == 1 else values or True
+
+
+def _kind(metavar: str, nargs: Any, read: Callable[[list[str]], Any]) -> Any:
+    """Return the type of an argument that has any value in Python, and on the command line what a function reads."""
+    return PrimitiveConstructorSpec(
+        nargs=nargs,
+        metavar=metavar,
+        instance_from_str=read,
+        is_instance=lambda value: True,
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
+Value = Annotated[Any, _kind("VALUE", "*", _read)]
+"""Type of an argument that is a name, a number, or another value in YAML; several of them are a list, and none is true."""
+Text = Annotated[Any, _kind("NAME", 1, lambda words: words[0])]
+"""Type of an argument that is a name on the command line, and in Python also an object, such as a policy."""
+
+
+def texts_of(kind: type) -> dict[str, str]:
+    """Return the docstring under each field of a dataclass and its bases, on one line."""
+    texts: dict[str, str] = {}
+    for one in reversed(kind.__mro__[:-1]):
+        (made,) = ast.parse(dedent(inspect.getsource(one))).body
+        for item, text in pairwise(getattr(made, "body", ())):
+            if isinstance(item, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
+                texts[ast.unparse(item.target)] = " ".join(str(text.value.value).split())
+    return texts
+
+
+def keywords(kind: type, *left_out: str) -> Any:
+    """Return the fields of a dataclass as keyword arguments, none of which must be given: a `TypedDict`."""
+    texts, types = texts_of(kind), dict[str, Any]()
+    for item in fields(kind):
+        if item.init and item.name not in left_out:
+            usual = "" if item.default in (None, MISSING) else f" (default {item.default})"
+            types[item.name] = Annotated[Value, tyro.conf.arg(help=f"{texts[item.name]}{usual}")]
+    return TypedDict(f"{kind.__name__}Fields", types, total=False)  # pyright: ignore
+
+
+def takes(kind: type, *left_out: str) -> Callable[[F], F]:
+    """Return a decorator that gives the keyword arguments ``options`` of a function the fields of a dataclass.
+
+    Args:
+        kind: The dataclass.
+        *left_out: Fields that are not among them.
+    """
+
+    def typed(function: F) -> F:
+        function.__annotations__["options"] = Unpack[keywords(kind, *left_out)]
+        return tyro.conf.configure(tyro.conf.OmitArgPrefixes)(function)
+
+    return typed
+
+
+if TYPE_CHECKING:
+    EnvironmentOptions: TypeAlias = dict[str, Any]
+else:
+    EnvironmentOptions = keywords(Options, "task")  # the task is that of the environment
