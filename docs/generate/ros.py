@@ -16,9 +16,9 @@ from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from cmd_vel_guard import guard, standby
-from turtlebot_gym_ros.base.discovery import prepare
+from cmd_vel_guard.discovery import prepare
+from cmd_vel_guard.sources import type_name
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.node.block import Every
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, load

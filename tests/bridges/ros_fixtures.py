@@ -4,7 +4,6 @@ import functools
 import hashlib
 import importlib.util
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -28,15 +27,11 @@ from bench import PATIENCE, Bench, wait_for
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
-from turtlebot_gym_ros.base.discovery import prepare
-from turtlebot_gym_ros.base.process import Runner
+from cmd_vel_guard.discovery import prepare
+from cmd_vel_guard.process import Runner
+from turtlebot_gym_ros.base.executor import FastExecutor
 
 prepare()
-if importlib.util.find_spec("cmd_vel_guard"):
-    import guarded  # noqa: F401  (it names the robots)
-else:  # it may be absent
-    tests = Path(__file__).parent.glob("test_*.py")
-    collect_ignore = [path.name for path in tests if re.search("^from (cmd_vel_guard|guard)", path.read_text(), re.MULTILINE)]
 
 
 @pytest.fixture(name="wait_for", scope="session")
@@ -46,7 +41,7 @@ def wait_for_fixture():
 
 def running():
     """A context with its executor's thread, started; what runs in another one is as far away as in another process."""
-    runner = Runner()
+    runner = Runner(executor=FastExecutor)
     runner.start()
     yield runner
     runner.close()
@@ -55,6 +50,23 @@ def running():
 runner, another_runner, third_runner = (
     pytest.fixture(running, name=name) for name in ("runner", "another_runner", "third_runner")
 )
+
+
+@pytest.fixture
+def make_runner():
+    """Make runners with arguments, and close them."""
+    made = []
+
+    def make(*arguments):
+        made.append(Runner(arguments, executor=FastExecutor))
+        made[-1].start()
+        return made[-1]
+
+    yield make
+    for runner in made:
+        runner.close()
+
+
 module_runner = pytest.fixture(running, name="module_runner", scope="module")
 
 

@@ -6,8 +6,8 @@ from threading import Event
 
 import pytest
 
+from cmd_vel_guard.session import ENDINGS
 from turtlebot_gym_ros.base.process import be_interruptible
-from turtlebot_gym_ros.base.session import ENDINGS
 
 
 class Swallowing:

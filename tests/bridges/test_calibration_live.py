@@ -8,7 +8,7 @@ from geometry_msgs.msg import TwistStamped
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym_ros.base.qos import LATCHED
+from cmd_vel_guard.qos import LATCHED
 
 
 @pytest.mark.nightly

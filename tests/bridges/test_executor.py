@@ -17,11 +17,12 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from std_msgs.msg import Header, String
 
+from cmd_vel_guard import reports
+from cmd_vel_guard.executor import PolledGroup
+from cmd_vel_guard.process import Runner
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros import Input, On, Output, Shell
-from turtlebot_gym_ros.base import executor, reports
-from turtlebot_gym_ros.base.executor import MOST, FastExecutor, FastGroup, PolledGroup, best_executor, take
-from turtlebot_gym_ros.base.process import Runner
+from turtlebot_gym_ros.base.executor import MOST, FastExecutor, FastGroup, take
 from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
 
 
@@ -49,7 +50,7 @@ def test_a_topic_that_nobody_waits_for_is_heard_when_it_is_taken(peer, another_r
         "polled",
         lambda message, info: heard.append(info["source_timestamp"]),
         10,
-        callback_group=PolledGroup(peer.node),
+        callback_group=PolledGroup(),
     )
     publisher, others = peer.speak("polled", String), peer.hear("others", String)
     talker = peer.speak("others", String)
@@ -155,11 +156,8 @@ class Follower:
         return {} if goal is None else {"seen": goal}
 
 
-@pytest.mark.parametrize("private", [True, False])
-def test_without_rclpys_private_names_nodes_run_in_its_own_executor(peer, wait_for, monkeypatch, private):
-    monkeypatch.setattr(executor, "PRIVATE", private)
-    assert best_executor() is (FastExecutor if private else SingleThreadedExecutor)
-    runner = Runner(executor=MultiThreadedExecutor if private else None)
+def test_no_two_steps_run_at_once_in_an_executor_with_many_threads(peer, wait_for):
+    runner = Runner(executor=MultiThreadedExecutor)
     try:
         runner.start()
         runner.add(shell := Shell(Follower, NoParameters, context=runner.context))

@@ -20,8 +20,8 @@ from std_srvs.srv import SetBool
 
 import faults
 import faults_robot
+from cmd_vel_guard.qos import LATCHED
 from harness.ros_domain import claimed_domain
-from turtlebot_gym_ros.base.qos import LATCHED
 
 pytestmark = guarded
 

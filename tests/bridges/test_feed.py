@@ -12,10 +12,11 @@ from rclpy.time import Time
 from sensor_msgs.msg import LaserScan, TimeReference
 from std_msgs.msg import Header
 
+from cmd_vel_guard.executor import PolledGroup
+from cmd_vel_guard.sent import Age, SystemClock
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Command, State
-from turtlebot_gym_ros.base.executor import FastGroup, PolledGroup, take
-from turtlebot_gym_ros.base.sent import Age, SystemClock
+from turtlebot_gym_ros.base.executor import FastGroup, take
 from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed, resting_on

@@ -17,12 +17,12 @@ from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 from swallowed import require_end
 
+from cmd_vel_guard.qos import LATCHED
+from cmd_vel_guard.session import ENDINGS, INTERRUPTED
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.__main__ import main
-from turtlebot_gym_ros.base.qos import LATCHED
-from turtlebot_gym_ros.base.session import ENDINGS, INTERRUPTED
 from turtlebot_gym_ros.graph import bringup
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import NODES

@@ -16,10 +16,10 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from std_msgs.msg import Empty, String
 
+from cmd_vel_guard.discovery import PROFILE, _profiles_variable, prepare
+from cmd_vel_guard.process import Runner
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.base.discovery import PROFILE, _profiles_variable, prepare
 from turtlebot_gym_ros.base.names import absolute, prefix_of, remapping
-from turtlebot_gym_ros.base.process import Runner
 from turtlebot_gym_ros.graph import status
 
 STEPS = 300
@@ -264,10 +264,10 @@ def test_who_leaves_is_gone_at_once_and_leaves_no_shared_memory(launch, peer, wa
 
 LIBRARY_THREAD = """
 import signal, threading, time
-from turtlebot_gym_ros.base.process import _endings_wait
+from cmd_vel_guard.session import listening
 thread = threading.Thread(target=time.sleep, args=(60,), daemon=True)  # as those that linear algebra starts when it is imported
 thread.start()
-with _endings_wait() as wait_for_the_end:
+with listening() as wait_for_the_end:
     signal.pthread_kill(thread.ident, signal.SIGTERM)  # before anybody waits for it
     wait_for_the_end()
     signal.pthread_kill(thread.ident, signal.SIGINT)
@@ -293,7 +293,7 @@ def test_a_runner_beside_another_shares_its_context_and_leaves_it_open(runner):
 FROZEN = """
 import gc, os, signal
 from rclpy.node import Node
-from turtlebot_gym_ros.base.process import run
+from cmd_vel_guard.process import run
 
 def make(context):
     node = Node("node", context=context)

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from std_srvs.srv import SetBool
 
+from cmd_vel_guard.reports import ERROR
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.base.reports import ERROR
 from turtlebot_gym_ros.node.errand import Failure
 
 SIDE = 0.05

@@ -16,8 +16,8 @@ from rclpy.node import Node
 
 import turtlebot_gym
 from cmd_vel_guard import parameters, standby
+from cmd_vel_guard.declare import declare
 from cmd_vel_guard.declare import declare as declare_guard
-from turtlebot_gym_ros.base.parameters import declare
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, NODES, load
 from turtlebot_gym_ros.recording import logger

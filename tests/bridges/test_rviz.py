@@ -10,8 +10,9 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
-from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.base.qos import LATCHED, SENSOR, STREAM
+from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.sources import type_name
+from turtlebot_gym_ros.base.qos import SENSOR
 from turtlebot_gym_ros.blocks.simulator import MAP_OUTPUTS, ROOM_OUTPUTS
 from turtlebot_gym_ros.node.convert import conversion_of
 from turtlebot_gym_ros.nodes import BLOCKS, load

@@ -15,10 +15,10 @@ from rclpy.node import Node
 from rclpy.time import Time
 from std_msgs.msg import Empty, Header, String
 
+from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
 from turtlebot_gym_ros import Every, On, Output, Shell
-from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.kalman_filter import FIX
 from turtlebot_gym_ros.blocks.localizer import MAP_INPUT

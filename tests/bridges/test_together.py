@@ -11,8 +11,8 @@ from rcl_interfaces.srv import GetParameters
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym_ros.__main__ import main
-from turtlebot_gym_ros.base.qos import LATCHED
 
 pytestmark = guarded
 

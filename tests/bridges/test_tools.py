@@ -14,8 +14,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 
+from cmd_vel_guard.session import INTERRUPTED
 from turtlebot_gym_ros import Shell
-from turtlebot_gym_ros.base.session import INTERRUPTED
 from turtlebot_gym_ros.blocks import VelocityController, WaypointGenerator
 from turtlebot_gym_ros.node.switch import BLIND
 from turtlebot_gym_ros.nodes import TOOLS, load

@@ -10,11 +10,11 @@ import pytest
 from geometry_msgs.msg import TransformStamped
 from std_msgs.msg import Header
 
+from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym import values
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
 from turtlebot_gym_ros.node import outputs
 from turtlebot_gym_ros.node.block import Mount

@@ -22,7 +22,8 @@ try:
 except ImportError:
     pytest.skip("needs the extra [ros]", allow_module_level=True)
 
-from turtlebot_gym_ros.base.process import Runner
+from cmd_vel_guard.process import Runner
+from turtlebot_gym_ros.base.executor import FastExecutor
 
 NODES = {
     "kalman_filter": "-p takes_fixes:=true",
@@ -122,7 +123,7 @@ def test_no_node_ends_or_grows(names, number, tmp_path):
         )
         for name in names
     }
-    runner = Runner()
+    runner = Runner(executor=FastExecutor)
     runner.start()
     try:
         attacker, began = Attacker(runner, names, random.Random(number)), time.monotonic()

@@ -27,7 +27,7 @@ def test_the_configuration_names_every_parameter_and_starts_safe(runner, name):
     node = Node(name, context=runner.context, **options)
     given = {key for key in node.get_parameters_by_prefix("") if key not in ("use_sim_time", "start_type_description_service")}
     assert given == {item.name for item in fields(KINDS[name])}
-    declared = declare(node, KINDS[name])
+    (declared,) = declare(node, KINDS[name])
     node.destroy_node()
     if name == "cmd_vel_guard":
         assert (declared.start_enabled, declared.require_emergency_stop, declared.require_standby) == (False, True, True)

@@ -54,7 +54,7 @@ def make_node(runner):
 
 def test_parameters_are_declared_with_their_rules_and_read_only(make_node):
     node = make_node(**NUMBERS, rate=100, collision_monitor=True)  # an integer will do for a float
-    declared = declare(node, KIND)
+    (declared,) = declare(node, KIND)
     assert declared == Parameters(rate=100.0, collision_monitor=True)
     Arbiter(declared, 100.0)
     for item in fields(KIND):

@@ -130,7 +130,7 @@ def test_it_leaves_its_terminal_and_runs_before_the_guard(monkeypatch):
     monkeypatch.setattr("cmd_vel_guard.standby.precede", ran.append)
     monkeypatch.setattr(
         "cmd_vel_guard.standby.run",
-        lambda make, argv, *, lifelines: ran.append((make, argv, lifelines)) or 3,
+        lambda make, argv, *, local, lifelines: ran.append((*make, argv, lifelines)) or 3,
     )
     assert main(["--ros-args"]) == 3
     assert ran == [2, (CmdVelStandby, ["--ros-args"], [7])]

@@ -86,7 +86,7 @@ class CmdVelGuard(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("cmd_vel_guard", context=context, automatically_declare_parameters_from_overrides=True)
-        self._p = p = declare(self, Parameters)
+        (self._p,) = (p,) = declare(self, Parameters)
         self._clock_watch = SystemClock()
         self._ages: dict[str, Ages] = {}
         self._inputs: dict[str, Subscription] = {}
@@ -268,7 +268,7 @@ class CmdVelGuard(Node):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_guard``, before all other processes but its standby, where the system permits a real-time priority."""
     precede(1)
-    return run(CmdVelGuard, argv)
+    return run([CmdVelGuard], argv, local=False)
 
 
 if __name__ == "__main__":

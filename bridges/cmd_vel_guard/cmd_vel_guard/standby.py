@@ -104,7 +104,7 @@ class CmdVelStandby(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("cmd_vel_standby", context=context, automatically_declare_parameters_from_overrides=True)
-        p = declare(self, Parameters)
+        (p,) = declare(self, Parameters)
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._rule = Standby()
         self._frame = ""
@@ -173,7 +173,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_standby``, before all other processes and the guard, where the system permits a real-time priority."""
     lifelines = leave()
     precede(2)
-    return run(CmdVelStandby, argv, lifelines=lifelines)
+    return run([CmdVelStandby], argv, local=False, lifelines=lifelines)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym_ros.base.discovery import prepare
-from turtlebot_gym_ros.base.session import INTERRUPTED
+from cmd_vel_guard.discovery import prepare
+from cmd_vel_guard.session import INTERRUPTED
 from turtlebot_gym_ros.nodes import EXPLAINED, NODES, TOOLS, Entry, entry_of, load
 
 HELP = """usage: python -m turtlebot_gym_ros NODE [NODE ...] [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
@@ -58,7 +58,7 @@ def _run(argv: Sequence[str] | None) -> int:
     try:
         guards = entry_of(name).guards
         _check_together(names)
-    except (ValueError, ImportError) as error:
+    except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     prepare(local=not guards)  # what runs on the robot serves the network
@@ -72,7 +72,8 @@ def _run(argv: Sequence[str] | None) -> int:
         if not hasattr(entry, "Params"):
             return entry(rest)
         blocks = [(each, load(each)) for each in names]
-        from turtlebot_gym_ros.base.process import run
+        from cmd_vel_guard.process import run
+        from turtlebot_gym_ros.base.executor import FastExecutor
         from turtlebot_gym_ros.node.shell import Shell
     except ModuleNotFoundError as error:
         from turtlebot_gym.extras import installing
@@ -85,7 +86,7 @@ def _run(argv: Sequence[str] | None) -> int:
         print(f"error: {missing} is missing: {sourced}{installing(extra)}.", file=sys.stderr)
         return 2
     makes = [partial(Shell, block, block.Params, name=each) for each, block in blocks]
-    return run(makes, rest[len(names) - 1 :], in_thread=True)
+    return run(makes, rest[len(names) - 1 :], executor=FastExecutor, in_thread=True)
 
 
 def _check_together(names: Sequence[str]) -> None:

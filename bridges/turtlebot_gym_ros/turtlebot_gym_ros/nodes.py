@@ -7,7 +7,6 @@ graph's modes, the diagnostics, the reference and the tests read it.
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 
@@ -36,7 +35,7 @@ class Entry(NamedTuple):
 
 BOTH = ("autonomous", "teleoperation")
 GUARD = "cmd_vel_guard"
-"""The package of the nodes that run on the robot itself, which may be missing: it is found by its name."""
+"""The package of the nodes that run on the robot itself."""
 NODES = {
     "waypoint_generator": Entry(
         "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference", modes=("autonomous",)
@@ -61,6 +60,10 @@ NODES = {
     "data_logger": Entry("recording.logger:main", "records every message to a bag"),
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": Entry("graph.status:main", "prints which node waits for what"),
+    "cmd_vel_guard": Entry("guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", package=GUARD),
+    "cmd_vel_standby": Entry(
+        "standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives", package=GUARD
+    ),
 }
 TOOLS = {
     "topics": Entry("tools.topics:topics", "lists topics and who is at them, or services"),
@@ -71,15 +74,6 @@ TOOLS = {
     "foxglove": Entry("tools.foxglove:foxglove", "serves the live graph to Foxglove"),
 }
 """What ros2cli does on a ROS installation."""
-if find_spec(GUARD):
-    NODES |= {
-        "cmd_vel_guard": Entry(
-            "guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", package=GUARD
-        ),
-        "cmd_vel_standby": Entry(
-            "standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives", package=GUARD
-        ),
-    }
 MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
 BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
@@ -93,17 +87,12 @@ def entry_of(name: str) -> Entry:
 
     Raises:
         ValueError: If the name is unknown.
-        ImportError: If it is a node of the guard, which is not installed.
     """
     if entry := NODES.get(name) or TOOLS.get(name):
         return entry
     from turtlebot_gym.validation import did_you_mean  # slow to import
 
     names = (*NODES, *TOOLS)
-    if name.startswith("cmd_vel_"):
-        raise ImportError(
-            f"{name} is a node of the package {GUARD}, which is missing: pip install ./bridges/{GUARD} in a checkout."
-        )
     raise ValueError(f"there is no node {name!r}; there are {', '.join(names)}.{did_you_mean(name, names)}")
 
 
@@ -112,7 +101,6 @@ def load(name: str) -> Any:
 
     Raises:
         ValueError: If the name is unknown.
-        ImportError: If it is a node of the guard, which is not installed.
     """
     entry = entry_of(name)
     module, _, attribute = entry.target.partition(":")

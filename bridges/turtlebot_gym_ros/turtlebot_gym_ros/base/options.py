@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import shutil
 
-from turtlebot_gym_ros.base.explain import WIDTH
+from cmd_vel_guard.explain import WIDTH
 
 COLUMN = 28
 """Longest option that stands on one line with its text, characters."""

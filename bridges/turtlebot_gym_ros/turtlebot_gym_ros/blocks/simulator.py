@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from cmd_vel_guard.values import Mount
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.angles import TWO_PI
@@ -21,7 +22,6 @@ from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
 from turtlebot_gym.validation import Range, check_fields
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
-from turtlebot_gym_ros.base.frames import Mount
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Nis, Output, Stamped
 

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from cmd_vel_guard.process import refuse
+from cmd_vel_guard.session import INTERRUPTED
 from turtlebot_gym.drive import Drive, heading_error, position_error
 from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
@@ -27,8 +29,7 @@ from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.base.options import parser_of
-from turtlebot_gym_ros.base.process import be_interruptible, go_on, refuse
-from turtlebot_gym_ros.base.session import INTERRUPTED
+from turtlebot_gym_ros.base.process import be_interruptible, go_on
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import PATIENCE, Graph
 from turtlebot_gym_ros.nodes import MODES

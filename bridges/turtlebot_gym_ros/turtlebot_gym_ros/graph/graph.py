@@ -11,15 +11,17 @@ from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
+from cmd_vel_guard.process import SETTLE, Runner
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.observations import EVIDENCE, SCAN, TRACKS
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.validation import Range, choose
 from turtlebot_gym_agents.policies import make_policy, terms_of
 from turtlebot_gym_agents.policies.fit import OPEN, require_task
+from turtlebot_gym_ros.base.executor import FastExecutor
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
-from turtlebot_gym_ros.base.process import SETTLE, Runner, go_on, processes
+from turtlebot_gym_ros.base.process import go_on, processes
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND
 from turtlebot_gym_ros.graph.recorder import Recorder
@@ -133,7 +135,7 @@ class Graph:
 
     def start(self) -> Graph:
         """Start all nodes and return the graph when it is running; end it with `close`, as ``with`` does."""
-        self._runner = Runner(domain=self._domain)
+        self._runner = Runner(domain=self._domain, executor=FastExecutor)
         self._runner.failed = self._failed.set
         try:
             self._recorder = Recorder(
@@ -262,7 +264,7 @@ class Graph:
         """End all nodes; the robot is stopped first."""
         self._ending.close()
         if self._processes:
-            time.sleep(SETTLE)  # until their departure has been announced, see `process._leave`
+            time.sleep(SETTLE)  # until their departure has been announced, see the guard's `process`
         self._processes = []
         self._runner.close()
 

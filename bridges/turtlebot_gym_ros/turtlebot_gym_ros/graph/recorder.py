@@ -21,6 +21,7 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 from std_msgs.msg import Header, String
 
+from cmd_vel_guard.qos import LATCHED, STREAM
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import matrix
@@ -28,7 +29,7 @@ from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Command, Odometry, Pose, State
 from turtlebot_gym_ros.base.executor import FastGroup
-from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
+from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
 from turtlebot_gym_ros.node.triggers import SECOND

@@ -9,9 +9,10 @@ import textwrap
 import time
 from collections.abc import Mapping, Sequence
 
+from cmd_vel_guard.process import Runner, refuse
+from turtlebot_gym_ros.base.executor import FastExecutor
 from turtlebot_gym_ros.base.names import absolute, remapping
 from turtlebot_gym_ros.base.options import parser_of
-from turtlebot_gym_ros.base.process import Runner, refuse
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.nodes import MODES
 
@@ -54,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         namespace = absolute(options.namespace)
     except ValueError as error:
         return refuse(error)
-    runner = Runner()
+    runner = Runner(executor=FastExecutor)
     # It subscribes to no velocities: a node of the other type would report an error that only this program caused.
     recorder = Recorder(runner.context, topics={}, name="status", namespace=namespace)
     runner.add(recorder)

@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
+from cmd_vel_guard.values import Mount
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.validation import Range
 from turtlebot_gym.values import Command, Covariance, Fix, Pose
-from turtlebot_gym_ros.base.frames import Mount
 
 PERIOD = Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")
 """What the period of a block may be."""
@@ -27,8 +27,8 @@ class Input:
     type: type
     """Value type registered in `convert`, such as `Pose`, `Estimate` or `Command`; never a message type."""
     max_age: float | None = 0.5
-    """Age at which the value counts as missing, s, since it was sent and since it was measured (`base.sent`); None holds the
-    last value indefinitely."""
+    """Age at which the value counts as missing, s, since it was sent and since it was measured (the guard's `sent`); None holds
+    the last value indefinitely."""
     lasts: float = 0.0
     """Time for which a measurement stands, s: the period of a sensor that is slower than others. Its age counts from then."""
     measured: bool = True

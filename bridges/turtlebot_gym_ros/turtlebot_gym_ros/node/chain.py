@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from turtlebot_gym_ros.base.names import node_name
+from cmd_vel_guard.sources import node_name
 from turtlebot_gym_ros.base.qos import LOCK_STEP
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed

@@ -9,9 +9,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from turtlebot_gym_ros.base.names import node_name
-from turtlebot_gym_ros.base.qos import STREAM
-from turtlebot_gym_ros.base.reports import ERROR, OK, WARN, log, report
+from cmd_vel_guard.qos import STREAM
+from cmd_vel_guard.reports import ERROR, OK, WARN, log, report
+from cmd_vel_guard.sources import node_name
 from turtlebot_gym_ros.nodes import NODES
 
 _VELOCITIES = {"geometry_msgs/msg/Twist": "false", "geometry_msgs/msg/TwistStamped": "true"}

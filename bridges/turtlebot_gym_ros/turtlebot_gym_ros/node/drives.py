@@ -18,7 +18,8 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 
-from turtlebot_gym_ros.base.qos import LOCK_STEP, STREAM
+from cmd_vel_guard.qos import STREAM
+from turtlebot_gym_ros.base.qos import LOCK_STEP
 from turtlebot_gym_ros.node.block import Block, Every, On
 from turtlebot_gym_ros.node.chain import Chain
 from turtlebot_gym_ros.node.feed import Feed

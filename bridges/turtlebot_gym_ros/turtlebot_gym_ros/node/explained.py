@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from turtlebot_gym_ros.base.explain import explain, parameters_of
+from cmd_vel_guard.explain import explain, parameters_of
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.nodes import BLOCKS, load
 

@@ -13,13 +13,15 @@ from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
+from cmd_vel_guard.executor import PolledGroup
+from cmd_vel_guard.flood import MOST, WINDOW, Flood
+from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.sent import Age, Ages, SystemClock
+from cmd_vel_guard.sources import node_name, type_name
 from turtlebot_gym.validation import short_repr
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros.base.executor import PolledGroup, take
-from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
-from turtlebot_gym_ros.base.names import node_name, type_name
-from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
-from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
+from turtlebot_gym_ros.base.executor import take
+from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, overridable
 from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import Conversion
@@ -102,7 +104,7 @@ class Feed:
             self.declared.topic,
             hear,
             LATCHED if self.declared.latched else (LOCK_STEP if self._lock_step else qos),
-            callback_group=PolledGroup(node) if self._waits_for_others else self._group,
+            callback_group=PolledGroup() if self._waits_for_others else self._group,
             qos_overriding_options=overridable(),
         )
         self.poll = partial(take, self._subscription, node) if self._waits_for_others else lambda: None

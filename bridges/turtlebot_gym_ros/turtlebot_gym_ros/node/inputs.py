@@ -9,10 +9,10 @@ from typing import Any
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
+from cmd_vel_guard.sent import SystemClock, read_clocks
+from cmd_vel_guard.sources import hear_mounts
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.mounts import hear_mounts
-from turtlebot_gym_ros.base.sent import SystemClock, read_clocks
 from turtlebot_gym_ros.node.block import Input
 from turtlebot_gym_ros.node.convert import conversion_of
 from turtlebot_gym_ros.node.diagnostics import Endpoint

@@ -14,10 +14,12 @@ from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Header
 
+from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.sources import type_name
+from cmd_vel_guard.values import Mount
 from turtlebot_gym.values import Command, Pose
-from turtlebot_gym_ros.base.frames import Common, Mount
-from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, overridable
 from turtlebot_gym_ros.node.block import Output, Stamped
 from turtlebot_gym_ros.node.convert import NO_TF, conversion, state_covariance
 from turtlebot_gym_ros.node.diagnostics import Endpoint

@@ -11,6 +11,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from threading import Thread
 from typing import Any, TypeVar
@@ -22,13 +23,13 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Empty as Call
 from std_srvs.srv import Trigger
 
-from turtlebot_gym_ros.base import process
-from turtlebot_gym_ros.base.executor import FastGroup
+from cmd_vel_guard import process
+from cmd_vel_guard.declare import declare
+from cmd_vel_guard.qos import STREAM
+from cmd_vel_guard.reports import ERROR, WARN
+from cmd_vel_guard.sent import read_clocks
+from turtlebot_gym_ros.base.executor import FastExecutor, FastGroup
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.parameters import declare
-from turtlebot_gym_ros.base.qos import STREAM
-from turtlebot_gym_ros.base.reports import ERROR, WARN
-from turtlebot_gym_ros.base.sent import read_clocks
 from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.diagnostics import NodeProblem, Reporter
 from turtlebot_gym_ros.node.drives import ShellCallbacks, make_drive
@@ -297,6 +298,10 @@ class Shell:
             values |= feed.figures(now)
         self._reporter.publish(problems, state, values)
 
+    def at_rest(self) -> AbstractContextManager[None]:
+        """Stop the robot, and let no step move it within the context."""
+        return self.switch.at_rest() if self.switch else nullcontext()
+
     def close(self) -> None:
         """Stop the robot if it moves, wait until all messages are delivered, and destroy the node.
 
@@ -334,4 +339,5 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
     Returns:
         The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends, see `process.run`.
     """
-    return process.run([partial(Shell, make, params, name=name)], argv, in_thread=True)
+    makes = [partial(Shell, make, params, name=name)]
+    return process.run(makes, argv, executor=FastExecutor, in_thread=True)

@@ -29,11 +29,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rosbags.interfaces import Connection
 
-from turtlebot_gym_ros.base.executor import PolledGroup, waiting
+from cmd_vel_guard.declare import declare
+from cmd_vel_guard.executor import PolledGroup, waiting
+from cmd_vel_guard.process import run
+from cmd_vel_guard.reports import ERROR, OK, report
 from turtlebot_gym_ros.base.names import message_type
-from turtlebot_gym_ros.base.parameters import declare
-from turtlebot_gym_ros.base.process import run
-from turtlebot_gym_ros.base.reports import ERROR, OK, report
 from turtlebot_gym_ros.recording.bag import Bag
 
 COLLECT_PERIOD = 0.02
@@ -93,7 +93,7 @@ class DataLogger(Node):
         self._ended: str | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._collected = PolledGroup(self)
+        self._collected = PolledGroup()
         for period, work in ((COLLECT_PERIOD, self._collect), (0.1, self._discover), (1.0, self._commit)):
             self.create_timer(period, partial(self._unless_full, work), clock=steady)
         self.create_timer(1.0, self._report, clock=steady)

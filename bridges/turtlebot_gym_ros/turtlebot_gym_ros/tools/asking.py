@@ -11,11 +11,13 @@ from typing import Any, TypeVar
 
 from rclpy.node import Node
 
+from cmd_vel_guard.process import Runner, refuse
+from cmd_vel_guard.session import INTERRUPTED
 from turtlebot_gym.validation import did_you_mean
 from turtlebot_gym_ros.base import options
+from turtlebot_gym_ros.base.executor import FastExecutor
 from turtlebot_gym_ros.base.names import absolute
-from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
-from turtlebot_gym_ros.base.session import INTERRUPTED
+from turtlebot_gym_ros.base.process import be_interruptible, go_on
 
 T = TypeVar("T")
 WAIT = 5.0
@@ -36,7 +38,7 @@ def parser_of(name: str, description: str, *, waits_for: str = "") -> argparse.A
 @contextmanager
 def asking() -> Iterator[Node]:
     """Run a node with a name of its own in a thread."""
-    runner = Runner()
+    runner = Runner(executor=FastExecutor)
     be_interruptible()
     node = Node("turtlebot_gym_tool", context=runner.context, enable_rosout=False, start_parameter_services=False)
     runner.add(node)

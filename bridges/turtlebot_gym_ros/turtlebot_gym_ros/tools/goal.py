@@ -13,10 +13,10 @@ from rclpy.action.client import ActionClient
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from cmd_vel_guard.qos import STREAM
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.base.process import go_on
-from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.node.geometry import write_pose
 from turtlebot_gym_ros.node.navigate import NAME
 from turtlebot_gym_ros.tools.asking import SETTLED, answered, asking, parser_of, remark_if_alone, result_of, until

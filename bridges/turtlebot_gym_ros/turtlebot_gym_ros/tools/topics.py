@@ -10,10 +10,11 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 
+from cmd_vel_guard.qos import STREAM
+from cmd_vel_guard.sources import node_name
 from turtlebot_gym.validation import Range
-from turtlebot_gym_ros.base.names import absolute, message_type, node_name
+from turtlebot_gym_ros.base.names import absolute, message_type
 from turtlebot_gym_ros.base.process import go_on
-from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, settle, type_in
 from turtlebot_gym_ros.tools.messages import field_of, text_of
 
