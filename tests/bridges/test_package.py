@@ -217,10 +217,7 @@ def test_on_a_robot_only_the_guard_speaks_to_the_wheels():
         for output in getattr(SHELLS.get(node.get("name")), "outputs", {}).values():
             speakers.setdefault(remaps.get(output.topic, output.topic), []).append(node.get("name"))
     assert "cmd_vel" not in speakers
-    assert speakers["cmd_vel_in"] == ["velocity_controller", "calibration_drive"]
-    asked = {node.get("name"): (node.get("if"), node.get("unless")) for node in launch_file.iter("node")}
-    assert asked["velocity_controller"] == (None, "$(var calibrate)")  # one of the two
-    assert asked["calibration_drive"] == ("$(var calibrate)", None)
+    assert speakers["cmd_vel_in"] == ["velocity_controller"]
     assert "turtlebot_simulator" not in {node.get("name") for node in launch_file.iter("node")}
 
 

@@ -85,7 +85,7 @@ class Heard:
         (["/a_driver", "/cmd_vel_guard"], ["/cmd_vel_guard", "/a_driver"]),
         (["/r1/velocity_controller"], ["/r1/velocity_controller"]),
         (["/r1/cmd_vel_guard", "/r2/cmd_vel_guard"], None),
-        (["/calibration_drive", "/cmd_vel_guard", "/velocity_controller"], None),
+        (["/another_driver", "/cmd_vel_guard", "/velocity_controller"], None),
     ],
 )
 def test_the_switches_of_one_robot_are_found_and_the_guard_is_first(monkeypatch, names, order):

@@ -54,9 +54,6 @@ NODES = {
     ),
     "people_tracker": Entry("blocks.people_tracker:PeopleTracker", "tracks people: /odom and /scan to /tracks and /people"),
     "simulated_teleop": Entry("blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
-    "calibration_drive": Entry(
-        "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel"
-    ),
     "data_logger": Entry("recording.logger:main", "records every message to a bag"),
     "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
     "status": Entry("graph.status:main", "prints which node waits for what"),
