@@ -5,7 +5,6 @@ import pytest
 
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.node.block import Every, Input, On
-from turtlebot_gym_ros.node.chain import _missing_link
 from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn, trigger_of
 
 S = 1_000_000_000
@@ -253,19 +252,6 @@ def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     assert unlimited.wait(0.0) == 0.0
     unlimited.advance(0.0)
     assert unlimited.wait(0.0) == 0.0
-
-
-def test_who_is_missing_is_the_first_on_the_way():
-    way = ("/estimate", "/reference", "/cmd_vel")
-    speakers = {"/estimate": ["/kalman_filter"], "/reference": [], "/cmd_vel": ["/velocity_controller"]}
-
-    def said(*stamps):
-        return _missing_link(12 * S, dict(zip(way, stamps, strict=True)), speakers)
-
-    assert said(None, None, None) == "waits for /estimate of the step at 12.000 s: /kalman_filter has not answered"
-    assert said(12 * S, 11 * S, 11 * S) == "waits for /reference of the step at 12.000 s: nobody publishes it"
-    assert said(12 * S, 12 * S, 11 * S) == "waits for /cmd_vel of the step at 12.000 s: /velocity_controller has not answered"
-    assert said(12 * S, 12 * S, 12 * S) == "waits for the recorder, which has not heard the steps up to 12.000 s"
 
 
 def test_what_runs_in_lock_step_and_what_cannot():

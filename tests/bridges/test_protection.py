@@ -11,12 +11,10 @@ from threading import Event
 import pytest
 from bench import Mover
 from nav_msgs.msg import Odometry
-from rclpy.time import Time
-from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 
 from turtlebot_gym.values import Command
-from turtlebot_gym_ros.node import geometry, rosclock
+from turtlebot_gym_ros.node import geometry
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.safety import Safety
@@ -113,48 +111,6 @@ def the_emergency_stop_stops(make_bench, patience):
     bench.wait_for(lambda: bench.advance(0.2) and (emergency.publish(Bool(data=False)) or bench.enable().success))
     bench.now.at += 0.01
     bench.drive()
-
-
-def with_clock(make_bench, patience):
-    """Return a driving bench in simulated time, and a function that sets the time."""
-    bench = make_bench(use_sim_time=True)
-    clock = bench.peer.speak("/clock", Clock)
-    bench.wait_for(clock.get_subscription_count)
-
-    def set_time(seconds):
-        now = Clock(clock=Time(seconds=seconds).to_msg())  # heard by best effort, so said until it is heard
-        bench.wait_for(lambda: clock.publish(now) or bench.shell.node.get_clock().now().nanoseconds == seconds * 10**9)
-
-    set_time(1000)
-    bench.drive()
-    bench.patience = patience
-    return bench, set_time
-
-
-def a_clock_that_stands_still_stops(make_bench, patience):
-    bench, _ = with_clock(make_bench, patience)
-    for _ in range(6):  # the odometry goes on, the clock does not
-        bench.now.at += 0.1
-        bench.settle()
-    bench.wait_for(lambda: 0.0 in bench.speeds)
-    bench.stops("/clock stands still")
-
-
-def a_clock_that_leaps_stops(leap):
-    def law(make_bench, patience):
-        bench, set_time = with_clock(make_bench, patience)
-        resets = bench.block.resets
-        set_time(1000 + leap)
-        bench.wait_for(lambda: bench.state.startswith("stopping: fault: the clock jumped"))
-        assert bench.block.resets > resets
-        for _ in range(5):
-            bench.send()
-        bench.stops("fault: the clock jumped")
-
-    return law
-
-
-leaping_ahead, leaping_back = a_clock_that_leaps_stops(60), a_clock_that_leaps_stops(-60)
 
 
 def refused(said, **broken):
@@ -273,9 +229,6 @@ PROTECTIONS = {
     nonsense_stops: (Shell, "_fault", nothing),
     blocked_steps_stop: (Shell, "_watch", nothing),
     the_emergency_stop_stops: (Safety, "hear_emergency", nothing),
-    a_clock_that_stands_still_stops: (rosclock, "SILENCE", math.inf),
-    leaping_ahead: (Shell, "_jumped", nothing),
-    leaping_back: (Shell, "_jumped", nothing),
     another_frame: (Feed, "read", lambda self, message, frame: self.conversion.read(message)),
     no_rotation: (geometry, "_yaw_of", lambda q: 0.0),
     nan_odometry: (geometry, "finite", nothing),

@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from turtlebot_gym_ros.node.block import Every, On
-from turtlebot_gym_ros.node.triggers import SECOND, Messages, SimulatedGrid, StampGrid
+from turtlebot_gym_ros.node.triggers import SECOND, Messages, StampGrid
 
 MS = SECOND // 1000
 
@@ -29,11 +29,6 @@ def test_no_step_waits_for_the_next_call_where_the_first_call_was_the_latest():
     grid = StampGrid(Every(0.1))
     late = [40 * MS, *np.random.default_rng(0).integers(0, 40 * MS, 100)]
     assert [len(list(grid.due_until(k * 100 * MS + int(late[k])))) for k in range(100)] == [1] * 100
-
-
-def dated(steps):
-    """Return the stamps of simulated steps by the time in ns, from numbers of steps by the time in ms."""
-    return {at * MS: [] if k is None else [SECOND + k * 100 * MS] for at, k in steps.items()}
 
 
 GRIDS = {
@@ -57,21 +52,6 @@ GRIDS = {
         )
         for leap in (5000, 1100, -100, -900, -5000)
     },
-    "simulated time runs faster": (
-        SimulatedGrid,
-        Every(0.1, speed=10.0),
-        {3 * SECOND + k * 10 * MS: [SECOND + k * 100 * MS] for k in range(3)},
-    ),
-    "without a speed it is real time, and a tenth of a period makes up for a late timer": (
-        SimulatedGrid,
-        Every(0.1),
-        dated({0: 0, 89: None, 90: 1, 179: None, 180: 2}),
-    ),
-    "it slows down where the machine cannot keep up": (
-        SimulatedGrid,
-        Every(0.1, speed=10.0),
-        dated({0: 0, 35: 1, 36: None, 40: None, 45: 2, 50: None, 55: 3}),
-    ),
 }
 
 
@@ -79,8 +59,6 @@ GRIDS = {
 def test_a_grid_lets_a_block_run_at_these_stamps(kind, trigger, due):
     grid = kind(trigger)
     assert {now: list(grid.due_until(now)) for now in due} == due
-    if isinstance(grid, SimulatedGrid):
-        assert grid.present == max(stamp for stamps in due.values() for stamp in stamps)
 
 
 @given(first=st.integers(0, 19_999_999), late=st.lists(st.integers(0, 4_999_999), min_size=60, max_size=60))

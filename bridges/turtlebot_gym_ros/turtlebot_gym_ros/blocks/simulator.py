@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from cmd_vel_guard.values import Mount
-from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
@@ -23,10 +22,8 @@ from turtlebot_gym.tasks import MISSION, NAV, ROOM
 from turtlebot_gym.validation import Range, check_fields
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
 from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
-from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Nis, Output, Stamped
+from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output, Stamped
 
-THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
-"""Topics from a step's odometry to the command that answers it, in order."""
 NO_FIX = ("none", "")
 FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True, reliable=False)}
 """Additional outputs with an external pose sensor."""
@@ -85,8 +82,7 @@ class TurtlebotSimulator:
         period: Annotated[float, PERIOD] = 0.1
         """Period of the odometry and of the simulation, s."""
         speed: Annotated[float, Range(0.0, 1000.0, open_high=True)] = 1.0
-        """Multiple of real time; but for 1 it publishes ``/clock``. In lock-step it is the upper limit, and 0 means as fast as
-        the nodes answer."""
+        """1 for real time; in lock-step the highest multiple of it, and 0 for as fast as the nodes answer."""
         seed: Annotated[int, Range(0, MAX_SEED, whole=True)] = 0
         """Seed of the noise."""
         witness: bool = False
@@ -146,7 +142,7 @@ class TurtlebotSimulator:
         "truth": Output(topic="true_state", type=State),
         "odometry": Output(topic="odom", type=Odometry),
     }
-    trigger = Every(0.1, 1.0, through=THROUGH)
+    trigger = Every(0.1, 1.0)
 
     def __init__(self, params: Params) -> None:
         room = replace(MISSION, laps=params.goals) if params.goals else ROOM

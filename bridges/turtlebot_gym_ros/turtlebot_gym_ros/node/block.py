@@ -6,7 +6,7 @@ This module does not depend on ROS: a ``for`` loop can drive a block just as the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 from cmd_vel_guard.values import Mount
@@ -203,15 +203,13 @@ class Every:
     period: float
     """s"""
     speed: float | None = None
-    """Speed as a multiple of real time, which makes the block the plant; at any but 1 it publishes ``clock``. In lock-step its
-    inputs answer its outputs, and the speed is the upper limit, with 0 for none."""
+    """Speed as a multiple of real time, which makes the block the plant: 1, or in lock-step, where its inputs answer its
+    outputs and it publishes ``clock``, the upper limit, with 0 for none."""
     answers: str | None = None
     """Name of the input on which a block other than the plant runs in lock-step, at its stamp."""
     witness: str | None = None
     """Topic on which a recorder reports its progress to a plant in lock-step: time waits for it too, so that nothing is
     lost."""
-    through: Mapping[str, type] = field(default_factory=dict)
-    """Topics from a plant's outputs to its inputs, with value types, for reports of nodes that do not answer."""
 
     def __post_init__(self) -> None:
         PERIOD.check("period", self.period)

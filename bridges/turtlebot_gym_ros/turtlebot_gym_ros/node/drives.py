@@ -21,14 +21,14 @@ from std_msgs.msg import Header
 from cmd_vel_guard.qos import STREAM
 from turtlebot_gym_ros.base.qos import LOCK_STEP
 from turtlebot_gym_ros.node.block import Block, Every, On
-from turtlebot_gym_ros.node.chain import Chain
 from turtlebot_gym_ros.node.feed import Feed
 from turtlebot_gym_ros.node.lockstep import RESEND, Answers, Plant, Turn, trigger_of
 from turtlebot_gym_ros.node.outputs import Outputs
-from turtlebot_gym_ros.node.triggers import Messages, SimulatedGrid, StampGrid
+from turtlebot_gym_ros.node.triggers import SECOND, Messages, StampGrid
 
 QUIET = 0.3
-"""Time without steps after a reset of a plant that does not run in lock-step, s, by the steady clock."""
+"""Time without steps after a reset of a plant in real time, s, in which all nodes receive the reset: a filter that received it
+late would start with a later step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,18 +59,13 @@ class Scheduler:
         hands: Access to the node.
         messages: The rule of the input whose messages make steps; None for a block that makes its own.
         period: Length of a step without such an input, s.
-        sets_clock: Whether it publishes ``clock`` instead of following it.
     """
 
     limit = 0.0
     """Time that a step may take, s; 0 for no limit."""
 
-    def __init__(
-        self, hands: ShellCallbacks, messages: Messages | None = None, *, period: float = 0.0, sets_clock: bool = False
-    ) -> None:
-        self._hands, self._messages, self._period, self.sets_clock = hands, messages, period, sets_clock
-        if sets_clock:
-            self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
+    def __init__(self, hands: ShellCallbacks, messages: Messages | None = None, *, period: float = 0.0) -> None:
+        self._hands, self._messages, self._period = hands, messages, period
 
     def present(self) -> int:
         """Return the current time of the block's clock, ns: the ROS clock."""
@@ -104,44 +99,30 @@ class Scheduler:
     def new_episode(self) -> None:
         """Record that the plant was reset."""
 
-    def _publish_clock(self, stamp: int) -> None:
-        self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
-
 
 class _ByClock(Scheduler):
-    """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
+    """Steps on a grid of the ROS clock, in real time."""
 
     def __init__(self, hands: ShellCallbacks, trigger: Every) -> None:
-        if trigger.speed == 0.0:
-            raise ValueError("speed must be positive, unless lock_step is true: 0 is as fast as the nodes answer.")
-        super().__init__(hands, period=trigger.period, sets_clock=trigger.speed not in (None, 1.0))
-        self._quiet_until = -math.inf
+        if trigger.speed not in (None, 1.0):
+            raise ValueError("speed must be 1, real time, unless lock_step is true.")
+        super().__init__(hands, period=trigger.period)
         self.limit = trigger.period
-        self._grid = (SimulatedGrid if self.sets_clock else StampGrid)(trigger)
-        steady, ros = Clock(clock_type=ClockType.STEADY_TIME), hands.node.get_clock()
-        self._watch = steady if self.sets_clock else ros
-        simulated = hands.node.get_parameter("use_sim_time").value and not self.sets_clock
-        timer = ros if simulated else steady  # the system clock may be set back
-        period = trigger.period / (trigger.speed or 1.0)
-        hands.node.create_timer(period, self._tick, clock=timer, callback_group=hands.group)
-
-    def present(self) -> int:
-        """Return the current time of the grid, ns."""
-        return self._grid.present if isinstance(self._grid, SimulatedGrid) else super().present()
+        self._quiet_until, self._grid = -math.inf, StampGrid(trigger)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # the system clock may be set back
+        hands.node.create_timer(trigger.period, self._tick, clock=steady, callback_group=hands.group)
 
     def missing(self) -> str | None:
         """Return which listener is missing, since a schedule would start before its listeners are discovered."""
         return self._hands.outputs.unheard()
 
     def _tick(self) -> None:
-        for stamp in self._grid.due_until(self._watch.now().nanoseconds):
-            if self.sets_clock:
-                self._publish_clock(stamp)
+        for stamp in self._grid.due_until(self.present()):
             if self._hands.now() >= self._quiet_until:
                 self._hands.step(stamp)
 
     def new_episode(self) -> None:
-        """Pause until all nodes have received the reset: a filter that received it late would start with a later step."""
+        """Pause until all nodes have received the reset."""
         self._quiet_until = self._hands.now() + QUIET
 
 
@@ -221,12 +202,12 @@ class _AsPlant(Scheduler):
     """Takes each step of lock-step when the previous one has been answered, and reports nodes that do not answer."""
 
     def __init__(self, hands: ShellCallbacks, trigger: Every) -> None:
-        super().__init__(hands, period=trigger.period, sets_clock=True)
+        super().__init__(hands, period=trigger.period)
+        self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
         self._rule = Plant(trigger, now=hands.now())
         self._answers = {key: feed for key, feed in hands.feeds.items() if feed.declared.lock_step == "same"}
         if not self._answers:
             raise ValueError("lock_step must be false for a plant without an input that answers it.")
-        self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
         self._started = False
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
@@ -268,7 +249,7 @@ class _AsPlant(Scheduler):
             return
         self._started = True
         stamp = self._rule.advance(now)
-        self._publish_clock(stamp)
+        self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
         self._hands.step(stamp)
 
     def _tick(self) -> None:
@@ -278,11 +259,14 @@ class _AsPlant(Scheduler):
             self._go_on()
         elif self._rule.resend(now) and self._later.is_canceled():
             self._hands.outputs.publish_again()
-        self._chain.watch(self._rule.present if self._rule.is_overdue(now) else None)
 
     def trouble(self) -> str | None:
-        """Return which node has not answered for long."""
-        return self._chain.missing
+        """Return what has not answered for long; the diagnostics of the nodes between say which of them waits for what."""
+        if not self._rule.is_overdue(self._hands.now()):
+            return None
+        present = self._rule.present
+        feed = next((feed for feed in self._answers.values() if feed.stamp != present), None)
+        return f"time stands still: waits for {feed.topic if feed else 'the recorder'} of the step at {present / SECOND:.3f} s"
 
     def new_episode(self) -> None:
         """Take the first step of an episode now, even if the previous one was not answered."""

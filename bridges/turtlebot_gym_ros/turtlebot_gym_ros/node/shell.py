@@ -2,7 +2,7 @@
 
 It implements, once for all nodes, everything except control: conversion of messages, freshness of inputs, parameters,
 diagnostics, a watchdog for blocked steps, stop commands and a clean shutdown; its drive (`drives`) decides when the block runs.
-The block computes in the executor's thread. Neither a paused ``/clock`` nor a blocked step holds up the watchdog's thread.
+The block computes in the executor's thread. No blocked step holds up the watchdog's thread.
 """
 
 from __future__ import annotations
@@ -36,7 +36,6 @@ from turtlebot_gym_ros.node.drives import ShellCallbacks, make_drive
 from turtlebot_gym_ros.node.inputs import Inputs
 from turtlebot_gym_ros.node.navigate import be_active, offer
 from turtlebot_gym_ros.node.outputs import Outputs
-from turtlebot_gym_ros.node.rosclock import RosClock
 from turtlebot_gym_ros.node.switch import Switch
 
 P = TypeVar("P")
@@ -109,9 +108,7 @@ class Shell:
         self._steps = self._overruns = self._dropped = 0
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
         headers = not node.get_parameter("use_sim_time").value
-        # With a simulated clock no topic is slow, /clock least of all.
-        is_fast = lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0))
-        group = FastGroup(node) if is_fast else None
+        group = FastGroup(node)
         declared = {key: item for key, item in block.inputs.items() if not (lock_step and item.lock_step == "absent")}
         self.inputs = Inputs(node, declared, self.common, headers=headers, group=group, now=self._now)
         self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)
@@ -152,7 +149,6 @@ class Shell:
         self._action = offer(node, block, self.inputs.feeds, self.common)
         if name := getattr(block, "nav2_name", ""):
             be_active(node, name)
-        self._ros_clock = RosClock(node, ignore=lock_step or self._drive.sets_clock, jumped=self._jumped, now=self._now())
 
     def _step(self, stamp: int) -> bool:
         """Run the block once, publish the result, and return whether it ran."""
@@ -213,7 +209,7 @@ class Shell:
 
     def _missing(self, now: float) -> str | None:
         """Return what a step must wait for, if anything."""
-        why = self._ros_clock.trouble(now) or self.inputs.missing(now) or self._drive.missing()
+        why = self.inputs.missing(now) or self._drive.missing()
         return why or (self.inputs.halted(now) if self.switch else None) or None
 
     def _fault(self, why: str) -> None:
@@ -255,14 +251,8 @@ class Shell:
         response.success, response.message = True, "reset"
         return response
 
-    def _jumped(self) -> None:
-        """Restart after a leap of the ROS clock; a robot that moved must be enabled again."""
-        if self.switch and self.switch.safety.phase == "active":
-            self.switch.stop("fault: the clock jumped", disable=True)
-        self.reset("the clock jumped")
-
     def _watch(self) -> None:
-        """In the watchdog's thread, stop a robot whose inputs or clock have become stale, and report."""
+        """In the watchdog's thread, stop a robot whose inputs have become stale, and report."""
         next_report = self._now() + REPORT_PERIOD
         context = self.node.context
         while not self._closing and not time.sleep(WATCH_PERIOD) and context.ok():  # an Event may wait by the system clock
@@ -315,7 +305,6 @@ class Shell:
             if self.switch:
                 self.switch.close()
             self.outputs.flush()
-            self._ros_clock.close()
             if self._action:
                 self._action.close()
         self.node.destroy_node()
