@@ -66,7 +66,7 @@ def test_a_node_explains_itself(capsys, name):
         (["bringp"], "Did you mean 'bringup'?"),
         (["velocity_controller", "--ros-args", "-p", "policy:=clever"], "clever"),
         (["velocity_controller", "--ros-args", "-p", "polcy:=bearing"], "did you mean policy?"),
-        (["turtlebot_simulator", "--ros-args", "-p", "speed:=0"], "speed must be positive"),
+        (["turtlebot_simulator", "--ros-args", "-p", "speed:=0"], "speed must be 1"),
         (["simulated_teleop", "--ros-args", "-p", "lock_step:=true"], "lock_step must be false"),
         (["kalman_filter", "--ros-args", "-p", "lock_step:=true", "-p", "twist:=commanded"], "lock_step must be false"),
         (["kalman_filter", "--ros-args", "-p", "filter"], "parse"),

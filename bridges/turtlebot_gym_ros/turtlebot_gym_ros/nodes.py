@@ -63,10 +63,9 @@ NODES = {
     ),
 }
 TOOLS = {
-    "topics": Entry("tools.topics:topics", "lists topics and who is at them, or services"),
-    "echo": Entry("tools.topics:echo", "prints the messages of a topic"),
+    "topics": Entry("tools.topics:topics", "lists topics and who is at them, or prints the messages of one"),
     "button": Entry("tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
-    "enable": Entry("tools.services:enable", "enables nodes, or disables them"),
+    "enable": Entry("tools.enable:enable", "enables nodes, or disables them"),
     "goal": Entry("tools.goal:goal", "sends the robot to a place"),
     "foxglove": Entry("tools.foxglove:foxglove", "serves the live graph to Foxglove"),
 }

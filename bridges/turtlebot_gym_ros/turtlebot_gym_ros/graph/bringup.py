@@ -28,7 +28,6 @@ from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.validation import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
-from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.base.process import be_interruptible, go_on
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import PATIENCE, Graph
@@ -136,9 +135,9 @@ def to_json(figures: Mapping[str, float]) -> dict[str, Any]:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's options."""
-    parser = parser_of(
-        "bringup",
-        "Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
+    parser = argparse.ArgumentParser(
+        "python -m turtlebot_gym_ros bringup",
+        description="Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
         "no obstacles to avoid; a real one has, and only a policy that reads scans, such as vfh, sees them.",
     )
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 import sys
@@ -12,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from cmd_vel_guard.process import Runner, refuse
 from turtlebot_gym_ros.base.executor import FastExecutor
 from turtlebot_gym_ros.base.names import absolute, remapping
-from turtlebot_gym_ros.base.options import parser_of
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.nodes import MODES
 
@@ -46,7 +46,7 @@ def _expected(mode: str, reports: Mapping[str, object]) -> tuple[str, ...]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Listen, print the table, and return 0 if all nodes of the loop are running without errors, else 1."""
-    parser = parser_of("status", "Print what each node of the graph reports and waits for.")
+    parser = argparse.ArgumentParser("python -m turtlebot_gym_ros status", description=__doc__)
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="which nodes are expected")
     parser.add_argument("--seconds", type=float, default=3.0, help="longest time to listen, s (default: 3)")
     parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1; by default all nodes")

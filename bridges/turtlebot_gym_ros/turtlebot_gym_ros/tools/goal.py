@@ -28,7 +28,6 @@ def goal(argv: Any = None) -> int:
     parser = parser_of(
         "goal",
         "Send the robot to a place, and wait until it is there, if the action navigate_to_pose is served.",
-        waits_for="a listener",
     )
     parser.add_argument("x", type=float, help="m")
     parser.add_argument("y", type=float, help="m")
