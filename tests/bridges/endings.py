@@ -23,6 +23,8 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+from burger import WORDS
+
 LIMIT = 0.5
 """Longest time for which a motion may stay in force, s."""
 WATCHED = 1.6
@@ -34,7 +36,7 @@ SPEED = 0.1
 STEPS = (-3600.0, -600.0, -30.0, -2.0, -0.775, 0.775, 2.0, 30.0, 600.0, 3600.0)
 """Steps of the system clock, s."""
 PROGRAM = f"{sys.executable} -m turtlebot_gym_ros"
-BLIND = "-p robot:=burger -p collision_monitor:=false"
+BLIND = " ".join(WORDS)
 """A guard's robot, without scans."""
 SCRIPT = f"""
 {PROGRAM} cmd_vel_guard --ros-args {BLIND} -p require_standby:=true --log-level fatal & echo $! > guard

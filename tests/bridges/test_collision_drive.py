@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from guarded import Parameters
+from burger import Parameters
 
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import RawScan

@@ -11,6 +11,7 @@ from pathlib import Path
 import endings
 import pytest
 from bench import guarded, node
+from burger import WORDS
 
 DAILY = ("SIGTSTP", "SIGKILL", "closed", "clock -3600 s", "clock -3600 s, guard killed")
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="terminals and clocks are those of Linux")
@@ -45,7 +46,7 @@ def test_the_same_without_the_watch_on_waits_is_noticed(wheels, clock, tmp_path)
     program = f"{sys.executable} -c 'from cmd_vel_guard import executor; executor.OVERDUE = 60.0; {{main}}' --ros-args"
     main = 'from turtlebot_gym_ros.nodes import load; import sys; load("cmd_vel_{0}")(sys.argv[1:])'
     guard, standby = (program.format(main=main.format(name)) for name in ("guard", "standby"))
-    script = f"{guard} -p robot:=burger -p collision_monitor:=false & echo $! > guard\n{standby} & echo $! > standby\nwait"
+    script = f"{guard} {' '.join(WORDS)} & echo $! > guard\n{standby} & echo $! > standby\nwait"
     row = endings.end("clock -3600 s", wheels, tmp_path, clock=clock, wait=0.5, commands=True, script=script)
     assert row["in_force_s"] > endings.LIMIT
 

@@ -13,6 +13,7 @@ import time
 
 import pytest
 from bench import guarded, odometry
+from burger import WORDS
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
@@ -42,7 +43,7 @@ COMMANDS = {
     "kalman_filter": ["noise:=clean"],
     "waypoint_generator": ["waypoints:=far.csv"],
     "velocity_controller": ["policy:=policy:drive"],
-    "cmd_vel_guard": ["robot:=burger", "collision_monitor:=false"],
+    "cmd_vel_guard": WORDS[1::2],
 }
 
 

@@ -8,9 +8,9 @@ import random
 from dataclasses import replace
 
 import pytest
+from burger import Parameters
 from drive_samples import recorded
 from driven import BURGER, DT, KINDS, NOISES, Driver, Kind, alarm
-from guarded import Parameters
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 

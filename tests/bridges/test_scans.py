@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from bench import over_the_wire
+from burger import Parameters
 from drive_samples import recorded
-from guarded import Parameters
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import LaserScan

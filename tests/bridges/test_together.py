@@ -5,6 +5,7 @@ import signal
 
 import pytest
 from bench import POLICIES, guarded, node, odometry
+from burger import WORDS
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.srv import GetParameters
@@ -20,9 +21,9 @@ pytestmark = guarded
 @pytest.mark.parametrize(
     ("names", "said"),
     [
-        (["kalman_filter", "cmd_vel_guard"], "cmd_vel_guard must outlive the other nodes"),
-        (["cmd_vel_guard", "kalman_filter"], "cmd_vel_guard must outlive the other nodes"),
-        (["kalman_filter", "cmd_vel_standby"], "cmd_vel_standby must outlive the other nodes"),
+        (["kalman_filter", "cmd_vel_guard"], "cmd_vel_guard runs in a process of its own"),
+        (["cmd_vel_guard", "kalman_filter"], "cmd_vel_guard runs in a process of its own"),
+        (["kalman_filter", "cmd_vel_standby"], "cmd_vel_standby runs in a process of its own"),
         (["kalman_filter", "data_logger"], "data_logger runs in a process of its own"),
         (["kalman_filter", "velocity_controller", "kalman_filter"], "kalman_filter is named twice"),
         (["kalman_filter", "velocity_controller", "quickly"], "unknown argument 'quickly'"),
@@ -54,7 +55,7 @@ class Robot:
         self._odometry, self._reference = peer.speak("odom", Odometry), peer.speak("reference", PoseStamped)
         self.states = peer.hear("velocity_controller/state", String, LATCHED)
         self.wheels = peer.hear("cmd_vel", TwistStamped)
-        self.guard = launch(*node("cmd_vel_guard", "robot:=burger", "start_enabled:=true", "collision_monitor:=false"))
+        self.guard = launch(*node("cmd_vel_guard", *WORDS[1::2], "start_enabled:=true"))
         words = ["-r", "velocity_controller:cmd_vel:=cmd_vel_in"]
         path = os.pathsep.join(filter(None, [str(folder), os.environ.get("PYTHONPATH", "")]))
         _, _, name, *arguments = node("kalman_filter", f"velocity_controller:policy:=policies:{policy}", words=words)

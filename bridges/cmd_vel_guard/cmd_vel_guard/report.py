@@ -69,7 +69,7 @@ class Report:
             "motion check": self._motion_check(now),
             "collision monitor": "on" if self._p.monitors else "off: it does not see obstacles",
         }
-        return report(node, level, text, hardware=f"{node.get_namespace()}/{self._p.robot}".strip("/"), values=values)
+        return report(node, level, text, hardware=node.get_namespace().strip("/") or "cmd_vel_guard", values=values)
 
     def _problem(self, now: float, robots: int) -> tuple[bytes, str]:
         """Return the level and the text of the gravest problem, or of the state."""
