@@ -98,15 +98,6 @@ def test_a_message_in_another_frame_is_refused():
     assert unconnected(Command).read(TwistStamped(), "odom") == (0.0, 0.0)  # a velocity is stated in the robot's own frame
 
 
-def test_a_flood_is_refused_and_in_lock_step_no_rate_is_one():
-    for lock_step in (True, False):
-        feed, _ = make(lock_step=lock_step)
-        for number in range(1, 51):
-            feed.count({"publication_sequence_number": number}, 100.0 + 1e-4 * number)
-    with pytest.raises(ValueError, match="a flood: more than"):
-        feed.count({"publication_sequence_number": 51}, 100.0051)
-
-
 def test_what_ages_in_a_frame_of_the_robot_has_the_mount_of_its_sensor():
     for kind, asked in ((Scan, ["base_scan"]), (State, [])):
         frames = []

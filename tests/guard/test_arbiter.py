@@ -160,19 +160,6 @@ def test_without_a_required_standby_the_robot_stands():
     assert not arbiter.emergency
 
 
-def test_a_flood_is_a_stop():
-    arbiter = new()
-    drive(arbiter, 0.0, 1.0, AHEAD)
-    for k in range(300):
-        arbiter.count("cmd_vel_in", k, T + 1.0 + k * 0.001)
-        arbiter.hear("program", AHEAD, T + 1.0 + k * 0.001)
-        out = arbiter.step(T + 1.0 + k * 0.001)
-        assert k < 51 or out in (STOP, None)
-    assert arbiter.flooded(T + 1.3) == ["cmd_vel_in"]
-    assert set(drive(arbiter, 1.32, 0.4, AHEAD)) == {STOP}
-    assert drive(arbiter, 1.9, 0.4, AHEAD)[-1] == AHEAD
-
-
 def test_a_robot_that_joins_at_the_start_stands_first():
     arbiter = new()
     arbiter.hear("program", AHEAD, T)

@@ -277,35 +277,6 @@ def test_the_first_message_of_a_guard_that_is_started_again_is_a_zero(start, pro
     assert probe.heard[0] == STOP
 
 
-FLOOD = """
-import sys, rclpy
-from geometry_msgs.msg import TwistStamped
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import LaserScan
-from std_msgs.msg import Bool, Empty, String
-rclpy.init()
-kind = {"emergency_stop": Bool, "odom": Odometry, "scan": LaserScan}.get(sys.argv[1], TwistStamped)
-publisher, message = rclpy.create_node("flood").create_publisher(kind, sys.argv[1], 1), kind()
-while True:
-    publisher.publish(message)
-"""
-
-
-@pytest.mark.parametrize(
-    "topic", ["emergency_stop", *(pytest.param(t, marks=pytest.mark.nightly) for t in ("cmd_vel_teleop", "odom", "scan"))]
-)
-def test_a_flood_is_a_stop_while_it_lasts_and_on_a_button_until_enabled(start, launch, probe, topic):
-    start(*{"odom": ("-p", "geofence:=9.0"), "scan": ("-p", "collision_monitor:=true")}.get(topic, ()))
-    probe.until_reported("")
-    probe.command = AHEAD
-    flood = launch("-c", FLOOD, topic)
-    probe.until_reported("emergency stop" if topic == "emergency_stop" else "messages a second")
-    probe.until_standing("emergency stop" if topic == "emergency_stop" else "messages a second")
-    flood.kill()
-    if topic == "emergency_stop":
-        probe.until_standing("emergency stop")
-
-
 def test_emergency_stop(start, probe):
     start()
     probe.until_driving()

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 from cmd_vel_guard.collision import RawScan
 from cmd_vel_guard.emergency import EmergencyStop
-from cmd_vel_guard.flood import Flood
 from cmd_vel_guard.moved import Moved
 from cmd_vel_guard.parameters import Parameters, monitor_of
 from cmd_vel_guard.values import STOP, Command, Pose, limit
@@ -73,7 +72,6 @@ class Arbiter:
         self._awake, self._since, self._blind_until = now, now, now
         self._zeros_until = now + ZEROS
         self._began, self._hold_until, self._standby = now, -math.inf, -math.inf
-        self._floods: dict[str, Flood] = {}
         self._last, self._last_at, self._due, self._halt = STOP, now, now, False
         self.enabled = parameters.start_enabled and not parameters.require_emergency_stop
         self.emergency, self.why = False, ""
@@ -181,14 +179,6 @@ class Arbiter:
         """Return whether the standby is required and not alive."""
         return self._p.require_standby and now - self._standby > STANDBY_AGE
 
-    def count(self, topic: str, number: int, now: float) -> None:
-        """Count a message of a topic, with its publisher's number, to notice a flood."""
-        self._floods.setdefault(topic, Flood()).hear(now, number)
-
-    def flooded(self, now: float) -> list[str]:
-        """Return the topics whose messages come faster than any healthy source sends them."""
-        return [topic for topic, flood in self._floods.items() if flood.lasts(now)]
-
     def greet(self, now: float) -> None:
         """Send zeros to a robot that has just connected, since it may hold an older command.
 
@@ -273,7 +263,6 @@ class Arbiter:
             or self.lacks_standby(now)
             or self.rivals
             or self.moved.lacks(now)
-            or self.flooded(now)
             or (blind and not self.buttons.spoken_since(self._blind_until - BLIND))
         ):
             return None

@@ -23,7 +23,7 @@ person's, and judges it again in each period. A stale, missing or unreadable sca
 
 **An emergency stop** counts however short the press, and from any button, see `emergency`: the guard reads all waiting messages
 before it sends any motion. Whatever may have hidden a press is a stop too: a button that has ended, messages that are lost for
-good over more than 0.5 s, 0.5 s in which the guard did not run, a flood. After a stop the guard sends zeros until it is enabled
+good over more than 0.5 s, or 0.5 s in which the guard did not run. After a stop the guard sends zeros until it is enabled
 again, which it refuses while any button is pressed, or one that it has heard is silent. While a button is silent for 0.5 s the
 robot stands, and goes on when the button is heard again::
 
@@ -32,8 +32,6 @@ robot stands, and goes on when the button is heard again::
 A restarted guard remembers no emergency stop. On a robot ``require_emergency_stop`` is true: then it always starts disabled,
 and cannot be enabled without a live button. A simulation does without, and then a crash releases a stop. After one of several
 buttons is removed for good, restart the guard.
-
-**A flood**, more than 500 messages a second, on any topic that it hears is a stop while it lasts.
 
 **Namespaces.** All its topics are relative: the guard of /robot1 subscribes to /robot1/emergency_stop only, and serves
 /robot1/cmd_vel_guard/enable. To stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node
@@ -68,7 +66,6 @@ from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import RawScan
 from cmd_vel_guard.declare import declare
 from cmd_vel_guard.executor import waiting
-from cmd_vel_guard.flood import MOST
 from cmd_vel_guard.parameters import Parameters
 from cmd_vel_guard.process import precede, run
 from cmd_vel_guard.qos import EVERY, LATCHED, LATEST, PROMPT
@@ -77,6 +74,8 @@ from cmd_vel_guard.sent import Age, Ages, SystemClock, read_clocks
 from cmd_vel_guard.sources import BUTTONS, TF_STATIC, check_topics, hear_mounts, rivals
 from cmd_vel_guard.values import STOP, Command, Pose, yaw_of_rotation
 
+MOST = 100
+"""Most waiting messages of the buttons that are taken at a time."""
 LATE = 0.02
 """Time after its decision from which a motion is not published, s: the guard was suspended or starved in between."""
 
@@ -144,8 +143,6 @@ class CmdVelGuard(Node):
 
         def receive(message: Any, info: Mapping[str, Any]) -> None:
             try:
-                if topic != BUTTONS:  # a flood there may hide a press
-                    self._arbiter.count(topic, info["publication_sequence_number"], self._now())
                 hear(message, info)
             except Exception as error:  # whatever a message may cause
                 self._report.fail(f"{self.resolve_topic_name(topic)}: {type(error).__name__}: {error}", self._now())
@@ -215,9 +212,9 @@ class CmdVelGuard(Node):
         return response
 
     def _take_buttons(self) -> None:
-        """Take the messages of the buttons that no callback has processed yet; more than so many are a flood, and a stop."""
+        """Take the messages of the buttons that no callback has processed yet, at most `MOST` of each kind."""
         for prompt, buttons in ((False, self._buttons), (True, self._promptly)):
-            for message, info in waiting(buttons, 2 * MOST):
+            for message, info in waiting(buttons, MOST):
                 self._safely(BUTTONS, partial(self._press, prompt=prompt))(message, info)
         self._arbiter.count_buttons(self._buttons.get_publisher_count(), self._now())
 

@@ -14,7 +14,6 @@ from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
 from cmd_vel_guard.executor import PolledGroup
-from cmd_vel_guard.flood import MOST, WINDOW, Flood
 from cmd_vel_guard.qos import LATCHED, STREAM
 from cmd_vel_guard.sent import Age, Ages, SystemClock
 from cmd_vel_guard.sources import node_name, type_name
@@ -64,7 +63,6 @@ class Feed:
         self.poll: Callable[[], None] = lambda: None
         """Reads the messages of an input that does not wake the node."""
         self.ages = Ages(clock)
-        self._flood = Flood()
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
         self.measured_at: int | None = None
@@ -131,17 +129,6 @@ class Feed:
         if why := age.complaint(limit, lasts=self.declared.lasts):
             raise ValueError(why)
         return age
-
-    def count(self, info: Mapping[str, Any], now: float) -> None:
-        """Count a message; in lock-step every rate is right.
-
-        Raises:
-            ValueError: If messages come faster than any healthy source sends them.
-        """
-        if not self._lock_step:
-            self._flood.hear(now, info["publication_sequence_number"])
-            if self._flood.lasts(now):
-                raise ValueError(f"a flood: more than {MOST / WINDOW:.0f} messages a second")
 
     def read(self, message: Any, frame: str) -> Any:
         """Return a message's value.

@@ -89,9 +89,7 @@ class Inputs:
             stamp = at.sec * SECOND + at.nanosec if at else drive.present()
             if stamp < 0:
                 raise ValueError(f"its stamp is {stamp / SECOND:g} s: a time before 1970")
-            steady = self.look()
-            feed.count(info, steady)
-            age = feed.age(message, info, steady)
+            age = feed.age(message, info, self.look())
             value = feed.read(message, self._common.fixed(feed.declared.frame))
             if not drive.accepts(key, stamp):
                 return
