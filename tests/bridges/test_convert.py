@@ -16,7 +16,7 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Belief, Command, Covariance, Fix, Pose, State
 from turtlebot_gym_ros.node.block import InitialPose, Nis
-from turtlebot_gym_ros.node.convert import SURPRISING, conversion, register, state_covariance
+from turtlebot_gym_ros.node.convert import SURPRISING, conversion, register
 from turtlebot_gym_ros.node.geometry import _yaw_of, quaternion_of
 
 HEADER = Header(frame_id="odom")
@@ -217,20 +217,6 @@ def test_a_message_is_read_place_by_place():
 def test_what_another_filter_says_of_what_a_planar_robot_does_not_know_changes_nothing(place, number):
     value, other = (conversion(Estimate).read(message) for message in (write(BELIEF), filled(write(BELIEF), **{place: number})))
     assert value == other
-
-
-@pytest.mark.parametrize("measured", [True, False])
-def test_a_covariance_that_is_stated_beside_a_value_place_by_place(measured):
-    message = conversion(values.Odometry).write(values.Odometry(Pose(1.0, 2.0, 0.5), Command(0.1, 0.2), measured), HEADER)
-    state_covariance(message, P)
-    pose, twist = (np.reshape(part.covariance, (6, 6)) for part in (message.pose, message.twist))
-    assert np.diag(twist).tolist() == [0.44, -1.0, -1.0, -1.0, -1.0, 0.55]
-    if measured:
-        assert np.diag(pose).tolist() == [0.11, 0.22, -1.0, -1.0, -1.0, 0.33]
-        assert (pose[X, Y], pose[YAW, X], pose[Y, YAW]) == (0.12, 0.13, 0.23)
-    else:
-        np.testing.assert_array_equal(pose, -np.eye(6))
-    assert conversion(values.Odometry).read(message).measured is measured
 
 
 @pytest.mark.parametrize("at", range(36))

@@ -44,7 +44,7 @@ IN_A_ROOM = {f"/{output.topic}": output for output in (*ROOM_OUTPUTS.values(), *
 def test_rviz_shows_topics_that_exist_with_their_type_in_their_frame():
     said = said_types()
     shown = {display["Topic"]["Value"]: display for display in displays().values() if "Topic" in display}
-    assert shown.keys() == {"/reference", "/odom", "/true_state", "/estimate", "/obstacles", "/map", "/scan", "/hypotheses"}
+    assert shown.keys() == {"/reference", "/odom", "/true_state", "/estimate", "/obstacles", "/map", "/scan"}
     for topic, display in shown.items():
         assert CLASSES[display["Class"]] == said[topic]
         assert all(display[key] is True for key in ("Enabled", "Value"))

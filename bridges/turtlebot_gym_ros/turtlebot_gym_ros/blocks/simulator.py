@@ -21,7 +21,6 @@ from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
 from turtlebot_gym.validation import Range, check_fields
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
-from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
 from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output, Stamped
 
 NO_FIX = ("none", "")
@@ -179,10 +178,8 @@ class TurtlebotSimulator:
             self.outputs = {**MAP_OUTPUTS, **self.outputs}  # first, since a localizer waits for it
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
-        self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, integrator=p.integrator)
         stated = replace(
             self.outputs["odometry"],
-            covariance=self._uncertainty.covariance,
             transform=params.publish_tf,
             frame=params.odom_frame or None,
         )
@@ -196,7 +193,6 @@ class TurtlebotSimulator:
         self._episode.reset()
         if self._draws_map:
             self._map = charted(self._episode.scene)
-        self._uncertainty.reset()
         self._begun = False
         self.notice = None
 
@@ -211,7 +207,6 @@ class TurtlebotSimulator:
         if self._sees_fixes and world.senses.fix.arrived:
             now = world.senses.fix
             values["fix"] = Stamped(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
-        self._uncertainty.hear(odometry)
         if self._map:
             values["map"], self._map = self._map, None
         if self._lidar:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 from cmd_vel_guard.values import Mount
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.validation import Range
-from turtlebot_gym.values import Command, Covariance, Fix, Pose
+from turtlebot_gym.values import Command, Fix, Pose
 
 PERIOD = Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")
 """What the period of a block may be."""
@@ -87,8 +87,6 @@ class Output:
     lock-step."""
     frame: str | None = None
     """Frame of its messages, without the prefix; None for the world's."""
-    covariance: Callable[[], Covariance] | None = None
-    """Function that returns the covariance of a value sent as Odometry, if the value has none; called after each step."""
     transform: bool = False
     """Whether a pose sent as Odometry is also published on ``/tf``, as the transform to its child frame."""
     mount: Mount | None = None
@@ -132,37 +130,10 @@ class Stamped(NamedTuple):
     """Pose of an input's frame in the robot's, by ``/tf_static``; None if that does not state it."""
 
 
-class PoseCandidates(NamedTuple):
-    """Poses at which a lost robot may be."""
-
-    poses: tuple[Pose, ...]
-
-
 class Tracks(tuple[float, ...]):
     """The numbers of the term `turtlebot_gym.observations.TRACKS`: the nearest tracks, seen from the robot."""
 
     __slots__ = ()
-
-
-class Person(NamedTuple):
-    """Something that moves."""
-
-    x: float
-    """Position, m."""
-    y: float
-    vx: float
-    """Velocity, m/s."""
-    vy: float
-    deviation: float
-    """Standard deviation of the position along each axis, m."""
-    radius: float
-    """Mean radius, m."""
-
-
-class People(NamedTuple):
-    """What moves, in the frame of the odometry."""
-
-    persons: tuple[Person, ...]
 
 
 class Correction(NamedTuple):

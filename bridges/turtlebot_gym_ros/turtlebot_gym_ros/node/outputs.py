@@ -21,7 +21,7 @@ from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, overridable
 from turtlebot_gym_ros.node.block import Output, Stamped
-from turtlebot_gym_ros.node.convert import NO_TF, conversion, state_covariance
+from turtlebot_gym_ros.node.convert import NO_TF, conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import transform_to
 from turtlebot_gym_ros.node.triggers import SECOND
@@ -93,8 +93,6 @@ class Outputs:
             message.child_frame_id = self._common.body
         for transform in getattr(message, "transforms", ()):
             transform.child_frame_id = self._common.fixed(transform.child_frame_id)
-        if (covariance := self._declared[key].covariance) is not None:
-            state_covariance(message, covariance())
         return message
 
     def publish(self, messages: Mapping[str, Any]) -> None:

@@ -32,7 +32,7 @@ from turtlebot_gym_ros.base.executor import FastExecutor, FastGroup
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.diagnostics import NodeProblem, Reporter
-from turtlebot_gym_ros.node.drives import ShellCallbacks, make_drive
+from turtlebot_gym_ros.node.drives import make_drive
 from turtlebot_gym_ros.node.inputs import Inputs
 from turtlebot_gym_ros.node.navigate import be_active, offer
 from turtlebot_gym_ros.node.outputs import Outputs
@@ -90,7 +90,7 @@ class Shell:
         try:
             self.common, self.params = declare(self.node, Common, params)
             self.block = make(self.params)
-            self._now = now
+            self.now = now
             self._log = self.node.get_logger()
             self._connect()
         except BaseException:
@@ -108,22 +108,12 @@ class Shell:
         self._steps = self._overruns = self._dropped = 0
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
         headers = not node.get_parameter("use_sim_time").value
-        group = FastGroup(node)
+        self.group = FastGroup(node)
         declared = {key: item for key, item in block.inputs.items() if not (lock_step and item.lock_step == "absent")}
-        self.inputs = Inputs(node, declared, self.common, headers=headers, group=group, now=self._now)
+        self.inputs = Inputs(node, declared, self.common, headers=headers, group=self.group, now=self.now)
+        self.feeds = self.inputs.feeds
         self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)
-        hands = ShellCallbacks(
-            group=group,
-            node=node,
-            feeds=self.inputs.feeds,
-            outputs=self.outputs,
-            now=self._now,
-            step=self._step,
-            begin=self._begin_anew,
-            pause=self._pause,
-            may_move=lambda: self.switch is None or self.switch.safety.enabled,
-        )
-        self._drive = make_drive(hands, block, lock_step=lock_step)
+        self._drive = make_drive(self)
         self._reporter = Reporter(node, [*self.outputs.endpoints, *self.inputs.connect(self._drive)], plant=self._is_plant)
         node.create_service(Trigger, "~/reset", self._serve_reset)
         for name, call in getattr(block, "services", {}).items():
@@ -132,27 +122,31 @@ class Shell:
             self._announce = node.create_publisher(Empty, "reset", STREAM)
         elif not lock_step:  # in lock-step the stamps show where an episode begins
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
-        self.switch: Switch | None = None
         self._resume = node.create_publisher(Empty, "resume", STREAM) if self.inputs.halting else None
+        self.switch: Switch | None = None
         if self.outputs.moving:
             self.switch = Switch(
                 node,
                 self.outputs,
                 enabled=self.common.start_enabled,
-                now=self._now,
+                now=self.now,
                 restart=self._enabled,
                 refusal=self.inputs.rivals,
                 blocked=math.inf if lock_step else 0.5,
                 sees=self.inputs.sees,
-                group=group,
+                group=self.group,
             )
-        self._action = offer(node, block, self.inputs.feeds, self.common)
+        self._action = offer(node, block, self.feeds, self.common)
         if name := getattr(block, "nav2_name", ""):
             be_active(node, name)
 
-    def _step(self, stamp: int) -> bool:
-        """Run the block once, publish the result, and return whether it ran."""
-        now, switch, drive = self._now(), self.switch, self._drive
+    def may_move(self) -> bool:
+        """Return whether an answer may be repeated."""
+        return self.switch is None or self.switch.safety.enabled
+
+    def step(self, stamp: int) -> bool:
+        """Run the block once at a stamp, ns, publish the result, and return whether it ran."""
+        now, switch, drive = self.now(), self.switch, self._drive
         if switch and not switch.safety.enabled:
             return False
         self._waits = self._missing(now)
@@ -173,7 +167,7 @@ class Shell:
             if switch:
                 switch.safety.end()
         self._steps += 1
-        self._overruns += self._now() - now > drive.limit > 0.0
+        self._overruns += self.now() - now > drive.limit > 0.0
         notice = getattr(self.block, "notice", None)
         if notice and notice != self._notice:
             self._log.warning(notice)
@@ -195,7 +189,7 @@ class Shell:
                     switch.stop("done")
                     if self.common.lock_step:  # at rest, but time advances
                         self.outputs.publish_answer(self.outputs.stops(stamp), stamp)
-            elif answers and (stale := self._missing(self._now())):  # it was suspended during the step
+            elif answers and (stale := self._missing(self.now())):  # it was suspended during the step
                 self._waits = stale
                 switch.stop(stale)
                 answers = False
@@ -225,14 +219,15 @@ class Shell:
         self.inputs.begin()
         if self._resume:
             self._resume.publish(Empty())
-        self._begin_anew()
+        self.begin_anew()
 
-    def _pause(self) -> None:
+    def pause(self) -> None:
         """Let the block go on after a gap in the messages on which it runs."""
         getattr(self.block, "pause", self.block.reset)()
         self._drive.reset()
 
-    def _begin_anew(self) -> None:
+    def begin_anew(self) -> None:
+        """Reset the block and its drive."""
         self.block.reset()
         self._drive.reset()
 
@@ -241,7 +236,7 @@ class Shell:
         if self.switch:
             self.switch.stop(why)
         self.inputs.forget()
-        self._begin_anew()
+        self.begin_anew()
 
     def _serve_reset(self, request: Any, response: Any) -> Any:
         self.reset("reset")
@@ -253,10 +248,10 @@ class Shell:
 
     def _watch(self) -> None:
         """In the watchdog's thread, stop a robot whose inputs have become stale, and report."""
-        next_report = self._now() + REPORT_PERIOD
+        next_report = self.now() + REPORT_PERIOD
         context = self.node.context
         while not self._closing and not time.sleep(WATCH_PERIOD) and context.ok():  # an Event may wait by the system clock
-            now = self._now()
+            now = self.now()
             self.inputs.look()
             if self.switch:
                 with self.switch.safety.lock:  # so that what is enabled now does not stop by what it forgets
@@ -276,7 +271,7 @@ class Shell:
 
     def _report(self, now: float) -> None:
         """Publish the diagnostics."""
-        problems = [NodeProblem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.inputs.feeds.values() if feed.refusal]
+        problems = [NodeProblem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.feeds.values() if feed.refusal]
         problems += [NodeProblem(WARN, self._notice)] if self._notice else []
         trouble = self._trouble and f"fault: {self._trouble}"
         faults = self._drive.trouble(), trouble, getattr(self.block, "fault", None)
@@ -284,7 +279,7 @@ class Shell:
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
         values |= getattr(self.block, "figures", {})
-        for feed in self.inputs.feeds.values():
+        for feed in self.feeds.values():
             values |= feed.figures(now)
         self._reporter.publish(problems, state, values)
 
