@@ -218,25 +218,6 @@ def test_a_fifth_of_a_second_is_counted_with_its_end():
     assert Plant(Every(0.1, 0.0), now=0.0).resend(0.2)
 
 
-def test_a_witness_is_never_left_behind():
-    plant = Plant(Every(0.1, 0.0, witness="recorded"), now=0.0)
-    plant.advance(0.0)
-    assert not plant.is_witnessed  # not even the first step is over before the recorder has heard it
-    plant.witnessed = plant.present
-    for _ in range(200):
-        assert plant.is_witnessed
-        plant.advance(0.0)
-    assert plant.is_witnessed
-    plant.advance(0.0)
-    assert not plant.is_witnessed
-    plant.witnessed = plant.present
-    assert plant.is_witnessed
-    plant.begin_episode()
-    plant.advance(0.0)
-    assert not plant.is_witnessed
-    assert Plant(Every(0.1, 0.0), now=0.0).is_witnessed  # where nobody records
-
-
 def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     plant = Plant(Every(0.1, 4.0), now=10.0)
     assert plant.wait(10.0) == 0.0

@@ -79,10 +79,10 @@ def test_the_graph_is_the_environment(compare, tmp_path, parameters, processes, 
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("noise", "policy", "friction"), [("tutorial", "bearing", 1.0), ("wheel", "ppo-square", 0.5)])
-def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy, friction):
+@pytest.mark.parametrize(("noise", "policy"), [("tutorial", "bearing"), ("wheel", "ppo-square")])
+def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy):
     pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
-    drive = compare.SquareDrive(policy, noise, "arrival", "burger", 3, plant="mujoco", friction=friction)
+    drive = compare.SquareDrive(policy, noise, "arrival", "burger", 3, plant="mujoco")
     expected, live = compare.episode(drive, 150), compare.live(drive, 150)
     np.testing.assert_array_equal(live.command, live.estimate[:, 3:])  # as the wheels have told it, which is not what was asked
     assert_same(compare, expected, replace(live, command=expected.command))

@@ -12,7 +12,6 @@ from cmd_vel_guard.values import Mount
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.rooms.grid import GridMap, charted
 from turtlebot_gym.rooms.lidar import Lidar, beams_by
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
@@ -41,7 +40,6 @@ MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 """Additional output for a map, published once."""
 OPEN_GROUND = ("open", "")
 """Names of worlds without a room."""
-_BURGER = MujocoBurger()
 
 
 SHOWN_EVERY = 5
@@ -51,10 +49,10 @@ SHOWN_EVERY = 5
 class TurtlebotSimulator:
     """Simulate a TurtleBot: each step is the environment's, with the same noise for the same seed and episode.
 
-    With ``plant`` "mujoco" a physics engine moves it instead of the unicycle, on a floor with ``friction``, and its odometry
-    comes from its wheels. In a ``world`` it is in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a
-    LiDAR. Contact is judged as there, but nothing is solid: an episode's first contact is reported, and the robot drives on.
-    With ``goals`` it gives several goals in turn, as `TurtleBotMissions-v0` does.
+    With ``plant`` "mujoco" a physics engine moves it instead of the unicycle, and its odometry comes from its wheels. In a
+    ``world`` it is in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a LiDAR. Contact is judged as
+    there, but nothing is solid: an episode's first contact is reported, and the robot drives on. With ``goals`` it gives
+    several goals in turn, as `TurtleBotMissions-v0` does.
 
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held indefinitely, as on a TurtleBot3; at rest before the first). Outputs:
     ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Odometry`, on ``odom``: the measured pose, marked if it dropped
@@ -84,9 +82,6 @@ class TurtlebotSimulator:
         """1 for real time; in lock-step the highest multiple of it, and 0 for as fast as the nodes answer."""
         seed: Annotated[int, Range(0, MAX_SEED, whole=True)] = 0
         """Seed of the noise."""
-        witness: bool = False
-        """Whether time in lock-step waits also for the recorder, which reports on ``recorded``. The recorder is that of a
-        `Graph`."""
         publish_tf: bool = False
         """Whether to publish odometry on ``/tf`` and the LiDAR on ``/tf_static``; needs ``tf2_msgs``. A robot's bring-up does.
         """
@@ -106,16 +101,9 @@ class TurtlebotSimulator:
         """Frame of the odometry, if it is not the world's: the map's then, with a localizer."""
         plant: str = "unicycle"
         """Model of the motion: "unicycle", or "mujoco", whose wheels creep and slip; needs MuJoCo. It is a Burger."""
-        friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.friction
-        """With the plant "mujoco", friction between wheels and floor, 1; 0.5 is slippery."""
-        caster_friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.caster_friction
-        """With the plant "mujoco", friction between caster and floor, 1; 0.3 is a clogged caster."""
 
         def __post_init__(self) -> None:
             check_fields(self, "")
-            if self.in_room and self.plant != "unicycle":
-                raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo supports open ground only.")
-            self.physics()
             if self.goals and not self.in_room:
                 raise ValueError("goals must be 0 without a world: goals in turn are drawn in a room.")
             if self.in_room and self.random_start:
@@ -125,16 +113,6 @@ class TurtlebotSimulator:
         def in_room(self) -> bool:
             """Whether there is a room around the robot."""
             return self.world not in OPEN_GROUND
-
-        def physics(self) -> MujocoBurger | tuple[()]:
-            """Return the plant with its friction.
-
-            Raises:
-                ValueError: If the name is unknown, or a friction is given for the unicycle.
-            """
-            named = {name: getattr(self, name) for name in ("friction", "caster_friction")}
-            changed = {name: value for name, value in named.items() if value != getattr(_BURGER, name)}
-            return make_plant(self.plant, **changed)
 
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
@@ -153,7 +131,7 @@ class TurtlebotSimulator:
             integrator=params.integrator,
             dt=params.period,
             fix=None if params.fix in NO_FIX else params.fix,
-            plant=params.physics() or "unicycle",
+            plant=params.plant,
             world=params.world if params.in_room else None,
             lidar=params.lidar if params.in_room else None,
             localizer=params.localizer or None,
@@ -161,8 +139,7 @@ class TurtlebotSimulator:
         self._sees_fixes = bool(p.fix)
         if self._sees_fixes:
             self.outputs = {**self.outputs, **FIX_OUTPUTS}
-        witness = "recorded" if params.witness else None
-        self.trigger = replace(self.trigger, period=params.period, speed=params.speed, witness=witness)
+        self.trigger = replace(self.trigger, period=params.period, speed=params.speed)
         self._lidar: Lidar | None = p.room.lidar if p.room else None
         if self._lidar:
             mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)

@@ -160,8 +160,6 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("--goals", type=int, help="with a world, number of goals in turn, as in missions (default: one)")
     parser.add_argument("--lidar", help=f"the LiDAR in a world: {', '.join(LIDARS)}, or FILE.yaml (default: lds01)")
     parser.add_argument("--plant", choices=list(PLANTS), help="model of the motion (default: unicycle); mujoco needs MuJoCo")
-    parser.add_argument("--friction", type=float, help="with --plant mujoco, friction of wheels on the floor (default: 1)")
-    parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, friction of the caster (default: 0.05)")
     parser.add_argument("--switch", choices=["arrival", "time"], help="when to switch to the next waypoint (default: arrival)")
     parser.add_argument("--seed", type=int, help="seed of the noise and of the room")
     parser.add_argument("--namespace", help="namespace of all nodes and topics, such as robot1; by default none")

@@ -124,7 +124,7 @@ class Graph:
         known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
         chosen = {key: value for key, value in parameters.items() if key in known}
         if name == "turtlebot_simulator":
-            chosen = {"speed": speed, "witness": self._lock_step, **chosen}
+            chosen = {"speed": speed, **chosen}
         return {"lock_step": True, **chosen} if self._lock_step else chosen
 
     def __enter__(self) -> Graph:  # noqa: PYI034  # typing.Self needs Python 3.11

@@ -19,7 +19,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.time import Time
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 
 from cmd_vel_guard.qos import LATCHED, STREAM
 from turtlebot_gym.drive import Drive
@@ -46,8 +46,6 @@ STEP = ("true_state", "odom", "estimate", "reference")
 """Topics of a row; in real time the reference is not tied to a step."""
 ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "scan": Scan, "obstacles": Obstacles}
 """Additional topics of a simulator in a room; on a map also ``map``, once."""
-TELL = 50
-"""Steps between its progress reports, by which the plant does not outrun it."""
 
 
 class Recorder:
@@ -92,7 +90,6 @@ class Recorder:
         self._first = 0
         self._waits_for_rest = False
         self._heard: list[Subscription] = []
-        self._tell = self.node.create_publisher(Header, "recorded", LOCK_STEP)
         for topic, kind in {**topics, **(ROOM_TOPICS if room else {})}.items():
             way = conversion(kind, stamped=stamped)
             qos, group = (LOCK_STEP, FastGroup(self.node)) if lock_step else (SENSOR, None)
@@ -133,13 +130,9 @@ class Recorder:
                 self._first, self._span = stamp, -1
             self._last = stamp
         row = self._rows.setdefault(stamp, {})
-        again = topic == "true_state" and len(row) == len(self._step)
         row[topic] = value
-        if len(row) < len(self._step):
-            return
-        self._span = max(self._span, stamp - self._first)
-        if again or stamp == self._first or len(self._rows) % TELL == 0:
-            self._tell.publish(Header(stamp=Time(nanoseconds=stamp).to_msg()))
+        if len(row) == len(self._step):
+            self._span = max(self._span, stamp - self._first)
 
     def _at(self, stamp: int) -> dict[str, Any]:
         """Return the sample of a stamp; a new one starts with the current reference and command."""

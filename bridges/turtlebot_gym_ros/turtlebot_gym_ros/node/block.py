@@ -178,9 +178,6 @@ class Every:
     outputs and it publishes ``clock``, the upper limit, with 0 for none."""
     answers: str | None = None
     """Name of the input on which a block other than the plant runs in lock-step, at its stamp."""
-    witness: str | None = None
-    """Topic on which a recorder reports its progress to a plant in lock-step: time waits for it too, so that nothing is
-    lost."""
 
     def __post_init__(self) -> None:
         PERIOD.check("period", self.period)

@@ -13,10 +13,8 @@ from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
-from std_msgs.msg import Header
 
 from cmd_vel_guard.qos import STREAM
-from turtlebot_gym_ros.base.qos import LOCK_STEP
 from turtlebot_gym_ros.node.block import Every, On
 from turtlebot_gym_ros.node.lockstep import RESEND, Answers, Plant, Turn, trigger_of
 from turtlebot_gym_ros.node.triggers import SECOND, Messages, StampGrid
@@ -179,8 +177,6 @@ class _AsPlant(Scheduler):
         shell.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
         self._later = shell.node.create_timer(1.0, self._go_on, clock=steady, callback_group=shell.group)
         self._later.cancel()
-        if trigger.witness:
-            shell.node.create_subscription(Header, trigger.witness, self._witness, LOCK_STEP, callback_group=shell.group)
 
     def present(self) -> int:
         """Return the stamp of the step that awaits its answer, ns."""
@@ -192,17 +188,9 @@ class _AsPlant(Scheduler):
         return feed is None or stamp == self._rule.present != feed.stamp
 
     def on_message(self, key: str, stamp: int) -> None:
-        """Take the next step if this one has been answered and the witness has received it."""
-        answered = self._rule.answers(feed.stamp for feed in self._answers.values())
-        if self._started and answered and self._rule.is_witnessed:
+        """Take the next step if this one has been answered."""
+        if self._started and self._rule.answers(feed.stamp for feed in self._answers.values()):
             self._go_on()
-
-    def _witness(self, message: Header) -> None:
-        """Record the recorder's progress, and continue if nothing else was missing."""
-        waited = not self._rule.is_witnessed
-        self._rule.witnessed = Time.from_msg(message.stamp).nanoseconds
-        if waited:
-            self.on_message("", 0)
 
     def _go_on(self) -> None:
         """Take the next step, or set the timer for it."""
@@ -229,9 +217,8 @@ class _AsPlant(Scheduler):
         """Return what has not answered for long; the diagnostics of the nodes between say which of them waits for what."""
         if not self._rule.is_overdue(self._shell.now()):
             return None
-        present = self._rule.present
-        feed = next((feed for feed in self._answers.values() if feed.stamp != present), None)
-        return f"time stands still: waits for {feed.topic if feed else 'the recorder'} of the step at {present / SECOND:.3f} s"
+        topics = ", ".join(feed.topic for feed in self._answers.values() if feed.stamp != self._rule.present)
+        return f"time stands still: waits for {topics} of the step at {self._rule.present / SECOND:.3f} s"
 
     def new_episode(self) -> None:
         """Take the first step of an episode now, even if the previous one was not answered."""
