@@ -2,8 +2,6 @@
 
 import threading
 import time
-from contextlib import nullcontext
-from types import SimpleNamespace
 
 import pytest
 from bench import NoParameters, odometry
@@ -22,7 +20,7 @@ from cmd_vel_guard.executor import PolledGroup
 from cmd_vel_guard.process import Runner
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros import Input, On, Output, Shell
-from turtlebot_gym_ros.base.executor import MOST, FastExecutor, FastGroup, take
+from turtlebot_gym_ros.base.executor import FastExecutor, FastGroup, take
 from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
 
 
@@ -59,32 +57,6 @@ def test_a_topic_that_nobody_waits_for_is_heard_when_it_is_taken(peer, another_r
     wait_for(lambda: talker.publish(String(data="there")) or len(others) > 5)
     assert heard == []
     wait_for(lambda: take(subscription, peer.node) or heard)
-
-
-def test_fast_entities_that_are_destroyed_during_the_wait_do_not_end_the_process(peer, wait_for):
-    for k in range(60):
-        topics = [f"fast_{k}_{n}" for n in range(3)]
-        make = peer.node.create_subscription
-        ended = [make(String, topic, lambda message: None, 1, callback_group=FastGroup(peer.node)) for topic in topics]
-        time.sleep(0.003 * (k % 20))
-        for subscription in ended:
-            peer.node.destroy_subscription(subscription)
-    heard, publisher = peer.hear("after_all", String), peer.speak("after_all", String)
-    wait_for(lambda: publisher.publish(String(data="there")) or heard)
-
-
-class Endless(nullcontext):
-    """The handle of a subscription whose messages come faster than they can be taken."""
-
-    def take_message(self, kind, raw):
-        return "again", None
-
-
-def test_a_flood_takes_its_turn():
-    heard = []
-    handle = Endless()
-    take(SimpleNamespace(handle=handle, msg_type=String, raw=False, callback=heard.append, _callback_type=None), None)
-    assert len(heard) == MOST
 
 
 @pytest.mark.parametrize("group", [None, FastGroup])

@@ -7,7 +7,6 @@ import time
 from contextlib import closing
 
 import pytest
-from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Goals, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -15,7 +14,6 @@ from std_msgs.msg import String
 
 pytestmark = pytest.mark.touched("bridges/turtlebot_gym_ros/turtlebot_gym_ros/recording", "tests/bridges/test_logger.py")
 
-NOW = 1_800_000_000_000_000_000  # ns
 DEEP = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -127,21 +125,6 @@ def test_a_kill_loses_at_most_the_last_second(start, peer, matched, wait_for, tm
     assert len(held) >= sum(moment < killed - 1.5 for moment, _ in sent) > 50
 
 
-def test_a_best_effort_publisher_that_comes_late_is_heard(start, peer, listener, matched, tmp_path, read_bag):
-    process = start()
-    first = peer.speak("text", String, DEEP)
-    matched(first)
-    first.publish(text(0))
-    assert first.wait_for_all_acked()
-    second = listener.speak("text", String, BEST_EFFORT)
-    matched(second, first)
-    second.publish(text(1))
-    first.publish(text(2))
-    end(process)
-    held = read_bag(tmp_path / "run")["/text"]
-    assert sorted(message.data for message in held) == ["0", "1", "2"]
-
-
 def test_publishers_of_other_qualities_of_service_lose_and_double_nothing(
     start, peer, listener, matched, wait_for, tmp_path, read_bag
 ):
@@ -175,20 +158,6 @@ def test_publishers_of_other_qualities_of_service_lose_and_double_nothing(
         "unreliable": 1,
         "latched": 1,
     }
-
-
-def test_of_two_types_on_a_topic_the_configured_one_is_kept(start, peer, listener, matched, wait_for, tmp_path, read_bag):
-    process = start()
-    wrong = listener.speak("cmd_vel", Twist)
-    matched(wrong)  # better than nothing
-    wrong.publish(Twist())
-    assert wrong.wait_for_all_acked()
-    right = peer.speak("cmd_vel", TwistStamped)
-    matched(right)
-    wait_for(lambda: wrong.get_subscription_count() == 0)
-    right.publish(TwistStamped())
-    assert "/cmd_vel is published as geometry_msgs/msg/Twist and geometry_msgs/msg/TwistStamped: only" in end(process)
-    assert read_bag(tmp_path / "run")["/cmd_vel"] == [Twist(), TwistStamped()]
 
 
 @pytest.mark.parametrize(

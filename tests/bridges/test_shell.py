@@ -18,7 +18,7 @@ from std_msgs.msg import Empty, Header, String
 from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, On, Output, Shell
+from turtlebot_gym_ros import Every, Output, Shell
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.kalman_filter import FIX
 from turtlebot_gym_ros.blocks.localizer import MAP_INPUT
@@ -74,12 +74,6 @@ def test_the_same_block_is_a_node(example, runner, peer, wait_for, stamped):
     wait_for(lambda: reports and reports[-1].status[0].level == DiagnosticStatus.OK)
 
 
-def test_the_example_stays_short():
-    body = EXAMPLE.read_text().partition("class FaceEast:")[2].partition("\n\n\nif")[0]
-    code = [line for line in body.splitlines() if line.strip() and '"""' not in line]
-    assert len(code) <= 12
-
-
 # States.
 
 
@@ -125,17 +119,6 @@ def test_a_reset_of_the_plant_reaches_everybody(bench):
     bench.drive()
 
 
-class Slow(Mover):
-    """A mover that steps every 50 ms."""
-
-    trigger = On("odometry", period=0.05)
-
-
-def test_messages_that_come_more_slowly_than_the_steps_are_an_error_in_words(make_bench):
-    bench = make_bench(make=Slow)
-    bench.wait_for(lambda: bench.send() or "odometry comes every 0.100 s, but a step is due every 0.05 s" in bench.state)
-
-
 # The graph around it.
 
 
@@ -146,33 +129,6 @@ def test_the_wrong_type_of_velocity_is_reported_with_the_command_to_type(bench, 
     stranger.destroy_node()
     assert status.level == DiagnosticStatus.ERROR
     assert "python -m turtlebot_gym_ros mover --ros-args -p enable_stamped_cmd_vel:=false" in status.message
-
-
-def test_a_graph_without_fault_is_reported_as_such(bench):
-    bench.drive()
-    bench.reports.clear()
-    status = bench.report("")
-    assert status.level == DiagnosticStatus.OK
-    assert "/odom" in {item.key for item in status.values}
-
-
-def test_problems_of_both_levels_are_logged_one_after_the_other(bench):
-    """rclpy's logger raises where the severity of a line changes; the watch must not end by that, or by anything else."""
-    bench.peer.speak("cmd_vel", TwistStamped)
-    bench.report("publishes too")
-    report, bench.shell._report = bench.shell._report, lambda now: 1 / 0
-    bench.advance(1.1)
-    bench.shell._report = report
-    bench.reports.clear()
-    bench.peer.node.destroy_subscription(bench.peer.subscriptions["cmd_vel"])
-    assert bench.report("there is no listener").level == DiagnosticStatus.ERROR
-    assert "/peer publishes too" in bench.report("").message
-
-
-def test_a_command_that_nobody_hears_is_reported(runner, peer, wait_for, example):
-    reports = peer.hear("/diagnostics", DiagnosticArray)
-    runner.add(Shell(example.FaceEast, example.Params, context=runner.context))
-    wait_for(lambda: [report for report in reports if "/cmd_vel: there is no listener." in report.status[0].message])
 
 
 def test_a_schedule_begins_when_somebody_listens(runner, peer, wait_for):
@@ -254,19 +210,6 @@ def test_of_two_odometries_none_counts_until_one_is_gone(runner, peer, another_r
     rival.close()
     wait_for(lambda: len(estimates) > 3)
     assert wheels.node is not None
-
-
-def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, wait_for, said):
-    peer.runner = another_runner
-    block = load("velocity_controller")
-    runner.add(Shell(block, block.Params, context=runner.context))
-    kinds = {"estimate": Odometry, "reference": PoseStamped, "next_reference": PoseStamped}
-    for topic, kind in kinds.items():
-        for name in ("first", "second"):
-            speaker(peer, topic, kind, f"{name}_{topic}")
-    for topic in kinds:
-        text = f"/{topic}: /first_{topic} and /second_{topic} publish it: refused until there is one."
-        wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.ERROR))
 
 
 def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_fixes_say():

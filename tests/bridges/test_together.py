@@ -39,13 +39,6 @@ def test_what_cannot_share_a_process_is_refused_in_one_line(capfd, names, said):
     assert said in line
 
 
-def test_a_help_is_that_of_each_node(capsys):
-    assert main(["kalman_filter", "velocity_controller", "--help"]) == 0
-    out = capsys.readouterr().out
-    assert "Estimate the pose from odometry" in out
-    assert "Drive to the reference with a policy" in out
-
-
 class Robot:
     """A robot with a guard on its wheels, and filter and controller in one process."""
 
@@ -106,12 +99,3 @@ def test_the_last_word_of_nodes_that_are_asked_to_end_is_zero(robot):
     driving.nodes.terminate()
     assert driving.nodes.wait(30) == 0
     driving.wait_for(lambda: driving.speeds[-1] == 0.0)
-
-
-def test_a_policy_that_blocks_stops_the_robot(robot):
-    driving = robot("blocks")
-    driving.until(lambda: driving.states and driving.states[-1].data.startswith("silent: not enabled"))
-    assert driving.ask("velocity_controller/enable", SetBool, SetBool.Request(data=True)).success
-    driving.until(lambda: driving.states[-1].data.startswith("silent: fault: a step takes longer"))
-    driving.wait_for(lambda: driving.speeds[-1] == 0.0)
-    assert driving.guard.poll() is None

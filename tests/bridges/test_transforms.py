@@ -13,10 +13,7 @@ from std_msgs.msg import Header
 from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym import values
 from turtlebot_gym.values import Command, Pose
-from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
-from turtlebot_gym_ros.node import outputs
 from turtlebot_gym_ros.node.block import Mount
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.outputs import BROADCAST, _Transforms
@@ -70,12 +67,6 @@ def test_a_pose_is_the_transform_to_its_child_frame(tf2_msgs):
     assert transform.transform.rotation == message.pose.pose.orientation
 
 
-def test_a_pose_that_was_not_measured_is_no_transform(tf2_msgs):
-    node = StandInNode()
-    _Transforms(node, [], Common()).publish(odometry(measured=False))
-    assert not node.heard
-
-
 def test_mounts_are_said_once_together_for_whoever_comes(tf2_msgs):
     node, mounts = StandInNode(), [Mount("base_scan", -0.032, 0.0, 0.0), Mount("camera", 0.05, -0.02, math.pi / 2.0)]
     _Transforms(node, mounts, Common(frame_prefix="robot1/"))
@@ -90,58 +81,7 @@ def test_mounts_are_said_once_together_for_whoever_comes(tf2_msgs):
     assert (camera.rotation.z, camera.rotation.w) == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
 
 
-@pytest.mark.parametrize(
-    ("lidar", "mount"),
-    [
-        ("lds01", Mount("base_scan", -0.032, 0.0, 0.0)),
-        ("lds02", Mount("base_scan", -0.032, 0.0, 0.0)),
-        ("a1", Mount("rplidar_link", -0.04, 0.0, math.pi / 2.0)),
-        ("ideal", Mount("base_scan", 0.0, 0.0, 0.0)),
-    ],
-)
-def test_scans_are_in_the_lidars_frame_which_is_where_it_is_mounted(runner, monkeypatch, lidar, mount):
-    monkeypatch.setattr(outputs, "_Transforms", StandInTransforms)
-    overrides = {"publish_tf": True, "frame_prefix": "robot1/", "world": "dense", "lidar": lidar}
-    shell = Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides=overrides)
-    assert mounted == [mount]
-    answer = shell.block.step(0.1, None)
-    messages = {key: shell.outputs.message(key, answer[key], 10**10) for key in ("scan", "clearance", "truth")}
-    frames = {key: message.header.frame_id for key, message in messages.items()}
-    assert frames == {"scan": f"robot1/{mount.frame}", "clearance": "robot1/base_footprint", "truth": "robot1/odom"}
-    shell.close()
-
-
-class StandInTransforms:
-    """Stands in for the publisher: it keeps the messages that it would publish."""
-
-    def __init__(self, node, mounts, common):
-        self.heard = heard
-        heard.clear()
-        mounted[:] = mounts
-
-    def publish(self, message):
-        heard.append(message)
-
-
 heard, mounted = [], []
-
-
-@pytest.mark.parametrize(("block", "output"), [(TurtlebotSimulator, "odometry"), (KalmanFilter, "estimate")])
-def test_a_node_publishes_the_pose_that_it_owns_and_only_if_asked(runner, monkeypatch, block, output):
-    monkeypatch.setattr(outputs, "_Transforms", StandInTransforms)
-    for asked in (True, False):
-        heard.clear()
-        shell = Shell(block, block.Params, context=runner.context, overrides={"publish_tf": asked, "frame_prefix": "robot1/"})
-        if block is TurtlebotSimulator:
-            answer = shell.block.step(0.1, None)
-        else:
-            answer = shell.block.step(0.0, odometry=values.Odometry(Pose(1.0, -2.0, 0.5), Command(0.1, 0.2), True))
-        messages = {key: shell.outputs.message(key, value, 0) for key, value in answer.items()}
-        shell.outputs.publish_answer(messages, 0)
-        shell.outputs.publish_again()  # of lock-step: a transform is said once
-        assert heard == ([messages[output]] if asked else [])
-        assert messages[output].header.frame_id == "robot1/odom"
-        shell.close()
 
 
 def test_without_a_ros_installation_it_is_refused_on_one_line(launch):
