@@ -186,33 +186,6 @@ def builder():
     return script("tests/bridges/built_interfaces")
 
 
-NAV2 = """#goal definition
-geometry_msgs/PoseStamped pose
-string behavior_tree
----
-#result definition
-
-# Error codes
-# Note: The expected priority order of the errors should match the message order
-uint16 NONE=0
-uint16 UNKNOWN=9000
-uint16 FAILED_TO_LOAD_BEHAVIOR_TREE=9001
-uint16 TF_ERROR=9002
-uint16 TIMEOUT=9003
-
-uint16 error_code
-string error_msg
----
-#feedback definition
-geometry_msgs/PoseStamped current_pose
-builtin_interfaces/Duration navigation_time
-builtin_interfaces/Duration estimated_time_remaining
-int16 number_of_recoveries
-float32 distance_remaining
-"""
-"""``nav2_msgs/action/NavigateToPose.action`` of Nav2's tags 1.3.0 to 1.3.13, Jazzy, independent of what the builder has."""
-
-
 @pytest.fixture(scope="session")
 def install(tmp_path_factory, builder, request):
     """Build interfaces, install them apart, and return the variables by which a process has them; wheels are kept for later."""
@@ -247,12 +220,6 @@ def interfaces(install, builder):
     if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
         return {}
     return install("ours", builder.FILES)
-
-
-@pytest.fixture(scope="session")
-def theirs(install):
-    """The environment variables by which a client has nav2_msgs, from Nav2's own definition."""
-    return install("theirs", {"nav2_msgs": ("action/NavigateToPose.action", NAV2)})
 
 
 @pytest.fixture

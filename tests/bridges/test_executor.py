@@ -1,6 +1,5 @@
 """The executor of the nodes goes on whatever other threads do to its entities, and nodes work in other executors, too."""
 
-import threading
 import time
 
 import pytest
@@ -11,7 +10,6 @@ from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import ListParameters, SetParameters
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from std_msgs.msg import Header, String
 
@@ -22,23 +20,6 @@ from turtlebot_gym.values import Pose, State
 from turtlebot_gym_ros import Input, On, Output, Shell
 from turtlebot_gym_ros.base.executor import FastExecutor, FastGroup, take
 from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
-
-
-def test_an_entity_that_is_destroyed_while_it_is_waited_for_does_not_end_it(peer, wait_for):
-    """The moment is too short to be met on purpose: an event of a subscription says once what rclpy then says."""
-    subscription = peer.node.create_subscription(String, "short_lived", lambda message: None, 1)
-    event, met = subscription.event_handlers[0], threading.Event()
-    wait = event.add_to_wait_set
-
-    def gone(wait_set):
-        if met.is_set():
-            return wait(wait_set)
-        met.set()
-        raise rclpy_implementation.InvalidHandle("cannot use Destroyable because destruction was requested")
-
-    event.add_to_wait_set = gone
-    heard, publisher = peer.hear("after_all", String), peer.speak("after_all", String)
-    wait_for(lambda: publisher.publish(String(data="there")) or (met.is_set() and heard))
 
 
 def test_a_topic_that_nobody_waits_for_is_heard_when_it_is_taken(peer, another_runner, wait_for):

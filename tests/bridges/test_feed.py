@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import pytest
 from bench import odometry
 from geometry_msgs.msg import TwistStamped
-from nav_msgs.msg import Odometry
 from rclpy.qos import ReliabilityPolicy
 from rclpy.time import Time
 from sensor_msgs.msg import LaserScan, TimeReference
@@ -48,14 +47,6 @@ def make(*, lock_step=False, **options):
     feed, node = unconnected(lock_step=lock_step, **options), FakeNode()
     node.endpoint = feed.connect(node, "hear", "told")
     return feed, node
-
-
-def test_it_subscribes_to_its_topic_by_the_name_that_the_graph_gives_it():
-    feed, node = make()
-    assert feed.topic == "/robot/odom"
-    assert (node.kind, node.hear) == (Odometry, "hear")
-    assert node.endpoint == ("/robot/odom", "nav_msgs/msg/Odometry", False, False, False)
-    assert node.overridable.policy_kinds
 
 
 @pytest.mark.parametrize(
@@ -206,29 +197,6 @@ def test_what_is_given_once_is_gone_after_one_step():
     assert feed.take(100.1, 0) is None
     feed.accept("another", 100.2, 8)
     assert feed.take(100.2, 0) == "another"
-
-
-def test_a_refusal_is_news_until_a_message_is_accepted():
-    feed, _ = make()
-    assert feed.refusal is None
-    assert feed.refuse("its frame is wrong")
-    assert feed.refusal == "refused: its frame is wrong"
-    assert not feed.refuse("its frame is wrong")
-    feed.accept("here", 100.0, 7)
-    assert feed.refusal is None
-    assert feed.refuse("its frame is wrong")
-
-
-def test_the_diagnostics_count_and_tell_the_age():
-    feed, _ = make()
-    assert feed.figures(100.0) == {"/robot/odom": "never, 0 received, 0 refused"}
-    feed.accept("here", 100.0, 7)
-    feed.accept("there", 101.0, 8)
-    for _ in range(3):
-        feed.refuse("its frame is wrong")
-    assert feed.figures(101.25) == {"/robot/odom": "0.25 s ago, 2 received, 3 refused"}
-    feed.age(*message(sent=101.5, measured=101.25), 101.5)
-    assert feed.figures(101.5) == {"/robot/odom": "0.50 s ago, 2 received, 3 refused, clock -0.25 s"}
 
 
 def test_an_aged_value_comes_with_the_difference_of_the_stamps():

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import pytest
 from burger import Parameters
-from driven import BURGER, DT, KINDS, NOISES, Driver, Kind, alarm
+from driven import DT, KINDS, NOISES, Driver, Kind, alarm
 
 from cmd_vel_guard.arbiter import Arbiter
-from cmd_vel_guard.moved import BLOCKED, DEAD, EXTRA, REVERSED, Moved
+from cmd_vel_guard.moved import BLOCKED, DEAD, EXTRA, REVERSED
 from turtlebot_gym.values import STOP, Command, Pose
 
 AHEAD, SPIN, ARC = Command(0.21, 0.0), Command(0.0, 1.0), Command(0.15, 0.7)
@@ -132,20 +132,6 @@ def test_a_reset_of_the_pose_is_not_motion(far):
     assert alarm(Kind(), 60.0, 3, spoil=after(20.0, reset)) is None
 
 
-def test_what_is_no_number_or_comes_again_is_no_sign_of_life():
-    judge = Moved(BURGER)
-    judge.hear(Pose(0.0, 0.0, 0.0), STOP, 10.0)
-    for pose, twist, at in (
-        (Pose(math.nan, 0.0, 0.0), STOP, 11.0),
-        (Pose(0.0, 0.0, 0.0), Command(math.inf, 0.0), 11.0),
-        (Pose(0.0, 0.0, 0.0), STOP, 10.0),
-        (Pose(0.0, 0.0, 0.0), STOP, -math.inf),
-    ):
-        assert judge.hear(pose, twist, at) == ""
-        assert not judge.lacks(11.0)
-        assert judge.lacks(11.01)
-
-
 def test_the_sources_of_motion_are_all_covered():
     """Each style of the driver occurs."""
     driver = Driver(random.Random(1))
@@ -205,8 +191,3 @@ def test_a_robot_stands_while_odometry_that_was_heard_is_lost_and_goes_on_with_i
     assert 2.9 < max(at for at, command in told if command != STOP) < 3.1
     assert not arbiter.emergency
     assert drive(arbiter, 5.0, 1.0, moves)[-1][1].v > 0.2
-
-
-def test_a_robot_whose_odometry_was_never_heard_drives():
-    arbiter = Arbiter(Parameters(), 100.0)
-    assert drive(arbiter, 0.0, 3.0, None)[-1][1].v > 0.2
