@@ -17,13 +17,13 @@ from cmd_vel_guard.collision import (
     RawScan,
     gaps,
     limited,
-    narrow_gap,
     read,
     times_to_contact,
     view_of,
 )
 from cmd_vel_guard.monitor import Monitor, Timing
 from cmd_vel_guard.values import STOP, Command, Mount
+from turtlebot_gym import beams
 from turtlebot_gym.beams import beams_of, gaps_of
 from turtlebot_gym.motion import into, moved
 
@@ -32,6 +32,10 @@ BODY = Footprint(0.1, 0.0, MOUNT)
 LIMITS = Limits(margin=0.05, error=0.1, time=1.0, escape_speed=0.04)
 TIMING = Timing(age=0.4, period=0.2, reaction=0.2)
 T = 100.0
+
+
+def narrow_gap(body, limits, speed):
+    return beams.narrow_gap(body.radius, limits.margin + speed * limits.time)
 
 
 NOISE = np.random.default_rng(5)

@@ -3,10 +3,9 @@
 It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. With
 ``collision_monitor`` false it does NOT SEE OBSTACLES.
 
-**Its own death is covered by** ``cmd_vel_standby``, see `standby`: a TurtleBot3 holds its last command indefinitely, so a
-second process sends zeros when this one falls silent. A motion in force is therefore repeated every 0.05 s, and with
-``require_standby`` the robot stands without the standby's sign of life. The launch file respawns both; the first message of a
-guard, to every listener that it meets in its first 5 s, is a zero.
+**Its own death is covered by** ``cmd_vel_standby``, see `standby`: a TurtleBot3 holds its last command. A motion in
+force is repeated every 0.05 s as a sign of life, and with ``require_standby`` the robot stands without the standby's. The first
+message of a guard, to every listener that it meets in its first 5 s, is a zero.
 
 Inputs: ``/cmd_vel_teleop`` (a person; wins while fresh) and ``/cmd_vel_in`` (a program), Twist or TwistStamped;
 ``/emergency_stop`` (Bool, reliable, true is stop; any number of buttons, each at 5 Hz or more, pressed or not); with a geofence
@@ -15,30 +14,18 @@ which states its mount; ``cmd_vel_standby/alive`` (Empty) if it is required. Out
 ``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
 
 **A command has two ages**, see `sent`: since it was sent (``max_age``), and since the measurement on which it rests
-(``measured_age``), by its header's stamp. Of an unstamped Twist, and with ``use_sim_time``, only the first is known. A guard
-that was suspended or starved stops first, and obeys messages of its backlog only if they prove to be young enough.
-
-**The collision monitor**, see `monitor` and `collision`, slows down every command that would lead into an obstacle, including a
-person's, and judges it again in each period. A stale, missing or unreadable scan is a stop, and is reported.
+(``measured_age``), by its header's stamp. Of an unstamped Twist, and with ``use_sim_time``, only the first is known.
 
 **An emergency stop** counts however short the press, and from any button, see `emergency`: the guard reads all waiting messages
-before it sends any motion. Whatever may have hidden a press is a stop too: a button that has ended, messages that are lost for
-good over more than 0.5 s, or 0.5 s in which the guard did not run. After a stop the guard sends zeros until it is enabled
-again, which it refuses while any button is pressed, or one that it has heard is silent. While a button is silent for 0.5 s the
-robot stands, and goes on when the button is heard again::
+before it sends any motion. After a stop it sends zeros until it is enabled again::
 
     ros2 service call /cmd_vel_guard/enable std_srvs/srv/SetBool "{data: true}"
 
 A restarted guard remembers no emergency stop. On a robot ``require_emergency_stop`` is true: then it always starts disabled,
-and cannot be enabled without a live button. A simulation does without, and then a crash releases a stop. After one of several
-buttons is removed for good, restart the guard.
+and cannot be enabled without a live button. After one of several buttons is removed for good, restart the guard.
 
-**Namespaces.** All its topics are relative: the guard of /robot1 subscribes to /robot1/emergency_stop only, and serves
-/robot1/cmd_vel_guard/enable. To stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node
-that moves a robot, to a common topic. Each robot is still enabled separately.
-
-Parameters: see `parameters`. All times are by the steady clock, so it works with ``use_sim_time`` and without
-``/clock``.
+All names are relative: to stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node that
+moves a robot, to a common topic. All times are by the steady clock. Parameters: see `parameters`.
 """
 
 from __future__ import annotations

@@ -28,8 +28,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, narrow_gap, read, turns_freely, view_of
+from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, read, turns_freely, view_of
 from cmd_vel_guard.values import STOP, Command, Mount, Pose
+from turtlebot_gym.beams import narrow_gap
 from turtlebot_gym.motion import into, out_of
 from turtlebot_gym.mounts import differ
 from turtlebot_gym.scan_watch import ScanWatch
@@ -84,7 +85,7 @@ class Monitor:
         # Farther than the robot can move in the time to contact plus the whole validity of a scan.
         used = limits.time + timing.age + timing.period + timing.reaction
         self._reach = (speed + turning * abs(body.center_x)) * used
-        self._narrow = narrow_gap(body, limits, speed)
+        self._narrow = narrow_gap(body.radius, limits.margin + speed * limits.time)
         self._room = limits.escape_speed * limits.time
         self._enters, self._judged = False, now
         self._points, self._unknown = np.empty((3, 0)), np.empty((3, 0))
