@@ -13,7 +13,6 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.files import SMALL, load, read_text
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.presets import make_robot
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
 from turtlebot_gym.validation import NON_NEGATIVE, POSITIVE, Range, check_fields, short_repr
@@ -61,8 +60,6 @@ class WaypointGenerator:
         """Number of rounds through the waypoints."""
         relative: bool = False
         """Whether waypoints are relative to the first estimate instead of the world frame."""
-        robot: str = "burger"
-        """The robot that drives to an action's goal, for the time left: a name in `turtlebot_gym.robots.ROBOTS`."""
         goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
         """Distance within which an action's goal is reached, m; with 0 it is ``radius``. As in velocity_controller."""
         patience: Annotated[float, POSITIVE.of("s")] = 30.0
@@ -93,7 +90,7 @@ class WaypointGenerator:
         task, self._waypoints = Options(task="square", waypoints=course, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
         self._relative, self._in_room = params.relative, in_room
-        self._params, self._speed = params, make_robot(params.robot).max_linear
+        self._params = params
         self._target = replace(task, radius=params.goal_tolerance or params.radius)
         self._errand: Errand | None = None
         self.notice: str | None = None
@@ -119,7 +116,7 @@ class WaypointGenerator:
             goal: The goal in the world frame.
             awaited: Whether somebody waits for the outcome.
         """
-        errand = self._take(Errand(goal=goal, awaited=awaited, speed=self._speed))
+        errand = self._take(Errand(goal=goal, awaited=awaited))
         self._head_for(goal)
         return errand
 

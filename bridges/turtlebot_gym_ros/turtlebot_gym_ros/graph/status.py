@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import shutil
-import sys
-import textwrap
 import time
 from collections.abc import Mapping, Sequence
 
@@ -17,25 +13,6 @@ from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.nodes import MODES
 
 LEVELS = ("ok", "warning", "error", "stale")
-LEAST = 20
-"""Least width in which a text is wrapped, characters."""
-
-
-def _table(reports: Mapping[str, tuple[int, str]], *, width: int | None) -> list[str]:
-    """Return the lines of a table of reports.
-
-    Args:
-        reports: Level and text of each node.
-        width: Width of the terminal, characters, in which long texts are wrapped; None for a line for each node.
-    """
-    first = max(map(len, ("node", *reports)))
-    indent = first + 2 + 7 + 2
-    lines = [f"{'node':<{first}}  level    says"]
-    for name, (level, text) in reports.items():
-        room = len(text) + 1 if width is None else max(width - indent, LEAST)
-        head, *rest = textwrap.wrap(text, room, break_long_words=False, break_on_hyphens=False) or [""]
-        lines += [f"{name:<{first}}  {LEVELS[level]:<7}  {head}".rstrip(), *(" " * indent + more for more in rest)]
-    return lines
 
 
 def _expected(mode: str, reports: Mapping[str, object]) -> tuple[str, ...]:
@@ -69,6 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     start = "".join(f" {word}" for word in remapping(namespace))
     names = (*expected, *sorted(set(reports) - set(expected)))
     rows = {name: reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}{start}")) for name in names}
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() or "COLUMNS" in os.environ else None
-    print("\n".join(_table(rows, width=width)))
+    first = max(map(len, ("node", *rows)))
+    print(f"{'node':<{first}}  level    says")
+    for name, (level, text) in rows.items():
+        print(f"{name:<{first}}  {LEVELS[level]:<7}  {text}")
     return 0 if all(reports.get(name, (3, ""))[0] == 0 for name in expected) else 1

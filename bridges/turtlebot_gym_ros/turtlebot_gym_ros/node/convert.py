@@ -226,13 +226,6 @@ register(Pose, PoseStamped, lambda message: read_pose(message.pose), _pose_to_me
 register(State, Odometry, _state_of, _state_to_message, in_world=True)
 register(values.Odometry, Odometry, _odometry_of, _odometry_to_message, in_world=True)
 register(Estimate, Odometry, _estimate_of, _estimate_to_message, in_world=True)
-register(
-    Belief,
-    Odometry,
-    lambda message: _estimate_of(message).belief,
-    lambda belief, header: _estimate_to_message(Estimate(belief, 0.0, 0.0), header),
-    in_world=True,
-)
 register(Fix, PoseWithCovarianceStamped, fix_of, fix_to_message, in_world=True)
 register(InitialPose, PoseWithCovarianceStamped, initial_pose_of, fix_to_message, in_world=True)
 register(Located, PoseWithCovarianceStamped, unread, located_to_message, in_world=True)

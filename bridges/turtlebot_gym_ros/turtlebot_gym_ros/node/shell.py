@@ -33,7 +33,7 @@ from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.diagnostics import NodeProblem, Reporter
 from turtlebot_gym_ros.node.drives import make_drive
-from turtlebot_gym_ros.node.inputs import Inputs
+from turtlebot_gym_ros.node.feed import Inputs
 from turtlebot_gym_ros.node.navigate import be_active, offer
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.switch import Switch
@@ -122,7 +122,9 @@ class Shell:
             self._announce = node.create_publisher(Empty, "reset", STREAM)
         elif not lock_step:  # in lock-step the stamps show where an episode begins
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
-        self._resume = node.create_publisher(Empty, "resume", STREAM) if self.inputs.halting else None
+        self._resume = (
+            node.create_publisher(Empty, "resume", STREAM) if any(feed.declared.halts for feed in self.feeds.values()) else None
+        )
         self.switch: Switch | None = None
         if self.outputs.moving:
             self.switch = Switch(
@@ -216,7 +218,8 @@ class Shell:
 
     def _enabled(self) -> None:
         self._trouble = None
-        self.inputs.begin()
+        for feed in self.feeds.values():
+            feed.begin()
         if self._resume:
             self._resume.publish(Empty())
         self.begin_anew()
@@ -235,7 +238,8 @@ class Shell:
         """Clear all inputs and reset the block; a robot stops until they have arrived again."""
         if self.switch:
             self.switch.stop(why)
-        self.inputs.forget()
+        for feed in self.feeds.values():
+            feed.forget()
         self.begin_anew()
 
     def _serve_reset(self, request: Any, response: Any) -> Any:

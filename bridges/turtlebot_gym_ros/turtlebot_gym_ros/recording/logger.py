@@ -21,7 +21,6 @@ from typing import Any, NamedTuple
 
 from ament_index_python import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -108,6 +107,7 @@ class DataLogger(Node):
             self._writer.open()
         except sqlite3.Error as error:
             raise OSError(f"no bag can be written in {self.folder}: {error}") from None
+        self._unwanted = f"geometry_msgs/msg/{'Twist' if self._p.enable_stamped_cmd_vel else 'TwistStamped'}"
         self._recorded: dict[str, _LoggedTopic] = {}
         self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
         self._refused: set[tuple[str, str]] = set()
@@ -141,18 +141,9 @@ class DataLogger(Node):
     def _discover(self) -> None:
         for topic, kinds in self.get_topic_names_and_types():
             if topic.startswith(self._own) or topic.count("/") == 1:
-                recorded = self._recorded.get(topic)
-                self._record(topic, kinds[0] if len(kinds) == 1 else self._choose(topic, recorded.kind if recorded else ""))
-
-    def _choose(self, topic: str, known: str) -> str:
-        """Return which type of a topic with several to record, since a process can subscribe to only one."""
-        kinds = sorted({info.topic_type for info in self.get_publishers_info_by_topic(topic)})
-        wanted = f"geometry_msgs/msg/{(TwistStamped if self._p.enable_stamped_cmd_vel else Twist).__name__}"
-        kind = next((candidate for candidate in (wanted, known, *kinds) if candidate in kinds), known)
-        if len(kinds) > 1 and (topic, "") not in self._refused:
-            self._refused.add((topic, ""))
-            self.get_logger().error(f"{topic} is published as {' and '.join(kinds)}: only {kind} is recorded")
-        return kind
+                published = {info.topic_type for info in self.get_publishers_info_by_topic(topic)}
+                wanted = [kind for kind in kinds if kind in published and kind != self._unwanted] or kinds
+                self._record(topic, wanted[0])  # a process can subscribe to only one type
 
     def _record(self, topic: str, kind: str) -> None:
         """Subscribe with each quality of service that the publishers of a topic have."""
