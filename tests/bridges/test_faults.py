@@ -127,43 +127,6 @@ def robot(module_peer, wait_for, tmp_path_factory):
     robot.close()
 
 
-class Late:
-    """Odometry that comes late, honestly stamped."""
-
-    def __init__(self, delay):
-        self.delay, self.waiting = delay, []
-
-    def __call__(self, message):
-        self.waiting.append((time.monotonic() + self.delay, message))
-        return self.waiting.pop(0)[1] if self.waiting[0][0] <= time.monotonic() else None
-
-
-@pytest.mark.parametrize(
-    "spoil",
-    [lambda message: None, Late(1.0), pytest.param(Late(5.0), marks=pytest.mark.nightly)],
-    ids=["stops", "late", "very late"],
-)
-def test_invalid_odometry_stops_the_robot(robot, spoil):
-    robot.drive()
-    robot.spoil = spoil
-    try:
-        robot.stops()
-        robot.check_alive()
-    finally:
-        robot.spoil = lambda message: message
-    robot.wait_for(lambda: robot.speeds[-1] > 0.09)  # it goes on by itself
-
-
-@pytest.mark.nightly
-def test_odometry_that_jumps_stops_the_robot_until_it_is_back(robot):
-    robot.drive()
-    robot.x += 5.0
-    robot.stops()
-    robot.check_alive()
-    robot.x -= 5.0
-    robot.drive()
-
-
 @pytest.mark.parametrize("fault", ["block", *(pytest.param(fault, marks=pytest.mark.nightly) for fault in ("raise", "nan"))])
 def test_a_policy_that_fails_stops_the_robot(robot, fault):
     robot.drive()

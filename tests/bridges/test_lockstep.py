@@ -180,18 +180,6 @@ def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
     assert plant.advance(7.0) == 61 * S + 2 * TENTH  # one leap for an episode
 
 
-def test_the_outputs_are_sent_again_every_fifth_of_a_second_and_the_wait_is_long_after_two():
-    plant = Plant(Every(0.1, 0.0), now=7.0)
-    assert not plant.resend(7.1)
-    assert not plant.is_overdue(9.0)
-    plant.advance(7.0)
-    assert [plant.resend(7.0 + 0.05 * k) for k in range(1, 10)] == [False] * 3 + [True] + [False] * 3 + [True, False]
-    assert not plant.is_overdue(9.0)
-    assert plant.is_overdue(9.1)
-    plant.advance(9.2)
-    assert not plant.is_overdue(9.3)
-
-
 def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     plant = Plant(Every(0.1, 4.0), now=10.0)
     assert plant.wait(10.0) == 0.0

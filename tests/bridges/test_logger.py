@@ -158,20 +158,3 @@ def test_publishers_of_other_qualities_of_service_lose_and_double_nothing(
         "unreliable": 1,
         "latched": 1,
     }
-
-
-@pytest.mark.parametrize(
-    ("argument", "message"),
-    [
-        ("outpt:=x", "data_logger has no parameter 'outpt': did you mean output?"),
-        ("output:=.", "parameter 'output' must name a new folder, but '/"),
-        ("output:=/dev/null/run", "[Errno 20] Not a directory: '/dev/null/run'"),
-    ],
-)
-def test_wrong_parameters_are_refused_before_anything_is_written(start, tmp_path, argument, message):
-    process = start(argument)
-    _, stderr = process.communicate(timeout=30.0)
-    assert process.returncode == 2
-    assert stderr.count("\n") == 1
-    assert stderr.startswith(f"error: {message}")
-    assert list(tmp_path.iterdir()) == []

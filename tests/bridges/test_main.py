@@ -4,7 +4,6 @@ import os
 import signal
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from bench import POLICIES, node
@@ -14,11 +13,9 @@ from rclpy.time import Time
 from std_msgs.msg import Header, String
 
 from cmd_vel_guard.qos import LATCHED
-from cmd_vel_guard.session import ENDINGS
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.values import Belief, Covariance, Pose, State
 from turtlebot_gym_ros.__main__ import main
-from turtlebot_gym_ros.graph import bringup
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import NODES
 
@@ -97,22 +94,6 @@ def world(peer, wait_for, tmp_path):
     return World(peer, wait_for)
 
 
-OTHERS = [number for number in ENDINGS if number != signal.SIGHUP]
-
-
-@pytest.mark.parametrize("number", [signal.SIGHUP, *(pytest.param(number, marks=pytest.mark.nightly) for number in OTHERS)])
-@pytest.mark.usefixtures("hangs_up")
-def test_the_last_word_of_a_controller_that_is_asked_to_end_is_zero(launch, world, tmp_path, number):
-    process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
-    world.until(lambda: len(world.commands) > 5)
-    process.send_signal(number)
-    assert process.wait(30) == 0
-    world.wait_for(lambda: world.speeds[-1] == 0.0)
-    first = world.speeds.index(0.0)
-    assert min(world.speeds[:first]) > 0.1
-    assert set(world.speeds[first:]) == {0.0}
-
-
 def test_the_last_word_of_a_controller_before_it_is_suspended_is_zero_and_then_it_needs_fresh_inputs(launch, world, tmp_path):
     process = launch(*node("velocity_controller", "policy:=policies:ahead", "start_enabled:=true"), PYTHONPATH=path(tmp_path))
     world.until(lambda: len(world.commands) > 5)
@@ -124,30 +105,6 @@ def test_the_last_word_of_a_controller_before_it_is_suspended_is_zero_and_then_i
     world.wait_for(lambda: world.states[-1].data.startswith("silent"))
     assert not any(world.speeds[suspended:])
     world.until(lambda: world.speeds[-1] > 0.1)
-
-
-def test_nodes_end_with_the_program_that_started_them_even_if_it_is_killed(launch, peer, wait_for):
-    commands = peer.hear("cmd_vel", TwistStamped)
-    program = launch("-m", "turtlebot_gym_ros", "bringup", "--processes", "--duration", "3600", "--speed", "1")
-    wait_for(lambda: any(message.twist.linear.x for message in list(commands)))
-    family = [int(child) for child in Path(f"/proc/{program.pid}/task/{program.pid}/children").read_text().split()]
-    assert len(family) == 4
-    program.kill()
-    wait_for(lambda: not any(Path(f"/proc/{child}").exists() for child in family))
-    assert commands[-1].twist.linear.x == 0.0
-
-
-def test_a_drive_whose_time_stands_still_ends_with_an_error():
-    is_over, graph = (
-        bringup._GraphEnd(1.0),
-        SimpleNamespace(time=0.5, state="active", reports={"kalman_filter": (0, "runs")}, require_no_fault=lambda: None),
-    )
-    for _ in range(bringup.LOOKS + 1):
-        assert not is_over(graph)
-    with pytest.raises(RuntimeError, match=r"stood still for 60 s.*kalman_filter.*runs"):
-        is_over(graph)
-    graph.time = 1.0
-    assert is_over(graph)
 
 
 def path(folder):

@@ -133,15 +133,3 @@ def test_the_localizer_in_the_graph_is_the_environments(compare, hall):
     assert max(differ.values()) == 0.0, differ
     other = compare.first(compare.room_episode(drive._replace(localizer=None)), 60)
     assert compare.room_differences(expected, other)["estimate"] > 1e-3
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(("policy", "goals"), [("vfh", 5), ("ppo-rooms", 5)])
-def test_a_mission_in_the_graph_is_the_environments(compare, policy, goals):
-    """Goals in turn in an office, each given when the localizer believes that the one before is reached."""
-    drive = compare.RoomDrive(policy=policy, world="office", noise="wheel", seed=1, localizer="match", goals=100)
-    expected = compare.room_episode(drive, 500)
-    assert len(expected.time) == 501
-    assert len({*map(tuple, expected.reference.tolist())}) >= goals
-    differ = compare.room_differences(expected, compare.room_live(drive, 500))
-    assert max(differ.values()) == 0.0, differ

@@ -1,13 +1,11 @@
 """Robots in one graph and discovery: below a namespace each, they share a ROS domain and nothing else."""
 
 import os
-import subprocess
-import sys
 
 import pytest
 from rclpy.node import Node
 
-from cmd_vel_guard.discovery import _PROFILES, PROFILE, prepare
+from cmd_vel_guard.discovery import prepare
 from cmd_vel_guard.process import Runner
 from turtlebot_gym_ros import Graph
 from turtlebot_gym_ros.base.names import absolute, prefix_of, remapping
@@ -105,16 +103,6 @@ def test_what_was_asked_for_stays(environment, asked):
 def test_the_guard_serves_the_network(environment):
     prepare(local=False)
     assert RANGE not in environment
-
-
-def test_fast_dds_takes_the_profile():
-    """It says nothing of a profile that it can read, and complains of one that it cannot: it reads this variable."""
-    code = "import rclpy; rclpy.init(); rclpy.create_node('node').destroy_node(); rclpy.shutdown()"
-    for profile, complains in ((str(PROFILE), False), (__file__, True)):
-        bare = {name: value for name, value in os.environ.items() if "DEFAULT_PROFILES_FILE" not in name}
-        environment = {**bare, **dict.fromkeys(_PROFILES, profile)}
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
-        assert ("Error" in done.stdout + done.stderr) == complains, done
 
 
 def test_a_runner_beside_another_shares_its_context_and_leaves_it_open(runner):

@@ -77,24 +77,6 @@ def bundle_term(name, low, high, source=""):
 NAMED = {term.name: replace(term, source=f"own_terms:{term.name.upper()}") for term in (own_terms.BUMPER, own_terms.GAPS)}
 
 
-@pytest.mark.parametrize(
-    ("term", "message"),
-    [
-        (bundle_term("lamp", [0.0], [1.0]), "name it in the parameter terms, MODULE:NAME."),
-        (
-            bundle_term("lamp", [0.0], [1.0], "own_terms:BUMPER"),
-            "name it in the parameter terms, MODULE:NAME, such as own_terms",
-        ),
-        (bundle_term("bumper", [0.0], [2.0]), "with bounds .*, but own_terms:BUMPER has"),
-        (bundle_term("gaps", [-1.0, -1.0], [2.0, 2.0]), "give own_terms:GAPS a topic, message and convert"),
-    ],
-)
-def test_a_term_that_no_topic_brings_is_refused_by_its_name(term, message):
-    """A bundle names no module: a person does, in the parameter ``terms``."""
-    with pytest.raises(ValueError, match=f"the policy reads '{term.name}'.*{message}"):
-        _input_of(term, NAMED)
-
-
 def test_a_bundles_term_is_brought_by_the_topic_that_a_person_names():
     source = _input_of(bundle_term("bumper", [0.0], [1.0]), NAMED)
     assert (source.topic, source.message, source.max_age, source.lasts) == ("bumper", "std_msgs/msg/Bool", 0.5, 0.0)

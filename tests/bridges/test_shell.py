@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 from bench import Mover, NoParameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from rclpy.time import Time
-from std_msgs.msg import Empty, Header, String
+from std_msgs.msg import Empty, String
 
 from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym.models.unicycle import advance
@@ -77,17 +76,6 @@ def test_the_same_block_is_a_node(example, runner, peer, wait_for, stamped):
 # States.
 
 
-def test_a_block_that_is_done_leaves_the_robot_to_others_and_goes_on_by_itself(bench):
-    bench.drive()
-    bench.block.act = dict
-    bench.send()
-    bench.wait_for(lambda: bench.state == "stopping: done")
-    bench.wait_for(lambda: bench.advance(0.02) and bench.state == "silent: done")
-    assert bench.speeds[-1] == 0.0
-    bench.block.go_on()
-    bench.drive()
-
-
 def test_it_goes_on_by_itself_when_the_inputs_come_again(bench):
     bench.drive()
     bench.now.at += 0.6
@@ -120,15 +108,6 @@ def test_a_reset_of_the_plant_reaches_everybody(bench):
 
 
 # The graph around it.
-
-
-def test_the_wrong_type_of_velocity_is_reported_with_the_command_to_type(bench, third_runner):
-    stranger = Node("stranger", context=third_runner.context)  # a participant holds one type per topic
-    stranger.create_subscription(Twist, "cmd_vel", lambda message: None, 10)
-    status = bench.report("/stranger subscribes to geometry_msgs/msg/Twist,")
-    stranger.destroy_node()
-    assert status.level == DiagnosticStatus.ERROR
-    assert "python -m turtlebot_gym_ros mover --ros-args -p enable_stamped_cmd_vel:=false" in status.message
 
 
 def test_a_schedule_begins_when_somebody_listens(runner, peer, wait_for):
@@ -239,21 +218,3 @@ def test_a_robot_that_hears_another_type_of_command_is_named_before_what_follows
     wrong = f"/cmd_vel: /peer subscribes to geometry_msgs/msg/{heard.__name__}, this node uses "
     assert error().startswith(wrong)
     assert f"-p enable_stamped_cmd_vel:={'false' if stamped else 'true'} fault: ValueError: " in error()
-
-
-@pytest.mark.parametrize("frame", ["map", "/odom", ""])
-def test_a_goal_in_another_frame_leaves_the_robot_where_it_is(runner, peer, another_runner, wait_for, said, frame):
-    peer.runner = another_runner
-    block = load("waypoint_generator")
-    shell = Shell(block, block.Params, context=runner.context)
-    runner.add(shell)
-    goals, references = peer.speak("goal_pose", PoseStamped), peer.hear("reference", PoseStamped)
-    filter = speaker(peer, "estimate", Odometry, "filter")  # at the origin
-    wait_for(lambda: references and shell.block._here and goals.get_subscription_count())
-    assert references[-1].pose.position.x == 2.0
-    goals.publish(PoseStamped(header=Header(frame_id=frame)))
-    wait_for(lambda: references[-1].pose.position.x == 0.0)
-    text = f"goal refused, so the robot stays where it is: its frame is {frame!r} instead of 'odom'"
-    wait_for(lambda: text in said("/waypoint_generator", DiagnosticStatus.WARN))
-    assert references[-1].pose.position.x == 0.0
-    assert filter.node is not None

@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 from bench import guarded
 
-from turtlebot_gym.extras import installing
-
 ABSENT = (
     "llvmlite",
     "scipy",
@@ -91,15 +89,3 @@ def test_a_robots_nodes_come_up_and_end_without_what_trains_and_draws(launch, pe
     assert process.poll() is None, process.communicate()[1]
     process.terminate()
     assert process.wait(timeout=10.0) == 0
-
-
-@pytest.mark.parametrize(
-    ("missing", "node", "extra"),
-    [("rosbags", "data_logger", "deploy"), pytest.param("rclpy", "cmd_vel_guard", "ros", marks=guarded)],
-)
-def test_a_node_says_what_to_install(missing, node, extra):
-    body = f"from turtlebot_gym_ros.__main__ import main; raise SystemExit(main(['{node}']))"
-    done = run("-c", without(body)[1].replace(repr(ABSENT), repr((missing,))))
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"error: {missing} is missing: ")
-    assert done.stderr.endswith(f"{installing(extra)}.\n")

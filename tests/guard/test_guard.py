@@ -180,21 +180,6 @@ def test_without_its_standby_the_guard_stands_and_goes_on_with_it(driving, launc
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("duration", [0.3, 1.2, 1.7])
-def test_what_waited_for_a_suspended_guard_is_not_obeyed(start, probe, duration):
-    guard = start()
-    probe.until_driving()
-    guard.send_signal(signal.SIGSTOP)
-    time.sleep(0.4 * duration)
-    probe.command, last = None, time.time()
-    time.sleep(0.6 * duration)
-    guard.send_signal(signal.SIGCONT)
-    probe.until_reported("silent")
-    published = zip(reversed(probe.sent), reversed(probe.heard), strict=False)  # the newest ones belong together
-    assert max(at for at, command in published if command != STOP) <= last + 0.45
-
-
-@pytest.mark.nightly
 def test_a_press_while_the_guard_is_suspended_is_not_lost(driving, probe):
     guard, _ = driving()
     guard.send_signal(signal.SIGSTOP)
@@ -308,28 +293,6 @@ def test_a_disagreement_stops_the_robot_until_it_is_enabled(start, probe, peer):
     probe.until_driving()
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("stamped", [True, False])
-def test_the_type_of_commands_is_the_configured_one_and_the_wrong_one_is_reported_with_what_to_type(
-    start, peer, wait_for, stamped
-):
-    start("-p", f"enable_stamped_cmd_vel:={str(stamped).lower()}")
-    probe = Probe(peer, wait_for, stamped=False)
-    if stamped:
-        texts = ("/peer has geometry_msgs/msg/Twist on /cmd_vel", "-p enable_stamped_cmd_vel:=false")
-        assert probe.until_reported(*texts).level == DiagnosticStatus.ERROR
-    else:
-        probe.until_driving()
-
-
-def test_wrong_parameters_are_refused_before_anything_is_published(launch):
-    # Publishing would be an error of its own, and a traceback has more than one line.
-    publishes = "guard.CmdVelGuard._message_of = lambda *_: guard.math.nope"
-    process = launch(*sabotaged(publishes), "-p", "max_age:=0.6")
-    _, stderr = process.communicate(timeout=30.0)
-    assert (process.returncode, stderr) == (2, "error: max_age must be a number above 0 and at most 0.5 s, got 0.6.\n")
-
-
 # The collision monitor: scans at 5 Hz, commands from a person and from a program.
 
 
@@ -388,22 +351,3 @@ def robots(peer, wait_for, start):
         return [Probe(peer, wait_for, name=name, **options) for name in ("robot1", "robot2")]
 
     return make
-
-
-@pytest.mark.nightly
-def test_commands_and_a_button_are_one_robots_and_its_enable_is_its_own(robots):
-    first, second = robots()
-    first.until_driving()
-    second.until_reported("silent")
-    assert set(second.heard) == {STOP}  # commands for one robot move no other
-    second.until_driving()
-    first.pressed = True
-    first.until_reported("emergency stop")
-    second.until_driving()  # still
-    assert second.until_reported("").hardware_id == "robot2/burger"
-    assert second.enable(True).success  # enables robot 2, and robot 1 not
-    assert first.until_standing("/robot1/cmd_vel_guard/enable").hardware_id == "robot1/burger"
-    first.pressed = False
-    second.pressed = False  # another robot's button that is not pressed is no release
-    first.until_reported("emergency stop")
-    assert first.frames == {"robot1/base_footprint"}

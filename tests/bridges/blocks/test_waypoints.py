@@ -1,7 +1,5 @@
 """The reference: what is published, and when it changes."""
 
-import math
-
 import pytest
 
 from turtlebot_gym.estimation.ekf import Estimate
@@ -26,11 +24,6 @@ def reference(node, estimate=None, goal=None):
     return node.step(0.1, estimate, goal)["reference"]
 
 
-def test_it_speaks_before_anybody_is_there():
-    out = generator().step(0.1, None, None)
-    assert out == {"reference": SQUARE_WAYPOINTS[0], "following": SQUARE_WAYPOINTS[1]}
-
-
 @pytest.mark.parametrize("laps", [1, 2])
 def test_waypoints_are_taken_in_order_on_arrival_in_each_lap(laps):
     node, course = generator(laps=laps), laps * [*SQUARE_WAYPOINTS]
@@ -52,16 +45,6 @@ def test_by_time_it_switches_at_the_environments_steps():
         course = episode.world.course
         assert (out["reference"], out["following"]) == (course.reference, course.following)
         episode.step(STOP)
-
-
-def test_waypoints_relative_to_the_start():
-    node = generator(relative=True)
-    assert node.step(0.1, None, None) == {}
-    first = reference(node, at(1.0, 1.0, math.pi / 2))
-    assert first == pytest.approx((1.0, 3.0, math.pi / 2))
-    assert reference(node, at(0.0, 0.0)) == first  # the start counts, not the way
-    node.reset()
-    assert reference(node, at(0.0, 0.0)) == SQUARE_WAYPOINTS[0]
 
 
 def test_a_pose_from_rviz_takes_the_place_of_all_waypoints():
