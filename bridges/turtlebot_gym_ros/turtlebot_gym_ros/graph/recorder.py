@@ -116,7 +116,8 @@ class Recorder:
                     self._rows.clear()
                     self._waits_for_rest, self._first = False, stamp
                 if stamp >= self._first and not self._waits_for_rest:
-                    self._at(stamp)[topic] = value
+                    begun = {name: self.latest[name] for name in STEP[3:] if name in self.latest}  # in force when it begins
+                    self._rows.setdefault(stamp, begun)[topic] = value
 
         return hear
 
@@ -133,12 +134,6 @@ class Recorder:
         row[topic] = value
         if len(row) == len(self._step):
             self._span = max(self._span, stamp - self._first)
-
-    def _at(self, stamp: int) -> dict[str, Any]:
-        """Return the sample of a stamp; a new one starts with the current reference and command."""
-        if stamp not in self._rows:
-            self._rows[stamp] = {topic: self.latest[topic] for topic in STEP[3:] if topic in self.latest}
-        return self._rows[stamp]
 
     def _hear_report(self, message: DiagnosticArray) -> None:
         for status in message.status:
