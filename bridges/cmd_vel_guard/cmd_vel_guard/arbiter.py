@@ -58,10 +58,9 @@ class Arbiter:
 
     def __init__(self, parameters: Parameters, now: float, mount_of: Callable[[str], Pose | None] = lambda frame: None) -> None:
         self._p = parameters
-        self._robot = parameters.numbers
         self.buttons = EmergencyStop()
         self.monitor = monitor_of(parameters, now, mount_of)
-        self.moved = Moved(self._robot)
+        self.moved = Moved(parameters.wheel_separation)
         self.rivals = ""
         """Which input has more than one source, or an empty text: then it is unknown which one counts, and the robot stands."""
         self._heard: dict[str, _Heard] = {}
@@ -273,7 +272,7 @@ class Arbiter:
             self.state = source
             if source == "program" and self.outside(now):
                 return STOP
-            v, omega = limit(heard.command, self._robot)
+            v, omega = limit(heard.command, self._p)
             return Command(v * self._p.speed_scale, omega * self._p.speed_scale)
         return None
 
@@ -285,7 +284,7 @@ class Arbiter:
     def _ramp(self, target: Command, dt: float) -> Command:
         """Move from the last command straight towards the target, which keeps the curvature of a start and of braking."""
         dv, domega = target.v - self._last.v, target.omega - self._last.omega
-        wheel = abs(dv) + abs(domega) * self._robot.wheel_separation * 0.5
+        wheel = abs(dv) + abs(domega) * self._p.wheel_separation * 0.5
         if target == STOP or wheel <= self._p.max_acceleration * dt:
             return target
         share = self._p.max_acceleration * dt / wheel

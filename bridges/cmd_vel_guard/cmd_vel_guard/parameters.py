@@ -10,7 +10,7 @@ from typing import Annotated
 from cmd_vel_guard.checks import Names, Range, check
 from cmd_vel_guard.collision import Footprint, Limits
 from cmd_vel_guard.monitor import Monitor, Timing
-from cmd_vel_guard.values import Mount, Pose, Robot
+from cmd_vel_guard.values import Mount, Pose
 
 SPEED = Range(0.0, 100.0)
 PLACE = Range(-1.0, 1.0, unit="m")
@@ -114,20 +114,6 @@ class Parameters:
         """Whether the collision monitor works."""
         return self.collision_monitor and bool(self.scan_frame)
 
-    @property
-    def numbers(self) -> Robot:
-        """The robot's numbers, without the prefix of its frames."""
-        return Robot(
-            max_linear=self.max_linear,
-            max_angular=self.max_angular,
-            max_wheel=self.max_wheel or math.inf,
-            wheel_separation=self.wheel_separation,
-            reverse=self.reverse,
-            radius=self.radius,
-            footprint_x=self.footprint_x,
-            lidar=Mount(self.scan_frame, self.scan_x, self.scan_y, self.scan_yaw),
-        )
-
 
 def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]) -> Monitor | None:
     """Return the collision monitor, if it is switched on.
@@ -139,15 +125,15 @@ def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]
     """
     if not p.monitors:
         return None
-    robot, timing = p.numbers, Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
-    body = Footprint(robot.radius, robot.footprint_x, robot.lidar._replace(frame=p.frame_prefix + robot.lidar.frame))
+    timing = Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
+    body = Footprint(p.radius, p.footprint_x, Mount(p.frame_prefix + p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
     return Monitor(
         body,
         limits,
         timing,
-        speed=robot.max_linear,
-        turning=robot.max_angular,
+        speed=p.max_linear,
+        turning=p.max_angular,
         now=now,
         given=p.scan_mount == "given",
         mount_of=mount_of,
