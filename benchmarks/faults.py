@@ -62,7 +62,7 @@ class Config(Study):
 
 def work(config: Config, buttons: bool, tasks: Any, results: Any) -> None:
     """Inject the faults of one worker."""
-    from turtlebot_gym_ros.base.discovery import prepare
+    from cmd_vel_guard.discovery import prepare
 
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"  # as on a robot
     prepare(local=False)

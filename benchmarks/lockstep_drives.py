@@ -11,7 +11,6 @@ import numpy as np
 
 import turtlebot_gym  # noqa: F401  # registers the environments
 from turtlebot_gym.drive import Drive
-from turtlebot_gym.plants import make_plant
 from turtlebot_gym_agents.policies import PolicyWithMemory, make_policy
 from turtlebot_gym_ros import Graph
 
@@ -51,7 +50,6 @@ class SquareDrive(NamedTuple):
     filter: str = "matched"
     fix: str = "none"
     plant: str = "unicycle"
-    friction: float = 1.0
 
     @property
     def laps(self) -> int:
@@ -68,7 +66,7 @@ def episode(drive: SquareDrive, steps: int, *, number: int = 0) -> Drive:
         noise=drive.noise,
         filter=drive.filter,
         fix=None if drive.fix == "none" else drive.fix,
-        plant=make_plant({"base": drive.plant, "friction": drive.friction}) if drive.plant != "unicycle" else drive.plant,
+        plant=drive.plant,
         robot=drive.robot,
         switch=drive.switch,
         laps=drive.laps,

@@ -89,6 +89,16 @@ def beams_of(ranges: ArrayLike, *, first: float, increment: float, range_min: fl
     return Beams(first + increment * np.arange(len(lengths), dtype=np.float64), lengths, abs(increment))
 
 
+def narrow_gap(radius: float, ahead: float) -> float:
+    """Return the angle of a gap that is as wide as a robot at the distance from where it must brake, rad.
+
+    Args:
+        radius: The robot's radius, m.
+        ahead: The way that it makes and the room that it leaves until it stands, at full speed, m.
+    """
+    return 2.0 * math.asin(radius / (radius + ahead))
+
+
 def gaps_of(beams: Beams, widest: float = math.inf) -> NDArray[np.float64]:
     """Return the gaps of a scan: where beams are missing or too far apart, or the LiDAR does not look.
 

@@ -1,5 +1,7 @@
 """The ROS package, for colcon; as a Python distribution the same modules are built by hatchling."""
 
+from glob import glob
+
 from setuptools import setup
 
 NAME = "cmd_vel_guard"
@@ -16,7 +18,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", [f"launch/{NAME}.launch.xml"]),
-        (f"share/{NAME}/config", [f"config/{NAME}.yaml"]),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
     ],
     install_requires=["setuptools"],
     zip_safe=False,

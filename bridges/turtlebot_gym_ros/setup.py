@@ -18,7 +18,7 @@ setup(
     description="The closed loop of turtlebot-gym as ROS 2 nodes, and any policy deployed on a TurtleBot.",
     license="MIT",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"], f"{NAME}.base": ["*.xml"]},
+    package_data={NAME: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

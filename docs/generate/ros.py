@@ -16,9 +16,9 @@ from rclpy.context import Context
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from cmd_vel_guard import guard, standby
-from turtlebot_gym_ros.base.discovery import prepare
+from cmd_vel_guard.discovery import prepare
+from cmd_vel_guard.sources import type_name
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.names import type_name
 from turtlebot_gym_ros.node.block import Every
 from turtlebot_gym_ros.node.shell import Shell
 from turtlebot_gym_ros.nodes import BLOCKS, load
@@ -106,7 +106,9 @@ with mkdocs_gen_files.open("reference/ros.md", "w") as page, tempfile.TemporaryD
         file=page,
     )
     context = Context()
-    words = ["-p", f"data_logger:output:={folder}/bag", "-p", "cmd_vel_guard:robot:=burger"]
+    words = ["-p", f"data_logger:output:={folder}/bag"]
+    numbers = ("max_linear", "max_angular", "wheel_separation", "radius")
+    words += [word for name in numbers for word in ("-p", f"cmd_vel_guard:{name}:=0.1")]
     context.init(["--ros-args", "--log-level", "warn", *words], domain_id=DOMAIN)
     for name in BLOCKS:
         block = load(name)

@@ -15,10 +15,10 @@ from rclpy.time import Time
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from cmd_vel_guard.qos import LATCHED
+from cmd_vel_guard.sources import type_name
 from turtlebot_gym.values import STOP, Command, State
 from turtlebot_gym_ros import Input, On, Output, Shell
-from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.base.qos import LATCHED
 from turtlebot_gym_ros.blocks.simulator import FIX_OUTPUTS, MAP_OUTPUTS, ROOM_OUTPUTS
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.nodes import BLOCKS, load

@@ -134,7 +134,7 @@ class Driver:
 def alarm(kind, seconds, seed, *, spoil=lambda at, pose, twist: (pose, twist), drive=None):
     """Return the time, s, and the cause of a drive's first alarm, or None."""
     rng = random.Random(seed)
-    robot, moved, driver, held = Robot(kind, rng), Moved(BURGER), Driver(rng), []
+    robot, moved, driver, held = Robot(kind, rng), Moved(BURGER.wheel_separation), Driver(rng), []
     for k in range(round(seconds / DT)):
         at = 100.0 + k * DT
         command = driver.step() if drive is None else drive(k * DT)

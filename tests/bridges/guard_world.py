@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
+from burger import Parameters
 from guard_judge import EPSILON
-from guarded import Parameters
 
 from cmd_vel_guard import arbiter, sent
 from turtlebot_gym.values import Command, State

@@ -4,7 +4,6 @@ import functools
 import hashlib
 import importlib.util
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -28,15 +27,11 @@ from bench import PATIENCE, Bench, wait_for
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 
-from turtlebot_gym_ros.base.discovery import prepare
-from turtlebot_gym_ros.base.process import Runner
+from cmd_vel_guard.discovery import prepare
+from cmd_vel_guard.process import Runner
+from turtlebot_gym_ros.base.executor import FastExecutor
 
 prepare()
-if importlib.util.find_spec("cmd_vel_guard"):
-    import guarded  # noqa: F401  (it names the robots)
-else:  # it may be absent
-    tests = Path(__file__).parent.glob("test_*.py")
-    collect_ignore = [path.name for path in tests if re.search("^from (cmd_vel_guard|guard)", path.read_text(), re.MULTILINE)]
 
 
 @pytest.fixture(name="wait_for", scope="session")
@@ -46,7 +41,7 @@ def wait_for_fixture():
 
 def running():
     """A context with its executor's thread, started; what runs in another one is as far away as in another process."""
-    runner = Runner()
+    runner = Runner(executor=FastExecutor)
     runner.start()
     yield runner
     runner.close()
@@ -55,6 +50,23 @@ def running():
 runner, another_runner, third_runner = (
     pytest.fixture(running, name=name) for name in ("runner", "another_runner", "third_runner")
 )
+
+
+@pytest.fixture
+def make_runner():
+    """Make runners with arguments, and close them."""
+    made = []
+
+    def make(*arguments):
+        made.append(Runner(arguments, executor=FastExecutor))
+        made[-1].start()
+        return made[-1]
+
+    yield make
+    for runner in made:
+        runner.close()
+
+
 module_runner = pytest.fixture(running, name="module_runner", scope="module")
 
 
@@ -174,33 +186,6 @@ def builder():
     return script("tests/bridges/built_interfaces")
 
 
-NAV2 = """#goal definition
-geometry_msgs/PoseStamped pose
-string behavior_tree
----
-#result definition
-
-# Error codes
-# Note: The expected priority order of the errors should match the message order
-uint16 NONE=0
-uint16 UNKNOWN=9000
-uint16 FAILED_TO_LOAD_BEHAVIOR_TREE=9001
-uint16 TF_ERROR=9002
-uint16 TIMEOUT=9003
-
-uint16 error_code
-string error_msg
----
-#feedback definition
-geometry_msgs/PoseStamped current_pose
-builtin_interfaces/Duration navigation_time
-builtin_interfaces/Duration estimated_time_remaining
-int16 number_of_recoveries
-float32 distance_remaining
-"""
-"""``nav2_msgs/action/NavigateToPose.action`` of Nav2's tags 1.3.0 to 1.3.13, Jazzy, independent of what the builder has."""
-
-
 @pytest.fixture(scope="session")
 def install(tmp_path_factory, builder, request):
     """Build interfaces, install them apart, and return the variables by which a process has them; wheels are kept for later."""
@@ -235,12 +220,6 @@ def interfaces(install, builder):
     if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
         return {}
     return install("ours", builder.FILES)
-
-
-@pytest.fixture(scope="session")
-def theirs(install):
-    """The environment variables by which a client has nav2_msgs, from Nav2's own definition."""
-    return install("theirs", {"nav2_msgs": ("action/NavigateToPose.action", NAV2)})
 
 
 @pytest.fixture

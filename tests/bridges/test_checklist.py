@@ -4,20 +4,16 @@ The numbers in the comments are the steps of the page. Wheels off the ground, a 
 simulator's true state and its room; what delays the odometry or unplugs the LiDAR is a node of the test.
 """
 
-import math
 import os
 import signal
 import time
-from collections import deque
 from pathlib import Path
 
 import pytest
-import yaml
 from bench import guarded
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import LaserScan
 
 pytestmark = [pytest.mark.nightly, guarded]
 
@@ -30,8 +26,9 @@ SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 class Robot:
     """A simulated robot and its nodes as processes, and the tools that ask and tell them."""
 
-    def __init__(self, launch, domain):
+    def __init__(self, launch, domain, peer):
         self._launch, self._domain = launch, domain
+        self.odometry = peer.hear("odom", Odometry, SENSOR)
         self.nodes = {}
 
     def start(self, name, *words):
@@ -53,23 +50,10 @@ class Robot:
         out, error = process.communicate(timeout=60)
         return process.returncode, out + error
 
-    def field(self, topic, path):
-        """Return a field of a topic's next message."""
-        process = self.tool("echo", topic, "--once", "--field", path)
-        out, error = process.communicate(timeout=60)
-        assert process.returncode == 0, error
-        return yaml.safe_load(out.removesuffix("---\n"))
-
     def speed(self):
         """Return how fast the robot drives or turns, in its own unit."""
-        twist = self.field("odom", "twist.twist")
-        return abs(twist["linear"]["x"]) + abs(twist["angular"]["z"])
-
-    def place(self, topic="true_state"):
-        """Return x, y and heading by a topic."""
-        pose = self.field(topic, "pose.pose")
-        position, turn = pose["position"], pose["orientation"]
-        return position["x"], position["y"], 2.0 * math.atan2(turn["z"], turn["w"])
+        seen = self.odometry[-1].twist.twist if self.odometry else Odometry().twist.twist
+        return abs(seen.linear.x) + abs(seen.angular.z)
 
     def button(self):
         """Hold an emergency stop that is not pressed."""
@@ -100,8 +84,8 @@ class Robot:
 
 
 @pytest.fixture
-def robot(launch, runner):
-    return Robot(launch, str(runner.context.get_domain_id()))
+def robot(launch, runner, peer):
+    return Robot(launch, str(runner.context.get_domain_id()), peer)
 
 
 def eventually(found, seconds=40.0):
@@ -124,16 +108,15 @@ def test_what_stops_the_wheels(robot, peer):
 
     def ends():
         """Return who is at /cmd_vel, as soon as all are."""
-        text = robot.ask("topics", "cmd_vel", "--verbose")[1]
+        text = robot.ask("topics", "cmd_vel")[1]
         roles = ("publishes: /cmd_vel_guard", "publishes: /cmd_vel_standby", "subscribes: /turtlebot_simulator")
         return text if all(role in text for role in roles) else None
 
-    kinds = {line.split("[")[1].split("]")[0] for line in eventually(ends).splitlines()}  # 1
-    assert kinds == {"geometry_msgs/msg/TwistStamped"}
+    assert "/cmd_vel  [geometry_msgs/msg/TwistStamped]" in eventually(ends)  # 1
     code, out = robot.ask("enable", "cmd_vel_guard")  # without a button
-    assert code == 1, out
+    assert code == 2, out
     eventually(lambda: " error " not in robot.ask("status")[1])  # 2
-    assert robot.field("diagnostics", "status")
+    assert "DiagnosticStatus" in robot.ask("topics", "diagnostics", "--once")[1]
 
     button = robot.push()  # 3
     assert robot.ask("enable", "velocity_controller", "--off")[0] == 0
@@ -142,7 +125,7 @@ def test_what_stops_the_wheels(robot, peer):
     button = robot.push()  # 4
     end(button)
     robot.stands()
-    assert robot.ask("enable", "cmd_vel_guard")[0] == 1
+    assert robot.ask("enable", "cmd_vel_guard")[0] == 2
     button = robot.push()  # 5
     os.kill(robot.nodes["velocity_controller"].pid, signal.SIGKILL)
     robot.stands()
@@ -171,88 +154,4 @@ def test_what_stops_the_wheels(robot, peer):
     twist = commands[-1].twist
     assert (twist.linear.x, twist.angular.z) == (0.0, 0.0)
     os.kill(robot.nodes["turtlebot_simulator"].pid, signal.SIGCONT)
-    end(button)
-
-
-def test_late_odometry_stops_the_wheels_for_good(robot, peer):
-    for name in ("turtlebot_simulator", *NODES):
-        robot.start(name)
-    button = robot.push()
-    robot.nodes["kalman_filter"].terminate()
-    late = peer.node.create_publisher(Odometry, "odom_late", 10)
-    waiting = deque()
-
-    def delay():
-        """Publish what was heard a second ago."""
-        while waiting and waiting[0][0] < time.monotonic() - 1.0:
-            late.publish(waiting.popleft()[1])
-
-    peer.node.create_subscription(Odometry, "odom", lambda message: waiting.append((time.monotonic(), message)), SENSOR)
-    peer.node.create_timer(0.02, delay)
-    robot.start("kalman_filter", "-r", "odom:=odom_late")  # 7
-    robot.stands()
-    for _ in range(3):
-        assert robot.speed() < 0.01
-    assert " s old" in eventually(lambda: text if " s old" in (text := robot.ask("status")[1]) else "")
-    end(button)
-
-
-def test_by_hand_the_odometry_is_right_and_the_monitor_stops_before_what_the_lidar_sees(robot, peer):
-    robot.start("turtlebot_simulator", "-p", "world:=dense")
-    robot.start("cmd_vel_guard", "-p", "collision_monitor:=true", "-r", "scan:=scan_seen")
-    robot.start("cmd_vel_standby")
-    seen, plugged = peer.node.create_publisher(LaserScan, "scan_seen", 10), [True]
-    peer.node.create_subscription(LaserScan, "scan", lambda message: seen.publish(message) if plugged[0] else None, SENSOR)
-    scans = peer.hear("scan", LaserScan, SENSOR)
-    eventually(lambda: scans)
-    scans.clear()
-    time.sleep(2.0)
-    assert 8 < len(scans) < 12  # 9
-    wheels, speeds = peer.speak("cmd_vel_teleop", TwistStamped), [0.0, 0.0]
-
-    def hand():
-        """Drive by hand."""
-        message = TwistStamped()
-        message.twist.linear.x, message.twist.angular.z = speeds
-        wheels.publish(message)
-
-    button = robot.button()
-    robot.enabled("cmd_vel_guard")
-    true, told = robot.place(), robot.place("odom")
-
-    speeds[0] = 0.15  # 8, 9, 10: ahead, until something is there
-    driving = peer.node.create_timer(0.1, hand)
-    robot.drives()
-    robot.stands()
-    assert math.dist(robot.place()[:2], true[:2]) == pytest.approx(math.dist(robot.place("odom")[:2], told[:2]), abs=0.1)
-    assert 0.0 < robot.field("clearance", "range") < 0.2
-    speeds[0] = -0.15  # 9: backwards, until something is behind
-    robot.drives()
-    plugged[0] = False  # 9: unplug the LiDAR
-    robot.stands()
-    plugged[0] = True
-    eventually(lambda: robot.speed() > 0.01)
-    robot.stands()
-    assert 0.0 < robot.field("clearance", "range") < 0.2
-    driving.cancel()
-    before = robot.place("odom")[2]
-    speeds[:] = 0.0, 0.1  # 8: turn left
-    driving.reset()
-    robot.drives()
-    assert 0.0 < (robot.place("odom")[2] - before) % math.tau < math.pi
-    end(button)
-
-
-def test_the_policy_is_slow_and_stays_within_the_fence(robot, tmp_path):
-    (tmp_path / "far.yaml").write_text("[[3.0, 0.0, 0.0]]\n")
-    robot.start("turtlebot_simulator")
-    robot.start("cmd_vel_guard", "-p", "speed_scale:=0.3", "-p", "geofence:=0.6")  # 11, with a smaller fence
-    robot.start("waypoint_generator", "-p", f"waypoints:={tmp_path / 'far.yaml'}")
-    for name in ("cmd_vel_standby", "kalman_filter", "velocity_controller"):
-        robot.start(name)
-    button = robot.push()
-    assert robot.field("odom", "twist.twist.linear.x") < 0.3 * 0.22
-    robot.stands()
-    assert math.hypot(*robot.place("odom")[:2]) == pytest.approx(0.6, abs=0.1)
-    assert "within 0.6 m of the origin" in robot.ask("status")[1]
     end(button)

@@ -1,45 +1,15 @@
 """The executor of the nodes goes on whatever other threads do to its entities, and nodes work in other executors, too."""
 
-import threading
-import time
-from contextlib import nullcontext
-from types import SimpleNamespace
-
 import pytest
-from bench import NoParameters, odometry
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter as ParameterMsg
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import ListParameters, SetParameters
-from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 
-from turtlebot_gym.values import Pose, State
-from turtlebot_gym_ros import Input, On, Output, Shell
-from turtlebot_gym_ros.base import executor, reports
-from turtlebot_gym_ros.base.executor import MOST, FastExecutor, FastGroup, PolledGroup, best_executor, take
-from turtlebot_gym_ros.base.process import Runner
-from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
-
-
-def test_an_entity_that_is_destroyed_while_it_is_waited_for_does_not_end_it(peer, wait_for):
-    """The moment is too short to be met on purpose: an event of a subscription says once what rclpy then says."""
-    subscription = peer.node.create_subscription(String, "short_lived", lambda message: None, 1)
-    event, met = subscription.event_handlers[0], threading.Event()
-    wait = event.add_to_wait_set
-
-    def gone(wait_set):
-        if met.is_set():
-            return wait(wait_set)
-        met.set()
-        raise rclpy_implementation.InvalidHandle("cannot use Destroyable because destruction was requested")
-
-    event.add_to_wait_set = gone
-    heard, publisher = peer.hear("after_all", String), peer.speak("after_all", String)
-    wait_for(lambda: publisher.publish(String(data="there")) or (met.is_set() and heard))
+from cmd_vel_guard import reports
+from cmd_vel_guard.executor import PolledGroup
+from turtlebot_gym_ros.base.executor import FastGroup, take
 
 
 def test_a_topic_that_nobody_waits_for_is_heard_when_it_is_taken(peer, another_runner, wait_for):
@@ -49,7 +19,7 @@ def test_a_topic_that_nobody_waits_for_is_heard_when_it_is_taken(peer, another_r
         "polled",
         lambda message, info: heard.append(info["source_timestamp"]),
         10,
-        callback_group=PolledGroup(peer.node),
+        callback_group=PolledGroup(),
     )
     publisher, others = peer.speak("polled", String), peer.hear("others", String)
     talker = peer.speak("others", String)
@@ -58,32 +28,6 @@ def test_a_topic_that_nobody_waits_for_is_heard_when_it_is_taken(peer, another_r
     wait_for(lambda: talker.publish(String(data="there")) or len(others) > 5)
     assert heard == []
     wait_for(lambda: take(subscription, peer.node) or heard)
-
-
-def test_fast_entities_that_are_destroyed_during_the_wait_do_not_end_the_process(peer, wait_for):
-    for k in range(60):
-        topics = [f"fast_{k}_{n}" for n in range(3)]
-        make = peer.node.create_subscription
-        ended = [make(String, topic, lambda message: None, 1, callback_group=FastGroup(peer.node)) for topic in topics]
-        time.sleep(0.003 * (k % 20))
-        for subscription in ended:
-            peer.node.destroy_subscription(subscription)
-    heard, publisher = peer.hear("after_all", String), peer.speak("after_all", String)
-    wait_for(lambda: publisher.publish(String(data="there")) or heard)
-
-
-class Endless(nullcontext):
-    """The handle of a subscription whose messages come faster than they can be taken."""
-
-    def take_message(self, kind, raw):
-        return "again", None
-
-
-def test_a_flood_takes_its_turn():
-    heard = []
-    handle = Endless()
-    take(SimpleNamespace(handle=handle, msg_type=String, raw=False, callback=heard.append, _callback_type=None), None)
-    assert len(heard) == MOST
 
 
 @pytest.mark.parametrize("group", [None, FastGroup])
@@ -116,57 +60,3 @@ def test_a_request_that_rclpy_itself_cannot_read_is_answered_and_ends_nothing(pe
     bad = ParameterMsg(name="x", value=ParameterValue(type=99))
     assert peer.ask("worker/set_parameters", SetParameters, SetParameters.Request(parameters=[bad])).results == []
     assert peer.ask("worker/list_parameters", ListParameters, ListParameters.Request()).result.names
-
-
-@pytest.fixture(params=[SingleThreadedExecutor, MultiThreadedExecutor, FastExecutor])
-def any_runner(request):
-    runner = Runner(executor=request.param)
-    runner.start()
-    yield runner
-    runner.close()
-
-
-def test_a_filter_estimates_in_any_executor(any_runner, peer, wait_for):
-    publisher, estimates = peer.speak("odom", Odometry), peer.hear("estimate", Odometry)
-    any_runner.add(Shell(KalmanFilter, KalmanFilter.Params, context=any_runner.context))
-    wait_for(lambda: publisher.publish(odometry()) or len(estimates) > 10)
-
-
-class Follower:
-    """Says where the last goal is, which wakes nobody, whenever odometry comes; two steps at once would be a fault."""
-
-    trigger = On("odometry")
-    inputs = {"odometry": Input(topic="odom", type=State), "goal": Input(topic="goal", type=Pose, wakes=False, required=False)}
-    outputs = {"seen": Output(topic="seen", type=Pose)}
-    Params = NoParameters
-    running = False
-
-    def __init__(self, params):
-        self.reset()
-
-    def reset(self):
-        assert not self.running
-
-    def step(self, dt, odometry, goal):
-        assert not self.running
-        self.running = True
-        time.sleep(0.001)
-        self.running = False
-        return {} if goal is None else {"seen": goal}
-
-
-@pytest.mark.parametrize("private", [True, False])
-def test_without_rclpys_private_names_nodes_run_in_its_own_executor(peer, wait_for, monkeypatch, private):
-    monkeypatch.setattr(executor, "PRIVATE", private)
-    assert best_executor() is (FastExecutor if private else SingleThreadedExecutor)
-    runner = Runner(executor=MultiThreadedExecutor if private else None)
-    try:
-        runner.start()
-        runner.add(shell := Shell(Follower, NoParameters, context=runner.context))
-        goals, moves, seen = peer.speak("goal", PoseStamped), peer.speak("odom", Odometry), peer.hear("seen", PoseStamped)
-        goal = PoseStamped(header=Header(frame_id="odom"))
-        goal.pose.orientation.w = 1.0
-        wait_for(lambda: goals.publish(goal) or moves.publish(odometry()) or len(seen) > 10)
-        assert shell._trouble is None
-    finally:
-        runner.close()

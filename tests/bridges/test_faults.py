@@ -13,15 +13,13 @@ import time
 
 import pytest
 from bench import guarded, odometry
+from burger import WORDS
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
-import faults
-import faults_robot
-from harness.ros_domain import claimed_domain
-from turtlebot_gym_ros.base.qos import LATCHED
+from cmd_vel_guard.qos import LATCHED
 
 pytestmark = guarded
 
@@ -42,7 +40,7 @@ COMMANDS = {
     "kalman_filter": ["noise:=clean"],
     "waypoint_generator": ["waypoints:=far.csv"],
     "velocity_controller": ["policy:=policy:drive"],
-    "cmd_vel_guard": ["robot:=burger", "collision_monitor:=false"],
+    "cmd_vel_guard": WORDS[1::2],
 }
 
 
@@ -129,107 +127,6 @@ def robot(module_peer, wait_for, tmp_path_factory):
     robot.close()
 
 
-class Late:
-    """Odometry that comes late, honestly stamped."""
-
-    def __init__(self, delay):
-        self.delay, self.waiting = delay, []
-
-    def __call__(self, message):
-        self.waiting.append((time.monotonic() + self.delay, message))
-        return self.waiting.pop(0)[1] if self.waiting[0][0] <= time.monotonic() else None
-
-
-@pytest.mark.parametrize(
-    "spoil",
-    [lambda message: None, Late(1.0), pytest.param(Late(5.0), marks=pytest.mark.nightly)],
-    ids=["stops", "late", "very late"],
-)
-def test_invalid_odometry_stops_the_robot(robot, spoil):
-    robot.drive()
-    robot.spoil = spoil
-    try:
-        robot.stops()
-        robot.check_alive()
-    finally:
-        robot.spoil = lambda message: message
-    robot.wait_for(lambda: robot.speeds[-1] > 0.09)  # it goes on by itself
-
-
-def moved_at(robot):
-    """Return the times at which motion was published from now on: a list that grows."""
-    times = []
-
-    def hear(message, info):
-        if message.twist.linear.x or message.twist.angular.z:
-            times.append(info["source_timestamp"] * 1e-9)
-
-    return times, robot.peer.node.create_subscription(TwistStamped, "cmd_vel", hear, 1000)
-
-
-@pytest.mark.parametrize(
-    ("name", "duration"),
-    [
-        ("velocity_controller", 1.2),
-        *(
-            pytest.param(name, duration, marks=pytest.mark.nightly)
-            for name in ("velocity_controller", "kalman_filter")
-            for duration in (0.6, 1.2, 1.8, 3.2)
-        ),
-    ],
-)
-def test_a_node_that_was_suspended_while_its_source_died_moves_nothing_when_it_goes_on(robot, name, duration):
-    robot.drive()
-    robot.processes[name].send_signal(signal.SIGSTOP)
-    try:
-        time.sleep(0.5 * duration)
-        robot.spoil = lambda message: None
-        time.sleep(0.1)
-        last = robot.measured
-        times, subscription = moved_at(robot)
-        time.sleep(0.5 * duration)
-        robot.processes[name].send_signal(signal.SIGCONT)
-        time.sleep(1.5)
-        assert max(times, default=0.0) <= last + 0.6
-        assert robot.speeds[-1] == 0.0
-        robot.peer.node.destroy_subscription(subscription)
-    finally:
-        robot.processes[name].send_signal(signal.SIGCONT)
-        robot.spoil = lambda message: message
-    robot.wait_for(lambda: robot.speeds[-1] > 0.09)
-
-
-def test_odometry_that_comes_all_at_once_from_a_dead_source_moves_nothing(robot):
-    """As after a stall of the network: thirty messages, the newest 0.6 s old."""
-    robot.drive()
-    held = []
-    robot.spoil = held.append
-    try:
-        robot.wait_for(lambda: len(held) >= 30)
-        robot.spoil = lambda message: None
-        robot.wait_for(lambda: robot.speeds[-1] == 0.0)
-        time.sleep(0.6)
-        times, subscription = moved_at(robot)
-        for message in held:
-            robot.send(message)
-        time.sleep(1.0)
-        assert times == []
-        robot.peer.node.destroy_subscription(subscription)
-    finally:
-        robot.spoil = lambda message: message
-    robot.wait_for(lambda: robot.speeds[-1] > 0.09)
-
-
-@pytest.mark.nightly
-def test_odometry_that_jumps_stops_the_robot_until_it_is_back(robot):
-    robot.drive()
-    robot.x += 5.0
-    robot.stops()
-    robot.check_alive()
-    robot.x -= 5.0
-    robot.drive()
-
-
 @pytest.mark.parametrize("fault", ["block", *(pytest.param(fault, marks=pytest.mark.nightly) for fault in ("raise", "nan"))])
 def test_a_policy_that_fails_stops_the_robot(robot, fault):
     robot.drive()
@@ -266,49 +163,3 @@ def test_the_end_of_any_process_stops_the_robot_and_it_can_start_again(robot, na
         assert robot.processes[name].wait(30) == (-signal.SIGKILL if number == signal.SIGKILL else 0)
         robot.start(name)
     robot.drive()
-
-
-@pytest.mark.nightly
-def test_without_a_guard_the_death_of_the_controller_stops_nothing(robot):
-    """The partner of the laws above: what they rely on is the guard."""
-    for name in ("cmd_vel_guard", "velocity_controller"):
-        robot.processes[name].terminate()
-        robot.processes[name].wait(30)
-    robot.start("velocity_controller", remap="cmd_vel:=cmd_vel")
-    robot.drive()
-    robot.processes["velocity_controller"].kill()
-    robot.processes["velocity_controller"].wait(30)
-    time.sleep(1.0)  # twice what a guard would take
-    assert 0.0 not in robot.speeds
-    for name in ("cmd_vel_guard", "velocity_controller"):
-        robot.start(name)
-    robot.drive()
-
-
-@pytest.fixture(scope="module")
-def stand_in():
-    """A robot whose driver may lie, with the chain of `robot.launch.xml`."""
-    with claimed_domain() as domain:
-        robot = faults_robot.Robot(domain, buttons=False)
-        yield robot
-        robot.close()
-
-
-LIVE = ["odometry dead", "scans end", "guard killed", "healthy wall", "odometry late", "guard suspended, sources die"]
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("name", LIVE)
-def test_an_injected_fault_is_safe_by_the_judge_of_the_benchmark(stand_in, name):
-    assert stand_in.drive() == ""
-    assert faults.inject(stand_in, name, f"nightly {name}")["unsafe"] == []
-
-
-@pytest.mark.nightly
-def test_the_judge_of_the_benchmark_sees_a_guard_that_lets_everything_pass(stand_in):
-    """The partner of the test above: without a guard nobody ends the motion."""
-    stand_in.drive()
-    stand_in.chain.signal("cmd_vel_standby", signal.SIGSTOP)
-    stand_in.chain.signal("cmd_vel_guard", signal.SIGSTOP)
-    assert any("without a fresh measurement" in why for why in faults.inject(stand_in, "odometry dead", "deaf")["unsafe"])
-    stand_in.chain.kill_all()

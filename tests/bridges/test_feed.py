@@ -6,16 +6,16 @@ from types import SimpleNamespace
 import pytest
 from bench import odometry
 from geometry_msgs.msg import TwistStamped
-from nav_msgs.msg import Odometry
 from rclpy.qos import ReliabilityPolicy
 from rclpy.time import Time
 from sensor_msgs.msg import LaserScan, TimeReference
 from std_msgs.msg import Header
 
+from cmd_vel_guard.executor import PolledGroup
+from cmd_vel_guard.sent import Age, SystemClock
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Command, State
-from turtlebot_gym_ros.base.executor import FastGroup, PolledGroup, take
-from turtlebot_gym_ros.base.sent import Age, SystemClock
+from turtlebot_gym_ros.base.executor import FastGroup, take
 from turtlebot_gym_ros.node.block import Input, Stamped
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.feed import Feed, resting_on
@@ -47,14 +47,6 @@ def make(*, lock_step=False, **options):
     feed, node = unconnected(lock_step=lock_step, **options), FakeNode()
     node.endpoint = feed.connect(node, "hear", "told")
     return feed, node
-
-
-def test_it_subscribes_to_its_topic_by_the_name_that_the_graph_gives_it():
-    feed, node = make()
-    assert feed.topic == "/robot/odom"
-    assert (node.kind, node.hear) == (Odometry, "hear")
-    assert node.endpoint == ("/robot/odom", "nav_msgs/msg/Odometry", False, False, False)
-    assert node.overridable.policy_kinds
 
 
 @pytest.mark.parametrize(
@@ -95,15 +87,6 @@ def test_a_message_in_another_frame_is_refused():
         with pytest.raises(ValueError, match=f"its frame is '{other}' instead of 'odom'"):
             feed.read(odometry(frame=other), "odom")
     assert unconnected(Command).read(TwistStamped(), "odom") == (0.0, 0.0)  # a velocity is stated in the robot's own frame
-
-
-def test_a_flood_is_refused_and_in_lock_step_no_rate_is_one():
-    for lock_step in (True, False):
-        feed, _ = make(lock_step=lock_step)
-        for number in range(1, 51):
-            feed.count({"publication_sequence_number": number}, 100.0 + 1e-4 * number)
-    with pytest.raises(ValueError, match="a flood: more than"):
-        feed.count({"publication_sequence_number": 51}, 100.0051)
 
 
 def test_what_ages_in_a_frame_of_the_robot_has_the_mount_of_its_sensor():
@@ -214,29 +197,6 @@ def test_what_is_given_once_is_gone_after_one_step():
     assert feed.take(100.1, 0) is None
     feed.accept("another", 100.2, 8)
     assert feed.take(100.2, 0) == "another"
-
-
-def test_a_refusal_is_news_until_a_message_is_accepted():
-    feed, _ = make()
-    assert feed.refusal is None
-    assert feed.refuse("its frame is wrong")
-    assert feed.refusal == "refused: its frame is wrong"
-    assert not feed.refuse("its frame is wrong")
-    feed.accept("here", 100.0, 7)
-    assert feed.refusal is None
-    assert feed.refuse("its frame is wrong")
-
-
-def test_the_diagnostics_count_and_tell_the_age():
-    feed, _ = make()
-    assert feed.figures(100.0) == {"/robot/odom": "never, 0 received, 0 refused"}
-    feed.accept("here", 100.0, 7)
-    feed.accept("there", 101.0, 8)
-    for _ in range(3):
-        feed.refuse("its frame is wrong")
-    assert feed.figures(101.25) == {"/robot/odom": "0.25 s ago, 2 received, 3 refused"}
-    feed.age(*message(sent=101.5, measured=101.25), 101.5)
-    assert feed.figures(101.5) == {"/robot/odom": "0.50 s ago, 2 received, 3 refused, clock -0.25 s"}
 
 
 def test_an_aged_value_comes_with_the_difference_of_the_stamps():

@@ -1,7 +1,6 @@
 """The closed loop as a live graph, driven by a policy or by hand; what it is refused. Its numbers: `test_lockstep_graph`."""
 
 import json
-import math
 import re
 
 import numpy as np
@@ -10,19 +9,9 @@ from geometry_msgs.msg import Twist, TwistStamped
 
 from turtlebot_gym.tasks import SQUARE_WAYPOINTS
 from turtlebot_gym_ros import Graph
-from turtlebot_gym_ros.graph.bringup import UNITS, lines_of, main, metrics, to_json
+from turtlebot_gym_ros.graph.bringup import main, metrics
 
 NODES = ("turtlebot_simulator", "kalman_filter", "velocity_controller", "waypoint_generator")
-CLOSE = 0.4
-"""A waypoint counts for the nodes within 0.3 m of the believed position, which errs by 3 cm on average."""
-
-
-@pytest.mark.slow
-def test_it_drives_for_a_minute_in_real_time():
-    with Graph(processes=True) as graph:
-        graph.wait_until(lambda graph: graph.time >= 60.0, timeout=120.0)
-        assert len(np.unique(graph.trajectory().reference, axis=0)) == len(SQUARE_WAYPOINTS)
-        assert metrics(graph.trajectory())["worst closest distance"] < CLOSE
 
 
 def test_it_drives_the_square_in_one_process():
@@ -32,28 +21,28 @@ def test_it_drives_the_square_in_one_process():
         assert graph.reports.keys() >= set(NODES)
         assert max(level for level, _ in graph.reports.values()) == 0, graph.reports
     figures = metrics(trajectory)
-    assert {name for name in figures if "waypoints" not in name} <= UNITS.keys()
+    assert all("waypoints" in name or name.endswith((", m", ", s", ", rad")) for name in figures)
     assert figures["waypoints reached"] == figures["waypoints"] == len(SQUARE_WAYPOINTS)  # without noise belief and truth agree
     np.testing.assert_allclose(np.diff(trajectory.time), 0.1, atol=1e-9)
     assert np.isfinite(trajectory.true_state).all()
 
 
 def test_graphs_in_one_process_do_not_disturb_each_other():
-    with Graph(domain=101, seed=1, laps=1000) as driving, Graph(domain=102, speed=10.0, mode="teleoperation") as other:
-        driving.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)
+    with Graph(domain=101, seed=1, laps=1000) as driving, Graph(domain=102, mode="teleoperation") as other:
+        driving.wait_until(lambda graph: graph.latest["true_state"].x > 0.3)
         assert other.latest["true_state"][:3] == (0.0, 0.0, 0.0)
         assert "reference" not in other.latest
 
 
 @pytest.mark.parametrize(("stamped", "kind"), [(True, TwistStamped), (False, Twist)])
 def test_a_person_drives_with_the_type_of_velocity_that_is_configured(peer, wait_for, stamped, kind):
-    with Graph(mode="teleoperation", noise="clean", speed=10.0, enable_stamped_cmd_vel=stamped) as graph:
+    with Graph(mode="teleoperation", noise="clean", enable_stamped_cmd_vel=stamped) as graph:
         command = kind()
         (command.twist if stamped else command).linear.x = 0.15
         publisher = peer.speak("cmd_vel", kind)
         wait_for(lambda: publisher.get_subscription_count() >= 2)  # the plant and the recorder
         publisher.publish(command)  # once: the plant holds it for ever
-        graph.wait_until(lambda graph: graph.latest["true_state"].x > 1.0)
+        graph.wait_until(lambda graph: graph.latest["true_state"].x > 0.3)
         assert graph.latest["estimate"].belief.mean.x == pytest.approx(graph.latest["true_state"].x, abs=0.1)
 
 
@@ -61,32 +50,12 @@ def test_bringup_prints_the_metrics_and_writes_the_figure(capfd, tmp_path):
     figure, report = tmp_path / "drive.png", tmp_path / "drive.json"
     assert main(["--speed", "20", "--duration", "5", "--figure", str(figure), "--json", str(report)]) == 0
     out = capfd.readouterr().out
-    assert all(re.search(r" (m|s|rad|\d+|\d+ of \d+)$", line) for line in out.splitlines() if not line.startswith("figure"))
+    assert all(re.search(r" [\d.]+$", line) for line in out.splitlines() if not line.startswith("figure"))
     assert figure.stat().st_size > 10_000
     written = json.loads(report.read_text())
     assert written["options"]["speed"] == 20.0
     assert written["metrics"]["duration, s"] >= 5.0
     assert written["metrics"]["waypoints"] == 1
-
-
-def test_each_metric_has_its_unit_and_counts_are_whole_numbers():
-    figures = {"duration": 40.1, "odometry heading error": 0.0251, "waypoints": 4.0, "waypoints reached": 3.0}
-    figures |= {"mean closest distance": math.nan, "collision": 1.0}
-    assert [" ".join(line.split()) for line in lines_of(figures)] == [
-        "duration 40.100 s",
-        "odometry heading error 0.025 rad",
-        "waypoints reached 3 of 4",
-        "mean closest distance unknown",
-        "collision yes",
-    ]
-    assert to_json(figures) == {
-        "duration, s": 40.1,
-        "odometry heading error, rad": 0.0251,
-        "waypoints": 4,
-        "waypoints reached": 3,
-        "mean closest distance, m": None,
-        "collision": True,
-    }
 
 
 @pytest.mark.nightly

@@ -1,16 +1,19 @@
 """The robots of this project behind the guard: their footprints, mounts and limits."""
 
 import math
+from pathlib import Path
 
-from guarded import Parameters
+import yaml
 
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import Footprint
-from cmd_vel_guard.robots import ROBOTS as GUARDED
+from cmd_vel_guard.parameters import Parameters
 from cmd_vel_guard.values import Mount
 from turtlebot_gym.robots import ROBOTS, LidarMount
 
 T = 100.0
+CONFIG = Path(__file__).parents[2] / "bridges/cmd_vel_guard/config"
+SAFE = {"start_enabled": False, "require_emergency_stop": True, "require_standby": True}
 
 
 def test_the_footprints_hold_the_bodies():
@@ -28,12 +31,16 @@ def test_the_footprints_hold_the_bodies():
     assert ROBOTS["turtlebot4"].lidar == LidarMount(frame="rplidar_link", x=-0.04, yaw=math.pi / 2.0)
 
 
-def test_the_guard_knows_the_numbers_of_the_presets():
-    for name, known in GUARDED.items():
-        robot = ROBOTS[name]
+def test_the_guards_files_have_the_numbers_of_the_presets():
+    for path in CONFIG.glob("*.yaml"):
+        known, robot = yaml.safe_load(path.read_text())["/**/cmd_vel_guard"]["ros__parameters"], ROBOTS[path.stem]
         limits = ("max_linear", "max_angular", "max_wheel", "wheel_separation", "radius", "footprint_x")
-        mount = {f"scan_{part}": getattr(robot.lidar, part) for part in ("frame", "x", "y", "yaw")}
-        assert known == {limit: getattr(robot, limit) for limit in limits} | mount
+        mount = {f"scan_{part}": getattr(robot.lidar, part) for part in ("frame", "x", "yaw")}
+        assert known == {limit: getattr(robot, limit) for limit in limits} | mount | SAFE
         assert robot.reverse
-    monitor = Arbiter(Parameters(collision_monitor=True, robot="turtlebot4"), T).monitor
-    assert monitor._body == Footprint(0.171, 0.0, Mount("rplidar_link", -0.04, 0.0, math.pi / 2.0))
+        assert robot.lidar.y == 0.0
+        mount = Mount(robot.lidar.frame, robot.lidar.x, 0.0, robot.lidar.yaw)
+        monitor = Arbiter(Parameters(**known), T).monitor
+        assert monitor._body == Footprint(
+            robot.radius, robot.footprint_x, Mount(robot.lidar.frame, robot.lidar.x, 0.0, robot.lidar.yaw)
+        )

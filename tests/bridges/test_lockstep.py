@@ -5,7 +5,6 @@ import pytest
 
 from turtlebot_gym.values import Command, Pose
 from turtlebot_gym_ros.node.block import Every, Input, On
-from turtlebot_gym_ros.node.chain import _missing_link
 from turtlebot_gym_ros.node.lockstep import Answers, Plant, Turn, trigger_of
 
 S = 1_000_000_000
@@ -99,18 +98,6 @@ def test_a_network_that_loses_delays_and_reorders_changes_no_number():
             assert node.steps[:59] == [S + k * TENTH for k in range(59)], seed  # each step once, in order
 
 
-def test_a_rule_that_steps_on_whatever_is_at_hand_is_noticed(monkeypatch):
-    """The defect that lock-step is for: a reference of another step."""
-    perfect, _ = drive(0, 60, loss=0.0)
-    good = Answers.__init__
-
-    def careless(self, trigger, inputs):
-        good(self, trigger, {key: Input(topic=key, type=Pose) for key in inputs})
-
-    monkeypatch.setattr(Answers, "__init__", careless)
-    assert any(drive(seed, 60, loss=0.3)[0] != perfect for seed in range(20))
-
-
 def answers(trigger=None, **inputs):
     rules = {"estimate": "latest", **inputs}
     return Answers(trigger or On("estimate"), {key: Input(topic=key, type=Pose, lock_step=rule) for key, rule in rules.items()})
@@ -137,16 +124,6 @@ def test_only_the_triggers_repetition_is_answered_again():
     stamps = {"course": S, "estimate": S, "reference": S}
     rule.answer(S)
     assert [rule.hear(key, stamps)[0] for key in stamps] == [Turn.WAIT, Turn.REPEAT, Turn.WAIT]
-
-
-def test_after_a_reset_a_step_is_answered_anew():
-    rule = answers()
-    assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
-    assert rule.messages.interval(S) == 0.0
-    rule.answer(S)
-    rule.reset()
-    assert rule.hear("estimate", {"estimate": S}) == (Turn.STEP, None)
-    assert rule.messages.interval(S + TENTH) == 0.0  # a first step covers no time
 
 
 def test_a_leap_of_the_stamps_is_a_new_episode_ahead_and_back():
@@ -203,41 +180,6 @@ def test_the_plant_takes_each_step_once_and_only_when_all_inputs_answer_it():
     assert plant.advance(7.0) == 61 * S + 2 * TENTH  # one leap for an episode
 
 
-def test_the_outputs_are_sent_again_every_fifth_of_a_second_and_the_wait_is_long_after_two():
-    plant = Plant(Every(0.1, 0.0), now=7.0)
-    assert not plant.resend(7.1)
-    assert not plant.is_overdue(9.0)
-    plant.advance(7.0)
-    assert [plant.resend(7.0 + 0.05 * k) for k in range(1, 10)] == [False] * 3 + [True] + [False] * 3 + [True, False]
-    assert not plant.is_overdue(9.0)
-    assert plant.is_overdue(9.1)
-    plant.advance(9.2)
-    assert not plant.is_overdue(9.3)
-
-
-def test_a_fifth_of_a_second_is_counted_with_its_end():
-    assert Plant(Every(0.1, 0.0), now=0.0).resend(0.2)
-
-
-def test_a_witness_is_never_left_behind():
-    plant = Plant(Every(0.1, 0.0, witness="recorded"), now=0.0)
-    plant.advance(0.0)
-    assert not plant.is_witnessed  # not even the first step is over before the recorder has heard it
-    plant.witnessed = plant.present
-    for _ in range(200):
-        assert plant.is_witnessed
-        plant.advance(0.0)
-    assert plant.is_witnessed
-    plant.advance(0.0)
-    assert not plant.is_witnessed
-    plant.witnessed = plant.present
-    assert plant.is_witnessed
-    plant.begin_episode()
-    plant.advance(0.0)
-    assert not plant.is_witnessed
-    assert Plant(Every(0.1, 0.0), now=0.0).is_witnessed  # where nobody records
-
-
 def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     plant = Plant(Every(0.1, 4.0), now=10.0)
     assert plant.wait(10.0) == 0.0
@@ -253,19 +195,6 @@ def test_a_speed_is_a_limit_and_what_was_lost_is_not_caught_up_with():
     assert unlimited.wait(0.0) == 0.0
     unlimited.advance(0.0)
     assert unlimited.wait(0.0) == 0.0
-
-
-def test_who_is_missing_is_the_first_on_the_way():
-    way = ("/estimate", "/reference", "/cmd_vel")
-    speakers = {"/estimate": ["/kalman_filter"], "/reference": [], "/cmd_vel": ["/velocity_controller"]}
-
-    def said(*stamps):
-        return _missing_link(12 * S, dict(zip(way, stamps, strict=True)), speakers)
-
-    assert said(None, None, None) == "waits for /estimate of the step at 12.000 s: /kalman_filter has not answered"
-    assert said(12 * S, 11 * S, 11 * S) == "waits for /reference of the step at 12.000 s: nobody publishes it"
-    assert said(12 * S, 12 * S, 11 * S) == "waits for /cmd_vel of the step at 12.000 s: /velocity_controller has not answered"
-    assert said(12 * S, 12 * S, 12 * S) == "waits for the recorder, which has not heard the steps up to 12.000 s"
 
 
 def test_what_runs_in_lock_step_and_what_cannot():

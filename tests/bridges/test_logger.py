@@ -1,28 +1,19 @@
 """The logger: what it keeps when it is killed, and that its bag holds whatever an independent subscriber saw."""
 
-import resource
 import signal
 import sqlite3
 import sys
 import time
 from contextlib import closing
-from shutil import copytree
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Goals, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import Reader
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
-
-from turtlebot_gym_ros.recording.bag import Bag
 
 pytestmark = pytest.mark.touched("bridges/turtlebot_gym_ros/turtlebot_gym_ros/recording", "tests/bridges/test_logger.py")
 
-NOW = 1_800_000_000_000_000_000  # ns
 DEEP = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -40,67 +31,6 @@ def committed_in(database):
 
 
 # Without ROS processes: what a kill leaves.
-
-
-@pytest.mark.parametrize("size", [0, 100_000])
-def test_an_unfinished_transaction_is_taken_back(tmp_path, size, read_bag):
-    # 100 messages of 100 kB do not fit into sqlite's cache: pages of the unfinished transaction are in the file already.
-    bag = Bag(tmp_path / "run")
-    connection = bag.add("/text", "std_msgs/msg/String", latched=True)
-    committed = [text(k) for k in range(100)]
-    for k, data in enumerate(committed):
-        bag.write(connection, NOW + k, serialize_message(data))
-    bag.commit()
-    for k in range(100):
-        bag.write(connection, NOW + 1000 + k, serialize_message(text(k, size)))
-    copytree(tmp_path / "run", tmp_path / "killed")  # as a kill would leave it
-    assert committed_in(tmp_path / "killed" / "run.db3") == committed
-    bag.close()
-    assert len(read_bag(tmp_path / "run")["/text"]) == 200
-    with AnyReader([tmp_path / "run"]) as reader:
-        assert "transient_local" in str(reader.connections[0].ext.offered_qos_profiles).lower()
-
-
-@pytest.mark.parametrize("size", [3000, 100_000])
-@pytest.mark.parametrize("limit", [61_000, 300_000])
-@pytest.mark.parametrize("every", [7, 10**6])  # without a commit, sqlite writes when its cache of 2 MB is full
-def test_a_full_disk_leaves_a_complete_bag_of_what_came_first(tmp_path, size, limit, every, read_bag):
-    bag = Bag(tmp_path / "run")
-    connection = bag.add("/text", "std_msgs/msg/String", latched=False)
-    bag.commit()
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))  # as a disk without space, for each file
-    written, committed = [], []
-
-    def write_on():
-        while True:
-            bag.write(connection, NOW + len(written), serialize_message(text(len(written), size)))
-            written.append(text(len(written), size))
-            if len(written) % every == 0:
-                bag.commit()
-                committed[:] = written
-
-    try:
-        with pytest.raises(Bag.FULL):
-            write_on()
-        bag.end_early()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    held = read_bag(tmp_path / "run").get("/text", [])
-    assert held == written[: len(held)]
-    assert len(held) >= len(committed)
-    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["metadata.yaml", "run.db3"]
-    with Reader(tmp_path / "run") as reader:
-        assert reader.message_count == len(held)
-
-
-def test_a_type_that_rosbags_does_not_know_is_learned(tmp_path, monkeypatch, read_bag):
-    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
-    bag = Bag(tmp_path / "run")
-    goals = Goals(goals=[PoseStamped()])
-    bag.write(bag.add("/goals", "nav_msgs/msg/Goals", latched=False), NOW, serialize_message(goals))
-    bag.close()
-    assert read_bag(tmp_path / "run") == {"/goals": [goals]}
 
 
 # The node: a process of its own, with talkers and an independent listener in this one, on real DDS.
@@ -195,55 +125,6 @@ def test_a_kill_loses_at_most_the_last_second(start, peer, matched, wait_for, tm
     assert len(held) >= sum(moment < killed - 1.5 for moment, _ in sent) > 50
 
 
-def test_a_kill_without_commits_is_noticed(start, peer, matched, wait_for, tmp_path):
-    publish_and_kill(start(change="logger.Bag.commit = lambda self: None"), peer, matched, wait_for)
-    assert committed_in(tmp_path / "run" / "run.db3") == []
-
-
-def test_a_recorder_on_a_full_disk_says_so_once_and_keeps_what_it_has(start, peer, matched, wait_for, tmp_path, read_bag):
-    process = start()
-    reports = peer.hear("/diagnostics", DiagnosticArray)
-    speaker = peer.speak("text", String, DEEP)
-    matched(speaker)
-    speaker.publish(text(0))
-
-    def levels():
-        return [report.status[0].level for report in reports if report.status[0].name == "/data_logger"]
-
-    wait_for(levels)
-    database = tmp_path / "run" / "run.db3"
-    hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)[1]
-    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (database.stat().st_size + 1_000_000, hard))
-    sent = [text(0)]
-    while DiagnosticStatus.ERROR not in levels():
-        sent.append(text(len(sent), 10_000))
-        speaker.publish(sent[-1])
-        time.sleep(0.05)
-    (said,) = {report.status[0].message for report in reports if report.status[0].level == DiagnosticStatus.ERROR}
-    assert said.startswith(f"the recording ended, and what was recorded is readable in {tmp_path / 'run'}: ")
-    held = read_bag(tmp_path / "run")["/text"]
-    assert held == sent[: len(held)]
-    assert len(held) > 20
-    stderr = end(process)
-    assert "Traceback" not in stderr
-    assert stderr.count("[ERROR]") == 1
-
-
-def test_a_best_effort_publisher_that_comes_late_is_heard(start, peer, listener, matched, tmp_path, read_bag):
-    process = start()
-    first = peer.speak("text", String, DEEP)
-    matched(first)
-    first.publish(text(0))
-    assert first.wait_for_all_acked()
-    second = listener.speak("text", String, BEST_EFFORT)
-    matched(second, first)
-    second.publish(text(1))
-    first.publish(text(2))
-    end(process)
-    held = read_bag(tmp_path / "run")["/text"]
-    assert sorted(message.data for message in held) == ["0", "1", "2"]
-
-
 def test_publishers_of_other_qualities_of_service_lose_and_double_nothing(
     start, peer, listener, matched, wait_for, tmp_path, read_bag
 ):
@@ -277,34 +158,3 @@ def test_publishers_of_other_qualities_of_service_lose_and_double_nothing(
         "unreliable": 1,
         "latched": 1,
     }
-
-
-def test_of_two_types_on_a_topic_the_configured_one_is_kept(start, peer, listener, matched, wait_for, tmp_path, read_bag):
-    process = start()
-    wrong = listener.speak("cmd_vel", Twist)
-    matched(wrong)  # better than nothing
-    wrong.publish(Twist())
-    assert wrong.wait_for_all_acked()
-    right = peer.speak("cmd_vel", TwistStamped)
-    matched(right)
-    wait_for(lambda: wrong.get_subscription_count() == 0)
-    right.publish(TwistStamped())
-    assert "/cmd_vel is published as geometry_msgs/msg/Twist and geometry_msgs/msg/TwistStamped: only" in end(process)
-    assert read_bag(tmp_path / "run")["/cmd_vel"] == [Twist(), TwistStamped()]
-
-
-@pytest.mark.parametrize(
-    ("argument", "message"),
-    [
-        ("outpt:=x", "data_logger has no parameter 'outpt': did you mean output?"),
-        ("output:=.", "parameter 'output' must name a new folder, but '/"),
-        ("output:=/dev/null/run", "[Errno 20] Not a directory: '/dev/null/run'"),
-    ],
-)
-def test_wrong_parameters_are_refused_before_anything_is_written(start, tmp_path, argument, message):
-    process = start(argument)
-    _, stderr = process.communicate(timeout=30.0)
-    assert process.returncode == 2
-    assert stderr.count("\n") == 1
-    assert stderr.startswith(f"error: {message}")
-    assert list(tmp_path.iterdir()) == []

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from bench import over_the_wire
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import LaserScan
@@ -14,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros import Graph, Shell
+from turtlebot_gym_ros import Shell
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.node.convert import conversion
 
@@ -127,22 +126,6 @@ def test_the_simulators_map_is_said_once_and_is_what_its_lidar_sees(runner, peer
     assert misses(mirrored, scans[0], truths[0]) > 0
 
 
-def test_only_a_map_is_said(runner, peer, wait_for):
-    runner.add(Shell(TurtlebotSimulator, TurtlebotSimulator.Params, context=runner.context, overrides={"world": "dense"}))
-    truths = peer.hear("true_state", Odometry)
-    wait_for(lambda: len(truths) > 3)
-    assert not peer.node.get_publishers_info_by_topic("/map")
-
-
-def test_the_graph_hears_the_map_and_drives_on_it(hall, wait_for):
-    with Graph(world=str(hall), lidar="ideal", policy="vfh", goal_tolerance=0.0) as graph:
-        grid = wait_for(lambda: graph.latest.get("map"))
-        graph.wait_until(lambda graph: graph.time >= 2.0)
-        assert graph.trajectory().true_state[:20, 3].any()
-    assert grid.origin == Pose(*ORIGIN)
-    np.testing.assert_array_equal(grid.cells[::-1], np.vectorize(VALUES.get)(HALL))
-
-
 def test_the_localizer_in_the_graph_is_the_environments(compare, hall):
     drive = compare.RoomDrive(world=str(hall), noise="wheel", seed=3, localizer="match")
     expected = compare.first(compare.room_episode(drive), 60)
@@ -150,33 +133,3 @@ def test_the_localizer_in_the_graph_is_the_environments(compare, hall):
     assert max(differ.values()) == 0.0, differ
     other = compare.first(compare.room_episode(drive._replace(localizer=None)), 60)
     assert compare.room_differences(expected, other)["estimate"] > 1e-3
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(("policy", "goals"), [("vfh", 5), ("ppo-rooms", 5)])
-def test_a_mission_in_the_graph_is_the_environments(compare, policy, goals):
-    """Goals in turn in an office, each given when the localizer believes that the one before is reached."""
-    drive = compare.RoomDrive(policy=policy, world="office", noise="wheel", seed=1, localizer="match", goals=100)
-    expected = compare.room_episode(drive, 500)
-    assert len(expected.time) == 501
-    assert len({*map(tuple, expected.reference.tolist())}) >= goals
-    differ = compare.room_differences(expected, compare.room_live(drive, 500))
-    assert max(differ.values()) == 0.0, differ
-
-
-@pytest.mark.nightly
-def test_a_robot_finds_itself_and_drives_to_rvizs_goal(hall, peer, wait_for):
-    goals, poses = peer.speak("goal_pose", PoseStamped), peer.hear("amcl_pose", PoseWithCovarianceStamped)
-    parameters = {"policy": "vfh", "noise": "wheel", "localizer": "match", "start": "unknown", "when_lost": "stop"}
-    with Graph(world=str(hall), speed=1.0, seed=2, **parameters) as graph:
-        wait_for(goals.get_subscription_count)
-        start = graph.latest["true_state"]
-        goal = PoseStamped(header=Header(frame_id="odom"))
-        goal.pose.position.x, goal.pose.position.y = start.x + np.cos(start.theta), start.y + np.sin(start.theta)
-        goals.publish(goal)
-        graph.wait_until(lambda graph: "its frame is 'odom' instead of 'map'" in graph.reports["waypoint_generator"][1])
-        goal.header.frame_id = "map"
-        goals.publish(goal)
-        x, y = goal.pose.position.x, goal.pose.position.y
-        graph.wait_until(lambda graph: math.dist(graph.latest["true_state"][:2], (x, y)) < 0.3)
-        assert poses[-1].header.frame_id == "map"

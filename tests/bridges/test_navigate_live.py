@@ -252,26 +252,3 @@ def test_goals_lead_through_three_rooms_or_end_with_the_reason(robot, send, peer
     assert {*told(heard, "frame")} == {"map"}
     remaining = told(heard, "estimated_time_remaining")
     assert remaining[0] > 20.0 > 5.0 > remaining[-1] > 0.0
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("robot", ["vfh"], indirect=True)
-def test_transforms_from_map_to_odom_and_to_the_robot_are_the_pose_in_the_map(robot, launch, interfaces):
-    out, err = launch(str(CLIENT.with_name("tf_listener.py")), "8", **interfaces).communicate(timeout=60.0)
-    heard = {
-        (name, stamp): (frame, complex(x, y), theta) for name, frame, stamp, x, y, theta in map(json.loads, out.splitlines())
-    }
-    assert {(name, frame) for (name, _), (frame, *_) in heard.items()} == {
-        ("odom", "map"),
-        ("base_footprint", "odom"),
-        ("pose", "map"),
-    }, err
-    ahead, compared = 100_000_000, 0
-    for name, stamp in heard:
-        tied, wheels = heard.get(("odom", stamp + ahead)), heard.get(("base_footprint", stamp))
-        if name == "pose" and tied and wheels:
-            _, place, theta = heard[name, stamp]
-            assert abs(tied[1] + np.exp(1j * tied[2]) * wheels[1] - place) < 1e-9
-            assert abs(np.exp(1j * (tied[2] + wheels[2])) - np.exp(1j * theta)) < 1e-9
-            compared += 1
-    assert compared > 20

@@ -1,8 +1,6 @@
 """A policy that reads a bumper drives at a live node while the bumper's topic speaks, and stands when that says nothing."""
 
 import os
-import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +14,6 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
 from turtlebot_gym_agents.policies.bundle import term_on
-from turtlebot_gym_ros.blocks import VelocityController
 from turtlebot_gym_ros.blocks.controller import _input_of
 
 TOUCHY = """
@@ -72,18 +69,6 @@ def test_the_bumpers_topic_moves_the_robot_and_its_silence_stops_it(peer, launch
     drive(lambda: any(late in status.message for report in reports for status in report.status), None)
 
 
-def test_a_node_whose_policy_reads_a_term_that_is_not_there_does_not_start(folder):
-    (folder / "own_terms.py").unlink()
-    words = node("velocity_controller", "policy:=touchy:drive")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), *sys.path])}
-    environment["PYTHONPATH"] = os.pathsep.join(
-        part for part in environment["PYTHONPATH"].split(os.pathsep) if not part.endswith(os.path.join("tests", "core"))
-    )
-    ended = subprocess.run([sys.executable, *words], capture_output=True, text=True, timeout=60, check=False, env=environment)
-    assert ended.returncode != 0
-    assert "No module named 'own_terms'" in ended.stderr
-
-
 def bundle_term(name, low, high, source=""):
     """Return a term as a bundle's card has it."""
     return term_on("a.onnx", {"name": name, "low": low, "high": high, "source": source})
@@ -92,36 +77,9 @@ def bundle_term(name, low, high, source=""):
 NAMED = {term.name: replace(term, source=f"own_terms:{term.name.upper()}") for term in (own_terms.BUMPER, own_terms.GAPS)}
 
 
-@pytest.mark.parametrize(
-    ("term", "message"),
-    [
-        (bundle_term("lamp", [0.0], [1.0]), "name it in the parameter terms, MODULE:NAME."),
-        (
-            bundle_term("lamp", [0.0], [1.0], "own_terms:BUMPER"),
-            "name it in the parameter terms, MODULE:NAME, such as own_terms",
-        ),
-        (bundle_term("bumper", [0.0], [2.0]), "with bounds .*, but own_terms:BUMPER has"),
-        (bundle_term("gaps", [-1.0, -1.0], [2.0, 2.0]), "give own_terms:GAPS a topic, message and convert"),
-    ],
-)
-def test_a_term_that_no_topic_brings_is_refused_by_its_name(term, message):
-    """A bundle names no module: a person does, in the parameter ``terms``."""
-    with pytest.raises(ValueError, match=f"the policy reads '{term.name}'.*{message}"):
-        _input_of(term, NAMED)
-
-
 def test_a_bundles_term_is_brought_by_the_topic_that_a_person_names():
     source = _input_of(bundle_term("bumper", [0.0], [1.0]), NAMED)
     assert (source.topic, source.message, source.max_age, source.lasts) == ("bumper", "std_msgs/msg/Bool", 0.5, 0.0)
     assert source.read(Bool(data=True)) == (1.0,)
     slow = _input_of(replace(own_terms.BUMPER, lasts=3.0), {})
     assert (slow.max_age, slow.lasts) == (0.5, 2.5)
-
-
-def test_a_controller_without_own_terms_is_as_before():
-    assert not [name for name in VelocityController(VelocityController.Params()).inputs if name.startswith("own_")]
-
-
-def test_a_term_that_the_policy_does_not_read_is_refused():
-    with pytest.raises(ValueError, match="the parameter terms names 'bumper', which the policy does not read"):
-        VelocityController(VelocityController.Params(policy="bearing", terms="own_terms:BUMPER"))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from guarded import Parameters
+from burger import Parameters
 
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import RawScan

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from turtlebot_gym_ros.base.sent import Ages, SystemClock, read_clocks
+from cmd_vel_guard.sent import Ages, SystemClock, read_clocks
 
 EPOCH = 1.7e9
 """The system clock when the steady one says 0, s."""

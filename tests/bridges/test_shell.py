@@ -9,16 +9,15 @@ from pathlib import Path
 import pytest
 from bench import Mover, NoParameters
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from rclpy.time import Time
-from std_msgs.msg import Empty, Header, String
+from std_msgs.msg import Empty, String
 
+from cmd_vel_guard.qos import LATCHED
 from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.values import STOP, Command, Pose, State
-from turtlebot_gym_ros import Every, On, Output, Shell
-from turtlebot_gym_ros.base.qos import LATCHED
+from turtlebot_gym_ros import Every, Output, Shell
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.blocks.kalman_filter import FIX
 from turtlebot_gym_ros.blocks.localizer import MAP_INPUT
@@ -74,24 +73,7 @@ def test_the_same_block_is_a_node(example, runner, peer, wait_for, stamped):
     wait_for(lambda: reports and reports[-1].status[0].level == DiagnosticStatus.OK)
 
 
-def test_the_example_stays_short():
-    body = EXAMPLE.read_text().partition("class FaceEast:")[2].partition("\n\n\nif")[0]
-    code = [line for line in body.splitlines() if line.strip() and '"""' not in line]
-    assert len(code) <= 12
-
-
 # States.
-
-
-def test_a_block_that_is_done_leaves_the_robot_to_others_and_goes_on_by_itself(bench):
-    bench.drive()
-    bench.block.act = dict
-    bench.send()
-    bench.wait_for(lambda: bench.state == "stopping: done")
-    bench.wait_for(lambda: bench.advance(0.02) and bench.state == "silent: done")
-    assert bench.speeds[-1] == 0.0
-    bench.block.go_on()
-    bench.drive()
 
 
 def test_it_goes_on_by_itself_when_the_inputs_come_again(bench):
@@ -125,54 +107,7 @@ def test_a_reset_of_the_plant_reaches_everybody(bench):
     bench.drive()
 
 
-class Slow(Mover):
-    """A mover that steps every 50 ms."""
-
-    trigger = On("odometry", period=0.05)
-
-
-def test_messages_that_come_more_slowly_than_the_steps_are_an_error_in_words(make_bench):
-    bench = make_bench(make=Slow)
-    bench.wait_for(lambda: bench.send() or "odometry comes every 0.100 s, but a step is due every 0.05 s" in bench.state)
-
-
 # The graph around it.
-
-
-def test_the_wrong_type_of_velocity_is_reported_with_the_command_to_type(bench, third_runner):
-    stranger = Node("stranger", context=third_runner.context)  # a participant holds one type per topic
-    stranger.create_subscription(Twist, "cmd_vel", lambda message: None, 10)
-    status = bench.report("/stranger subscribes to geometry_msgs/msg/Twist,")
-    stranger.destroy_node()
-    assert status.level == DiagnosticStatus.ERROR
-    assert "python -m turtlebot_gym_ros mover --ros-args -p enable_stamped_cmd_vel:=false" in status.message
-
-
-def test_a_graph_without_fault_is_reported_as_such(bench):
-    bench.drive()
-    bench.reports.clear()
-    status = bench.report("")
-    assert status.level == DiagnosticStatus.OK
-    assert "/odom" in {item.key for item in status.values}
-
-
-def test_problems_of_both_levels_are_logged_one_after_the_other(bench):
-    """rclpy's logger raises where the severity of a line changes; the watch must not end by that, or by anything else."""
-    bench.peer.speak("cmd_vel", TwistStamped)
-    bench.report("publishes too")
-    report, bench.shell._report = bench.shell._report, lambda now: 1 / 0
-    bench.advance(1.1)
-    bench.shell._report = report
-    bench.reports.clear()
-    bench.peer.node.destroy_subscription(bench.peer.subscriptions["cmd_vel"])
-    assert bench.report("there is no listener").level == DiagnosticStatus.ERROR
-    assert "/peer publishes too" in bench.report("").message
-
-
-def test_a_command_that_nobody_hears_is_reported(runner, peer, wait_for, example):
-    reports = peer.hear("/diagnostics", DiagnosticArray)
-    runner.add(Shell(example.FaceEast, example.Params, context=runner.context))
-    wait_for(lambda: [report for report in reports if "/cmd_vel: there is no listener." in report.status[0].message])
 
 
 def test_a_schedule_begins_when_somebody_listens(runner, peer, wait_for):
@@ -256,19 +191,6 @@ def test_of_two_odometries_none_counts_until_one_is_gone(runner, peer, another_r
     assert wheels.node is not None
 
 
-def test_a_second_source_of_any_input_is_reported(runner, peer, another_runner, wait_for, said):
-    peer.runner = another_runner
-    block = load("velocity_controller")
-    runner.add(Shell(block, block.Params, context=runner.context))
-    kinds = {"estimate": Odometry, "reference": PoseStamped, "next_reference": PoseStamped}
-    for topic, kind in kinds.items():
-        for name in ("first", "second"):
-            speaker(peer, topic, kind, f"{name}_{topic}")
-    for topic in kinds:
-        text = f"/{topic}: /first_{topic} and /second_{topic} publish it: refused until there is one."
-        wait_for(lambda text=text: text in said("/velocity_controller", DiagnosticStatus.ERROR))
-
-
 def test_each_input_that_moves_a_robot_has_one_source_but_for_what_persons_and_fixes_say():
     chain = [load(name) for name in BLOCKS if name != "turtlebot_simulator"]
     sometimes = (FIX, MAP_INPUT, ROOM_GOAL, SCAN)
@@ -296,21 +218,3 @@ def test_a_robot_that_hears_another_type_of_command_is_named_before_what_follows
     wrong = f"/cmd_vel: /peer subscribes to geometry_msgs/msg/{heard.__name__}, this node uses "
     assert error().startswith(wrong)
     assert f"-p enable_stamped_cmd_vel:={'false' if stamped else 'true'} fault: ValueError: " in error()
-
-
-@pytest.mark.parametrize("frame", ["map", "/odom", ""])
-def test_a_goal_in_another_frame_leaves_the_robot_where_it_is(runner, peer, another_runner, wait_for, said, frame):
-    peer.runner = another_runner
-    block = load("waypoint_generator")
-    shell = Shell(block, block.Params, context=runner.context)
-    runner.add(shell)
-    goals, references = peer.speak("goal_pose", PoseStamped), peer.hear("reference", PoseStamped)
-    filter = speaker(peer, "estimate", Odometry, "filter")  # at the origin
-    wait_for(lambda: references and shell.block._here and goals.get_subscription_count())
-    assert references[-1].pose.position.x == 2.0
-    goals.publish(PoseStamped(header=Header(frame_id=frame)))
-    wait_for(lambda: references[-1].pose.position.x == 0.0)
-    text = f"goal refused, so the robot stays where it is: its frame is {frame!r} instead of 'odom'"
-    wait_for(lambda: text in said("/waypoint_generator", DiagnosticStatus.WARN))
-    assert references[-1].pose.position.x == 0.0
-    assert filter.node is not None

@@ -115,22 +115,6 @@ def test_disabling_stops_at_once_and_leaves_the_robot_to_others_a_second_later(f
     assert not fakes.switch.safety.enabled
 
 
-def test_a_press_stops_at_once_however_short(fakes):
-    fakes.make()
-    fakes.say(False, 1)
-    fakes.drive()
-    fakes.say(True, 2)
-    assert fakes.zeros == [100.0]
-    fakes.say(False, 3)
-    assert fakes.states[-1] == "stopping: emergency stop"
-    assert fakes.ask(True) == (False, "the emergency stop is pressed")
-    assert fakes.restarts == 0
-    fakes.at += 0.4
-    fakes.say(False, 4)
-    fakes.at += 0.2
-    assert fakes.ask(True)[0]
-
-
 def test_buttons_are_told_apart_by_their_numbers_and_all_publishers_count(fakes):
     fakes.make(enabled=False)
     fakes.publishers = 2

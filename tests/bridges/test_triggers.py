@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from turtlebot_gym_ros.node.block import Every, On
-from turtlebot_gym_ros.node.triggers import SECOND, Messages, SimulatedGrid, StampGrid
+from turtlebot_gym_ros.node.triggers import SECOND, Messages, StampGrid
 
 MS = SECOND // 1000
 
@@ -29,11 +29,6 @@ def test_no_step_waits_for_the_next_call_where_the_first_call_was_the_latest():
     grid = StampGrid(Every(0.1))
     late = [40 * MS, *np.random.default_rng(0).integers(0, 40 * MS, 100)]
     assert [len(list(grid.due_until(k * 100 * MS + int(late[k])))) for k in range(100)] == [1] * 100
-
-
-def dated(steps):
-    """Return the stamps of simulated steps by the time in ns, from numbers of steps by the time in ms."""
-    return {at * MS: [] if k is None else [SECOND + k * 100 * MS] for at, k in steps.items()}
 
 
 GRIDS = {
@@ -57,21 +52,6 @@ GRIDS = {
         )
         for leap in (5000, 1100, -100, -900, -5000)
     },
-    "simulated time runs faster": (
-        SimulatedGrid,
-        Every(0.1, speed=10.0),
-        {3 * SECOND + k * 10 * MS: [SECOND + k * 100 * MS] for k in range(3)},
-    ),
-    "without a speed it is real time, and a tenth of a period makes up for a late timer": (
-        SimulatedGrid,
-        Every(0.1),
-        dated({0: 0, 89: None, 90: 1, 179: None, 180: 2}),
-    ),
-    "it slows down where the machine cannot keep up": (
-        SimulatedGrid,
-        Every(0.1, speed=10.0),
-        dated({0: 0, 35: 1, 36: None, 40: None, 45: 2, 50: None, 55: 3}),
-    ),
 }
 
 
@@ -79,8 +59,6 @@ GRIDS = {
 def test_a_grid_lets_a_block_run_at_these_stamps(kind, trigger, due):
     grid = kind(trigger)
     assert {now: list(grid.due_until(now)) for now in due} == due
-    if isinstance(grid, SimulatedGrid):
-        assert grid.present == max(stamp for stamps in due.values() for stamp in stamps)
 
 
 @given(first=st.integers(0, 19_999_999), late=st.lists(st.integers(0, 4_999_999), min_size=60, max_size=60))
@@ -109,19 +87,6 @@ def test_decimation_keeps_the_rate(rate, jitter):
     taken = np.array(steps(rule, stamps))
     assert len(taken) == 100
     assert np.abs(taken - SECOND - np.arange(100) * 100 * MS).max() <= SECOND // rate / 2 + jitter * MS
-
-
-@pytest.mark.parametrize(
-    ("stamps", "taken"),
-    [
-        ((0, 110, 170), (0, 110, 170)),  # ms; the grid stays where a step is late by less than a period,
-        ((0, 200, 220), (0, 200)),  # and begins anew where it is late by a whole one
-        ((0, 250, 280, 310, 340), (0, 250, 340)),
-    ],
-)
-def test_a_late_step_is_not_made_up_for(stamps, taken):
-    rule = Messages(On("odometry", period=0.1))
-    assert steps(rule, [stamp * 1_000_000 for stamp in stamps]) == [stamp * 1_000_000 for stamp in taken]
 
 
 def test_what_comes_twice_or_late_is_refused():
@@ -164,39 +129,6 @@ def test_after_a_gap_in_time_it_starts_again(gap, said):
     assert due
     assert why == f"{said} s between two messages"
     assert rule.interval(stamp) == 0.0
-
-
-def test_messages_that_are_too_slow_for_the_period_are_told_from_drop_outs():
-    rule = Messages(On("estimate", period=0.1))
-    for k in range(20):  # every second one is lost, now and then
-        if k % 4:
-            rule.due(k * 100 * MS)
-    assert rule.slow is None
-    remarks = []
-    for k in range(7):
-        rule.due(3 * SECOND + k * 200 * MS)
-        remarks.append(rule.slow)
-    slow = "estimate comes every 0.200 s, but a step is due every 0.1 s"
-    assert remarks == [None] * 5 + [slow] * 2  # five late steps in a row
-    rule.due(4_300_000_000)
-    assert rule.slow is None  # one that is on time
-    for k in range(5):
-        assert rule.slow is None
-        rule.due(4_500_000_000 + k * 200 * MS)
-    assert rule.slow == slow  # and five again
-    rule.reset()
-    for k in range(6):  # the first one after a reset is never late
-        assert rule.slow is None
-        rule.due(10_000_000_000 + k * 200 * MS)
-    assert rule.slow == slow
-
-
-@pytest.mark.parametrize(("trigger", "interval"), [(On("estimate", period=0.1), 150 * MS), (On("odometry"), 900 * MS)])
-def test_messages_half_as_slow_again_are_not_too_slow_nor_any_without_a_period(trigger, interval):
-    rule = Messages(trigger)
-    for k in range(20):
-        rule.due(k * interval)
-        assert rule.slow is None
 
 
 @pytest.mark.parametrize(("period", "speed"), [(0.0, None), (-0.1, None), (math.nan, None), (0.1, -1.0), (0.1, math.inf)])

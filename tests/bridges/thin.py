@@ -19,6 +19,10 @@ class Without:
         return getattr(self._finder, name)
 
 
+NUMBERS = {"max_linear": 0.2108, "max_angular": 2.635, "max_wheel": 0.2097, "wheel_separation": 0.16, "radius": 0.105}
+"""Of a Burger, for the guard."""
+
+
 def drive(steps=40):
     """Close the loop without ROS, with the guard behind the controller; return one tuple of numbers for each step."""
     from cmd_vel_guard.arbiter import Arbiter
@@ -33,7 +37,7 @@ def drive(steps=40):
         estimator = KalmanFilter(KalmanFilter.Params(noise=noise, filter=filter))
         generator = WaypointGenerator(WaypointGenerator.Params())
         controller = VelocityController(VelocityController.Params(goal_tolerance=0.0))
-        guard, command = Arbiter(Parameters(robot="burger", collision_monitor=True), 0.0), None
+        guard, command = Arbiter(Parameters(**NUMBERS), 0.0), None
         scan = RawScan([0.8] * 360, 0.0, 0.017453292519943295, 0.12, 3.5, "base_scan")
         for k in range(steps):
             now = 0.1 * k

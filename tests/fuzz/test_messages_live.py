@@ -22,15 +22,18 @@ try:
 except ImportError:
     pytest.skip("needs the extra [ros]", allow_module_level=True)
 
-from turtlebot_gym_ros.base.process import Runner
+from cmd_vel_guard.process import Runner
+from turtlebot_gym_ros.base.executor import FastExecutor
 
+NUMBERS = "-p max_linear:=0.2108 -p max_angular:=2.635 -p wheel_separation:=0.16 -p radius:=0.105 -p scan_x:=-0.032"
+"""Of a Burger, for the guard."""
 NODES = {
     "kalman_filter": "-p takes_fixes:=true",
     "waypoint_generator": "-p frame:=map",
     "velocity_controller": "-p start_enabled:=true",
     "localizer": "",
     "turtlebot_simulator": "",
-    "cmd_vel_guard": "-p robot:=burger -p collision_monitor:=true -p geofence:=3.0 -p require_standby:=true",
+    "cmd_vel_guard": f"{NUMBERS} -p collision_monitor:=true -p geofence:=3.0 -p require_standby:=true",
     "cmd_vel_standby": "",
     "data_logger": "-p output:=bag",
 }
@@ -122,7 +125,7 @@ def test_no_node_ends_or_grows(names, number, tmp_path):
         )
         for name in names
     }
-    runner = Runner()
+    runner = Runner(executor=FastExecutor)
     runner.start()
     try:
         attacker, began = Attacker(runner, names, random.Random(number)), time.monotonic()

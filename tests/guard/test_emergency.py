@@ -21,7 +21,7 @@ def button(start, end, first=1, pressed=()):
     return [(start + 0.2 * k, first + k, k in pressed) for k in range(count)]
 
 
-PRESSED, SILENT, FLOODED = (f"the emergency stop is {state}" for state in ("pressed", "silent", "flooded with messages"))
+PRESSED, SILENT = (f"the emergency stop is {state}" for state in ("pressed", "silent"))
 LOST, ENDED = "messages of the emergency stop were lost", "an emergency stop has ended"
 BACK, MISSING = (
     f"{words} s"
@@ -51,7 +51,6 @@ TROUBLES = {
     "one of three": ([*button(50.0, 53.0, 9000), *button(50.07, 53.0, 5000), *button(50.13, 52.0, 7000)], {52.95: SILENT_OF_3}),
     "one of two comes back": ([*button(50.0, 55.0), *button(50.07, 52.0, 400), *button(53.0, 55.0)], {54.9: ""}),
     "many messages": ([(50.0 + 0.001 * k, k + 1) for k in range(50)], {50.1: ""}),
-    "a flood, which may hide a press": ([(50.0 + 0.001 * k, k + 1) for k in range(51)], {50.1: FLOODED}),
     "a number too far ahead is another button's": ([(50.0, 1), (50.2, 201), (50.3, 2), (50.4, 202)], {50.45: ""}),
     "a loss of as many as a button can have sent": ([(50.0, 1), (50.7, 301)], {50.7: LOST}),
     "a loss in half a second": ([(50.0, 7), (50.5, 9)], {50.5: "", 50.9: ""}),

@@ -1,16 +1,14 @@
 """The standby's rule in made-up time, and its node in this process; with a guard that dies it is tested in test_guard."""
 
-import os
 import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
 from std_msgs.msg import Empty
 
-from cmd_vel_guard.standby import ALONE, LINGER, CmdVelStandby, Parameters, Standby, main
+from cmd_vel_guard.standby import ALONE, LINGER, CmdVelStandby, Standby, main
 
 PERIOD = 0.02
 
@@ -74,27 +72,19 @@ def test_what_came_while_the_standby_was_held_up_is_dated_at_its_last_look_but_a
         assert earliest + 0.16 <= first <= earliest + 0.22
 
 
-def test_other_types_of_its_parameter_are_refused():
-    with pytest.raises(ValueError, match="enable_stamped_cmd_vel must be True or False"):
-        Parameters(enable_stamped_cmd_vel="yes")
-
-
 @pytest.mark.parametrize("stamped", [True, False])
 def test_the_node_sends_zeros_in_the_frame_of_the_guard_and_says_so(stamped, peer, wait_for, monkeypatch, make_runner):
-    monkeypatch.setattr(os, "sched_getscheduler", lambda process: os.SCHED_BATCH)
     logged = []
     monkeypatch.setattr("cmd_vel_guard.standby.log", lambda node, level, text: logged.append(text))
     runner = make_runner("--ros-args", "-p", f"enable_stamped_cmd_vel:={str(stamped).lower()}")
     standby, kind = CmdVelStandby(runner.context), TwistStamped if stamped else Twist
-    assert sorted(timer.timer_period_ns * 1e-9 for timer in standby.timers) == pytest.approx([PERIOD, 0.1, 1.0])
+    assert sorted(timer.timer_period_ns * 1e-9 for timer in standby.timers) == pytest.approx([PERIOD, 0.1])
     runner.add(standby)
     heard, alive = peer.hear("cmd_vel", kind), peer.hear("cmd_vel_standby/alive", Empty)
-    reports = peer.hear("/diagnostics", DiagnosticArray)
-    wait_for(lambda: reports)
+    time.sleep(0.5)
     assert not alive  # nobody else is on the topic
     guard = peer.speak("cmd_vel", kind)
     wait_for(lambda: alive and standby._guard.get_publisher_count() == 2 and guard.get_subscription_count() == 2)
-    assert reports[-1].status[0].level == DiagnosticStatus.OK
     motion = kind()
     if stamped:
         motion.header.frame_id = "robot1/base_link"
@@ -106,22 +96,7 @@ def test_the_node_sends_zeros_in_the_frame_of_the_guard_and_says_so(stamped, pee
     zero = heard[-1]
     assert (zero.twist if stamped else zero) == Twist()
     assert not stamped or (zero.header.frame_id == "robot1/base_link" and zero.header.stamp.sec > 0)
-    status = wait_for(lambda: (last := reports[-1].status[0]).values[0].value == "1" and last)
-    values = {pair.key: pair.value for pair in status.values}
-    assert values == {"takeovers": "1", "real-time priority": "False"}
-    assert status.hardware_id == "cmd_vel_guard"
     assert logged == ["the guard fell silent for 0.18 s while the robot moved: zeros"]
-
-
-def test_zeros_are_an_error_in_the_diagnostics(runner, peer, wait_for):
-    standby, reports = CmdVelStandby(runner.context), peer.hear("/diagnostics", DiagnosticArray)
-    standby._rule.look([True], time.monotonic() - 0.5)
-    wait_for(lambda: standby._diagnostics.get_subscription_count())
-    standby._look()
-    standby._diagnose()
-    (status,) = wait_for(lambda: reports)[0].status
-    assert (status.level, status.message) == (DiagnosticStatus.ERROR, "the guard is silent: zeros")
-    standby.destroy_node()
 
 
 def test_it_leaves_its_terminal_and_runs_before_the_guard(monkeypatch):
@@ -130,7 +105,7 @@ def test_it_leaves_its_terminal_and_runs_before_the_guard(monkeypatch):
     monkeypatch.setattr("cmd_vel_guard.standby.precede", ran.append)
     monkeypatch.setattr(
         "cmd_vel_guard.standby.run",
-        lambda make, argv, *, lifelines: ran.append((make, argv, lifelines)) or 3,
+        lambda make, argv, *, local, lifelines: ran.append((*make, argv, lifelines)) or 3,
     )
     assert main(["--ros-args"]) == 3
     assert ran == [2, (CmdVelStandby, ["--ros-args"], [7])]

@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 from burger import Parameters
 
-from cmd_vel_guard import parameters
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import RawScan
-from cmd_vel_guard.monitor import Monitor
 from cmd_vel_guard.sent import Ages, SystemClock
 from cmd_vel_guard.values import STOP, Command
-from turtlebot_gym.scan_watch import ScanWatch
 
 AROUND = 2.0 * math.pi / 360 * np.arange(360)
 FRONT, LIDAR = 0.105 - 0.024, -0.032
@@ -71,61 +68,3 @@ def broken(seed):
 @pytest.mark.parametrize("seeds", [range(16), pytest.param(range(16, 200), marks=pytest.mark.nightly)], ids=["16", "184"])
 def test_the_law_of_the_monitor_holds(seeds):
     assert [clause for seed in seeds for clause in broken(seed)] == []
-
-
-def scans_valid_for_3_s(monkeypatch):
-    original = parameters.Timing
-    monkeypatch.setattr(parameters, "Timing", lambda age, *rest: original(3.0, *rest))
-
-
-def half_a_margin(monkeypatch):
-    original = parameters.Limits
-    monkeypatch.setattr(parameters, "Limits", lambda margin, *rest: original(0.5 * margin, *rest))
-
-
-def silence_instead_of_zeros(monkeypatch):
-    original = Arbiter._paced
-    monkeypatch.setattr(Arbiter, "_paced", lambda self, command, now: original(self, command, now) if command != STOP else None)
-
-
-def ages_forgotten(monkeypatch):
-    original = Ages.age
-    monkeypatch.setattr(Ages, "age", lambda self, **times: original(self, **times)._replace(sent=0.0, measured=0.0))
-
-
-def a_negative_lead_forgets(monkeypatch):
-    original = Ages.age
-
-    def age(self, **times):
-        known = original(self, **times)
-        behind = times["header"] < times["arrival"] - 0.3
-        return known._replace(sent=0.0, measured=0.0) if behind else known
-
-    monkeypatch.setattr(Ages, "age", age)
-
-
-def the_motion_since_a_scan_forgotten(monkeypatch):
-    monkeypatch.setattr(Arbiter, "hear_scan", lambda self, scan, now, **_: self.monitor.hear(scan, sent=now))
-
-
-def no_trouble(monkeypatch):
-    monkeypatch.setattr(Monitor, "trouble", lambda self, now: "")
-
-
-DEFECTS = {
-    scans_valid_for_3_s: "motion without",
-    half_a_margin: "within",
-    silence_instead_of_zeros: "within",
-    ages_forgotten: "motion without",
-    a_negative_lead_forgets: "motion without",
-    the_motion_since_a_scan_forgotten: "motion without",
-    no_trouble: "motion without",
-}
-
-
-@pytest.mark.sample(3)
-@pytest.mark.parametrize("defect", DEFECTS, ids=lambda defect: defect.__name__)
-def test_a_planted_defect_is_found(monkeypatch, defect):
-    monkeypatch.setattr(ScanWatch, "trouble", lambda self: "")
-    defect(monkeypatch)
-    assert any(clause.startswith(DEFECTS[defect]) for seed in range(16) for clause in broken(seed))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from turtlebot_gym.beams import TURN
+from turtlebot_gym.beams import TURN, narrow_gap
 from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE_OR_INFINITE, PROBABILITY, Numbers, Range, refusal, short_repr
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.filters import KalmanFilter, filter_of
@@ -169,8 +169,7 @@ class Deployment:
         """Begin an episode: clear the filter, the memory of a policy that has one, what was seen, and a disagreement."""
         self._time, self._last, self._is_first = 0.0, 0.0, True
         self.seen_space.reset()
-        radius, ahead = self.robot.radius, MARGIN + self.robot.max_linear * AHEAD
-        narrow = 2.0 * math.asin(radius / (radius + ahead))
+        narrow = narrow_gap(self.robot.radius, MARGIN + self.robot.max_linear * AHEAD)
         self._watch, self._measured = ScanWatch(lag=LAG, returns=self._returns, narrow=narrow, now=0.0), -math.inf
         self._turned, self._looked = 0.0, 0.0  # while the LiDAR seems to be covered or frozen: angle, rad, and time, s
         if isinstance(self._policy, PolicyWithMemory):

@@ -8,7 +8,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from cmd_vel_guard.explain import explain, parameters_of
+from cmd_vel_guard.explain import explain
 
 NODES = {"cmd_vel_guard": "guard", "cmd_vel_standby": "standby"}
 HELP = f"usage: python -m cmd_vel_guard NODE [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...], NODE one of {', '.join(NODES)}"
@@ -30,7 +30,7 @@ def _run(name: str, rest: list[str]) -> int:
     signal.signal(signal.SIGINT, lambda *_: os._exit(128 + signal.SIGINT))  # imports take seconds
     if "-h" in rest or "--help" in rest:
         module = import_module(f"cmd_vel_guard.{NODES[name]}")
-        print(explain(f"python -m cmd_vel_guard {name}", module.__doc__, parameters_of(module.Parameters)))
+        print(explain(f"python -m cmd_vel_guard {name}", module.__doc__, module.Parameters))
         return 0
     return import_module(f"cmd_vel_guard.{NODES[name]}").main(rest)
 

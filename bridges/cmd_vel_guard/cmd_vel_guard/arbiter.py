@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 from cmd_vel_guard.collision import RawScan
 from cmd_vel_guard.emergency import EmergencyStop
-from cmd_vel_guard.flood import Flood
 from cmd_vel_guard.moved import Moved
 from cmd_vel_guard.parameters import Parameters, monitor_of
 from cmd_vel_guard.values import STOP, Command, Pose, limit
@@ -59,10 +58,9 @@ class Arbiter:
 
     def __init__(self, parameters: Parameters, now: float, mount_of: Callable[[str], Pose | None] = lambda frame: None) -> None:
         self._p = parameters
-        self._robot = parameters.numbers
         self.buttons = EmergencyStop()
         self.monitor = monitor_of(parameters, now, mount_of)
-        self.moved = Moved(self._robot)
+        self.moved = Moved(parameters.wheel_separation)
         self.rivals = ""
         """Which input has more than one source, or an empty text: then it is unknown which one counts, and the robot stands."""
         self._heard: dict[str, _Heard] = {}
@@ -73,7 +71,6 @@ class Arbiter:
         self._awake, self._since, self._blind_until = now, now, now
         self._zeros_until = now + ZEROS
         self._began, self._hold_until, self._standby = now, -math.inf, -math.inf
-        self._floods: dict[str, Flood] = {}
         self._last, self._last_at, self._due, self._halt = STOP, now, now, False
         self.enabled = parameters.start_enabled and not parameters.require_emergency_stop
         self.emergency, self.why = False, ""
@@ -181,14 +178,6 @@ class Arbiter:
         """Return whether the standby is required and not alive."""
         return self._p.require_standby and now - self._standby > STANDBY_AGE
 
-    def count(self, topic: str, number: int, now: float) -> None:
-        """Count a message of a topic, with its publisher's number, to notice a flood."""
-        self._floods.setdefault(topic, Flood()).hear(now, number)
-
-    def flooded(self, now: float) -> list[str]:
-        """Return the topics whose messages come faster than any healthy source sends them."""
-        return [topic for topic, flood in self._floods.items() if flood.lasts(now)]
-
     def greet(self, now: float) -> None:
         """Send zeros to a robot that has just connected, since it may hold an older command.
 
@@ -273,7 +262,6 @@ class Arbiter:
             or self.lacks_standby(now)
             or self.rivals
             or self.moved.lacks(now)
-            or self.flooded(now)
             or (blind and not self.buttons.spoken_since(self._blind_until - BLIND))
         ):
             return None
@@ -284,7 +272,7 @@ class Arbiter:
             self.state = source
             if source == "program" and self.outside(now):
                 return STOP
-            v, omega = limit(heard.command, self._robot)
+            v, omega = limit(heard.command, self._p)
             return Command(v * self._p.speed_scale, omega * self._p.speed_scale)
         return None
 
@@ -296,7 +284,7 @@ class Arbiter:
     def _ramp(self, target: Command, dt: float) -> Command:
         """Move from the last command straight towards the target, which keeps the curvature of a start and of braking."""
         dv, domega = target.v - self._last.v, target.omega - self._last.omega
-        wheel = abs(dv) + abs(domega) * self._robot.wheel_separation * 0.5
+        wheel = abs(dv) + abs(domega) * self._p.wheel_separation * 0.5
         if target == STOP or wheel <= self._p.max_acceleration * dt:
             return target
         share = self._p.max_acceleration * dt / wheel

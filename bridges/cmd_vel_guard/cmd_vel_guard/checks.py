@@ -59,11 +59,14 @@ def _flag(name: str, value: Any) -> bool:
     return value
 
 
-def rules(kind: type) -> dict[str, Range | Names]:
-    """Return the rules that are declared beside the fields of a class of parameters, ``Annotated[float, Range(...)]``."""
+def rules(kind: type) -> dict[str, Any]:
+    """Return the rules that are declared beside the fields of a class of parameters, ``Annotated[float, Range(...)]``.
+
+    Anything with a ``check`` is a rule, so that a node may have a class with rules of its own.
+    """
     hints = get_type_hints(kind, include_extras=True)
     declared = {item.name: getattr(hints[item.name], "__metadata__", ()) for item in fields(kind)}
-    return {name: beside[0] for name, beside in declared.items() if beside}
+    return {name: beside[0] for name, beside in declared.items() if beside and hasattr(beside[0], "check")}
 
 
 def check(owner: Any) -> None:

@@ -98,17 +98,6 @@ class View(NamedTuple):
     """Borders of wide gaps."""
 
 
-def narrow_gap(body: Footprint, limits: Limits, speed: float) -> float:
-    """Return the angle of a gap that is as wide as the robot at the distance from where it must brake at full speed, rad.
-
-    Args:
-        body: The footprint.
-        limits: The stop zone, and the time until it is entered.
-        speed: The robot's greatest speed, m/s.
-    """
-    return 2.0 * math.asin(body.radius / (body.radius + limits.margin + speed * limits.time))
-
-
 def read(scan: RawScan, body: Footprint, limits: Limits) -> Beams:
     """Return the beams of a scan.
 
@@ -141,7 +130,7 @@ def view_of(beams: Beams, body: Footprint, limits: Limits, *, reach: float, narr
         body: Mount and footprint.
         limits: The stop zone.
         reach: Distance from the footprint's centre beyond which stop zones are left out, m.
-        narrow: Angle up to which a gap is narrow, rad; see `narrow_gap`.
+        narrow: Angle up to which a gap is narrow, rad; see `beams.narrow_gap`.
         room: Free distance before the stop zone of a wide gap, m.
     """
     away = math.hypot(body.scan.x - body.center_x, body.scan.y)

@@ -1,4 +1,4 @@
-"""A dataclass as ROS parameters, which are checked once before anything is published and read-only from then on.
+"""Dataclasses as ROS parameters, which are checked once before anything is published and read-only from then on.
 
 rclpy ignores a misspelled parameter and refuses ``rate:=100`` for a double; this module does the opposite.
 """
@@ -6,52 +6,54 @@ rclpy ignores a misspelled parameter and refuses ``rate:=100`` for a double; thi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from difflib import get_close_matches
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, get_type_hints
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from cmd_vel_guard.checks import Range, rules
+from cmd_vel_guard.checks import rules
 from cmd_vel_guard.explain import descriptions
 
-T = TypeVar("T")
 _ROS_OWN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
-def declare(node: Node, kind: type[T]) -> T:
-    """Declare the fields of a class as read-only parameters of a node, and return the filled class.
+def declare(node: Node, *kinds: type) -> tuple[Any, ...]:
+    """Declare the fields of classes as read-only parameters of a node, and return the filled classes.
 
     From then on ``use_sim_time`` is read-only, too: what uses the clock was made for it.
 
     Args:
         node: A node that was created with ``automatically_declare_parameters_from_overrides=True``.
-        kind: A dataclass with defaults for all fields, whose docstrings are the descriptions.
+        *kinds: Dataclasses with defaults for all fields, whose docstrings are the descriptions. If two share a name, the later
+            one counts. What their rules say is shown.
 
     Raises:
         ValueError: With one line, if a given parameter does not exist, has the wrong type, or is refused by its class.
     """
-    kinds, texts, constraints = get_type_hints(kind), descriptions(kind), rules(kind)
-    values: dict[str, Any] = {item.name: item.default for item in fields(kind)}  # type: ignore[arg-type]
+    declared = {item.name: item for kind in kinds for item in fields(kind)}
+    types = {name: hint for kind in kinds for name, hint in get_type_hints(kind).items()}
+    texts = {name: text for kind in kinds for name, text in descriptions(kind).items()}
+    constraints = {name: rule for kind in kinds for name, rule in rules(kind).items()}
     given: dict[str, Any] = dict(node.get_parameters_by_prefix(""))
+    values = {
+        name: item.default if item.default_factory is MISSING else item.default_factory() for name, item in declared.items()
+    }
     for name, parameter in given.items():
         if name in values:
-            values[name] = _converted(name, parameter.value, kinds[name])
+            values[name] = _converted(name, parameter.value, types[name])
         elif not name.startswith(_ROS_OWN):
             close = get_close_matches(name, values, n=1)
             hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sorted(values))}."
             raise ValueError(f"{node.get_name()} has no parameter {name!r}: {hint}")
-    made = kind(**values)
+    made = tuple(kind(**{item.name: values[item.name] for item in fields(kind)}) for kind in kinds)
     for name, value in values.items():
         if name in given:
             node.undeclare_parameter(name)
-        rule = constraints.get(name)
         descriptor = ParameterDescriptor(read_only=True, description=texts.get(name, ""))
-        descriptor.additional_constraints = "" if rule is None else str(rule)
-        if isinstance(rule, Range) and not rule.infinite:
-            descriptor.floating_point_range = [FloatingPointRange(from_value=rule.low, to_value=rule.high)]
+        descriptor.additional_constraints = str(constraints.get(name, ""))
         node.declare_parameter(name, value, descriptor, ignore_override=True)
     clock = node.get_parameter("use_sim_time").value
 

@@ -8,7 +8,7 @@ The rule, in full:
 * **A press is a stop until a person enables again**, however short, from any button, and however late it is heard.
 * **So is what may have hidden one**: messages that are lost for good, if those around them were sent more than 0.5 s apart;
   10 s without a message from a button that was heard before, reliably or promptly; the end of a button; 0.5 s in which this
-  process did not run; a flood of messages.
+  process did not run.
 * **The robot stands while a button is silent**, from 0.5 s after it *sent* the last message that was heard. The robot resumes
   by itself 0.5 s after the button is heard again, if no button is pressed and all that was sent until then has arrived.
 * A message that is lost between two others, less than 0.5 s apart and both ``false``, stops nothing: no press of 0.5 s can hide
@@ -32,14 +32,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from cmd_vel_guard.flood import MOST, WINDOW, Flood
-
 SILENCE = 0.5
 """Silence of a button, once heard, that makes the robot stand, s; also the time for which a press holds for all buttons, s."""
 OUTAGE = 10.0
 """Silence that counts as a press, s: in less, a reliable publisher has sent lost messages again, even three times."""
-BURST = 5
-"""Messages that a button may send at one moment, such as a press and its release, besides those of its greatest rate."""
+BURST, FASTEST = 5, 500.0
+"""Messages that a button may send at one moment, such as a press and its release, and besides in a second."""
 UNNUMBERED = 2**64 - 1
 """Number of each message if the middleware does not number them."""
 
@@ -71,7 +69,6 @@ class _Stream:
 
     def __init__(self) -> None:
         self.buttons: list[_Button] = []  # in the order in which they were heard
-        self.flood = Flood()
         self.expected = 0
 
     def alive(self, now: float) -> list[_Button]:
@@ -109,7 +106,7 @@ class EmergencyStop:
         before = [other for other in stream.buttons if number is None or other.number < number]
         # Of equal numbers take the one heard last: messages of another button must not keep a dead one alive.
         button = max(reversed(before), key=lambda other: other.number, default=None)
-        if button and number is not None and number - button.number > BURST + MOST / WINDOW * abs(sent - button.sent):
+        if button and number is not None and number - button.number > BURST + FASTEST * abs(sent - button.sent):
             button = None  # it cannot have sent so many messages meanwhile: this is another button's first one
         if button:
             stream.buttons.remove(button)
@@ -120,8 +117,6 @@ class EmergencyStop:
         else:
             button = _Button(began=sent, sent=sent, heard=now, number=number or 0, pressed=pressed)
         stream.buttons.append(button)
-        if stream.flood.hear(now if prompt else sent, number):  # what waited reliably comes all at once
-            self._lose("the emergency stop is flooded with messages", now)
         alive = stream.alive(button.sent)  # by the time of sending, since a backlog arrives all at once
         # A restarted button is a new one. Both exist only if the old one sent something after the new one began.
         newest = max((button.began for button in alive), default=now)

@@ -1,4 +1,4 @@
-"""The executor of both nodes, and messages that are polled: the only module that uses private names of rclpy.
+"""An executor that waits by the steady clock, and messages that are polled; both use private names of rclpy.
 
 Fast DDS waits until a time of the system clock (ros2/ros2 #1080): when that clock is set back, a wait lasts longer by as much,
 unless a message ends it. So a thread that sleeps by the steady clock ends each wait that lasts longer than asked.
@@ -26,7 +26,11 @@ OVERDUE = 0.02
 
 
 class PolledGroup(CallbackGroup):
-    """Subscriptions for which no executor waits: whoever polls them takes what is `waiting`."""
+    """Subscriptions for which no executor waits: whoever polls them takes what is `waiting`.
+
+    rclpy checks every entity of a node each time it wakes; woken by each message, a recorder of 20 topics would take a tenth of
+    a core. DDS keeps the messages meanwhile, each with its time of arrival.
+    """
 
     def can_execute(self, entity: Any) -> bool:
         """Return whether an executor may wait for an entity."""
@@ -59,7 +63,11 @@ class SteadyExecutor(SingleThreadedExecutor):
                     self.wake()
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
-        """Run the callback that is ready next, and wait for it at most so long, s.
+        """Run the callback that is ready next, and wait for it at most so long, s."""
+        self.run_next(timeout_sec)
+
+    def run_next(self, timeout_sec: float | None) -> bool:
+        """Do the same, and return whether there was one.
 
         What a timer's callback raises is raised; what comes from outside ends no node.
         """
@@ -67,7 +75,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         try:
             handler, entity, node = self.wait_for_ready_callbacks(timeout_sec=timeout_sec)
         except (TimeoutException, ShutdownException, _rclpy.InvalidHandle):  # the last one: an entity is being destroyed
-            return
+            return False
         finally:
             self._ends = math.inf
         handler()
@@ -75,3 +83,4 @@ class SteadyExecutor(SingleThreadedExecutor):
             note(node, getattr(entity, "topic_name", type(entity).__name__), error)
         elif error is not None:
             raise error
+        return True

@@ -3,10 +3,9 @@
 It sits between the sources of commands and the wheels. It limits commands and stops the robot when there are none. With
 ``collision_monitor`` false it does NOT SEE OBSTACLES.
 
-**Its own death is covered by** ``cmd_vel_standby``, see `standby`: a TurtleBot3 holds its last command indefinitely, so a
-second process sends zeros when this one falls silent. A motion in force is therefore repeated every 0.05 s, and with
-``require_standby`` the robot stands without the standby's sign of life. The launch file respawns both; the first message of a
-guard, to every listener that it meets in its first 5 s, is a zero.
+**Its own death is covered by** ``cmd_vel_standby``, see `standby`: a TurtleBot3 holds its last command. A motion in
+force is repeated every 0.05 s as a sign of life, and with ``require_standby`` the robot stands without the standby's. The first
+message of a guard, to every listener that it meets in its first 5 s, is a zero.
 
 Inputs: ``/cmd_vel_teleop`` (a person; wins while fresh) and ``/cmd_vel_in`` (a program), Twist or TwistStamped;
 ``/emergency_stop`` (Bool, reliable, true is stop; any number of buttons, each at 5 Hz or more, pressed or not); with a geofence
@@ -15,32 +14,18 @@ which states its mount; ``cmd_vel_standby/alive`` (Empty) if it is required. Out
 ``~/enabled`` (Bool, latched). Service: ``~/enable`` (SetBool).
 
 **A command has two ages**, see `sent`: since it was sent (``max_age``), and since the measurement on which it rests
-(``measured_age``), by its header's stamp. Of an unstamped Twist, and with ``use_sim_time``, only the first is known. A guard
-that was suspended or starved stops first, and obeys messages of its backlog only if they prove to be young enough.
-
-**The collision monitor**, see `monitor` and `collision`, slows down every command that would lead into an obstacle, including a
-person's, and judges it again in each period. A stale, missing or unreadable scan is a stop, and is reported.
+(``measured_age``), by its header's stamp. Of an unstamped Twist, and with ``use_sim_time``, only the first is known.
 
 **An emergency stop** counts however short the press, and from any button, see `emergency`: the guard reads all waiting messages
-before it sends any motion. Whatever may have hidden a press is a stop too: a button that has ended, messages that are lost for
-good over more than 0.5 s, 0.5 s in which the guard did not run, a flood. After a stop the guard sends zeros until it is enabled
-again, which it refuses while any button is pressed, or one that it has heard is silent. While a button is silent for 0.5 s the
-robot stands, and goes on when the button is heard again::
+before it sends any motion. After a stop it sends zeros until it is enabled again::
 
     ros2 service call /cmd_vel_guard/enable std_srvs/srv/SetBool "{data: true}"
 
 A restarted guard remembers no emergency stop. On a robot ``require_emergency_stop`` is true: then it always starts disabled,
-and cannot be enabled without a live button. A simulation does without, and then a crash releases a stop. After one of several
-buttons is removed for good, restart the guard.
+and cannot be enabled without a live button. After one of several buttons is removed for good, restart the guard.
 
-**A flood**, more than 500 messages a second, on any topic that it hears is a stop while it lasts.
-
-**Namespaces.** All its topics are relative: the guard of /robot1 subscribes to /robot1/emergency_stop only, and serves
-/robot1/cmd_vel_guard/enable. To stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node
-that moves a robot, to a common topic. Each robot is still enabled separately.
-
-Parameters: see `parameters`. All times are by the steady clock, so it works with ``use_sim_time`` and without
-``/clock``.
+All names are relative: to stop several robots with one button, remap ``emergency_stop`` of each guard, and of each node that
+moves a robot, to a common topic. All times are by the steady clock. Parameters: see `parameters`.
 """
 
 from __future__ import annotations
@@ -68,7 +53,6 @@ from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.collision import RawScan
 from cmd_vel_guard.declare import declare
 from cmd_vel_guard.executor import waiting
-from cmd_vel_guard.flood import MOST
 from cmd_vel_guard.parameters import Parameters
 from cmd_vel_guard.process import precede, run
 from cmd_vel_guard.qos import EVERY, LATCHED, LATEST, PROMPT
@@ -77,6 +61,8 @@ from cmd_vel_guard.sent import Age, Ages, SystemClock, read_clocks
 from cmd_vel_guard.sources import BUTTONS, TF_STATIC, check_topics, hear_mounts, rivals
 from cmd_vel_guard.values import STOP, Command, Pose, yaw_of_rotation
 
+MOST = 100
+"""Most waiting messages of the buttons that are taken at a time."""
 LATE = 0.02
 """Time after its decision from which a motion is not published, s: the guard was suspended or starved in between."""
 
@@ -86,7 +72,7 @@ class CmdVelGuard(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("cmd_vel_guard", context=context, automatically_declare_parameters_from_overrides=True)
-        self._p = p = declare(self, Parameters)
+        (self._p,) = (p,) = declare(self, Parameters)
         self._clock_watch = SystemClock()
         self._ages: dict[str, Ages] = {}
         self._inputs: dict[str, Subscription] = {}
@@ -144,8 +130,6 @@ class CmdVelGuard(Node):
 
         def receive(message: Any, info: Mapping[str, Any]) -> None:
             try:
-                if topic != BUTTONS:  # a flood there may hide a press
-                    self._arbiter.count(topic, info["publication_sequence_number"], self._now())
                 hear(message, info)
             except Exception as error:  # whatever a message may cause
                 self._report.fail(f"{self.resolve_topic_name(topic)}: {type(error).__name__}: {error}", self._now())
@@ -215,9 +199,9 @@ class CmdVelGuard(Node):
         return response
 
     def _take_buttons(self) -> None:
-        """Take the messages of the buttons that no callback has processed yet; more than so many are a flood, and a stop."""
+        """Take the messages of the buttons that no callback has processed yet, at most `MOST` of each kind."""
         for prompt, buttons in ((False, self._buttons), (True, self._promptly)):
-            for message, info in waiting(buttons, 2 * MOST):
+            for message, info in waiting(buttons, MOST):
                 self._safely(BUTTONS, partial(self._press, prompt=prompt))(message, info)
         self._arbiter.count_buttons(self._buttons.get_publisher_count(), self._now())
 
@@ -268,7 +252,7 @@ class CmdVelGuard(Node):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_guard``, before all other processes but its standby, where the system permits a real-time priority."""
     precede(1)
-    return run(CmdVelGuard, argv)
+    return run([CmdVelGuard], argv, local=False)
 
 
 if __name__ == "__main__":

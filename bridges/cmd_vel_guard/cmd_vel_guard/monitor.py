@@ -11,9 +11,9 @@ from a header's age, as some drivers stamp the first beam). A scan that cannot b
 previous one, and so does one of a LiDAR that does not measure or is mounted otherwise, see `scan_watch`. Without a valid scan
 the robot stands and does not turn either.
 
-**Mount.** The pose of the scan's frame by ``/tf_static``, if any, replaces that of the robot's entry, which is about all robots
-of the kind; a difference is reported. A mount that a person gave is about this robot, too: if it differs, one of the two is
-wrong, and scans are refused, as are those of a LiDAR that ``/tf_static`` states twice, differently, or tilted.
+**Mount.** The pose of the scan's frame by ``/tf_static``, if any, replaces that of the parameters, which may be about all
+robots of a kind; a difference is reported. With ``scan_mount`` "given" one of the two is wrong, and scans are refused, as are
+those of a LiDAR that ``/tf_static`` states twice, differently, or tilted.
 
 **Unknown space**, see `collision`, is entered slowly, at ``escape_speed`` at most, and only for the way that this makes in the
 time to contact: then the robot stops before it. Motion over ground that the scan shows gives the way back, since the robot may
@@ -28,8 +28,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, narrow_gap, read, turns_freely, view_of
+from cmd_vel_guard.collision import Footprint, Limits, RawScan, gaps, limited, read, turns_freely, view_of
 from cmd_vel_guard.values import STOP, Command, Mount, Pose
+from turtlebot_gym.beams import narrow_gap
 from turtlebot_gym.motion import into, out_of
 from turtlebot_gym.mounts import differ
 from turtlebot_gym.scan_watch import ScanWatch
@@ -84,7 +85,7 @@ class Monitor:
         # Farther than the robot can move in the time to contact plus the whole validity of a scan.
         used = limits.time + timing.age + timing.period + timing.reaction
         self._reach = (speed + turning * abs(body.center_x)) * used
-        self._narrow = narrow_gap(body, limits, speed)
+        self._narrow = narrow_gap(body.radius, limits.margin + speed * limits.time)
         self._room = limits.escape_speed * limits.time
         self._enters, self._judged = False, now
         self._points, self._unknown = np.empty((3, 0)), np.empty((3, 0))
@@ -128,8 +129,8 @@ class Monitor:
         x, y, yaw = stated
         place = f"/tf_static says that {frame!r} is at x {x:.3f} m, y {y:.3f} m, turned by {yaw:.3f} rad"
         if self._given:
-            raise ValueError(f"{place}, and the given mount is another: correct one, or set scan_mount to robot")
-        self.remark = f"{place}, which is not the preset's mount, and counts"
+            raise ValueError(f"{place}, and the given mount is another: correct one, or set scan_mount to tf_static")
+        self.remark = f"{place}, which is not the parameters' mount, and counts"
         return self._body._replace(scan=Mount(frame, x, y, yaw))
 
     def trouble(self, now: float) -> str:

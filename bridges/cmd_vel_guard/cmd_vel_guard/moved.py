@@ -20,7 +20,7 @@ import math
 from collections import deque
 from itertools import pairwise, takewhile
 
-from cmd_vel_guard.values import STOP, Command, Pose, Robot
+from cmd_vel_guard.values import STOP, Command, Pose
 
 STILL, NET = 0.7, 0.2
 """Time, s, and net way of the commands at the wheels' rims, m, after which odometry without a change is dead."""
@@ -54,10 +54,10 @@ _Sample = tuple[float, Pose, Command]
 
 
 class Moved:
-    """Compare commands with odometry; times are steady, s."""
+    """Compare commands with odometry of a robot whose wheels are so far apart, m; times are steady, s."""
 
-    def __init__(self, robot: Robot) -> None:
-        self._half = 0.5 * robot.wheel_separation
+    def __init__(self, wheel_separation: float) -> None:
+        self._half = 0.5 * wheel_separation
         self._commands: deque[tuple[float, Command]] = deque([(-math.inf, STOP)])
         self.at = -math.inf
         """When the newest odometry was measured; minus infinity if none was heard."""

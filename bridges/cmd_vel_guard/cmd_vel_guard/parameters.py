@@ -10,33 +10,27 @@ from typing import Annotated
 from cmd_vel_guard.checks import Names, Range, check
 from cmd_vel_guard.collision import Footprint, Limits
 from cmd_vel_guard.monitor import Monitor, Timing
-from cmd_vel_guard.robots import numbers_of
-from cmd_vel_guard.values import Mount, Pose, Robot
+from cmd_vel_guard.values import Mount, Pose
 
 SPEED = Range(0.0, 100.0)
 PLACE = Range(-1.0, 1.0, unit="m")
 """Places on a robot."""
-LIMITS = ("max_linear", "max_angular", "max_wheel", "wheel_separation", "radius")
-"""Numbers of a robot that are positive where they are known."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters:
-    """Parameters of ``cmd_vel_guard``; none changes while it runs."""
+    """Parameters of ``cmd_vel_guard``; none changes while it runs. Files in ``config`` state the numbers of three robots."""
 
-    robot: str = ""
-    """Robot whose numbers hold where a parameter is 0: burger, waffle or turtlebot4. If empty, the parameters must state all
-    numbers."""
     max_linear: Annotated[float, SPEED] = 0.0
-    """Highest speed, m/s; 0 for that of ``robot``."""
+    """Highest speed, m/s."""
     max_angular: Annotated[float, SPEED] = 0.0
-    """Highest turning rate, rad/s; 0 for that of ``robot``."""
+    """Highest turning rate, rad/s."""
     max_wheel: Annotated[float, SPEED] = 0.0
-    """Highest speed of a wheel at its rim, m/s; 0 for that of ``robot``, or none."""
+    """Highest speed of a wheel at its rim, m/s; 0 for none."""
     wheel_separation: Annotated[float, Range(0.0, 10.0, unit="m")] = 0.0
-    """Distance between the wheels' tracks, m; 0 for that of ``robot``."""
+    """Distance between the wheels' tracks, m."""
     reverse: bool = True
-    """Whether the robot may drive backwards, if ``robot`` may."""
+    """Whether the robot may drive backwards."""
     enable_stamped_cmd_vel: bool = True
     """Whether velocities, in and out, are TwistStamped, as on a Jazzy robot; Twist if false."""
     body_frame: str = "base_footprint"
@@ -93,10 +87,10 @@ class Parameters:
     reaction: Annotated[float, Range(0.0, 0.5, unit="s")] = 0.2
     """Longest delay of wheels and LiDAR driver, s."""
     radius: Annotated[float, Range(0.0, 10.0, unit="m")] = 0.0
-    """Radius of the footprint, m; 0 for that of ``robot``."""
-    scan_mount: Annotated[str, Names(("robot", "given"))] = "robot"
-    """Mount and footprint: ``robot``, those of ``/tf_static`` or ``robot``, or ``given``, the five below. The five must not
-    contradict ``/tf_static``. Without a ``robot`` they count unless ``/tf_static`` differs."""
+    """Radius of the footprint, m."""
+    scan_mount: Annotated[str, Names(("tf_static", "given"))] = "tf_static"
+    """What counts where ``/tf_static`` states another mount than the numbers below: ``tf_static``, or ``given`` for neither, so
+    that the robot stands."""
     footprint_x: Annotated[float, PLACE] = 0.0
     """Centre of the footprint ahead of the axle, m."""
     scan_x: Annotated[float, PLACE] = 0.0
@@ -110,40 +104,15 @@ class Parameters:
 
     def __post_init__(self) -> None:
         check(self)
-        robot = self.numbers
         for name in ("max_linear", "max_angular", "wheel_separation", *(["radius"] if self.monitors else [])):
-            if not 0.0 < getattr(robot, name) < math.inf:
-                without = ", or collision_monitor false" if name == "radius" else ""
-                raise ValueError(
-                    f"{name} must be a positive number, or robot one that states it{without}, got {getattr(robot, name):g}."
-                )
+            if getattr(self, name) == 0.0:
+                without = ", unless collision_monitor is false" if name == "radius" else ""
+                raise ValueError(f"{name} must be a positive number{without}, got 0.")
 
     @property
     def monitors(self) -> bool:
         """Whether the collision monitor works."""
-        return self.collision_monitor and bool(self.numbers.lidar.frame)
-
-    @property
-    def numbers(self) -> Robot:
-        """The robot's numbers, without the prefix of its frames.
-
-        Raises:
-            ValueError: If ``robot`` is unknown.
-        """
-        known = dict(numbers_of(self.robot)) if self.robot else {}
-        if not known or self.scan_mount == "given":
-            known |= {name: getattr(self, name) for name in ("footprint_x", "scan_frame", "scan_x", "scan_y", "scan_yaw")}
-        known |= {name: value for name in LIMITS if (value := getattr(self, name))}
-        return Robot(
-            max_linear=known.get("max_linear", 0.0),
-            max_angular=known.get("max_angular", 0.0),
-            max_wheel=known.get("max_wheel", math.inf),
-            wheel_separation=known.get("wheel_separation", 0.0),
-            reverse=self.reverse and known.get("reverse", True),
-            radius=known.get("radius", 0.0),
-            footprint_x=known["footprint_x"],
-            lidar=Mount(known["scan_frame"], known["scan_x"], known["scan_y"], known["scan_yaw"]),
-        )
+        return self.collision_monitor and bool(self.scan_frame)
 
 
 def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]) -> Monitor | None:
@@ -156,15 +125,15 @@ def monitor_of(p: Parameters, now: float, mount_of: Callable[[str], Pose | None]
     """
     if not p.monitors:
         return None
-    robot, timing = p.numbers, Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
-    body = Footprint(robot.radius, robot.footprint_x, robot.lidar._replace(frame=p.frame_prefix + robot.lidar.frame))
+    timing = Timing(p.scan_age, p.scan_period, p.reaction, p.scan_returns)
+    body = Footprint(p.radius, p.footprint_x, Mount(p.frame_prefix + p.scan_frame, p.scan_x, p.scan_y, p.scan_yaw))
     limits = Limits(p.collision_margin, p.scan_error, p.collision_time, p.escape_speed)
     return Monitor(
         body,
         limits,
         timing,
-        speed=robot.max_linear,
-        turning=robot.max_angular,
+        speed=p.max_linear,
+        turning=p.max_angular,
         now=now,
         given=p.scan_mount == "given",
         mount_of=mount_of,

@@ -10,7 +10,6 @@ from rclpy.node import Node
 
 from cmd_vel_guard.arbiter import Arbiter
 from cmd_vel_guard.emergency import NONE_HEARD
-from cmd_vel_guard.flood import MOST, WINDOW
 from cmd_vel_guard.moved import STALE
 from cmd_vel_guard.parameters import Parameters
 from cmd_vel_guard.reports import ERROR, OK, WARN, log, report
@@ -69,7 +68,7 @@ class Report:
             "motion check": self._motion_check(now),
             "collision monitor": "on" if self._p.monitors else "off: it does not see obstacles",
         }
-        return report(node, level, text, hardware=f"{node.get_namespace()}/{self._p.robot}".strip("/"), values=values)
+        return report(node, level, text, hardware=node.get_namespace().strip("/") or "cmd_vel_guard", values=values)
 
     def _problem(self, now: float, robots: int) -> tuple[bytes, str]:
         """Return the level and the text of the gravest problem, or of the state."""
@@ -92,8 +91,6 @@ class Report:
             return ERROR, f"{why}, so the robot stands"
         if self._arbiter.lacks_standby(now):
             return ERROR, f"{STANDBY} is not alive, so the robot stands: start it, or set require_standby to false"
-        if floods := self._arbiter.flooded(now):
-            return ERROR, f"more than {MOST / WINDOW:.0f} messages a second, so the robot stands: {', '.join(floods)}"
         if why := self._arbiter.rivals:
             topic = node.resolve_topic_name(why.rpartition(" ")[2])
             sources = ", ".join(sorted(node_name(info) for info in node.get_publishers_info_by_topic(topic)))

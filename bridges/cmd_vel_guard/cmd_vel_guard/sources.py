@@ -50,7 +50,7 @@ def rivals(subscriptions: Mapping[str, Subscription]) -> str:
 
 
 def hear_mounts(
-    node: Node, body: str, wrap: Callable[[Callable[[Any, Mapping[str, Any]], None]], Any]
+    node: Node, body: str, wrap: Callable[[Callable[[Any, Mapping[str, Any]], None]], Any] = lambda hear: hear
 ) -> Callable[[str], Pose | None]:
     """Subscribe a node to ``/tf_static``, and return `StaticFrames.mount` for the robot's frame.
 

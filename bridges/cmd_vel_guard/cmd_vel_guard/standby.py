@@ -13,7 +13,7 @@ not reach it; a child process stays behind to notice. When that child or the pro
 that ends processes, it goes on until the guard has ended, at most for `LINGER`. Once its parent has ended in any other way, it
 ends when nobody else was on ``/cmd_vel`` for `ALONE`. Its own last messages are zeros if a motion is in force.
 
-Inputs: ``/cmd_vel``. Outputs: ``/cmd_vel``, ``~/alive``, ``/diagnostics`` (1 Hz). Parameters: see `Parameters`.
+Inputs: ``/cmd_vel``. Outputs: ``/cmd_vel``, ``~/alive``. Parameters: see `Parameters`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -39,7 +38,7 @@ from cmd_vel_guard.declare import declare
 from cmd_vel_guard.executor import PolledGroup, waiting
 from cmd_vel_guard.process import precede, run
 from cmd_vel_guard.qos import STREAM
-from cmd_vel_guard.reports import ERROR, OK, log, report
+from cmd_vel_guard.reports import ERROR, log
 from cmd_vel_guard.session import leave
 
 SILENCE = 0.18
@@ -104,21 +103,19 @@ class CmdVelStandby(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("cmd_vel_standby", context=context, automatically_declare_parameters_from_overrides=True)
-        p = declare(self, Parameters)
+        (p,) = declare(self, Parameters)
         self._type = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self._rule = Standby()
         self._frame = ""
         self._parent, self._guarded, self._asked = os.getppid(), time.monotonic(), math.inf
         self._velocity = self.create_publisher(self._type, "cmd_vel", QoSProfile(depth=1))
         self._alive = self.create_publisher(Empty, "~/alive", QoSProfile(depth=1))
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._guard = self.create_subscription(
             self._type, "cmd_vel", lambda message: None, STREAM, callback_group=PolledGroup()
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(PERIOD, self._look, clock=steady)
         self.create_timer(0.1, self._live, clock=steady)
-        self.create_timer(1.0, self._diagnose, clock=steady)
 
     def _look(self) -> None:
         motions = []
@@ -161,19 +158,12 @@ class CmdVelStandby(Node):
                 self._stop()
             self._velocity.wait_for_all_acked(Duration(seconds=0.5))
 
-    def _diagnose(self) -> None:
-        acts = self._rule.acts(time.monotonic())
-        text = "the guard is silent: zeros" if acts else "watches"
-        values = {"takeovers": self._rule.takeovers, "real-time priority": os.sched_getscheduler(0) == os.SCHED_RR}
-        name = self.get_namespace().strip("/") or "cmd_vel_guard"
-        self._diagnostics.publish(report(self, ERROR if acts else OK, text, hardware=name, values=values))
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``cmd_vel_standby``, before all other processes and the guard, where the system permits a real-time priority."""
     lifelines = leave()
     precede(2)
-    return run(CmdVelStandby, argv, lifelines=lifelines)
+    return run([CmdVelStandby], argv, local=False, lifelines=lifelines)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,16 @@
-"""What a robot is told, where it is, and what it can do. Does not depend on ROS."""
+"""What a robot is told, where it and its sensors are, and what it can do. Does not depend on ROS."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from turtlebot_gym.values import STOP, Command, Pose
 
-__all__ = ["STOP", "Command", "Mount", "Pose", "Robot", "limit", "yaw_of_rotation"]
+if TYPE_CHECKING:
+    from cmd_vel_guard.parameters import Parameters
+
+__all__ = ["STOP", "Command", "Mount", "Pose", "limit", "yaw_of_rotation"]
 
 ROUNDING = 1e-12
 """Excess over a limit that is left as it is."""
@@ -26,28 +29,7 @@ class Mount(NamedTuple):
     """Direction of its x axis, rad."""
 
 
-class Robot(NamedTuple):
-    """A differential-drive robot's limits, footprint and LiDAR."""
-
-    max_linear: float
-    """Highest speed, m/s."""
-    max_angular: float
-    """Highest turning rate, rad/s."""
-    wheel_separation: float
-    """Distance between the wheels' tracks, m."""
-    max_wheel: float
-    """Highest rim speed of a wheel, m/s; infinite if none is known."""
-    reverse: bool
-    """Whether the robot may drive backwards."""
-    radius: float
-    """Radius of the footprint, m; 0 if not known."""
-    footprint_x: float
-    """Centre of the footprint ahead of the axle, m."""
-    lidar: Mount
-    """Mount of the LiDAR."""
-
-
-def limit(command: Command, robot: Robot) -> Command:
+def limit(command: Command, robot: Parameters) -> Command:
     """Scale a command into a robot's limits per axis and per wheel, without changing the curvature of its path.
 
     A robot that must not reverse only turns when it is commanded backwards.
@@ -55,7 +37,7 @@ def limit(command: Command, robot: Robot) -> Command:
     forward = command.v if robot.reverse else max(command.v, 0.0)
     v, omega = abs(forward), abs(command.omega)
     wheel = v + omega * robot.wheel_separation * 0.5
-    excess = max(v / robot.max_linear, omega / robot.max_angular, wheel / robot.max_wheel)
+    excess = max(v / robot.max_linear, omega / robot.max_angular, wheel / (robot.max_wheel or math.inf))
     excess = excess if excess > 1.0 + ROUNDING else 1.0
     return Command(forward / excess + 0.0, command.omega / excess + 0.0)  # adding 0 makes no zero negative
 

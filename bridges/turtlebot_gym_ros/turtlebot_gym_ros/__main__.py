@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
+from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym_ros.base.discovery import prepare
-from turtlebot_gym_ros.base.session import INTERRUPTED
-from turtlebot_gym_ros.nodes import EXPLAINED, NODES, TOOLS, Entry, entry_of, load
+from cmd_vel_guard.discovery import prepare
+from cmd_vel_guard.explain import explain
+from cmd_vel_guard.session import INTERRUPTED
+from turtlebot_gym_ros.nodes import BLOCKS, EXPLAINED, NODES, TOOLS, entry_of, load
 
 HELP = """usage: python -m turtlebot_gym_ros NODE [NODE ...] [--ros-args -p NAME:=VALUE ... -r FROM:=TO ...]
 
@@ -47,7 +49,8 @@ def _run(argv: Sequence[str] | None) -> int:
     name, *rest = list(sys.argv[1:] if argv is None else argv) or ["--help"]
     if name in ("-h", "--help"):
         parts = {"nodes": NODES, "tools": TOOLS}
-        print(HELP.format(**{part: _listed(entries) for part, entries in parts.items()}))
+        lines = {part: [f"  {each:<20} {entry.summary}" for each, entry in entries.items()] for part, entries in parts.items()}
+        print(HELP.format(**{part: "\n".join(each) for part, each in lines.items()}))
         return 0
     if name == "--version":
         from turtlebot_gym import __version__
@@ -58,21 +61,20 @@ def _run(argv: Sequence[str] | None) -> int:
     try:
         guards = entry_of(name).guards
         _check_together(names)
-    except (ValueError, ImportError) as error:
+    except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
     prepare(local=not guards)  # what runs on the robot serves the network
     try:
-        if asks_for_help([name, *rest]):
-            from turtlebot_gym_ros.node.explained import explain_node
-
-            print("\n\n".join(map(explain_node, names)))
+        if name in EXPLAINED and {"-h", "--help"} & {*rest}:
+            print("\n\n".join(map(_explained, names)))
             return 0
         entry = load(name)
-        if not hasattr(entry, "Params"):
+        if name not in BLOCKS:
             return entry(rest)
         blocks = [(each, load(each)) for each in names]
-        from turtlebot_gym_ros.base.process import run
+        from cmd_vel_guard.process import run
+        from turtlebot_gym_ros.base.executor import FastExecutor
         from turtlebot_gym_ros.node.shell import Shell
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
@@ -83,7 +85,7 @@ def _run(argv: Sequence[str] | None) -> int:
         print(f"error: {missing} is missing: {sourced}pip install 'turtlebot-gym[{extra}]'.", file=sys.stderr)
         return 2
     makes = [partial(Shell, block, block.Params, name=each) for each, block in blocks]
-    return run(makes, rest[len(names) - 1 :], in_thread=True)
+    return run(makes, rest[len(names) - 1 :], executor=FastExecutor, in_thread=True)
 
 
 def _check_together(names: Sequence[str]) -> None:
@@ -93,22 +95,21 @@ def _check_together(names: Sequence[str]) -> None:
         ValueError: If one of several has to run in a process of its own, or is named twice.
     """
     for at, name in enumerate(names if len(names) > 1 else []):
-        if NODES[name].guards:
-            raise ValueError(f"{name} must outlive the other nodes: start it in a process of its own.")
-        if not NODES[name].is_block:
+        if name not in BLOCKS:
             raise ValueError(f"{name} runs in a process of its own: start it apart.")
         if name in names[:at]:
             raise ValueError(f"{name} is named twice.")
 
 
-def asks_for_help(argv: Sequence[str]) -> bool:
-    """Return whether a command line asks for the help of a node that parses no options of its own."""
-    return bool({"-h", "--help"} & {*argv[1:]}) and argv[0] in EXPLAINED
+def _explained(name: str) -> str:
+    """Return the help of a node that takes ROS arguments, without making it."""
+    made, program = load(name), f"python -m turtlebot_gym_ros {name}"
+    if name in BLOCKS:
+        from turtlebot_gym_ros.base.frames import Common
 
-
-def _listed(entries: Mapping[str, Entry]) -> str:
-    """Return a line for each entry."""
-    return "\n".join(f"  {name:<20} {entry.summary}" for name, entry in entries.items())
+        return explain(program, made.__doc__, Common, made.Params)
+    module = import_module(made.__module__)
+    return explain(program, module.__doc__, module.Parameters)
 
 
 def end_quietly() -> None:

@@ -7,83 +7,63 @@ graph's modes, the diagnostics, the reference and the tests read it.
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 
 class Entry(NamedTuple):
-    """A node."""
+    """A node or a tool."""
 
     target: str
-    """Its block, or the function that runs it: "module:name" inside `package`."""
+    """Its block, or the function that runs it: "module:name"."""
     summary: str
     """One line of help."""
-    modes: tuple[str, ...] = ()
-    """Modes of the graph to which it belongs."""
-    package: str = "turtlebot_gym_ros"
-    """Package of the target."""
 
     @property
     def guards(self) -> bool:
-        """Whether it is a node of ``cmd_vel_guard``."""
-        return self.package == GUARD
-
-    @property
-    def is_block(self) -> bool:
-        """Whether it is a block in the shell rather than a separate program."""
-        return not self.target.endswith(":main")
+        """Whether it is a node of ``cmd_vel_guard``, which runs on the robot itself."""
+        return self.target.startswith("cmd_vel_guard.")
 
 
-BOTH = ("autonomous", "teleoperation")
-GUARD = "cmd_vel_guard"
-"""The package of the nodes that run on the robot itself, which may be missing: it is found by its name."""
+_ROS = "turtlebot_gym_ros"
 NODES = {
     "waypoint_generator": Entry(
-        "blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference", modes=("autonomous",)
+        f"{_ROS}.blocks.waypoints:WaypointGenerator", "publishes waypoints, by time or on arrival, on /reference"
     ),
     "velocity_controller": Entry(
-        "blocks.controller:VelocityController",
-        "drives by a policy: /estimate and /reference to /cmd_vel",
-        modes=("autonomous",),
+        f"{_ROS}.blocks.controller:VelocityController", "drives by a policy: /estimate and /reference to /cmd_vel"
     ),
     "turtlebot_simulator": Entry(
-        "blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state", modes=BOTH
+        f"{_ROS}.blocks.simulator:TurtlebotSimulator", "simulates the robot: /cmd_vel to /odom and /true_state"
     ),
-    "kalman_filter": Entry("blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate", modes=BOTH),
+    "kalman_filter": Entry(f"{_ROS}.blocks.kalman_filter:KalmanFilter", "estimates the pose: /odom to /estimate"),
     "localizer": Entry(
-        "blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate and /amcl_pose"
+        f"{_ROS}.blocks.localizer:Localizer", "estimates the pose in a map: /odom and /scan to /estimate and /amcl_pose"
     ),
-    "people_tracker": Entry("blocks.people_tracker:PeopleTracker", "tracks people: /odom and /scan to /tracks and /people"),
-    "simulated_teleop": Entry("blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
-    "calibration_drive": Entry(
-        "blocks.calibration_drive:CalibrationDrive", "drives a script that calibration needs: /odom to /cmd_vel"
+    "people_tracker": Entry(f"{_ROS}.blocks.people_tracker:PeopleTracker", "tracks people: /odom and /scan to /tracks"),
+    "simulated_teleop": Entry(f"{_ROS}.blocks.teleop:SimulatedTeleop", "drives by hand, by a script of 30 s, on /cmd_vel"),
+    "data_logger": Entry(f"{_ROS}.recording.logger:main", "records every message to a bag"),
+    "bringup": Entry(f"{_ROS}.graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
+    "status": Entry(f"{_ROS}.graph.status:main", "prints which node waits for what"),
+    "cmd_vel_guard": Entry("cmd_vel_guard.guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops"),
+    "cmd_vel_standby": Entry(
+        "cmd_vel_guard.standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives"
     ),
-    "data_logger": Entry("recording.logger:main", "records every message to a bag"),
-    "bringup": Entry("graph.bringup:main", "runs the whole graph, prints its metrics and draws its figure"),
-    "status": Entry("graph.status:main", "prints which node waits for what"),
 }
 TOOLS = {
-    "topics": Entry("tools.topics:topics", "lists topics and who is at them, or services"),
-    "echo": Entry("tools.topics:echo", "prints the messages of a topic"),
-    "button": Entry("tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
-    "enable": Entry("tools.services:enable", "enables nodes, or disables them"),
-    "goal": Entry("tools.goal:goal", "sends the robot to a place"),
-    "foxglove": Entry("tools.foxglove:foxglove", "serves the live graph to Foxglove"),
+    "topics": Entry(f"{_ROS}.tools.topics:topics", "lists topics and who is at them, or prints the messages of one"),
+    "button": Entry(f"{_ROS}.tools.topics:button", "is an emergency stop: Ctrl-C stops the robot"),
+    "enable": Entry(f"{_ROS}.tools.enable:enable", "enables nodes, or disables them"),
+    "goal": Entry(f"{_ROS}.tools.goal:goal", "sends the robot to a place"),
+    "foxglove": Entry(f"{_ROS}.tools.foxglove:foxglove", "serves the live graph to Foxglove"),
 }
 """What ros2cli does on a ROS installation."""
-if find_spec(GUARD):
-    NODES |= {
-        "cmd_vel_guard": Entry(
-            "guard:main", "on the robot: the only one on /cmd_vel; limits, watches and stops", package=GUARD
-        ),
-        "cmd_vel_standby": Entry(
-            "standby:main", "on the robot: sends zeros on /cmd_vel if the guard dies while it drives", package=GUARD
-        ),
-    }
-MODES = {mode: tuple(name for name, entry in NODES.items() if mode in entry.modes) for mode in BOTH}
+MODES = {
+    "autonomous": ("waypoint_generator", "velocity_controller", "turtlebot_simulator", "kalman_filter"),
+    "teleoperation": ("turtlebot_simulator", "kalman_filter"),
+}
 """The nodes of each mode of the graph; in teleoperation a person publishes ``/cmd_vel``."""
-BLOCKS = tuple(name for name, entry in NODES.items() if entry.is_block)
-"""The nodes that are blocks."""
+BLOCKS = tuple(name for name, entry in NODES.items() if ".blocks." in entry.target)
+"""The nodes that are blocks in the shell rather than separate programs."""
 EXPLAINED = (*BLOCKS, "data_logger", *(name for name, entry in NODES.items() if entry.guards))
 """The nodes that take ROS arguments; all others, and the tools, parse options of their own."""
 
@@ -93,27 +73,16 @@ def entry_of(name: str) -> Entry:
 
     Raises:
         ValueError: If the name is unknown.
-        ImportError: If it is a node of the guard, which is not installed.
     """
     if entry := NODES.get(name) or TOOLS.get(name):
         return entry
     from turtlebot_gym.config import did_you_mean
 
     names = (*NODES, *TOOLS)
-    if name.startswith("cmd_vel_"):
-        raise ImportError(
-            f"{name} is a node of the package {GUARD}, which is missing: pip install ./bridges/{GUARD} in a checkout."
-        )
     raise ValueError(f"there is no node {name!r}; there are {', '.join(names)}.{did_you_mean(name, names)}")
 
 
 def load(name: str) -> Any:
-    """Return the code of a node or a tool: the class of its block, or a function of arguments.
-
-    Raises:
-        ValueError: If the name is unknown.
-        ImportError: If it is a node of the guard, which is not installed.
-    """
-    entry = entry_of(name)
-    module, _, attribute = entry.target.partition(":")
-    return getattr(import_module(f"{entry.package}.{module}"), attribute)
+    """Return the code of a node or a tool: the class of its block, or a function of arguments; see `entry_of`."""
+    module, _, attribute = entry_of(name).target.partition(":")
+    return getattr(import_module(module), attribute)

@@ -61,10 +61,6 @@ def test_at_the_last_waypoint_it_is_done_until_there_is_another():
     assert node.step(0.1, at(1.91, 0.0), Pose(0.0, 0.0, 0.0), None)
 
 
-def test_it_is_never_done_where_the_tolerance_is_zero():
-    assert controller(ahead, goal_tolerance=0.0).step(0.1, at(2.0, 0.0), REFERENCE, REFERENCE)
-
-
 def test_a_variance_of_zero_is_given_a_floor_and_a_warning_once(caplog):
     node = controller(ahead)
     for _ in range(2):

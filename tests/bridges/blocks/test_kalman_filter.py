@@ -1,24 +1,17 @@
 """The estimator is the environment's filter, run by the odometry, drop-outs included."""
 
-import cmath
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from scipy.stats import chi2
 
-from turtlebot_gym import write_parameters
 from turtlebot_gym.heart import Episode
-from turtlebot_gym.models.angles import sincos
-from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.models.unicycle import advance
 from turtlebot_gym.presets import FILTERS, FIXES, NOISES
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import NAV
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose
 from turtlebot_gym_ros.blocks import KalmanFilter, TurtlebotSimulator
-from turtlebot_gym_ros.blocks.credible import CERTAIN, Gate, bounded
+from turtlebot_gym_ros.blocks.credible import bounded
 from turtlebot_gym_ros.node.block import Resume, Stamped
 
 COMMAND, AHEAD = Command(0.15, 0.4), Command(0.2, 0.0)
@@ -103,42 +96,12 @@ def test_messages_that_are_lost_on_their_way_are_predicted_period_by_period():
     assert dropping.step(0.1, last) == silent.step(0.3, last)
 
 
-def test_the_noise_of_a_robots_measured_twist_costs_little():
-    """A robot drives a circle of 0.5 m for 60 s; its wheels measure the twist to 2 cm/s and 0.05 rad/s, and a lag of one step.
-
-    The bound is the raw odometry's error: with white noise of 22 cm on x and y, 0.28 m on average. An exact twist gives 0.03 m.
-    """
-    rng = np.random.default_rng(5)
-    errors = {}
-    for name, std in (("exact", (0.0, 0.0)), ("wheels", (0.02, 0.05))):
-        node, pose, missed = estimator(noise="tutorial"), Pose(0.0, 0.0, 0.0), []
-        for k in range(600):
-            measured = Pose(*(pose + rng.normal(size=3) * (0.2236, 0.2236, 0.316)))
-            v, omega = (0.1, 0.2) + rng.normal(size=2) * std
-            mean = node.step(0.1 * (k > 0), Odometry(measured, Command(v, omega), True))["estimate"].belief.mean
-            missed.append(math.hypot(mean.x - pose.x, mean.y - pose.y))
-            pose = advance(pose, 0.1, 0.2, 0.1, 0.0)
-        errors[name] = np.mean(missed[100:])
-    assert errors["exact"] < 0.08
-    assert errors["wheels"] < 0.12
-
-
 def test_after_a_reset_it_begins_again_wherever_the_robot_is():
     node, elsewhere = estimator(), seen(-1.0, 0.0, 0.5, COMMAND)
     node.step(0.0, seen(1.0, 2.0, 3.0))
     node.step(0.1, seen(1.0, 2.0, 3.0, COMMAND))
     node.reset()
     assert node.step(0.0, elsewhere)["estimate"] == estimator().step(0.0, elsewhere)["estimate"]
-
-
-def test_jitter_is_predicted_as_it_is():
-    """A robot that drives straight is found where it is, whenever its odometry comes."""
-    node = estimator(noise="clean")
-    x, dt = 0.0, 0.0
-    for dt in (0.0, 0.05, 0.048, 0.053, 0.05, 0.14, 0.26, 0.05):
-        x += 0.15 * dt
-        estimate = node.step(dt, seen(x, 0.0, 0.0, Command(0.15, 0.0)))["estimate"]
-    assert estimate.belief.mean.x == pytest.approx(x, abs=2e-3)
 
 
 def test_it_believes_commands_as_the_robot_executes_them_only_where_asked_to():
@@ -150,27 +113,6 @@ def test_it_believes_commands_as_the_robot_executes_them_only_where_asked_to():
     assert mean.v == pytest.approx(0.2097)
     mean = node.step(0.1, seen(0.02, 0.0, 0.0, Command(0.1, 0.0)), None)["estimate"].belief.mean
     assert mean.v == pytest.approx(0.0, abs=1e-3)
-
-
-@pytest.mark.parametrize("noise", ["clean", "wheel", "documented"])
-@pytest.mark.parametrize("stands", [False, True])
-def test_by_commands_odometry_without_a_twist_will_do_unless_it_stands_still(noise, stands):
-    node, x = estimator(noise=noise, twist="commanded"), 0.0
-    for k in range(80):
-        x += 0.02 if 13 < k < 63 and not (stands and k > 30) else 0.0  # it follows its command 0.3 s late
-        node.step(0.1 * (k > 0), seen(x, 0.0, 0.0), Command(0.2, 0.0) if 10 < k < 60 else STOP)
-    assert bool(node.fault) == stands
-    assert stands or node.figures["refused odometry"] <= 1
-
-
-def test_noise_and_robot_may_be_files(tmp_path):
-    write_parameters(NOISES["documented"], tmp_path / "noise.yaml")
-    named, read = estimator(noise="documented"), estimator(noise=str(tmp_path / "noise.yaml"))
-    for node in (named, read):
-        node.step(0.0, seen(0.0, 0.0, 0.0))
-    assert named.step(0.1, seen(0.1, 0.0, 0.1, COMMAND)) == read.step(0.1, seen(0.1, 0.0, 0.1, COMMAND))
-    with pytest.raises(ValueError, match="There is no robot file"):
-        estimator(robot=str(tmp_path / "none.yaml"))
 
 
 def driving(**parameters):
@@ -215,26 +157,7 @@ def test_no_fix_knows_more_than_a_millimetre():
     assert (1e-6, 4e-6, math.inf) == bounded(Fix(Pose(0.0, 0.0, 0.0), (0.0, 4e-6, math.inf), 0.0, True)).R
 
 
-def test_odometry_after_a_person_moved_the_robot_is_turned_and_shifted_as_a_whole():
-    moved = increment(Pose(-4.0, 5.0, 1.7), Pose(1.0, 2.0, 0.3), Pose(1.5, 1.2, -0.4), sincos(1.4))
-    place = complex(-4.0, 5.0) + (complex(1.5, 1.2) - complex(1.0, 2.0)) * cmath.exp(1.4j)
-    assert moved == pytest.approx((place.real, place.imag, 1.0))
-
-
 FAR = NEXT._replace(pose=Pose(3.0, 0.0, 0.0))
-
-
-def test_a_second_source_of_odometry_stops_the_robot_and_time_alone_ends_no_refusal():
-    """Of two sources in turn the first counts for less than half a second; then nothing does, however long it lasts."""
-    node, used = driving(), 0
-    for _ in range(200):
-        assert "estimate" not in node.step(0.05, FAR)
-        used += "estimate" in node.step(0.05, NEXT._replace(twist=STOP))
-    assert used < 5
-    assert "jumps" in node.fault
-    node.reset()
-    assert node.step(0.0, FAR)["estimate"].belief.mean.x == 3.0
-    assert node.fault is None
 
 
 def final(node, message, count=10):
@@ -256,13 +179,6 @@ def test_enabling_a_controller_lets_the_filter_go_on_from_where_it_knew_the_robo
     assert node.fault is None
 
 
-def test_odometry_that_goes_on_lying_is_refused_again():
-    frozen = NEXT._replace(pose=Pose(1.0, 0.0, 0.0))
-    node = final(driving(), frozen, 20)
-    node.step(0.05, frozen, resume=Resume())
-    final(node, frozen, 20)
-
-
 def test_a_fix_lets_a_displaced_robot_go_on_by_itself_if_it_stands():
     """Partner: not while it drives, and not where the pose does not move though the wheels turn."""
     displaced = FAR._replace(twist=STOP)
@@ -276,33 +192,11 @@ def test_a_fix_lets_a_displaced_robot_go_on_by_itself_if_it_stands():
         assert "estimate" not in node.step(0.05, message, fix=fix)
 
 
-@pytest.mark.parametrize(("x", "goes_on"), [(1.1, True), (0.0, False), (3.0, False)])
-def test_after_a_pause_odometry_must_be_about_where_it_was(x, goes_on):
-    node = driving()
-    node.pause()
-    here = seen(x, 0.0, 0.0, STOP)
-    answers = [node.step(0.05 * (k > 0), here) for k in range(4)]
-    assert all("estimate" in answer for answer in answers) is goes_on
-    assert (node.fault is None) is goes_on
-
-
 def test_odometry_that_contradicts_the_command_is_refused_though_its_parts_agree():
     node = driving()
     for _ in range(20):
         node.step(0.05, STANDING, Command(0.2, 0.0))
     assert "commanded to drive and does not move" in node.fault
-
-
-@pytest.mark.parametrize("noise", NOISES)
-@pytest.mark.parametrize("dt", [0.02, 0.1])
-def test_simulated_odometry_at_full_speed_is_never_refused(noise, dt):
-    plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise=noise, seed=5, period=dt))
-    node, rng = estimator(noise=noise), np.random.default_rng(6)
-    for k in range(300):
-        if k % 10 == 0:
-            command = Command(*(rng.choice([-1.0, 1.0], 2) * (0.21, 2.6)))
-        assert node.step(dt * (k > 0), plant.step(dt, command)["odometry"])
-    assert node.figures["refused odometry"] == 0
 
 
 SURE = (1e-4, 1e-4, 1e-4)
@@ -331,50 +225,6 @@ def test_a_fix_that_the_belief_rules_out_is_counted_and_not_used(pose, R, age, s
     node.step(0.1, NEXT, fix=Stamped(Fix(NEXT.pose, SURE, 0.0, True), 0.1))
     assert node.notice is None
     assert node.figures["refused fixes"] == 1
-
-
-def test_a_fix_is_judged_by_the_belief_of_its_own_time():
-    """A certain fix of 0.5 s ago is 0.05 m behind: where the robot was; one of now at that place is refused."""
-    node = driving()
-    node.step(0.1, NEXT, fix=Stamped(Fix(Pose(0.96, 0.0, 0.0), (1e-8, 1e-8, math.inf), 0.0, True), 0.5))
-    assert node.figures["refused fixes"] == 0
-    node.step(0.1, seen(1.02, 0.0, 0.0, Command(0.1, 0.0)), fix=Stamped(Fix(Pose(0.97, 0.0, 0.0), (1e-8,) * 3, 0.0, True), 0.0))
-    assert node.figures["refused fixes"] == 1
-
-
-def test_beliefs_are_remembered_for_as_long_as_a_fix_may_be_late():
-    gate, belief = Gate(), driving().step(0.1, NEXT)["estimate"].belief
-    for k in range(20):
-        gate.remember(0.1 * k, belief._replace(mean=belief.mean._replace(x=float(k))))
-    recent, old = (Fix(Pose(float(k), belief.mean.y, belief.mean.theta), SURE, 0.0, True) for k in (14, 13))
-    assert not gate.refusal(recent, 1.4)  # 0.5 s before the last one
-    assert gate.refusal(old, 1.3)
-    gate.forget()
-    assert not gate.refusal(old, 1.3)
-
-
-def test_a_consistent_filter_exceeds_the_gates_bound_once_in_a_million():
-    assert [chi2.sf(bound, degrees) for degrees, bound in CERTAIN.items()] == pytest.approx([1e-6, 1e-6], rel=0.01)
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("noise", ["clean", "wheel", "documented"])
-def test_a_consistent_filter_refuses_hardly_any_fix_and_the_gate_notices_one_that_is_off(noise):
-    """Once in a million; partner: fixes that are off by 1 m from one moment on are refused."""
-    counts = {}
-    for off in (0.0, 1.0):
-        plant = TurtlebotSimulator(TurtlebotSimulator.Params(noise=noise, seed=3, fix="localization"))
-        node = estimator(noise=noise, takes_fixes=True)
-        for k in range(600):
-            said = plant.step(0.1, COMMAND)
-            fix = said.get("fix")
-            if fix is not None and off:
-                value = fix.value
-                fix = fix._replace(value=value._replace(pose=value.pose._replace(x=value.pose.x + (off if k > 200 else 0.0))))
-            node.step(0.1 * (k > 0), said["odometry"], fix=fix)
-        counts[off] = node.figures["refused fixes"]
-    assert counts[0.0] == 0
-    assert counts[1.0] > 20
 
 
 STANDING = seen(1.0, 0.0, 0.0)

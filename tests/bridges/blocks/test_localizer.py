@@ -1,7 +1,5 @@
 """The localizer as a node: it knows where it is, or says that it does not and lets the robot stop."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -83,12 +81,7 @@ def test_a_robot_that_does_not_know_where_it_is_says_nothing_until_it_does(drive
     loop.go(0.1)
     assert loop.answer == {}
     assert loop.node.notice.startswith("lost")
-    loop.go(0.5)
-    others = loop.answer["places"].poses
-    assert 1 < len(others) <= 16
-    assert min(np.hypot(x - loop.truth.x, y - loop.truth.y) for x, y, _ in others) < 0.3
-    assert loop.go(5.0) > 20
-    assert "places" not in loop.answer
+    assert loop.go(5.5) > 20
     assert loop.error < 0.1
 
 
@@ -142,48 +135,6 @@ def test_a_lost_robot_stops_unless_told_otherwise(drive, when_lost):
     assert loop.error < 0.1
 
 
-@pytest.mark.slow
-def test_after_most_draws_of_nonsense_a_standing_robot_finds_itself_within_five_seconds(drive):
-    """After 13 of the 15; one of the others believes for a minute that it is elsewhere: a limit of the localizer."""
-    right = 0
-    for seed in range(1, 16):
-        loop = drive()
-        loop.go(2.0)
-        loop.go(4.0, see=nonsense(seed))
-        loop.go(5.0, STOP)
-        right += "estimate" in loop.answer and loop.error < 0.1
-    assert right >= 12
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("localizer", ["match", "robot"])
-@pytest.mark.parametrize("beside", [(500.0, 500.0, 0.0), (-3.0, 2.0, 1.0)])
-def test_a_pose_beside_the_map_is_not_believed_for_longer_than_two_seconds(drive, localizer, beside):
-    """The robot stands, since nothing is published, and looks for itself."""
-    loop = drive(localizer=localizer)
-    loop.go(1.0)
-    loop.go(0.1, STOP, initial_pose=(Fix(Pose(*beside), (0.02, 0.02, 0.02), 0.0, True), 0.0))
-    states = []
-    for _ in range(50):
-        loop.go(0.1, STOP)
-        states.append(loop.node.figures["localization"])
-        assert ("estimate" in loop.answer) == (states[-1] != "lost")
-    assert "lost" in states[:20]
-    assert states[-1] == "tracking"
-    assert loop.error < 0.1
-
-
-def test_after_steps_that_were_skipped_it_goes_on_from_where_the_wheels_have_led(drive):
-    loop = drive()
-    loop.go(2.0)
-    for _ in range(30):  # without a scan no step is taken
-        sent = loop.plant.step(0.1, COMMAND)
-        loop.scan = sent.get("scan", loop.scan._replace(age=loop.scan.age + 0.1))
-    assert loop.node.step(0.0, sent["odometry"], loop.scan, GRID)
-    assert loop.go(2.0) == 20
-    assert loop.error < 0.05
-
-
 def test_without_a_scan_that_says_anything_it_is_lost(drive):
     loop = drive()
     loop.go(1.0)
@@ -208,28 +159,6 @@ def test_a_scan_is_read_as_it_was_sent(drive):
     loop.go(10.0, see=turned)
     assert loop.error < 0.05
     assert loop.node.figures["localization"] == "tracking"
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("localizer", ["match", "robot"])
-def test_it_takes_a_twentieth_of_a_core(drive, localizer):
-    """With ten scans a second, compiled or not: 1.0 % with 20 beams, 3.1 % with 60. The least of ten parts counts.
-
-    Other programs only add to it: 5.6 % were measured over all of them beside two busy processes.
-    """
-    loop, spent = drive(localizer=localizer), []
-    step = loop.node.step
-
-    def timed(*arguments):
-        begin = time.thread_time()
-        values = step(*arguments)
-        spent.append(time.thread_time() - begin)
-        return values
-
-    loop.go(1.0)
-    loop.node.step = timed
-    loop.go(20.0)
-    assert min(np.reshape(spent, (10, -1)).sum(axis=1)) < 0.05  # each is of ten scans
 
 
 def test_the_map_of_a_file_is_published_once_also_while_the_robot_is_lost(drive, tmp_path):

@@ -11,7 +11,7 @@ from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.systems import Options
 from turtlebot_gym.values import ORIGIN, STOP, Odometry, Pose
 from turtlebot_gym_ros.blocks import PeopleTracker
-from turtlebot_gym_ros.node.block import People, Person, Stamped, Tracks
+from turtlebot_gym_ros.node.block import Stamped, Tracks
 from turtlebot_gym_ros.node.convert import conversion
 
 NOBODY = Tracks((0.0,) * 40)
@@ -41,9 +41,6 @@ def test_it_shows_what_the_environment_does():
     for answer, expected in found:
         np.testing.assert_array_equal(np.float32(answer["nearest"]), expected)
     assert any(answer["nearest"] != NOBODY for answer, _ in found)
-    people = [answer["people"] for answer, _ in found if "people" in answer]
-    assert len(people) > 20
-    assert max(len(these.persons) for these in people) > 0
 
 
 def test_a_lidar_that_is_mounted_backwards_sees_the_same():
@@ -52,14 +49,6 @@ def test_a_lidar_that_is_mounted_backwards_sees_the_same():
 
     for other, expected in drive(turned):
         np.testing.assert_allclose(other["nearest"], expected, atol=2e-3)
-
-
-def test_a_mount_that_is_wrong_shows_people_elsewhere():
-    def turned(scan):
-        return scan, Pose(-0.032, 0.0, math.pi)
-
-    far = [np.abs(np.subtract(other["nearest"], expected)).max() for other, expected in drive(turned)]
-    assert max(far) > 0.5
 
 
 def test_a_scan_of_too_many_beams_is_left_out_and_named():
@@ -105,11 +94,3 @@ def test_tracks_keep_every_bit_as_points():
         to.read(message)
     with pytest.raises(ValueError, match="must be 40 finite numbers"):
         to.read(to.write(Tracks((math.nan,) * 40), Header()))
-
-
-def test_people_are_discs_and_ways():
-    message = conversion(People).write(People((Person(1.0, 2.0, 0.5, 0.0, 0.1, 0.25),)), Header())
-    clear, disc, way = message.markers
-    assert clear.action == clear.DELETEALL
-    assert disc.scale.x == pytest.approx(2.0 * (0.25 + 2.0 * 0.1))
-    assert (way.points[1].x, way.points[1].y) == (1.5, 2.0)

@@ -1,7 +1,5 @@
 """The blocks in a room, in a ``for`` loop: what they hand to each other is the environment's to the bit."""
 
-import math
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -88,32 +86,6 @@ def test_they_are_the_environment_to_the_bit(world, lidar, noise, policy):
     for block in (loop.plant, loop.filter, loop.generator, loop.controller):
         block.reset()  # the second episode
     differences(loop, env, 80, policy, noise)
-
-
-def test_a_contact_is_noticed_once_and_the_next_episode_forgets_it():
-    """The first seed of a drive straight to the goal that ends at an obstacle."""
-    for seed in range(20):
-        plant = make(TurtlebotSimulator, world="dense", seed=seed)
-        values, notices = plant.step(DT, None), set()
-        for _ in range(200):
-            x, y, theta = values["truth"][:3]
-            bearing = math.atan2(values["goal"].y - y, values["goal"].x - x) - theta
-            turn = math.atan2(math.sin(bearing), math.cos(bearing))
-            values = plant.step(DT, type(values["odometry"].twist)(0.2 * (abs(turn) < 0.3), turn))
-            notices.add(plant.notice)
-            assert (values["clearance"].distance < 0.0) <= (plant.notice is not None)
-        if len(notices) > 1:
-            break
-    assert len(notices) == 2
-    assert any(notice and notice.startswith("contact after") for notice in notices)
-    plant.reset()
-    assert plant.notice is None
-
-
-def test_on_open_ground_nothing_is_said_of_a_room():
-    plant = make(TurtlebotSimulator)
-    assert plant.outputs.keys() == plant.step(DT, None).keys() == {"truth", "odometry"}
-    assert plant.notice is None
 
 
 def test_a_scan_is_observed_with_its_age_up_to_a_second_and_refused_with_another_number_of_beams():

@@ -45,9 +45,9 @@ def test_its_steps_are_the_environments_to_the_bit(noise, robot):
 @pytest.mark.parametrize("noise", ["rough", "wheel"])
 def test_in_mujoco_too_its_steps_are_the_environments_to_the_bit(noise):
     pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
-    plant = simulator(noise=noise, seed=7, plant="mujoco", friction=0.5, caster_friction=0.3)
+    plant = simulator(noise=noise, seed=7, plant="mujoco")
     plant.reset()  # the second episode
-    burger = MujocoBurger(friction=0.5, caster_friction=0.3)
+    burger = MujocoBurger()
     p = make_parameters(replace(NAV, random=False), noise=noise, plant=burger)
     episode = Episode(p, [Pose(0.0, 0.0, 0.0)], seed=7)
     episode.reset()

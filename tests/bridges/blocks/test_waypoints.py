@@ -1,7 +1,5 @@
 """The reference: what is published, and when it changes."""
 
-import math
-
 import pytest
 
 from turtlebot_gym.estimation.ekf import Estimate
@@ -26,11 +24,6 @@ def reference(node, estimate=None, goal=None):
     return node.step(0.1, estimate, goal)["reference"]
 
 
-def test_it_speaks_before_anybody_is_there():
-    out = generator().step(0.1, None, None)
-    assert out == {"reference": SQUARE_WAYPOINTS[0], "following": SQUARE_WAYPOINTS[1]}
-
-
 @pytest.mark.parametrize("laps", [1, 2])
 def test_waypoints_are_taken_in_order_on_arrival_in_each_lap(laps):
     node, course = generator(laps=laps), laps * [*SQUARE_WAYPOINTS]
@@ -52,23 +45,6 @@ def test_by_time_it_switches_at_the_environments_steps():
         course = episode.world.course
         assert (out["reference"], out["following"]) == (course.reference, course.following)
         episode.step(STOP)
-
-
-def test_by_time_a_lost_estimate_does_not_stop_the_clock():
-    node = generator(switch="time", switch_period=1.0)
-    reference(node, at(0.0, 0.0))
-    seen = [reference(node) for _ in range(40)]
-    assert [seen.index(waypoint) for waypoint in SQUARE_WAYPOINTS[1:]] == [9, 19, 29]
-
-
-def test_waypoints_relative_to_the_start():
-    node = generator(relative=True)
-    assert node.step(0.1, None, None) == {}
-    first = reference(node, at(1.0, 1.0, math.pi / 2))
-    assert first == pytest.approx((1.0, 3.0, math.pi / 2))
-    assert reference(node, at(0.0, 0.0)) == first  # the start counts, not the way
-    node.reset()
-    assert reference(node, at(0.0, 0.0)) == SQUARE_WAYPOINTS[0]
 
 
 def test_a_pose_from_rviz_takes_the_place_of_all_waypoints():
@@ -167,15 +143,6 @@ def test_a_goal_that_is_refused_leaves_the_robot_where_it_is_until_another_one_o
     assert reference(node, at(*HERE)) != stays
 
 
-def test_another_goal_takes_the_place_of_one_and_so_does_a_reset():
-    node = located()
-    errands = [node.send(Pose(1.8, 1.0, 0.0), awaited=True), node.send(Pose(1.0, 1.8, 0.0), awaited=True)]
-    assert [errand.is_active for errand in errands] == [False, True]
-    assert errands[0].reason == "another goal took its place"
-    node.reset()
-    assert errands[1].reason == "the node was reset"
-
-
 @pytest.mark.parametrize("tolerance", [0.15, 0.0])
 def test_a_robot_whose_goal_is_cancelled_stays_where_it_is(tolerance):
     node = located(goal_tolerance=tolerance)
@@ -206,13 +173,3 @@ def test_what_is_awaited_is_given_up_with_the_reason():
     assert drive(7.0, lambda time: at(*HERE) if time > 2.0 else None).is_active  # it was found, and may go on
     errand = drive(20.2, lambda time: at(1.0 + 0.03 * time, 1.0))
     assert (errand.code, errand.reason) == (Failure.TIMEOUT, "it took longer than 20 s")
-
-
-def test_the_time_left_follows_from_the_way_and_the_speed():
-    node = located()
-    errand = node.send(Pose(1.8, 1.0, 0.0), awaited=True)
-    node.step(0.1, at(*HERE), None)
-    assert errand.time_left == pytest.approx(errand.left / 0.2108)
-    for k in range(40):
-        node.step(0.1, at(1.0 + 0.01 * k, 1.0), None)
-    assert errand.time_left == pytest.approx(4.1, rel=0.2)  # 0.4 m at 0.1 m/s

@@ -3,19 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
-
-class Mount(NamedTuple):
-    """A sensor's frame, and its pose in the robot's frame."""
-
-    frame: str
-    """Name of the frame, without the prefix of the robot's frames."""
-    x: float
-    """m"""
-    y: float
-    yaw: float
-    """Direction of its x axis, rad."""
+from cmd_vel_guard.values import Mount
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

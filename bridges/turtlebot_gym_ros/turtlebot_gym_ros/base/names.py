@@ -1,13 +1,10 @@
-"""Names in the graph: of nodes, of message types, and of namespaces, in which several robots share one graph."""
+"""Names in the graph: of message types, and of namespaces, in which several robots share one graph."""
 
 from __future__ import annotations
 
 import re
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from rclpy.topic_endpoint_info import TopicEndpointInfo
+from typing import Any
 
 ROOT = "/"
 """Root namespace, for a graph without its own."""
@@ -34,17 +31,6 @@ def prefix_of(namespace: str) -> str:
 def remapping(namespace: str) -> list[str]:
     """Return the command-line arguments that put a node into a namespace."""
     return [] if absolute(namespace) == ROOT else ["--ros-args", "-r", f"__ns:={absolute(namespace)}"]
-
-
-def node_name(info: TopicEndpointInfo) -> str:
-    """Return the full name of the node that publishes or subscribes to a topic."""
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-
-
-def type_name(message_type: type) -> str:
-    """Return a message type's name as the graph writes it: "geometry_msgs/msg/Twist"."""
-    package, kind, *_ = message_type.__module__.split(".")
-    return f"{package}/{kind}/{message_type.__name__}"
 
 
 def message_type(name: str) -> Any:

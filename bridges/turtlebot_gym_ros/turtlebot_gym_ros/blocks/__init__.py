@@ -1,6 +1,5 @@
 """The blocks of the closed loop: plain objects that do not depend on ROS."""
 
-from turtlebot_gym_ros.blocks.calibration_drive import CalibrationDrive
 from turtlebot_gym_ros.blocks.controller import VelocityController
 from turtlebot_gym_ros.blocks.kalman_filter import KalmanFilter
 from turtlebot_gym_ros.blocks.localizer import Localizer
@@ -10,7 +9,6 @@ from turtlebot_gym_ros.blocks.teleop import SimulatedTeleop
 from turtlebot_gym_ros.blocks.waypoints import WaypointGenerator
 
 __all__ = [
-    "CalibrationDrive",
     "KalmanFilter",
     "Localizer",
     "PeopleTracker",

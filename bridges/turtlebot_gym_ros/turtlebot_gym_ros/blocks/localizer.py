@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from turtlebot_gym.config import Names, Range, check_fields
 from turtlebot_gym.estimation.agreement import Agreement
 from turtlebot_gym.estimation.ekf import Estimate
-from turtlebot_gym.localization.bank import COLUMNS, ROWS, followed
+from turtlebot_gym.localization.bank import COLUMNS, ROWS
 from turtlebot_gym.localization.hypotheses import look, nowhere
 from turtlebot_gym.localization.information import ScanPoints
 from turtlebot_gym.localization.localizer import LOST, SILENT, TRACKING, UNSURE, Located, locate, move, state_of
@@ -41,7 +41,6 @@ from turtlebot_gym_ros.node.block import (
     Nis,
     On,
     Output,
-    PoseCandidates,
     Resume,
     Stamped,
 )
@@ -79,10 +78,9 @@ class Localizer:
     ``command``, ``initial_pose`` and ``resume`` as for `KalmanFilter`, and without a map's file ``map`` (`GridMap`, on
     ``map``).
     Outputs: ``pose`` (`Located`, on ``amcl_pose``, with the covariance of x, y and heading), ``nis`` (`Nis`, on ``nis``),
-    ``estimate`` (`Estimate`, on ``estimate``), and while it doubts its place ``places`` (`PoseCandidates`, on ``hypotheses``),
-    all that it considers; at odometry's stamp, in the frame ``frame``; ``disagreement`` as for `KalmanFilter`; with
-    ``publish_tf`` the transform from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map`` (`GridMap`, on
-    ``map``), once.
+    ``estimate`` (`Estimate`, on ``estimate``), at odometry's stamp, in the frame ``frame``; ``disagreement`` as for
+    `KalmanFilter`; with ``publish_tf`` the transform from ``frame`` to ``odom_frame`` on ``/tf``; and a map's file as ``map``
+    (`GridMap`, on ``map``), once.
     Parameters: those of `Params`.
     """
 
@@ -132,7 +130,6 @@ class Localizer:
         "pose": Output(topic="amcl_pose", type=Located, latched=True),
         "nis": Output(topic="nis", type=Nis),
         "estimate": Output(topic="estimate", type=Estimate),
-        "places": Output(topic="hypotheses", type=PoseCandidates),
         "disagreement": DISAGREEMENT,
     }
     trigger = On("odometry")
@@ -177,7 +174,6 @@ class Localizer:
         self._located: Located | None = None
         self._trail, self._bank = np.empty((TRAIL, 4)), np.zeros((ROWS, COLUMNS))
         self._ticks = Ticks()
-        self._considered: tuple[Pose, ...] = ()
         self._leaps: list[float] = []
         self._agreement.begin()
         self.notice = None
@@ -204,7 +200,7 @@ class Localizer:
     ) -> dict[str, Any]:
         """Return the belief after odometry that is ``dt`` later than the one before, s.
 
-        Nothing but hypotheses if the robot is lost; nothing but the cause if its odometry is not believed. Where odometry is
+        Nothing if the robot is lost; nothing but the cause if its odometry is not believed. Where odometry is
         only displaced, as by a reset, the robot counts as standing for that step, and the scans say where it is.
         """
         if map is not None and map is not self._grid:
@@ -312,13 +308,10 @@ class Localizer:
             "scans without a fit": max(int(located.misfits), 0),
             "scans used": int(located.scans),
         }
-        others = tuple(Pose(*place) for place in followed(located, self._bank, self._wheels(), self._q)[:, :3].tolist())
-        places = {"places": PoseCandidates(others)} if others or self._considered else {}
-        self._considered = others
         if state == LOST and self._params.when_lost == "stop":
-            return places
+            return {}
         evidence = Nis(located.nis, located.fits, located.weight)
-        values = places | {"pose": located, "nis": evidence, "estimate": Estimate(located.belief, located.nis, 0.0)}
+        values: dict[str, Any] = {"pose": located, "nis": evidence, "estimate": Estimate(located.belief, located.nis, 0.0)}
         if self._params.publish_tf:
             mean, wheels = located.belief.mean, odometry.pose
             frame = increment(Pose(*mean[:3]), wheels, ORIGIN, sincos(wrap(mean.theta - wheels.theta)))

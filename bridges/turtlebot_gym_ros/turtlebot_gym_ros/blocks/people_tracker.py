@@ -19,10 +19,9 @@ from turtlebot_gym.systems.tracking import UNIFORM, sweep_of
 from turtlebot_gym.tracking.bodies import POST
 from turtlebot_gym.tracking.sweep import Sweep, pose_at
 from turtlebot_gym.tracking.tracker import begin, look, make_memory, memory_at, on_odometry, on_scan
-from turtlebot_gym.tracking.tracks import FRESH, MOVES, PX, PY, SIZE, STATE, TIME, VX, VY, predicted
 from turtlebot_gym.values import Odometry
 from turtlebot_gym_ros.blocks.ticks import Ticks
-from turtlebot_gym_ros.node.block import SCAN, Input, On, Output, People, Person, Stamped, Tracks
+from turtlebot_gym_ros.node.block import SCAN, Input, On, Output, Stamped, Tracks
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan and of the one before: 1 s at 50 Hz."""
@@ -35,15 +34,14 @@ MOST_BEAMS = 4096
 class PeopleTracker:
     """Track what moves, such as people, in the frame of the odometry.
 
-    With each odometry it publishes the nearest tracks, which a policy reads as the term "tracks", and with each scan all,
-    for viewers. A scan counts as soon as the odometry reaches its last beam. It is as the LiDAR's preset says if it agrees with
-    that to single precision; otherwise as the message says. Its mount is that of ``/tf_static``, or the preset's. Beams that
+    With each odometry it publishes the nearest tracks, which a policy reads as the term "tracks". A scan counts as soon as the
+    odometry reaches its last beam. It is as the LiDAR's preset says if it agrees with that to single precision; otherwise as
+    the message says. Its mount is that of ``/tf_static``, or the preset's. Beams that
     return nothing say "free" unless they contradict what was seen before, see `turtlebot_gym.silence`. Where odometry begins
     elsewhere, the tracker begins anew.
 
     Inputs: ``odometry`` (`Odometry`, on ``odom``, every message, in the frame ``odom_frame``), ``scan`` (`Scan`, on ``scan``).
-    Outputs: ``nearest`` (`Tracks`, on ``tracks``, in the robot's frame, at odometry's stamp) and ``people`` (`People`, on
-    ``people``, in the frame ``odom_frame``).
+    Outputs: ``nearest`` (`Tracks`, on ``tracks``, in the robot's frame, at odometry's stamp).
     Parameters: those of `Params`.
     """
 
@@ -68,16 +66,13 @@ class PeopleTracker:
         "odometry": Input(topic="odom", type=Odometry, reliable=False, sole=True),
         "scan": replace(SCAN, wakes=False),
     }
-    outputs = {"nearest": Output(topic="tracks", type=Tracks), "people": Output(topic="people", type=People)}
+    outputs = {"nearest": Output(topic="tracks", type=Tracks)}
     trigger = On("odometry")
 
     def __init__(self, params: Params) -> None:
         self._lidar, self._tick = find_lidar(params.lidar), params.tick
         self.trigger = replace(self.trigger, max_gap=params.max_gap)
         self.inputs = {**self.inputs, "odometry": replace(self.inputs["odometry"], frame=params.odom_frame or None)}
-        self.outputs = {**self.outputs, "people": replace(self.outputs["people"], frame=params.odom_frame or None)}
-        self.figures: dict[str, Any] = {}
-        """What is tracked."""
         self.reset()
 
     def reset(self) -> None:
@@ -102,25 +97,22 @@ class PeopleTracker:
             self._ticks.advance(dt)
         if odometry.measured and self._ticks.time > self._memory.trail[0, 0]:
             on_odometry(self._memory, self._ticks.time, odometry.pose)
-        is_new = self._look_at(scan)
+        self._look_at(scan)
         look(self._memory, self._ticks.time, odometry.pose, odometry.twist, UNIFORM * self._lidar.accuracy)
-        nearest = {"nearest": Tracks(self._memory.seen.tolist())}
-        return {**nearest, "people": self._people()} if is_new else nearest
+        return {"nearest": Tracks(self._memory.seen.tolist())}
 
-    def _look_at(self, scan: Stamped) -> bool:
-        """Update the tracks by a scan, if it is new and the odometry has reached its last beam; return whether it was so."""
+    def _look_at(self, scan: Stamped) -> None:
+        """Update the tracks by a scan, if it is new and the odometry has reached its last beam."""
         stamp = self._ticks.time - scan.age
         if stamp <= self._measured + 1e-6:
-            return False
+            return
         if len(scan.value.ranges) > MOST_BEAMS:
             self.notice = f"scans of {len(scan.value.ranges)} beams are left out: {MOST_BEAMS} are the most"
-            return False
+            return
         sweep = self._sweep_of(scan, stamp)
-        if sweep.last > self._ticks.time + 1e-6:
-            return False
-        self._measured = stamp
-        on_scan(self._memory, scan.value.ranges if self._tick else self._believed(scan.value.ranges, sweep), sweep)
-        return True
+        if sweep.last <= self._ticks.time + 1e-6:
+            self._measured = stamp
+            on_scan(self._memory, scan.value.ranges if self._tick else self._believed(scan.value.ranges, sweep), sweep)
 
     def _believed(self, ranges: NDArray[np.float32], sweep: Sweep) -> NDArray[np.float32]:
         """Return the ranges of a scan without the beams that say nothing, m."""
@@ -142,15 +134,3 @@ class PeopleTracker:
             sweep = sweep._replace(first=sweep.first + mount.theta - lidar.yaw, x=mount.x, y=mount.y)
         last = stamp if lidar.stamped_at_end else stamp + sweep.interval * number
         return sweep._replace(last=round(last, 9))
-
-    def _people(self) -> People:
-        """Return all fresh tracks at the present time, and count them in the diagnostics."""
-        persons = []
-        for track in self._memory.tracks:
-            dt = self._ticks.time - track[TIME]
-            if track[STATE] == MOVES and dt <= FRESH:
-                x, y = track[PX] + dt * track[VX], track[PY] + dt * track[VY]
-                numbers = (x, y, track[VX], track[VY], math.sqrt(predicted(track, dt).pp), track[SIZE])
-                persons.append(Person(*map(float, numbers)))
-        self.figures = {"tracks": len(persons)}
-        return People(tuple(persons))

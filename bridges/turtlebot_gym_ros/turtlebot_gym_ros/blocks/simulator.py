@@ -8,12 +8,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from cmd_vel_guard.values import Mount
 from turtlebot_gym.config import Range, check_fields
-from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.heart import Episode
 from turtlebot_gym.models.angles import TWO_PI
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.rooms.grid import GridMap, charted
 from turtlebot_gym.rooms.lidar import Lidar, beams_by
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, obstacles_of
@@ -21,12 +20,8 @@ from turtlebot_gym.rooms.worlds import require_a_way
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import MISSION, NAV, ROOM
 from turtlebot_gym.values import STOP, Command, Fix, Odometry, Pose, State
-from turtlebot_gym_ros.base.frames import Mount
-from turtlebot_gym_ros.blocks.uncertainty import OdometryUncertainty
-from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Nis, Output, Stamped
+from turtlebot_gym_ros.node.block import PERIOD, Every, Input, Output, Stamped
 
-THROUGH = {"estimate": Estimate, "nis": Nis, "reference": Pose, "next_reference": Pose}
-"""Topics from a step's odometry to the command that answers it, in order."""
 NO_FIX = ("none", "")
 FIX_OUTPUTS = {"fix": Output(topic="pose_fix", type=Fix, newest=True, reliable=False)}
 """Additional outputs with an external pose sensor."""
@@ -45,7 +40,6 @@ MAP_OUTPUTS = {"map": Output(topic="map", type=GridMap, latched=True)}
 """Additional output for a map, published once."""
 OPEN_GROUND = ("open", "")
 """Names of worlds without a room."""
-_BURGER = MujocoBurger()
 
 
 SHOWN_EVERY = 5
@@ -55,10 +49,10 @@ SHOWN_EVERY = 5
 class TurtlebotSimulator:
     """Simulate a TurtleBot: each step is the environment's, with the same noise for the same seed and episode.
 
-    With ``plant`` "mujoco" a physics engine moves it instead of the unicycle, on a floor with ``friction``, and its odometry
-    comes from its wheels. In a ``world`` it is in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a
-    LiDAR. Contact is judged as there, but nothing is solid: an episode's first contact is reported, and the robot drives on.
-    With ``goals`` it gives several goals in turn, as `TurtleBotMissions-v0` does.
+    With ``plant`` "mujoco" a physics engine moves it instead of the unicycle, and its odometry comes from its wheels. In a
+    ``world`` it is in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a LiDAR. Contact is judged as
+    there, but nothing is solid: an episode's first contact is reported, and the robot drives on. With ``goals`` it gives
+    several goals in turn, as `TurtleBotMissions-v0` does.
 
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held indefinitely, as on a TurtleBot3; at rest before the first). Outputs:
     ``truth`` (`State`, on ``true_state``) and ``odometry`` (`Odometry`, on ``odom``: the measured pose, marked if it dropped
@@ -85,13 +79,9 @@ class TurtlebotSimulator:
         period: Annotated[float, PERIOD] = 0.1
         """Period of the odometry and of the simulation, s."""
         speed: Annotated[float, Range(0.0, 1000.0, open_high=True)] = 1.0
-        """Multiple of real time; but for 1 it publishes ``/clock``. In lock-step it is the upper limit, and 0 means as fast as
-        the nodes answer."""
+        """1 for real time; in lock-step the highest multiple of it, and 0 for as fast as the nodes answer."""
         seed: Annotated[int, Range(0, MAX_SEED, whole=True)] = 0
         """Seed of the noise."""
-        witness: bool = False
-        """Whether time in lock-step waits also for the recorder, which reports on ``recorded``. The recorder is that of a
-        `Graph`."""
         publish_tf: bool = False
         """Whether to publish odometry on ``/tf`` and the LiDAR on ``/tf_static``; needs ``tf2_msgs``. A robot's bring-up does.
         """
@@ -111,16 +101,9 @@ class TurtlebotSimulator:
         """Frame of the odometry, if it is not the world's: the map's then, with a localizer."""
         plant: str = "unicycle"
         """Model of the motion: "unicycle", or "mujoco", whose wheels creep and slip; needs MuJoCo. It is a Burger."""
-        friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.friction
-        """With the plant "mujoco", friction between wheels and floor, 1; 0.5 is slippery."""
-        caster_friction: Annotated[float, Range(0.0, 10.0)] = _BURGER.caster_friction
-        """With the plant "mujoco", friction between caster and floor, 1; 0.3 is a clogged caster."""
 
         def __post_init__(self) -> None:
             check_fields(self, "")
-            if self.in_room and self.plant != "unicycle":
-                raise ValueError(f"plant must be 'unicycle' in a world, got {self.plant!r}: MuJoCo supports open ground only.")
-            self.physics()
             if self.goals and not self.in_room:
                 raise ValueError("goals must be 0 without a world: goals in turn are drawn in a room.")
             if self.in_room and self.random_start:
@@ -131,22 +114,12 @@ class TurtlebotSimulator:
             """Whether there is a room around the robot."""
             return self.world not in OPEN_GROUND
 
-        def physics(self) -> MujocoBurger | tuple[()]:
-            """Return the plant with its friction.
-
-            Raises:
-                ValueError: If the name is unknown, or a friction is given for the unicycle.
-            """
-            named = {name: getattr(self, name) for name in ("friction", "caster_friction")}
-            changed = {name: value for name, value in named.items() if value != getattr(_BURGER, name)}
-            return make_plant(self.plant, **changed)
-
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
         "truth": Output(topic="true_state", type=State),
         "odometry": Output(topic="odom", type=Odometry),
     }
-    trigger = Every(0.1, 1.0, through=THROUGH)
+    trigger = Every(0.1, 1.0)
 
     def __init__(self, params: Params) -> None:
         room = replace(MISSION, laps=params.goals) if params.goals else ROOM
@@ -158,7 +131,7 @@ class TurtlebotSimulator:
             integrator=params.integrator,
             dt=params.period,
             fix=None if params.fix in NO_FIX else params.fix,
-            plant=params.physics() or "unicycle",
+            plant=params.plant,
             world=params.world if params.in_room else None,
             lidar=params.lidar if params.in_room else None,
             localizer=params.localizer or None,
@@ -166,8 +139,7 @@ class TurtlebotSimulator:
         self._sees_fixes = bool(p.fix)
         if self._sees_fixes:
             self.outputs = {**self.outputs, **FIX_OUTPUTS}
-        witness = "recorded" if params.witness else None
-        self.trigger = replace(self.trigger, period=params.period, speed=params.speed, witness=witness)
+        self.trigger = replace(self.trigger, period=params.period, speed=params.speed)
         self._lidar: Lidar | None = p.room.lidar if p.room else None
         if self._lidar:
             mount = Mount(SCAN_FRAMES.get(params.lidar, SCAN_FRAME), self._lidar.x, self._lidar.y, self._lidar.yaw)
@@ -183,10 +155,8 @@ class TurtlebotSimulator:
             self.outputs = {**MAP_OUTPUTS, **self.outputs}  # first, since a localizer waits for it
         if plan:
             require_a_way(plan, p.robot.radius, self._episode.world.room.way)
-        self._uncertainty = OdometryUncertainty(p.noise, dt=p.dt, integrator=p.integrator)
         stated = replace(
             self.outputs["odometry"],
-            covariance=self._uncertainty.covariance,
             transform=params.publish_tf,
             frame=params.odom_frame or None,
         )
@@ -200,7 +170,6 @@ class TurtlebotSimulator:
         self._episode.reset()
         if self._draws_map:
             self._map = charted(self._episode.scene)
-        self._uncertainty.reset()
         self._begun = False
         self.notice = None
 
@@ -215,7 +184,6 @@ class TurtlebotSimulator:
         if self._sees_fixes and world.senses.fix.arrived:
             now = world.senses.fix
             values["fix"] = Stamped(Fix(now.pose, now.R, now.age, now.arrived, now.cross), now.age)
-        self._uncertainty.hear(odometry)
         if self._map:
             values["map"], self._map = self._map, None
         if self._lidar:

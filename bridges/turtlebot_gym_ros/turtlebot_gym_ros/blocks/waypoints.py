@@ -14,7 +14,6 @@ from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.files import load
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.presets import make_robot
 from turtlebot_gym.systems import Options
 from turtlebot_gym.tasks import SQUARE_PERIOD, SQUARE_WAYPOINTS, believed_to_arrive, by_time, due
 from turtlebot_gym.values import ORIGIN, Pose
@@ -61,8 +60,6 @@ class WaypointGenerator:
         """Number of rounds through the waypoints."""
         relative: bool = False
         """Whether waypoints are relative to the first estimate instead of the world frame."""
-        robot: str = "burger"
-        """The robot that drives to an action's goal, for the time left: a name in `turtlebot_gym.robots.ROBOTS`."""
         goal_tolerance: Annotated[float, NON_NEGATIVE.of("m")] = 0.15
         """Distance within which an action's goal is reached, m; with 0 it is ``radius``. As in velocity_controller."""
         patience: Annotated[float, POSITIVE.of("s")] = 30.0
@@ -93,7 +90,7 @@ class WaypointGenerator:
         task, self._waypoints = Options(task="square", waypoints=course, switch=params.switch, laps=params.laps).course()
         self._task = replace(task, radius=params.radius, switch_period=params.switch_period if by_time(task) else math.inf)
         self._relative, self._in_room = params.relative, in_room
-        self._params, self._speed = params, make_robot(params.robot).max_linear
+        self._params = params
         self._target = replace(task, radius=params.goal_tolerance or params.radius)
         self._errand: Errand | None = None
         self.notice: str | None = None
@@ -119,7 +116,7 @@ class WaypointGenerator:
             goal: The goal in the world frame.
             awaited: Whether somebody waits for the outcome.
         """
-        errand = self._take(Errand(goal=goal, awaited=awaited, speed=self._speed))
+        errand = self._take(Errand(goal=goal, awaited=awaited))
         self._head_for(goal)
         return errand
 
@@ -211,40 +208,25 @@ def _load_waypoints(path: str) -> list[Pose]:
         ValueError: If the file cannot be read; the message names the file and the entry.
     """
     file = Path(path).expanduser()
-    if file.suffix not in (".yaml", ".yml", ".csv"):
-        raise ValueError(f"waypoints must be 'square', 'room', or a .yaml, .yml or .csv file, got {path!r}.")
     try:
-        rows = _read_csv(file) if file.suffix == ".csv" else _read_yaml(file)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"waypoints: cannot read {path!r}: {error}.") from error
-    return [_pose(path, number, row) for number, row in enumerate(rows, start=1)]
-
-
-def _read_csv(file: Path) -> list[Any]:
-    lines = file.read_text("utf-8-sig").splitlines()
-    rows = [row for row in csv.reader(lines) if row and not row[0].startswith("#")]
-    has_header = bool(rows) and [cell.strip() for cell in rows[0]] == ["x", "y", "theta"]
-    return rows[1:] if has_header else rows
-
-
-def _read_yaml(file: Path) -> list[Any]:
-    try:
-        content = load(file)
-    except ValueError as error:
-        raise ValueError(f"waypoints: {error}") from error
-    rows = content.get("waypoints") if isinstance(content, dict) else content
+        if file.suffix == ".csv":
+            rows: Any = [row for row in csv.reader(file.read_text("utf-8-sig").splitlines()) if row and row[0][:1] != "#"]
+            rows = rows[1:] if rows and [cell.strip() for cell in rows[0]] == ["x", "y", "theta"] else rows
+        elif file.suffix in (".yaml", ".yml"):
+            content = load(file)
+            rows = content.get("waypoints") if isinstance(content, dict) else content
+        else:
+            raise ValueError("it must be 'square', 'room', or a .yaml, .yml or .csv file")
+    except (ValueError, OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"waypoints: cannot read {path!r}: {error}") from error
     if not isinstance(rows, list):
-        raise ValueError(f"waypoints: {str(file)!r} must hold a list of waypoints, got {short_repr(content)}.")
-    return rows
-
-
-def _pose(path: str, number: int, row: Any) -> Pose:
-    """Return a file's entry as a pose."""
-    try:
-        if isinstance(row, dict):
-            return place(**{name: float(value) for name, value in row.items()})
-        x, y, theta = map(float, row)
-        return place(x, y, theta)
-    except (TypeError, ValueError, OverflowError) as error:
-        rule = f"x, y and theta of finite poses within {FARTHEST:g} m"
-        raise ValueError(f"waypoints: entry {number} of {path!r} must be {rule}, got {short_repr(row)}.") from error
+        raise ValueError(f"waypoints: {path!r} must hold a list of waypoints, got {short_repr(rows)}.")
+    poses = []
+    for number, row in enumerate(rows, start=1):
+        try:
+            named = row if isinstance(row, dict) else dict(zip(("x", "y", "theta"), row, strict=True))
+            poses.append(place(**{name: float(value) for name, value in named.items()}))
+        except (TypeError, ValueError, OverflowError) as error:
+            rule = f"x, y and theta of finite poses within {FARTHEST:g} m"
+            raise ValueError(f"waypoints: entry {number} of {path!r} must be {rule}, got {short_repr(row)}.") from error
+    return poses

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from cmd_vel_guard.process import refuse
+from cmd_vel_guard.session import INTERRUPTED
 from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.drive import Drive, heading_error, position_error
 from turtlebot_gym.files import replacing, write_text
@@ -26,36 +28,37 @@ from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym.tasks import ROOM, arrived
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
-from turtlebot_gym_ros.base.options import parser_of
-from turtlebot_gym_ros.base.process import be_interruptible, go_on, refuse
-from turtlebot_gym_ros.base.session import INTERRUPTED
+from turtlebot_gym_ros.base.process import be_interruptible, go_on
 from turtlebot_gym_ros.blocks import TurtlebotSimulator
 from turtlebot_gym_ros.graph.graph import PATIENCE, Graph
 from turtlebot_gym_ros.nodes import MODES
 
 REACHED = 0.3
 """Distance within which a waypoint counts as reached, m."""
-LOOKS = int(PATIENCE / 0.01)
-"""Number of looks at a graph whose time stands still after which its drive cannot go on; a suspended process takes none."""
-UNITS = {
-    "duration": "s",
-    "odometry position error": "m",
-    "estimate position error": "m",
-    "odometry heading error": "rad",
-    "estimate heading error": "rad",
-    "path length": "m",
-    "mean closest distance": "m",
-    "worst closest distance": "m",
-    "end of the episode": "s",
-    "least clearance": "m",
-}
-"""Units of the metrics; the others are counts, or say whether something happened."""
-EVENTS = ("collision", "goal reached")
 NOTHING = "nothing was driven: no true state came with odometry and an estimate. Do other nodes run in this ROS_DOMAIN_ID?"
+OPTIONS: dict[str, dict[str, Any]] = {
+    "--speed": {"type": float, "help": "1 is real time; by default as fast as the nodes answer, in lock-step"},
+    "--policy": {"help": "bearing (default), vfh or another baseline, ppo-square, FILE.onnx, or module:callable"},
+    "--robot": {"help": f"{', '.join(ROBOTS)}, or FILE.yaml (default: burger)"},
+    "--noise": {"help": f"{', '.join(NOISES)}, or FILE.yaml (default: tutorial)"},
+    "--filter": {"help": "matched (default), calibrated, tutorial, gated, FILE.yaml, or MODULE:NAME"},
+    "--fix": {"help": f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default: none)"},
+    "--localizer": {"help": "with a world, localize by scans instead: match, robot, or FILE.yaml"},
+    "--waypoints": {"help": '"square" (default), or a .yaml or .csv file'},
+    "--world": {"help": "a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"},
+    "--goals": {"type": int, "help": "with a world, number of goals in turn, as in missions (default: one)"},
+    "--lidar": {"help": f"the LiDAR in a world: {', '.join(LIDARS)}, or FILE.yaml (default: lds01)"},
+    "--plant": {"choices": list(PLANTS), "help": "model of the motion (default: unicycle); mujoco needs MuJoCo"},
+    "--switch": {"choices": ["arrival", "time"], "help": "when to switch to the next waypoint (default: arrival)"},
+    "--seed": {"type": int, "help": "seed of the noise and of the room"},
+    "--namespace": {"help": "namespace of all nodes and topics, such as robot1; by default none"},
+    "--frame-prefix": {"help": 'prefix of all frames; by default that of the namespace, "robot1/"'},
+}
+"""Options that are a graph's, and stay at its defaults where they are left out."""
 
 
-def metrics(trajectory: Drive) -> dict[str, float]:
-    """Return the tutorial's metrics of a drive, in the units of `UNITS`: mean errors, and the distances to waypoints."""
+def metrics(trajectory: Drive) -> dict[str, Any]:
+    """Return the tutorial's metrics of a drive, by name and unit: mean errors, and the distances to waypoints."""
     truth, odometry, estimate, reference = (
         trajectory.true_state,
         trajectory.odometry,
@@ -71,21 +74,21 @@ def metrics(trajectory: Drive) -> dict[str, float]:
     # The generator uses the estimate; fmin ignores times without one.
     believed = [np.fmin.reduce(position_error(estimate[rows], waypoint)) for rows, waypoint in pieces]
     return {
-        "duration": float(trajectory.time[-1]),
-        "odometry position error": float(position_error(odometry[known], truth[known]).mean()),
-        "estimate position error": float(position_error(estimate[known], truth[known]).mean()),
-        "odometry heading error": float(heading_error(odometry[known], truth[known]).mean()),
-        "estimate heading error": float(heading_error(estimate[known], truth[known]).mean()),
-        "path length": float(np.hypot(*np.diff(truth[np.isfinite(truth).all(1), :2], axis=0).T).sum()),
-        "waypoints": float(len(pieces)),
-        "waypoints reached": float(sum(distance <= REACHED for distance in closest)),
-        "waypoints believed reached": float(sum(distance <= REACHED for distance in believed)),
-        "mean closest distance": float(np.mean(closest)) if closest else float("nan"),
-        "worst closest distance": float(np.max(closest)) if closest else float("nan"),
+        "duration, s": float(trajectory.time[-1]),
+        "odometry position error, m": float(position_error(odometry[known], truth[known]).mean()),
+        "estimate position error, m": float(position_error(estimate[known], truth[known]).mean()),
+        "odometry heading error, rad": float(heading_error(odometry[known], truth[known]).mean()),
+        "estimate heading error, rad": float(heading_error(estimate[known], truth[known]).mean()),
+        "path length, m": float(np.hypot(*np.diff(truth[np.isfinite(truth).all(1), :2], axis=0).T).sum()),
+        "waypoints": len(pieces),
+        "waypoints reached": sum(distance <= REACHED for distance in closest),
+        "waypoints believed reached": sum(bool(distance <= REACHED) for distance in believed),
+        "mean closest distance, m": float(np.mean(closest)) if closest else float("nan"),
+        "worst closest distance, m": float(np.max(closest)) if closest else float("nan"),
     }
 
 
-def room_metrics(trajectory: Drive) -> dict[str, float]:
+def room_metrics(trajectory: Drive) -> dict[str, Any]:
     """Return how an episode in a room ended by the true pose, as the environment judges it.
 
     The first contact or arrival ends the episode; later ones are ignored.
@@ -99,73 +102,31 @@ def room_metrics(trajectory: Drive) -> dict[str, float]:
     ended = np.flatnonzero(contact | at_goal)
     end = int(ended[0]) if len(ended) else len(at_goal) - 1
     return {
-        "collision": float(contact[end]),
-        "goal reached": float(at_goal[end] and not contact[end]),
-        "end of the episode": float(trajectory.time[end]),
-        "least clearance": float(np.nanmin(trajectory.clearance[: end + 1])),
+        "collision": bool(contact[end]),
+        "goal reached": bool(at_goal[end] and not contact[end]),
+        "end of the episode, s": float(trajectory.time[end]),
+        "least clearance, m": float(np.nanmin(trajectory.clearance[: end + 1])),
     }
 
 
-def lines_of(figures: Mapping[str, float]) -> list[str]:
-    """Return a line for each metric, with its unit; counts are of the waypoints."""
-    lines = []
-    for name, value in figures.items():
-        if name == "waypoints":
-            continue
-        if name in UNITS:
-            text = f"{value:.3f} {UNITS[name]}" if math.isfinite(value) else "unknown"
-        elif name in EVENTS:
-            text = "yes" if value else "no"
-        else:
-            text = f"{value:.0f} of {figures['waypoints']:.0f}"
-        lines.append(f"{name:<28}{text}")
-    return lines
-
-
-def to_json(figures: Mapping[str, float]) -> dict[str, Any]:
-    """Return metrics by name and unit; None for what is unknown."""
-    written: dict[str, Any] = {}
-    for name, value in figures.items():
-        if name in UNITS:
-            written[f"{name}, {UNITS[name]}"] = value if math.isfinite(value) else None
-        else:
-            written[name] = bool(value) if name in EVENTS else int(value)
-    return written
+def lines_of(figures: Mapping[str, Any]) -> list[str]:
+    """Return a line for each metric."""
+    return [f"{name:<32}{value:.3f}" if isinstance(value, float) else f"{name:<32}{value}" for name, value in figures.items()]
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command's options."""
-    parser = parser_of(
-        "bringup",
-        "Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
+    parser = argparse.ArgumentParser(
+        "python -m turtlebot_gym_ros bringup",
+        description="Run the closed loop as a ROS 2 graph on this machine. Without --world the simulated robot has "
         "no obstacles to avoid; a real one has, and only a policy that reads scans, such as vfh, sees them.",
     )
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="who drives: a policy, or you on /cmd_vel")
     parser.add_argument("--processes", action="store_true", help="run each node in its own process")
     parser.add_argument("--duration", type=float, default=60.0, help="length of the drive, s (default: 60)")
-    parser.add_argument("--speed", type=float, help="1 is real time; by default as fast as the nodes answer, in lock-step")
-    parser.add_argument(
-        "--policy", help="bearing (default), vfh or another baseline, ppo-square, FILE.onnx, or module:callable"
-    )
     parser.add_argument("--allow-mismatch", action="store_true", help="also drive a policy made for another task")
-    parser.add_argument("--robot", help=f"{', '.join(ROBOTS)}, or FILE.yaml (default: burger)")
-    parser.add_argument("--noise", help=f"{', '.join(NOISES)}, or FILE.yaml (default: tutorial)")
-    parser.add_argument("--filter", help="matched (default), calibrated, tutorial, gated, FILE.yaml, or MODULE:NAME")
-    parser.add_argument("--fix", help=f"external pose sensor: {', '.join(FIXES)}, or FILE.yaml (default: none)")
-    parser.add_argument("--localizer", help="with a world, localize by scans instead: match, robot, or FILE.yaml")
-    parser.add_argument("--waypoints", help='"square" (default), or a .yaml or .csv file')
-    parser.add_argument(
-        "--world", help="a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"
-    )
-    parser.add_argument("--goals", type=int, help="with a world, number of goals in turn, as in missions (default: one)")
-    parser.add_argument("--lidar", help=f"the LiDAR in a world: {', '.join(LIDARS)}, or FILE.yaml (default: lds01)")
-    parser.add_argument("--plant", choices=list(PLANTS), help="model of the motion (default: unicycle); mujoco needs MuJoCo")
-    parser.add_argument("--friction", type=float, help="with --plant mujoco, friction of wheels on the floor (default: 1)")
-    parser.add_argument("--caster-friction", type=float, help="with --plant mujoco, friction of the caster (default: 0.05)")
-    parser.add_argument("--switch", choices=["arrival", "time"], help="when to switch to the next waypoint (default: arrival)")
-    parser.add_argument("--seed", type=int, help="seed of the noise and of the room")
-    parser.add_argument("--namespace", help="namespace of all nodes and topics, such as robot1; by default none")
-    parser.add_argument("--frame-prefix", help='prefix of all frames; by default that of the namespace, "robot1/"')
+    for name, options in OPTIONS.items():
+        parser.add_argument(name, **options)
     parser.add_argument("--figure", type=Path, help="write the drive's figure to this file (.png, .pdf, .svg)")
     parser.add_argument("--json", type=Path, help="write the metrics to this file (.json)")
     parser.add_argument("--force", action="store_true", help="overwrite files that exist")
@@ -198,7 +159,10 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
     try:
         with Graph(**chosen) as graph:
             try:
-                graph.wait_until(_GraphEnd(duration), timeout=None)
+                while graph.time < duration:
+                    graph.require_no_fault()
+                    last = graph.time
+                    graph.wait_until(lambda graph, last=last: graph.time != last, timeout=PATIENCE)
             except KeyboardInterrupt:
                 be_interruptible()  # anew, for what follows
                 print("interrupted", file=sys.stderr)
@@ -212,20 +176,6 @@ def _drive(chosen: dict[str, Any], duration: float, *, figure: Path | None, repo
         return refuse(error)
     _tell(trajectory, latest, chosen, figure=figure, report=report)
     return code
-
-
-class _GraphEnd:
-    """The condition that a drive has lasted so long, s; it raises RuntimeError if a node fails or time stands still."""
-
-    def __init__(self, duration: float) -> None:
-        self._duration, self._last, self._looks = duration, -1.0, 0
-
-    def __call__(self, graph: Graph) -> bool:
-        graph.require_no_fault()
-        self._last, self._looks = graph.time, self._looks + 1 if graph.time == self._last else 0
-        if self._looks > LOOKS:
-            raise RuntimeError(f"the time has stood still for {PATIENCE:g} s; the nodes report {dict(graph.reports)}.")
-        return graph.time >= self._duration
 
 
 def _was_driven(drive: Drive) -> bool:
@@ -250,7 +200,8 @@ def _tell(
         figures |= room_metrics(trajectory)
     print("\n".join(lines_of(figures)))
     if report:
-        write_text(report, json.dumps({"options": chosen, "metrics": to_json(figures)}, indent=2) + "\n")
+        known = {name: value if math.isfinite(value) else None for name, value in figures.items()}
+        write_text(report, json.dumps({"options": chosen, "metrics": known}, indent=2) + "\n")
     if figure:
         lidar = find_lidar(chosen.get("lidar", TurtlebotSimulator.Params().lidar))
         scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None

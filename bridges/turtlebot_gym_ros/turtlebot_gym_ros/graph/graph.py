@@ -11,15 +11,17 @@ from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
+from cmd_vel_guard.process import SETTLE, Runner
 from turtlebot_gym.config import Range, choose
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.observations import EVIDENCE, SCAN, TRACKS
 from turtlebot_gym.rooms.worlds import find_lidar
 from turtlebot_gym_agents.policies import make_policy, terms_of
 from turtlebot_gym_agents.policies.fit import OPEN, require_task
+from turtlebot_gym_ros.base.executor import FastExecutor
 from turtlebot_gym_ros.base.frames import Common
 from turtlebot_gym_ros.base.names import absolute, prefix_of
-from turtlebot_gym_ros.base.process import SETTLE, Runner, go_on, processes
+from turtlebot_gym_ros.base.process import go_on, processes
 from turtlebot_gym_ros.blocks import TurtlebotSimulator, VelocityController
 from turtlebot_gym_ros.blocks.simulator import NO_FIX, OPEN_GROUND
 from turtlebot_gym_ros.graph.recorder import Recorder
@@ -45,9 +47,9 @@ class Graph:
 
     Once it is started, all nodes have found each other, and in autonomous mode the robot is at the start and enabled.
 
-    At speed 1 it runs in real time. At other speeds, autonomous mode runs on simulated time in lock-step: each step waits for
-    its command, so that the drive is bit-identical to the environment's with the same seed, on any machine. A person's commands
-    belong to no step: teleoperation runs in real time by default, and on a faster or slower clock otherwise.
+    At speed 1 it runs in real time. At other speeds it runs on simulated time in lock-step: each step waits for its command, so
+    that the drive is bit-identical to the environment's with the same seed, on any machine. A person's commands belong to no
+    step, so teleoperation runs in real time.
 
     With a ``world`` the simulator is in a room, and the waypoint is the room's goal; with ``goals`` it gives several in turn.
     With a ``localizer`` the estimate is the localizer's, in the frame ``map``, instead of the filter's.
@@ -55,8 +57,8 @@ class Graph:
     Args:
         mode: "autonomous" or "teleoperation".
         processes: Whether each node runs in a process of its own.
-        speed: 1 for real time, None for as fast as the nodes answer; any other value is the largest multiple of real time. In
-            teleoperation None is real time.
+        speed: 1 for real time, None for as fast as the nodes answer; any other value is the largest multiple of real time.
+            Teleoperation runs in real time.
         domain: ROS domain; None for that of the environment.
         namespace: Namespace of all nodes and topics, such as "robot1", so that several robots can share one ROS domain.
         frame_prefix: Prefix of all frames; None for that of the namespace, "robot1/".
@@ -95,6 +97,8 @@ class Graph:
         self._autonomous = mode == "autonomous"
         if speed is not None:
             Range(0.0, 1e3, open_low=True, open_high=True).check("speed", speed)
+        if not self._autonomous and speed not in (None, 1.0):
+            raise ValueError(f"speed must be 1 in teleoperation, got {speed!r}: a person's commands belong to no step.")
         self._lock_step = self._autonomous and speed != 1.0
         pace = float(speed or (0.0 if self._autonomous else 1.0))
         if self._autonomous:
@@ -120,10 +124,8 @@ class Graph:
         known = {*load(name).Params.__dataclass_fields__, "enable_stamped_cmd_vel", "frame", "body_frame", "frame_prefix"}
         chosen = {key: value for key, value in parameters.items() if key in known}
         if name == "turtlebot_simulator":
-            chosen = {"speed": speed, "witness": self._lock_step, **chosen}
-        if self._lock_step:
-            return {"lock_step": True, **chosen}
-        return chosen if speed == 1.0 or name == "turtlebot_simulator" else {"use_sim_time": True, **chosen}
+            chosen = {"speed": speed, **chosen}
+        return {"lock_step": True, **chosen} if self._lock_step else chosen
 
     def __enter__(self) -> Graph:  # noqa: PYI034  # typing.Self needs Python 3.11
         return self.start()
@@ -133,7 +135,7 @@ class Graph:
 
     def start(self) -> Graph:
         """Start all nodes and return the graph when it is running; end it with `close`, as ``with`` does."""
-        self._runner = Runner(domain=self._domain)
+        self._runner = Runner(domain=self._domain, executor=FastExecutor)
         self._runner.failed = self._failed.set
         try:
             self._recorder = Recorder(
@@ -262,7 +264,7 @@ class Graph:
         """End all nodes; the robot is stopped first."""
         self._ending.close()
         if self._processes:
-            time.sleep(SETTLE)  # until their departure has been announced, see `process._leave`
+            time.sleep(SETTLE)  # until their departure has been announced, see the guard's `process`
         self._processes = []
         self._runner.close()
 

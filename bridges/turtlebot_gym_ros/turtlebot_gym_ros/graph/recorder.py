@@ -19,8 +19,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.time import Time
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 
+from cmd_vel_guard.qos import LATCHED, STREAM
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.estimation.ekf import Estimate
 from turtlebot_gym.estimation.filters import matrix
@@ -28,7 +29,7 @@ from turtlebot_gym.rooms.grid import GridMap
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan
 from turtlebot_gym.values import Command, Odometry, Pose, State
 from turtlebot_gym_ros.base.executor import FastGroup
-from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM
+from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR
 from turtlebot_gym_ros.node.convert import conversion
 from turtlebot_gym_ros.node.lockstep import EPISODE_GAP
 from turtlebot_gym_ros.node.triggers import SECOND
@@ -45,8 +46,6 @@ STEP = ("true_state", "odom", "estimate", "reference")
 """Topics of a row; in real time the reference is not tied to a step."""
 ROOM_TOPICS: dict[str, type] = {"clearance": Clearance, "scan": Scan, "obstacles": Obstacles}
 """Additional topics of a simulator in a room; on a map also ``map``, once."""
-TELL = 50
-"""Steps between its progress reports, by which the plant does not outrun it."""
 
 
 class Recorder:
@@ -91,7 +90,6 @@ class Recorder:
         self._first = 0
         self._waits_for_rest = False
         self._heard: list[Subscription] = []
-        self._tell = self.node.create_publisher(Header, "recorded", LOCK_STEP)
         for topic, kind in {**topics, **(ROOM_TOPICS if room else {})}.items():
             way = conversion(kind, stamped=stamped)
             qos, group = (LOCK_STEP, FastGroup(self.node)) if lock_step else (SENSOR, None)
@@ -118,7 +116,8 @@ class Recorder:
                     self._rows.clear()
                     self._waits_for_rest, self._first = False, stamp
                 if stamp >= self._first and not self._waits_for_rest:
-                    self._at(stamp)[topic] = value
+                    begun = {name: self.latest[name] for name in STEP[3:] if name in self.latest}  # in force when it begins
+                    self._rows.setdefault(stamp, begun)[topic] = value
 
         return hear
 
@@ -132,19 +131,9 @@ class Recorder:
                 self._first, self._span = stamp, -1
             self._last = stamp
         row = self._rows.setdefault(stamp, {})
-        again = topic == "true_state" and len(row) == len(self._step)
         row[topic] = value
-        if len(row) < len(self._step):
-            return
-        self._span = max(self._span, stamp - self._first)
-        if again or stamp == self._first or len(self._rows) % TELL == 0:
-            self._tell.publish(Header(stamp=Time(nanoseconds=stamp).to_msg()))
-
-    def _at(self, stamp: int) -> dict[str, Any]:
-        """Return the sample of a stamp; a new one starts with the current reference and command."""
-        if stamp not in self._rows:
-            self._rows[stamp] = {topic: self.latest[topic] for topic in STEP[3:] if topic in self.latest}
-        return self._rows[stamp]
+        if len(row) == len(self._step):
+            self._span = max(self._span, stamp - self._first)
 
     def _hear_report(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -2,39 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import sys
-import textwrap
+import argparse
 import time
 from collections.abc import Mapping, Sequence
 
+from cmd_vel_guard.process import Runner, refuse
+from turtlebot_gym_ros.base.executor import FastExecutor
 from turtlebot_gym_ros.base.names import absolute, remapping
-from turtlebot_gym_ros.base.options import parser_of
-from turtlebot_gym_ros.base.process import Runner, refuse
 from turtlebot_gym_ros.graph.recorder import Recorder
 from turtlebot_gym_ros.nodes import MODES
 
 LEVELS = ("ok", "warning", "error", "stale")
-LEAST = 20
-"""Least width in which a text is wrapped, characters."""
-
-
-def _table(reports: Mapping[str, tuple[int, str]], *, width: int | None) -> list[str]:
-    """Return the lines of a table of reports.
-
-    Args:
-        reports: Level and text of each node.
-        width: Width of the terminal, characters, in which long texts are wrapped; None for a line for each node.
-    """
-    first = max(map(len, ("node", *reports)))
-    indent = first + 2 + 7 + 2
-    lines = [f"{'node':<{first}}  level    says"]
-    for name, (level, text) in reports.items():
-        room = len(text) + 1 if width is None else max(width - indent, LEAST)
-        head, *rest = textwrap.wrap(text, room, break_long_words=False, break_on_hyphens=False) or [""]
-        lines += [f"{name:<{first}}  {LEVELS[level]:<7}  {head}".rstrip(), *(" " * indent + more for more in rest)]
-    return lines
 
 
 def _expected(mode: str, reports: Mapping[str, object]) -> tuple[str, ...]:
@@ -45,7 +23,7 @@ def _expected(mode: str, reports: Mapping[str, object]) -> tuple[str, ...]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Listen, print the table, and return 0 if all nodes of the loop are running without errors, else 1."""
-    parser = parser_of("status", "Print what each node of the graph reports and waits for.")
+    parser = argparse.ArgumentParser("python -m turtlebot_gym_ros status", description=__doc__)
     parser.add_argument("--mode", choices=list(MODES), default="autonomous", help="which nodes are expected")
     parser.add_argument("--seconds", type=float, default=3.0, help="longest time to listen, s (default: 3)")
     parser.add_argument("--namespace", default="", help="namespace of the robot, such as robot1; by default all nodes")
@@ -54,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         namespace = absolute(options.namespace)
     except ValueError as error:
         return refuse(error)
-    runner = Runner()
+    runner = Runner(executor=FastExecutor)
     # It subscribes to no velocities: a node of the other type would report an error that only this program caused.
     recorder = Recorder(runner.context, topics={}, name="status", namespace=namespace)
     runner.add(recorder)
@@ -68,6 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     start = "".join(f" {word}" for word in remapping(namespace))
     names = (*expected, *sorted(set(reports) - set(expected)))
     rows = {name: reports.get(name, (3, f"not there: python -m turtlebot_gym_ros {name}{start}")) for name in names}
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() or "COLUMNS" in os.environ else None
-    print("\n".join(_table(rows, width=width)))
+    first = max(map(len, ("node", *rows)))
+    print(f"{'node':<{first}}  level    says")
+    for name, (level, text) in rows.items():
+        print(f"{name:<{first}}  {LEVELS[level]:<7}  {text}")
     return 0 if all(reports.get(name, (3, ""))[0] == 0 for name in expected) else 1

@@ -6,13 +6,13 @@ This module does not depend on ROS: a ``for`` loop can drive a block just as the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
+from cmd_vel_guard.values import Mount
 from turtlebot_gym.config import Range
 from turtlebot_gym.rooms.scan import Scan
-from turtlebot_gym.values import Command, Covariance, Fix, Pose
-from turtlebot_gym_ros.base.frames import Mount
+from turtlebot_gym.values import Command, Fix, Pose
 
 PERIOD = Range(0.0, 1000.0, open_low=True, open_high=True, unit="s")
 """What the period of a block may be."""
@@ -27,8 +27,8 @@ class Input:
     type: type
     """Value type registered in `convert`, such as `Pose`, `Estimate` or `Command`; never a message type."""
     max_age: float | None = 0.5
-    """Age at which the value counts as missing, s, since it was sent and since it was measured (`base.sent`); None holds the
-    last value indefinitely."""
+    """Age at which the value counts as missing, s, since it was sent and since it was measured (the guard's `sent`); None holds
+    the last value indefinitely."""
     lasts: float = 0.0
     """Time for which a measurement stands, s: the period of a sensor that is slower than others. Its age counts from then."""
     measured: bool = True
@@ -87,8 +87,6 @@ class Output:
     lock-step."""
     frame: str | None = None
     """Frame of its messages, without the prefix; None for the world's."""
-    covariance: Callable[[], Covariance] | None = None
-    """Function that returns the covariance of a value sent as Odometry, if the value has none; called after each step."""
     transform: bool = False
     """Whether a pose sent as Odometry is also published on ``/tf``, as the transform to its child frame."""
     mount: Mount | None = None
@@ -132,37 +130,10 @@ class Stamped(NamedTuple):
     """Pose of an input's frame in the robot's, by ``/tf_static``; None if that does not state it."""
 
 
-class PoseCandidates(NamedTuple):
-    """Poses at which a lost robot may be."""
-
-    poses: tuple[Pose, ...]
-
-
 class Tracks(tuple[float, ...]):
     """The numbers of the term `turtlebot_gym.observations.TRACKS`: the nearest tracks, seen from the robot."""
 
     __slots__ = ()
-
-
-class Person(NamedTuple):
-    """Something that moves."""
-
-    x: float
-    """Position, m."""
-    y: float
-    vx: float
-    """Velocity, m/s."""
-    vy: float
-    deviation: float
-    """Standard deviation of the position along each axis, m."""
-    radius: float
-    """Mean radius, m."""
-
-
-class People(NamedTuple):
-    """What moves, in the frame of the odometry."""
-
-    persons: tuple[Person, ...]
 
 
 class Correction(NamedTuple):
@@ -203,15 +174,10 @@ class Every:
     period: float
     """s"""
     speed: float | None = None
-    """Speed as a multiple of real time, which makes the block the plant; at any but 1 it publishes ``clock``. In lock-step its
-    inputs answer its outputs, and the speed is the upper limit, with 0 for none."""
+    """Speed as a multiple of real time, which makes the block the plant: 1, or in lock-step, where its inputs answer its
+    outputs and it publishes ``clock``, the upper limit, with 0 for none."""
     answers: str | None = None
     """Name of the input on which a block other than the plant runs in lock-step, at its stamp."""
-    witness: str | None = None
-    """Topic on which a recorder reports its progress to a plant in lock-step: time waits for it too, so that nothing is
-    lost."""
-    through: Mapping[str, type] = field(default_factory=dict)
-    """Topics from a plant's outputs to its inputs, with value types, for reports of nodes that do not answer."""
 
     def __post_init__(self) -> None:
         PERIOD.check("period", self.period)

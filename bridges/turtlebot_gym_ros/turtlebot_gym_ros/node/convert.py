@@ -37,7 +37,6 @@ from turtlebot_gym_ros.base.names import message_type
 from turtlebot_gym_ros.node.block import Correction, Disagreement, InitialPose, Input, Nis, Resume
 from turtlebot_gym_ros.node.fixes import (
     NOT_KNOWN,
-    PLANAR_POSE,
     fix_of,
     fix_to_message,
     initial_pose_of,
@@ -161,32 +160,17 @@ def _estimate_of(message: Odometry) -> Estimate:
     return Estimate(Belief(_state_of(message), P), 0.0, 0.0)
 
 
-def state_covariance(message: Odometry, P: Covariance) -> None:
-    """Write a covariance into the message's parts for pose and twist.
-
-    A message that marks its pose as not measured keeps the mark.
-
-    Raises:
-        ValueError: If the covariance is not finite.
-    """
-    finite("the covariance", P)
-    pose, twist = message.pose.covariance, message.twist.covariance
-    measured = pose[0] >= 0.0
-    write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
-    twist[0], twist[35] = P.vv, P.ww
-    twist[5] = twist[30] = 0.0
-    if not measured:
-        pose[:] = [0.0] * len(pose)
-    for at in _UNUSED_IN_POSE if measured else (*PLANAR_POSE, *_UNUSED_IN_POSE):
-        pose[at] = NOT_KNOWN
-    for at in _UNUSED_IN_TWIST:
-        twist[at] = NOT_KNOWN
-
-
 def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
     mean, P = estimate.belief
     message = _state_to_message(mean, header)
-    state_covariance(message, P)
+    finite("the covariance", P)
+    pose, twist = message.pose.covariance, message.twist.covariance
+    write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
+    twist[0], twist[35] = P.vv, P.ww
+    twist[5] = twist[30] = P.vw
+    for covariance, unused in ((pose, _UNUSED_IN_POSE), (twist, _UNUSED_IN_TWIST)):
+        for at in unused:
+            covariance[at] = NOT_KNOWN
     return message
 
 
@@ -240,13 +224,6 @@ register(Pose, PoseStamped, lambda message: read_pose(message.pose), _pose_to_me
 register(State, Odometry, _state_of, _state_to_message, in_world=True)
 register(values.Odometry, Odometry, _odometry_of, _odometry_to_message, in_world=True)
 register(Estimate, Odometry, _estimate_of, _estimate_to_message, in_world=True)
-register(
-    Belief,
-    Odometry,
-    lambda message: _estimate_of(message).belief,
-    lambda belief, header: _estimate_to_message(Estimate(belief, 0.0, 0.0), header),
-    in_world=True,
-)
 register(Fix, PoseWithCovarianceStamped, fix_of, fix_to_message, in_world=True)
 register(InitialPose, PoseWithCovarianceStamped, initial_pose_of, fix_to_message, in_world=True)
 register(Located, PoseWithCovarianceStamped, unread, located_to_message, in_world=True)

@@ -1,79 +1,48 @@
 """How a block is driven: by the clock, by the messages of an input, or in lock-step, by the steps of a plant.
 
-The rules are in `triggers` and `lockstep`, without ROS. A scheduler is notified of each new value (`heard`), and calls the
-node's ``step`` when one is due.
+The rules are in `triggers` and `lockstep`, without ROS. A scheduler is notified of each new value (`on_message`), and calls the
+shell's ``step`` when one is due.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.node import Node
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
-from std_msgs.msg import Header
 
-from turtlebot_gym_ros.base.qos import LOCK_STEP, STREAM
-from turtlebot_gym_ros.node.block import Block, Every, On
-from turtlebot_gym_ros.node.chain import Chain
-from turtlebot_gym_ros.node.feed import Feed
+from cmd_vel_guard.qos import STREAM
+from turtlebot_gym_ros.node.block import Every, On
 from turtlebot_gym_ros.node.lockstep import RESEND, Answers, Plant, Turn, trigger_of
-from turtlebot_gym_ros.node.outputs import Outputs
-from turtlebot_gym_ros.node.triggers import Messages, SimulatedGrid, StampGrid
+from turtlebot_gym_ros.node.triggers import SECOND, Messages, StampGrid
+
+if TYPE_CHECKING:
+    from turtlebot_gym_ros.node.shell import Shell
 
 QUIET = 0.3
-"""Time without steps after a reset of a plant that does not run in lock-step, s, by the steady clock."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShellCallbacks:
-    """A drive's access to its node."""
-
-    node: Node
-    feeds: Mapping[str, Feed]
-    outputs: Outputs
-    group: CallbackGroup | None
-    """The callback group of its timers."""
-    now: Callable[[], float]
-    """The steady clock, s."""
-    step: Callable[[int], bool]
-    """Runs the block once at a stamp, ns, and publishes the result; returns whether it did."""
-    begin: Callable[[], None]
-    """Resets the block and this drive."""
-    pause: Callable[[], None]
-    """Lets the block go on after a gap in its messages, and resets this drive."""
-    may_move: Callable[[], bool]
-    """Returns whether an answer may be repeated."""
+"""Time without steps after a reset of a plant in real time, s, in which all nodes receive the reset: a filter that received it
+late would start with a later step."""
 
 
 class Scheduler:
     """Runs a block.
 
     Args:
-        hands: Access to the node.
+        shell: The block's shell.
         messages: The rule of the input whose messages make steps; None for a block that makes its own.
         period: Length of a step without such an input, s.
-        sets_clock: Whether it publishes ``clock`` instead of following it.
+        limit: Time that a step may take, s; 0 for no limit.
     """
 
-    limit = 0.0
-    """Time that a step may take, s; 0 for no limit."""
-
-    def __init__(
-        self, hands: ShellCallbacks, messages: Messages | None = None, *, period: float = 0.0, sets_clock: bool = False
-    ) -> None:
-        self._hands, self._messages, self._period, self.sets_clock = hands, messages, period, sets_clock
-        if sets_clock:
-            self._clock = hands.node.create_publisher(ClockMessage, "clock", STREAM)
+    def __init__(self, shell: Shell, messages: Messages | None = None, *, period: float = 0.0, limit: float = 0.0) -> None:
+        self._shell, self._messages, self._period, self.limit = shell, messages, period, limit
 
     def present(self) -> int:
         """Return the current time of the block's clock, ns: the ROS clock."""
-        return self._hands.node.get_clock().now().nanoseconds
+        return self._shell.node.get_clock().now().nanoseconds
 
     def accepts(self, key: str, stamp: int) -> bool:
         """Return whether a value with a stamp counts; raise `ValueError` for an impossible stamp."""
@@ -88,7 +57,7 @@ class Scheduler:
 
     def trouble(self) -> str | None:
         """Return a problem to report to users: messages that are too slow."""
-        return self._messages.slow if self._messages else None
+        return self.missing()
 
     def interval(self, stamp: int) -> float:
         """Return the time since the last step, s."""
@@ -103,54 +72,42 @@ class Scheduler:
     def new_episode(self) -> None:
         """Record that the plant was reset."""
 
-    def _publish_clock(self, stamp: int) -> None:
-        self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
-
 
 class _ByClock(Scheduler):
-    """Steps on a grid of the ROS clock, or of a simulated time that it publishes itself."""
+    """Steps on a grid of the ROS clock, in real time."""
 
-    def __init__(self, hands: ShellCallbacks, trigger: Every) -> None:
-        if trigger.speed == 0.0:
-            raise ValueError("speed must be positive, unless lock_step is true: 0 is as fast as the nodes answer.")
-        super().__init__(hands, period=trigger.period, sets_clock=trigger.speed not in (None, 1.0))
-        self._quiet_until = -math.inf
-        self.limit = trigger.period
-        self._grid = (SimulatedGrid if self.sets_clock else StampGrid)(trigger)
-        steady, ros = Clock(clock_type=ClockType.STEADY_TIME), hands.node.get_clock()
-        self._watch = steady if self.sets_clock else ros
-        simulated = hands.node.get_parameter("use_sim_time").value and not self.sets_clock
-        timer = ros if simulated else steady  # the system clock may be set back
-        period = trigger.period / (trigger.speed or 1.0)
-        hands.node.create_timer(period, self._tick, clock=timer, callback_group=hands.group)
-
-    def present(self) -> int:
-        """Return the current time of the grid, ns."""
-        return self._grid.present if isinstance(self._grid, SimulatedGrid) else super().present()
+    def __init__(self, shell: Shell, trigger: Every) -> None:
+        if trigger.speed not in (None, 1.0):
+            raise ValueError("speed must be 1, real time, unless lock_step is true.")
+        super().__init__(shell, period=trigger.period, limit=trigger.period)
+        self._quiet_until, self._grid = -math.inf, StampGrid(trigger)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # the system clock may be set back
+        shell.node.create_timer(trigger.period, self._tick, clock=steady, callback_group=shell.group)
 
     def missing(self) -> str | None:
         """Return which listener is missing, since a schedule would start before its listeners are discovered."""
-        return self._hands.outputs.unheard()
+        return self._shell.outputs.unheard()
+
+    def trouble(self) -> str | None:
+        """Return None: a listener may come later."""
 
     def _tick(self) -> None:
-        for stamp in self._grid.due_until(self._watch.now().nanoseconds):
-            if self.sets_clock:
-                self._publish_clock(stamp)
-            if self._hands.now() >= self._quiet_until:
-                self._hands.step(stamp)
+        for stamp in self._grid.due_until(self.present()):
+            if self._shell.now() >= self._quiet_until:
+                self._shell.step(stamp)
 
     def new_episode(self) -> None:
-        """Pause until all nodes have received the reset: a filter that received it late would start with a later step."""
-        self._quiet_until = self._hands.now() + QUIET
+        """Pause until all nodes have received the reset."""
+        self._quiet_until = self._shell.now() + QUIET
 
 
 class _ByMessages(Scheduler):
     """Steps on the messages of an input."""
 
-    def __init__(self, hands: ShellCallbacks, trigger: On) -> None:
+    def __init__(self, shell: Shell, trigger: On) -> None:
         self._rule = Messages(trigger)
-        super().__init__(hands, self._rule)
-        self.limit = trigger.period
+        super().__init__(shell, self._rule, limit=trigger.period)
+        self.pause, self.reset = self._rule.pause, self._rule.reset
 
     def accepts(self, key: str, stamp: int) -> bool:
         """Refuse repeated and late messages."""
@@ -164,26 +121,19 @@ class _ByMessages(Scheduler):
             return
         due, gap = self._rule.due(stamp)
         if gap:
-            self._hands.node.get_logger().warning(f"{self._hands.feeds[key].topic}: {gap}; starting again from this message.")
-            self._hands.pause()
+            self._shell.node.get_logger().warning(f"{self._shell.feeds[key].topic}: {gap}; starting again from this message.")
+            self._shell.pause()
         if due:
-            self._hands.step(stamp)
-
-    def pause(self) -> None:
-        """Treat the next step like the first."""
-        self._rule.pause()
-
-    def reset(self) -> None:
-        """Let the next message be the first."""
-        self._rule.reset()
+            self._shell.step(stamp)
 
 
 class _ByAnswers(Scheduler):
     """Answers the steps of lock-step."""
 
-    def __init__(self, hands: ShellCallbacks, rule: Answers) -> None:
-        super().__init__(hands, rule.messages)
+    def __init__(self, shell: Shell, rule: Answers) -> None:
+        super().__init__(shell, rule.messages)
         self._rule = rule
+        self.reset = rule.reset
 
     def present(self) -> int:
         """Return 0: a message that answers no step, such as a stop, has no time."""
@@ -196,43 +146,37 @@ class _ByAnswers(Scheduler):
 
     def on_message(self, key: str, stamp: int) -> None:
         """Answer the step if its inputs are complete, or repeat the answer."""
-        hands, rule = self._hands, self._rule
-        steps = {name: feed.step for name, feed in hands.feeds.items()}
+        shell, rule = self._shell, self._rule
+        steps = {name: feed.step for name, feed in shell.feeds.items()}
         turn, gap = rule.hear(key, steps)
         if gap:
-            hands.node.get_logger().info(f"{gap}: a new episode.")
-            hands.begin()
+            shell.node.get_logger().info(f"{gap}: a new episode.")
+            shell.begin_anew()
             turn, _ = rule.hear(key, steps)
         stamp = steps[rule.messages.input] or 0
-        if turn is Turn.REPEAT and hands.may_move():
-            hands.outputs.publish_again()
-        if turn is Turn.HOLD and hands.outputs.moving and hands.may_move():
-            hands.outputs.publish_again(stamp)  # the plant waits for a command in every step
-        if turn is Turn.HOLD or (turn is Turn.STEP and hands.step(stamp)):
+        if turn is Turn.REPEAT and shell.may_move():
+            shell.outputs.publish_again()
+        if turn is Turn.HOLD and shell.outputs.moving and shell.may_move():
+            shell.outputs.publish_again(stamp)  # the plant waits for a command in every step
+        if turn is Turn.HOLD or (turn is Turn.STEP and shell.step(stamp)):
             rule.answer(stamp)
-
-    def reset(self) -> None:
-        """Answer the current step again, as the first."""
-        self._rule.reset()
 
 
 class _AsPlant(Scheduler):
-    """Takes each step of lock-step when the previous one has been answered, and reports nodes that do not answer."""
+    """Takes each step of lock-step when the previous one has been answered."""
 
-    def __init__(self, hands: ShellCallbacks, trigger: Every) -> None:
-        super().__init__(hands, period=trigger.period, sets_clock=True)
-        self._rule = Plant(trigger, now=hands.now())
-        self._answers = {key: feed for key, feed in hands.feeds.items() if feed.declared.lock_step == "same"}
+    def __init__(self, shell: Shell, trigger: Every) -> None:
+        super().__init__(shell, period=trigger.period)
+        self._clock = shell.node.create_publisher(ClockMessage, "clock", STREAM)
+        self._rule = Plant(trigger, now=shell.now())
+        self._answers = {key: feed for key, feed in shell.feeds.items() if feed.declared.lock_step == "same"}
         if not self._answers:
             raise ValueError("lock_step must be false for a plant without an input that answers it.")
-        self._chain = Chain(hands.node, trigger.through, list(self._answers.values()))
         self._started = False
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        hands.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
-        self._later = hands.node.create_timer(1.0, self._go_on, clock=steady, callback_group=hands.group)
+        shell.node.create_timer(0.5 * RESEND, self._tick, clock=steady)
+        self._later = shell.node.create_timer(1.0, self._go_on, clock=steady, callback_group=shell.group)
         self._later.cancel()
-        if trigger.witness:
-            hands.node.create_subscription(Header, trigger.witness, self._witness, LOCK_STEP, callback_group=hands.group)
 
     def present(self) -> int:
         """Return the stamp of the step that awaits its answer, ns."""
@@ -244,22 +188,14 @@ class _AsPlant(Scheduler):
         return feed is None or stamp == self._rule.present != feed.stamp
 
     def on_message(self, key: str, stamp: int) -> None:
-        """Take the next step if this one has been answered and the witness has received it."""
-        answered = self._rule.answers(feed.stamp for feed in self._answers.values())
-        if self._started and answered and self._rule.is_witnessed:
+        """Take the next step if this one has been answered."""
+        if self._started and self._rule.answers(feed.stamp for feed in self._answers.values()):
             self._go_on()
-
-    def _witness(self, message: Header) -> None:
-        """Record the recorder's progress, and continue if nothing else was missing."""
-        waited = not self._rule.is_witnessed
-        self._rule.witnessed = Time.from_msg(message.stamp).nanoseconds
-        if waited:
-            self.on_message("", 0)
 
     def _go_on(self) -> None:
         """Take the next step, or set the timer for it."""
         self._later.cancel()
-        now = self._hands.now()
+        now = self._shell.now()
         wait = self._rule.wait(now)
         if wait > 0.0:
             self._later.timer_period_ns = round(wait * 1e9)
@@ -267,21 +203,22 @@ class _AsPlant(Scheduler):
             return
         self._started = True
         stamp = self._rule.advance(now)
-        self._publish_clock(stamp)
-        self._hands.step(stamp)
+        self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
+        self._shell.step(stamp)
 
     def _tick(self) -> None:
         """Take the first step, or resend a step without an answer."""
-        now = self._hands.now()
         if not self._started:
             self._go_on()
-        elif self._rule.resend(now) and self._later.is_canceled():
-            self._hands.outputs.publish_again()
-        self._chain.watch(self._rule.present if self._rule.is_overdue(now) else None)
+        elif self._rule.resend(self._shell.now()) and self._later.is_canceled():
+            self._shell.outputs.publish_again()
 
     def trouble(self) -> str | None:
-        """Return which node has not answered for long."""
-        return self._chain.missing
+        """Return what has not answered for long; the diagnostics of the nodes between say which of them waits for what."""
+        if not self._rule.is_overdue(self._shell.now()):
+            return None
+        topics = ", ".join(feed.topic for feed in self._answers.values() if feed.stamp != self._rule.present)
+        return f"time stands still: waits for {topics} of the step at {self._rule.present / SECOND:.3f} s"
 
     def new_episode(self) -> None:
         """Take the first step of an episode now, even if the previous one was not answered."""
@@ -289,13 +226,13 @@ class _AsPlant(Scheduler):
         self._go_on()
 
 
-def make_drive(hands: ShellCallbacks, block: Block, *, lock_step: bool) -> Scheduler:
-    """Return the drive of a block, or raise `ValueError` if the block cannot be driven that way."""
-    trigger = block.trigger
-    if not lock_step:
-        return _ByClock(hands, trigger) if isinstance(trigger, Every) else _ByMessages(hands, trigger)
-    answers = trigger_of(trigger, block.inputs)
+def make_drive(shell: Shell) -> Scheduler:
+    """Return the drive of a shell's block, or raise `ValueError` if the block cannot be driven that way."""
+    trigger, inputs = shell.block.trigger, shell.block.inputs
+    if not shell.common.lock_step:
+        return _ByClock(shell, trigger) if isinstance(trigger, Every) else _ByMessages(shell, trigger)
+    answers = trigger_of(trigger, inputs)
     if answers is not None:
-        return _ByAnswers(hands, Answers(answers, block.inputs))
+        return _ByAnswers(shell, Answers(answers, inputs))
     assert isinstance(trigger, Every)
-    return _AsPlant(hands, trigger)
+    return _AsPlant(shell, trigger)

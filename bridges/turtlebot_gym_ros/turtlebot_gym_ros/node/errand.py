@@ -52,10 +52,6 @@ class Errand:
     """The robot's pose when it was last known."""
     left: float = math.inf
     """Distance from there to the goal, m."""
-    speed: float = 0.0
-    """Highest speed of the robot, m/s."""
-    length: float | None = None
-    """Distance to the goal when it was first known, m."""
     nearest: float = math.inf
     """Least distance to the goal so far, m ..."""
     since: float = 0.0
@@ -76,20 +72,11 @@ class Errand:
     def at(self, pose: Pose) -> None:
         """Take the robot's pose."""
         left = math.dist(pose[:2], self.goal[:2])
-        if self.length is None:
-            self.length = left
         if self.time - self.known > LOST:
             self.since = self.time
         self.pose, self.left, self.known = pose, left, self.time
         if left < self.nearest - CLOSER:
             self.nearest, self.since = left, self.time
-
-    @property
-    def time_left(self) -> float:
-        """Time to the goal at the mean speed so far, at first at the robot's highest one, s."""
-        way = 0.0 if self.length is None else self.length - self.left
-        speed = way / self.time if way > CLOSER and self.time > 0.0 else self.speed
-        return self.left / speed if speed > 0.0 and math.isfinite(self.left) else 0.0
 
     def overdue(self, patience: float, limit: float) -> tuple[Failure, str] | None:
         """Return why it takes too long, if so: no estimate, no progress for ``patience``, or the time limit; s."""

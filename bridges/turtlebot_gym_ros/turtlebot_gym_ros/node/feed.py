@@ -1,4 +1,4 @@
-"""A node's input: its latest value, its age, and refused messages."""
+"""A node's inputs: their latest values and ages, refused messages, and what of them a step can use."""
 
 from __future__ import annotations
 
@@ -6,24 +6,31 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 
+from cmd_vel_guard.executor import PolledGroup
+from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.sent import Age, Ages, SystemClock, read_clocks
+from cmd_vel_guard.sources import hear_mounts, node_name, type_name
 from turtlebot_gym.config import short_repr
+from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import Pose
-from turtlebot_gym_ros.base.executor import PolledGroup, take
-from turtlebot_gym_ros.base.flood import MOST, WINDOW, Flood
-from turtlebot_gym_ros.base.names import node_name, type_name
-from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
-from turtlebot_gym_ros.base.sent import Age, Ages, SystemClock
+from turtlebot_gym_ros.base.executor import take
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, overridable
 from turtlebot_gym_ros.node.block import Input, Stamped
+from turtlebot_gym_ros.node.convert import conversion_of
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import Conversion
 from turtlebot_gym_ros.node.triggers import SECOND
+
+if TYPE_CHECKING:
+    from turtlebot_gym_ros.node.drives import Scheduler
 
 NEW = Age(0.0, 0.0, False, "its arrival")
 """The age of a message that has no times."""
@@ -62,7 +69,6 @@ class Feed:
         self.poll: Callable[[], None] = lambda: None
         """Reads the messages of an input that does not wake the node."""
         self.ages = Ages(clock)
-        self._flood = Flood()
         self.stamp: int | None = None
         """Stamp of the latest value, ns."""
         self.measured_at: int | None = None
@@ -102,7 +108,7 @@ class Feed:
             self.declared.topic,
             hear,
             LATCHED if self.declared.latched else (LOCK_STEP if self._lock_step else qos),
-            callback_group=PolledGroup(node) if self._waits_for_others else self._group,
+            callback_group=PolledGroup() if self._waits_for_others else self._group,
             qos_overriding_options=overridable(),
         )
         self.poll = partial(take, self._subscription, node) if self._waits_for_others else lambda: None
@@ -129,17 +135,6 @@ class Feed:
         if why := age.complaint(limit, lasts=self.declared.lasts):
             raise ValueError(why)
         return age
-
-    def count(self, info: Mapping[str, Any], now: float) -> None:
-        """Count a message; in lock-step every rate is right.
-
-        Raises:
-            ValueError: If messages come faster than any healthy source sends them.
-        """
-        if not self._lock_step:
-            self._flood.hear(now, info["publication_sequence_number"])
-            if self._flood.lasts(now):
-                raise ValueError(f"a flood: more than {MOST / WINDOW:.0f} messages a second")
 
     def read(self, message: Any, frame: str) -> Any:
         """Return a message's value.
@@ -243,6 +238,99 @@ class Feed:
         latest = self._latest
         age = "never" if latest is None else f"{now - latest[1]:.2f} s ago"
         return {self.topic: f"{age}, {self._received} received, {self._refused} refused{self.ages.figures()}"}
+
+
+class Inputs:
+    """The subscriptions of a block, and the conversion of messages to its values.
+
+    Args:
+        node: The node.
+        declared: The block's inputs.
+        common: Frames, and whether velocities are stamped.
+        headers: Whether the headers' stamps are by a system clock, not by a simulated one.
+        group: The callback group of the messages; None for the node's default one.
+        now: The steady clock, s.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        declared: Mapping[str, Input],
+        common: Common,
+        *,
+        headers: bool,
+        group: CallbackGroup | None,
+        now: Callable[[], float],
+    ) -> None:
+        self._node, self._common, self._now, self._clock = node, common, now, SystemClock()
+        self.look()
+        self.sees = any(source.type is Scan for source in declared.values())
+        """Whether the block sees obstacles."""
+        options = {"lock_step": common.lock_step, "clock": self._clock, "headers": headers, "group": group}
+        if self.sees:
+            options["mount"] = hear_mounts(node, common.body)
+        ways = {key: conversion_of(source, stamped=common.enable_stamped_cmd_vel) for key, source in declared.items()}
+        self.feeds = {key: Feed(source, ways[key], **options) for key, source in declared.items()}
+        """The inputs by name."""
+
+    def connect(self, drive: Scheduler) -> list[Endpoint]:
+        """Subscribe for a drive, which is notified of each new value; return the topics for the diagnostics."""
+        self._drive = drive
+        return [
+            feed.connect(self._node, partial(self.receive, key), partial(drive.on_message, key, 0))
+            for key, feed in self.feeds.items()
+        ]
+
+    def look(self) -> float:
+        """Compare the clocks, for the ages of messages, and return the steady time; call this at least every 20 ms."""
+        system, steady = read_clocks()
+        self._clock.look(system=system, steady=steady)
+        return steady
+
+    def receive(self, key: str, message: Any, info: Mapping[str, Any]) -> None:
+        """Handle a message, and run the block if it makes a step due."""
+        feed, drive = self.feeds[key], self._drive
+        if feed.declared.wakes:
+            for other in self.feeds.values():
+                other.poll()
+        try:
+            at = message.header.stamp if hasattr(message, "header") else None
+            stamp = at.sec * SECOND + at.nanosec if at else drive.present()
+            if stamp < 0:
+                raise ValueError(f"its stamp is {stamp / SECOND:g} s: a time before 1970")
+            age = feed.age(message, info, self.look())
+            value = feed.read(message, self._common.fixed(feed.declared.frame))
+            if not drive.accepts(key, stamp):
+                return
+        except Exception as error:  # whatever a message holds, it is refused, and ends no node
+            why = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            if feed.refuse(why):
+                self._node.get_logger().warning(f"{feed.topic}: refused: {why}")
+            return
+        sent = 0 if stamp else drive.present() - round(age.sent * SECOND)  # reading the clock takes long
+        feed.accept(value, self._now(), stamp, age, sent)
+        drive.on_message(key, stamp)
+
+    def resting_on(self) -> int:
+        """Return the stamp of a command, ns: outside lock-step, that of the measurement on which it rests."""
+        present = self._drive.present()
+        return present if self._common.lock_step else resting_on(self.feeds.values(), present)
+
+    def missing(self, now: float) -> str | None:
+        """Return which input a step must wait for, if any."""
+        return next((why for feed in self.feeds.values() if (why := feed.missing(now))), None)
+
+    def halted(self, now: float) -> str:
+        """Return the cause that an input gives for stopping the robot until it is enabled again, or an empty text."""
+        return next((why for feed in self.feeds.values() if (why := feed.cause or feed.replaced(self._node, now))), "")
+
+    def rivals(self) -> str:
+        """Return which input has several sources where one may be, or an empty text."""
+        return next((why for feed in self.feeds.values() if (why := feed.rivals())), "")
+
+    def take(self, now: float, stamp: int) -> dict[str, Any]:
+        """Return the values for a step at a stamp, ns."""
+        return {key: feed.take(now, stamp) for key, feed in self.feeds.items() if not feed.declared.halts}
 
 
 def resting_on(feeds: Iterable[Feed], present: int) -> int:

@@ -19,8 +19,6 @@ RESEND = 0.2
 """Time after which a step without an answer is published again, s, by the steady clock."""
 OVERDUE = 2.0
 """Time after which the plant reports which node has not answered, s, by the steady clock."""
-AHEAD = 200
-"""Most steps by which a plant is ahead of its witness, a recorder on a busy machine."""
 EPISODE_GAP = 60
 """Leap of the stamps between two episodes, s: no message is ever lost here, so nodes that see a gap restart."""
 WALL = 1_000_000_000 * SECOND
@@ -124,22 +122,12 @@ class Plant:
         self.present = SECOND - self._period_ns
         """Stamp of the step that awaits its answer, ns."""
         self._leap = False
-        self.witnessed: int | None = None
-        """Stamp up to which the witness has received everything, ns; None before its first report."""
-        self._waits_for_witness = trigger.witness is not None
         self._due = now
         self._began = self._sent = now
 
     def answers(self, stamps: Iterable[int | None]) -> bool:
         """Return whether inputs with these stamps answer the current step."""
         return all(stamp == self.present for stamp in stamps)
-
-    @property
-    def is_witnessed(self) -> bool:
-        """Return whether the witness, if any, is at most a few steps behind; for an episode's first step, not behind at all."""
-        if not self._waits_for_witness:
-            return True
-        return self.witnessed is not None and abs(self.present - self.witnessed) <= AHEAD * self._period_ns
 
     def wait(self, now: float) -> float:
         """Return the time until the next step is due, s; 0 if it already is."""

@@ -126,7 +126,6 @@ class NavigateToPose:
         feedback.current_pose.header = Header(stamp=self._node.get_clock().now().to_msg(), frame_id=self._frame)
         write_pose(feedback.current_pose.pose, pose)
         feedback.navigation_time = Duration(seconds=errand.time).to_msg()
-        feedback.estimated_time_remaining = Duration(seconds=errand.time_left).to_msg()
         feedback.distance_remaining = errand.left
         return feedback
 

@@ -14,12 +14,14 @@ from rclpy.time import Time
 from sensor_msgs.msg import TimeReference
 from std_msgs.msg import Header
 
+from cmd_vel_guard.qos import LATCHED, STREAM
+from cmd_vel_guard.sources import type_name
+from cmd_vel_guard.values import Mount
 from turtlebot_gym.values import Command, Pose
-from turtlebot_gym_ros.base.frames import Common, Mount
-from turtlebot_gym_ros.base.names import type_name
-from turtlebot_gym_ros.base.qos import LATCHED, LOCK_STEP, SENSOR, STREAM, overridable
+from turtlebot_gym_ros.base.frames import Common
+from turtlebot_gym_ros.base.qos import LOCK_STEP, SENSOR, overridable
 from turtlebot_gym_ros.node.block import Output, Stamped
-from turtlebot_gym_ros.node.convert import NO_TF, conversion, state_covariance
+from turtlebot_gym_ros.node.convert import NO_TF, conversion
 from turtlebot_gym_ros.node.diagnostics import Endpoint
 from turtlebot_gym_ros.node.geometry import transform_to
 from turtlebot_gym_ros.node.triggers import SECOND
@@ -42,15 +44,11 @@ class Outputs:
         lock_step = common.lock_step
         self._declared, self._common, self._time = declared, common, time
         self._ways = {key: conversion(output.type, stamped=common.enable_stamped_cmd_vel) for key, output in declared.items()}
-        self._publishers = {
-            key: node.create_publisher(
-                self._ways[key].message,
-                output.topic,
-                _profile(output, lock_step=lock_step),
-                qos_overriding_options=overridable(),
-            )
-            for key, output in declared.items()
-        }
+        self._publishers = {}
+        for key, output in declared.items():
+            qos = LATCHED if output.latched else LOCK_STEP if lock_step else STREAM if output.reliable else SENSOR
+            kind, override = self._ways[key].message, overridable()
+            self._publishers[key] = node.create_publisher(kind, output.topic, qos, qos_overriding_options=override)
         newest = {key: f"{output.topic}/newest" for key, output in declared.items() if lock_step and output.newest}
         self._tellers = {key: node.create_publisher(TimeReference, topic, LOCK_STEP) for key, topic in newest.items()}
         transformed = {key for key, output in declared.items() if output.transform}
@@ -91,8 +89,6 @@ class Outputs:
             message.child_frame_id = self._common.body
         for transform in getattr(message, "transforms", ()):
             transform.child_frame_id = self._common.fixed(transform.child_frame_id)
-        if (covariance := self._declared[key].covariance) is not None:
-            state_covariance(message, covariance())
         return message
 
     def publish(self, messages: Mapping[str, Any]) -> None:
@@ -146,13 +142,6 @@ class Outputs:
             publisher.wait_for_all_acked(Duration(seconds=0.5))
 
 
-def _profile(declared: Output, *, lock_step: bool) -> QoSProfile:
-    """Return the quality of service of an output."""
-    if declared.latched:
-        return LATCHED
-    return LOCK_STEP if lock_step else (STREAM if declared.reliable else SENSOR)
-
-
 class _Transforms:
     """Publishes the transform from an Odometry's frame to its child frame, and once the transforms to the robot's sensors.
 
@@ -173,10 +162,12 @@ class _Transforms:
             from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
         except ImportError:
             raise ValueError(NO_TF) from None
-        self._message = TFMessage
-        self._publisher = node.create_publisher(TFMessage, "/tf", BROADCAST)
+        self._message, self._publisher = TFMessage, node.create_publisher(TFMessage, "/tf", BROADCAST)
         if mounts:
-            _publish_mounts(node, mounts, common)
+            self._static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
+            header = Header(frame_id=common.body)
+            there = [transform_to(common.sensor(mount), Pose(mount.x, mount.y, mount.yaw), header) for mount in mounts]
+            self._static.publish(TFMessage(transforms=there))
 
     def publish(self, odometry: Odometry) -> None:
         """Publish a pose as a transform, unless it was not measured."""
@@ -187,13 +178,3 @@ class _Transforms:
         translation.x, translation.y, translation.z = pose.position.x, pose.position.y, pose.position.z
         transform.transform.rotation = pose.orientation
         self._publisher.publish(self._message(transforms=[transform]))
-
-
-def _publish_mounts(node: Node, mounts: Sequence[Mount], common: Common) -> None:
-    """Publish the transforms to the robot's sensors on ``/tf_static``; the node keeps the publisher."""
-    from tf2_msgs.msg import TFMessage  # type: ignore[import-not-found]
-
-    static = node.create_publisher(TFMessage, "/tf_static", LATCHED)
-    header = Header(frame_id=common.body)
-    transforms = [transform_to(common.sensor(mount), Pose(mount.x, mount.y, mount.yaw), header) for mount in mounts]
-    static.publish(TFMessage(transforms=transforms))

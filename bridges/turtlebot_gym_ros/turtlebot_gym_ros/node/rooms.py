@@ -1,4 +1,4 @@
-"""What a robot sees, what surrounds it and where in a map it may be, as messages.
+"""What a robot sees and what surrounds it, as messages.
 
 Ranges are bit-exact. What each beam of a scan says is defined in `turtlebot_gym.beams`; a scan is refused only if it cannot be
 read at all.
@@ -14,8 +14,7 @@ from array import array
 from collections.abc import Sequence
 
 import numpy as np
-from geometry_msgs.msg import Point, PoseArray, Vector3
-from geometry_msgs.msg import Pose as RosPose
+from geometry_msgs.msg import Point, Vector3
 from nav_msgs.msg import OccupancyGrid
 from rclpy.duration import Duration
 from sensor_msgs.msg import LaserScan, PointCloud2, PointField, Range
@@ -26,7 +25,7 @@ from turtlebot_gym.beams import TURN
 from turtlebot_gym.rooms.grid import GridMap, grid_of
 from turtlebot_gym.rooms.scan import Clearance, Obstacles, Scan, read_scan, room_of, scan_of
 from turtlebot_gym.tracking.messages import FIELDS, tracks_of
-from turtlebot_gym_ros.node.block import Correction, People, PoseCandidates, Tracks
+from turtlebot_gym_ros.node.block import Correction, Tracks
 from turtlebot_gym_ros.node.geometry import Conversion, read_pose, transform_to, unread, write_pose
 
 HEIGHT = 0.3
@@ -35,7 +34,7 @@ LINE = 0.05
 """Width of the line that represents the walls, m."""
 LIFETIME = 3.0
 """Time after which a viewer removes a marker without an update, s, by the viewer's clock."""
-_GREY, _ORANGE = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0), ColorRGBA(r=0.9, g=0.6, b=0.0, a=0.7)
+GREY = ColorRGBA(r=0.35, g=0.35, b=0.35, a=1.0)
 
 
 def _read_scan(message: LaserScan) -> Scan:
@@ -68,18 +67,12 @@ def _write_clearance(clearance: Clearance, header: Header) -> Range:
     return Range(header=header, field_of_view=TURN, min_range=-math.inf, max_range=math.inf, range=distance)
 
 
-def _marker(header: Header, name: str, kind: int, scale: Sequence[float], color: ColorRGBA) -> Marker:
-    """Return a visualization marker of a kind, with its scale, m."""
-    x, y, z = scale
+def _marker(header: Header, number: int, kind: int, at: tuple[float, float, float], scale: Sequence[float]) -> Marker:
+    """Return a visualization marker of a kind, at x, y, m, and a heading, rad, with its scale, m."""
+    (x, y, heading), (length, width, height) = at, scale
     until = Duration(seconds=LIFETIME).to_msg()
-    return Marker(
-        header=header, ns=name, type=kind, action=Marker.ADD, scale=Vector3(x=x, y=y, z=z), color=color, lifetime=until
-    )
-
-
-def _obstacle(header: Header, number: int, kind: int, at: tuple[float, float, float], scale: Sequence[float]) -> Marker:
-    made, (x, y, heading) = _marker(header, "obstacles", kind, scale, _GREY), at
-    made.id, made.pose.position = number, Point(x=x, y=y, z=0.5 * HEIGHT)
+    made = Marker(header=header, ns="obstacles", id=number, type=kind, action=Marker.ADD, color=GREY, lifetime=until)
+    made.scale, made.pose.position = Vector3(x=length, y=width, z=height), Point(x=x, y=y, z=0.5 * HEIGHT)
     made.pose.orientation.z, made.pose.orientation.w = math.sin(0.5 * heading), math.cos(0.5 * heading)
     return made
 
@@ -87,15 +80,15 @@ def _obstacle(header: Header, number: int, kind: int, at: tuple[float, float, fl
 def _write_obstacles(room: Obstacles, header: Header) -> MarkerArray:
     """Return the markers of a room: the walls as a line, circles as cylinders, boxes as cubes."""
     x, y, a, b = room.walls
-    walls = _obstacle(header, 0, Marker.LINE_STRIP, (0.0, 0.0, 0.0), (LINE, 0.0, 0.0))
+    walls = _marker(header, 0, Marker.LINE_STRIP, (0.0, 0.0, 0.0), (LINE, 0.0, 0.0))
     corners = ((-a, -b), (a, -b), (a, b), (-a, b), (-a, -b))
     walls.points = [Point(x=x + u, y=y + v, z=0.0) for u, v in corners]
     markers = [walls]
     for cx, cy, radius in room.circles:
         size = (2.0 * radius, 2.0 * radius, HEIGHT)
-        markers.append(_obstacle(header, len(markers), Marker.CYLINDER, (cx, cy, 0.0), size))
+        markers.append(_marker(header, len(markers), Marker.CYLINDER, (cx, cy, 0.0), size))
     for bx, by, length, width, heading in room.boxes:
-        markers.append(_obstacle(header, len(markers), Marker.CUBE, (bx, by, heading), (length, width, HEIGHT)))
+        markers.append(_marker(header, len(markers), Marker.CUBE, (bx, by, heading), (length, width, HEIGHT)))
     return MarkerArray(markers=markers)
 
 
@@ -119,13 +112,6 @@ def _write_grid(grid: GridMap, header: Header) -> OccupancyGrid:
     return message
 
 
-def _write_places(places: PoseCandidates, header: Header) -> PoseArray:
-    message = PoseArray(header=header, poses=[RosPose() for _ in places.poses])
-    for pose, place in zip(message.poses, places.poses, strict=True):
-        write_pose(pose, place)
-    return message
-
-
 def _write_tracks(tracks: Tracks, header: Header) -> PointCloud2:
     rows = np.asarray(tracks, np.float32).reshape(-1, len(FIELDS) - 1)
     data = np.column_stack([rows, np.zeros(len(rows), np.float32)]).astype("<f4")
@@ -141,28 +127,12 @@ def _read_tracks(message: PointCloud2) -> Tracks:
     return Tracks(tracks_of(message).ravel().tolist())
 
 
-def _write_people(people: People, header: Header) -> MarkerArray:
-    """Return for each person a disc as wide as two standard deviations more than the body, and the way of the next second."""
-    markers = [Marker(header=header, action=Marker.DELETEALL)]
-    for number, person in enumerate(people.persons):
-        width = 2.0 * (person.radius + 2.0 * person.deviation)
-        disc = _marker(header, "people", Marker.CYLINDER, (width, width, LINE), _ORANGE)
-        disc.id, disc.pose.position = number, Point(x=person.x, y=person.y, z=0.0)
-        way = _marker(header, "ways", Marker.ARROW, (LINE, 2.0 * LINE, 0.0), _ORANGE)
-        way.id = number
-        way.points = [Point(x=person.x, y=person.y), Point(x=person.x + person.vx, y=person.y + person.vy)]
-        markers += [disc, way]
-    return MarkerArray(markers=markers)
-
-
 ROOM_CONVERSIONS: dict[type, Conversion] = {
     Scan: Conversion(LaserScan, _read_scan, _write_scan, False),
     Obstacles: Conversion(MarkerArray, _read_obstacles, _write_obstacles, True),
     Clearance: Conversion(Range, _read_clearance, _write_clearance, False),
     GridMap: Conversion(OccupancyGrid, _read_grid, _write_grid, True),
-    PoseCandidates: Conversion(PoseArray, unread, _write_places, True),
     Tracks: Conversion(PointCloud2, _read_tracks, _write_tracks, False),
-    People: Conversion(MarkerArray, unread, _write_people, False),
 }
 """The conversions of this module, by the type of the value; that of a `Correction` only where its message is installed."""
 try:  # it comes with a ROS installation, and is not on PyPI

@@ -6,7 +6,7 @@
 
 Steps count only while it is enabled. A fault or an emergency stop disables it, and by default it starts disabled. Every stop
 issues a new ``ticket``, so that the result of a step that began earlier is recognized and dropped. The rule of the emergency
-stop, for any number of buttons, is the guard's: `turtlebot_gym_ros.base.emergency`.
+stop, for any number of buttons, is the guard's: `cmd_vel_guard.emergency`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 from threading import RLock
 from typing import Any
 
-from turtlebot_gym_ros.base.emergency import EmergencyStop
+from cmd_vel_guard.emergency import EmergencyStop
 
 STOP_FOR = 1.0
 """Time for which zeros are sent before the topic is released, s ..."""

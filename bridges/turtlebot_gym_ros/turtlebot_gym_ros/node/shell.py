@@ -2,7 +2,7 @@
 
 It implements, once for all nodes, everything except control: conversion of messages, freshness of inputs, parameters,
 diagnostics, a watchdog for blocked steps, stop commands and a clean shutdown; its drive (`drives`) decides when the block runs.
-The block computes in the executor's thread. Neither a paused ``/clock`` nor a blocked step holds up the watchdog's thread.
+The block computes in the executor's thread. No blocked step holds up the watchdog's thread.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from threading import Thread
 from typing import Any, TypeVar
@@ -22,20 +23,19 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Empty as Call
 from std_srvs.srv import Trigger
 
-from turtlebot_gym_ros.base import process
-from turtlebot_gym_ros.base.executor import FastGroup
+from cmd_vel_guard import process
+from cmd_vel_guard.declare import declare
+from cmd_vel_guard.qos import STREAM
+from cmd_vel_guard.reports import ERROR, WARN
+from cmd_vel_guard.sent import read_clocks
+from turtlebot_gym_ros.base.executor import FastExecutor, FastGroup
 from turtlebot_gym_ros.base.frames import Common
-from turtlebot_gym_ros.base.parameters import declare
-from turtlebot_gym_ros.base.qos import STREAM
-from turtlebot_gym_ros.base.reports import ERROR, WARN
-from turtlebot_gym_ros.base.sent import read_clocks
 from turtlebot_gym_ros.node.block import Block, Every
 from turtlebot_gym_ros.node.diagnostics import NodeProblem, Reporter
-from turtlebot_gym_ros.node.drives import ShellCallbacks, make_drive
-from turtlebot_gym_ros.node.inputs import Inputs
+from turtlebot_gym_ros.node.drives import make_drive
+from turtlebot_gym_ros.node.feed import Inputs
 from turtlebot_gym_ros.node.navigate import be_active, offer
 from turtlebot_gym_ros.node.outputs import Outputs
-from turtlebot_gym_ros.node.rosclock import RosClock
 from turtlebot_gym_ros.node.switch import Switch
 
 P = TypeVar("P")
@@ -90,7 +90,7 @@ class Shell:
         try:
             self.common, self.params = declare(self.node, Common, params)
             self.block = make(self.params)
-            self._now = now
+            self.now = now
             self._log = self.node.get_logger()
             self._connect()
         except BaseException:
@@ -108,24 +108,12 @@ class Shell:
         self._steps = self._overruns = self._dropped = 0
         self._is_plant = isinstance(block.trigger, Every) and block.trigger.speed is not None
         headers = not node.get_parameter("use_sim_time").value
-        # With a simulated clock no topic is slow, /clock least of all.
-        is_fast = lock_step or (headers and getattr(block.trigger, "speed", None) in (None, 1.0))
-        group = FastGroup(node) if is_fast else None
+        self.group = FastGroup(node)
         declared = {key: item for key, item in block.inputs.items() if not (lock_step and item.lock_step == "absent")}
-        self.inputs = Inputs(node, declared, self.common, headers=headers, group=group, now=self._now)
+        self.inputs = Inputs(node, declared, self.common, headers=headers, group=self.group, now=self.now)
+        self.feeds = self.inputs.feeds
         self.outputs = Outputs(node, block.outputs, self.common, self.inputs.resting_on)
-        hands = ShellCallbacks(
-            group=group,
-            node=node,
-            feeds=self.inputs.feeds,
-            outputs=self.outputs,
-            now=self._now,
-            step=self._step,
-            begin=self._begin_anew,
-            pause=self._pause,
-            may_move=lambda: self.switch is None or self.switch.safety.enabled,
-        )
-        self._drive = make_drive(hands, block, lock_step=lock_step)
+        self._drive = make_drive(self)
         self._reporter = Reporter(node, [*self.outputs.endpoints, *self.inputs.connect(self._drive)], plant=self._is_plant)
         node.create_service(Trigger, "~/reset", self._serve_reset)
         for name, call in getattr(block, "services", {}).items():
@@ -134,28 +122,33 @@ class Shell:
             self._announce = node.create_publisher(Empty, "reset", STREAM)
         elif not lock_step:  # in lock-step the stamps show where an episode begins
             node.create_subscription(Empty, "reset", lambda message: self.reset("the plant was reset"), STREAM)
+        self._resume = (
+            node.create_publisher(Empty, "resume", STREAM) if any(feed.declared.halts for feed in self.feeds.values()) else None
+        )
         self.switch: Switch | None = None
-        self._resume = node.create_publisher(Empty, "resume", STREAM) if self.inputs.halting else None
         if self.outputs.moving:
             self.switch = Switch(
                 node,
                 self.outputs,
                 enabled=self.common.start_enabled,
-                now=self._now,
+                now=self.now,
                 restart=self._enabled,
                 refusal=self.inputs.rivals,
                 blocked=math.inf if lock_step else 0.5,
                 sees=self.inputs.sees,
-                group=group,
+                group=self.group,
             )
-        self._action = offer(node, block, self.inputs.feeds, self.common)
+        self._action = offer(node, block, self.feeds, self.common)
         if name := getattr(block, "nav2_name", ""):
             be_active(node, name)
-        self._ros_clock = RosClock(node, ignore=lock_step or self._drive.sets_clock, jumped=self._jumped, now=self._now())
 
-    def _step(self, stamp: int) -> bool:
-        """Run the block once, publish the result, and return whether it ran."""
-        now, switch, drive = self._now(), self.switch, self._drive
+    def may_move(self) -> bool:
+        """Return whether an answer may be repeated."""
+        return self.switch is None or self.switch.safety.enabled
+
+    def step(self, stamp: int) -> bool:
+        """Run the block once at a stamp, ns, publish the result, and return whether it ran."""
+        now, switch, drive = self.now(), self.switch, self._drive
         if switch and not switch.safety.enabled:
             return False
         self._waits = self._missing(now)
@@ -176,7 +169,7 @@ class Shell:
             if switch:
                 switch.safety.end()
         self._steps += 1
-        self._overruns += self._now() - now > drive.limit > 0.0
+        self._overruns += self.now() - now > drive.limit > 0.0
         notice = getattr(self.block, "notice", None)
         if notice and notice != self._notice:
             self._log.warning(notice)
@@ -198,7 +191,7 @@ class Shell:
                     switch.stop("done")
                     if self.common.lock_step:  # at rest, but time advances
                         self.outputs.publish_answer(self.outputs.stops(stamp), stamp)
-            elif answers and (stale := self._missing(self._now())):  # it was suspended during the step
+            elif answers and (stale := self._missing(self.now())):  # it was suspended during the step
                 self._waits = stale
                 switch.stop(stale)
                 answers = False
@@ -212,7 +205,7 @@ class Shell:
 
     def _missing(self, now: float) -> str | None:
         """Return what a step must wait for, if anything."""
-        why = self._ros_clock.trouble(now) or self.inputs.missing(now) or self._drive.missing()
+        why = self.inputs.missing(now) or self._drive.missing()
         return why or (self.inputs.halted(now) if self.switch else None) or None
 
     def _fault(self, why: str) -> None:
@@ -225,17 +218,19 @@ class Shell:
 
     def _enabled(self) -> None:
         self._trouble = None
-        self.inputs.begin()
+        for feed in self.feeds.values():
+            feed.begin()
         if self._resume:
             self._resume.publish(Empty())
-        self._begin_anew()
+        self.begin_anew()
 
-    def _pause(self) -> None:
+    def pause(self) -> None:
         """Let the block go on after a gap in the messages on which it runs."""
         getattr(self.block, "pause", self.block.reset)()
         self._drive.reset()
 
-    def _begin_anew(self) -> None:
+    def begin_anew(self) -> None:
+        """Reset the block and its drive."""
         self.block.reset()
         self._drive.reset()
 
@@ -243,8 +238,9 @@ class Shell:
         """Clear all inputs and reset the block; a robot stops until they have arrived again."""
         if self.switch:
             self.switch.stop(why)
-        self.inputs.forget()
-        self._begin_anew()
+        for feed in self.feeds.values():
+            feed.forget()
+        self.begin_anew()
 
     def _serve_reset(self, request: Any, response: Any) -> Any:
         self.reset("reset")
@@ -254,18 +250,12 @@ class Shell:
         response.success, response.message = True, "reset"
         return response
 
-    def _jumped(self) -> None:
-        """Restart after a leap of the ROS clock; a robot that moved must be enabled again."""
-        if self.switch and self.switch.safety.phase == "active":
-            self.switch.stop("fault: the clock jumped", disable=True)
-        self.reset("the clock jumped")
-
     def _watch(self) -> None:
-        """In the watchdog's thread, stop a robot whose inputs or clock have become stale, and report."""
-        next_report = self._now() + REPORT_PERIOD
+        """In the watchdog's thread, stop a robot whose inputs have become stale, and report."""
+        next_report = self.now() + REPORT_PERIOD
         context = self.node.context
         while not self._closing and not time.sleep(WATCH_PERIOD) and context.ok():  # an Event may wait by the system clock
-            now = self._now()
+            now = self.now()
             self.inputs.look()
             if self.switch:
                 with self.switch.safety.lock:  # so that what is enabled now does not stop by what it forgets
@@ -285,7 +275,7 @@ class Shell:
 
     def _report(self, now: float) -> None:
         """Publish the diagnostics."""
-        problems = [NodeProblem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.inputs.feeds.values() if feed.refusal]
+        problems = [NodeProblem(WARN, f"{feed.topic}: {feed.refusal}") for feed in self.feeds.values() if feed.refusal]
         problems += [NodeProblem(WARN, self._notice)] if self._notice else []
         trouble = self._trouble and f"fault: {self._trouble}"
         faults = self._drive.trouble(), trouble, getattr(self.block, "fault", None)
@@ -293,9 +283,13 @@ class Shell:
         state = self.switch.safety.state if self.switch else (self._waits or "runs")
         values = {"state": state, "steps": self._steps, "overruns": self._overruns, "results dropped": self._dropped}
         values |= getattr(self.block, "figures", {})
-        for feed in self.inputs.feeds.values():
+        for feed in self.feeds.values():
             values |= feed.figures(now)
         self._reporter.publish(problems, state, values)
+
+    def at_rest(self) -> AbstractContextManager[None]:
+        """Stop the robot, and let no step move it within the context."""
+        return self.switch.at_rest() if self.switch else nullcontext()
 
     def close(self) -> None:
         """Stop the robot if it moves, wait until all messages are delivered, and destroy the node.
@@ -310,7 +304,6 @@ class Shell:
             if self.switch:
                 self.switch.close()
             self.outputs.flush()
-            self._ros_clock.close()
             if self._action:
                 self._action.close()
         self.node.destroy_node()
@@ -334,4 +327,5 @@ def run(make: Callable[[P], Block], params: type[P], argv: Sequence[str] | None 
     Returns:
         The exit code 2, with one line on stderr, if the parameters were refused. Otherwise the process ends, see `process.run`.
     """
-    return process.run([partial(Shell, make, params, name=name)], argv, in_thread=True)
+    makes = [partial(Shell, make, params, name=name)]
+    return process.run(makes, argv, executor=FastExecutor, in_thread=True)

@@ -13,8 +13,8 @@ from rclpy.node import Node
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool
 
-from turtlebot_gym_ros.base.qos import EVERY, LATCHED, PROMPT
-from turtlebot_gym_ros.base.sent import Ages, SystemClock, read_clocks
+from cmd_vel_guard.qos import EVERY, LATCHED, PROMPT
+from cmd_vel_guard.sent import Ages, SystemClock, read_clocks
 from turtlebot_gym_ros.node.outputs import Outputs
 from turtlebot_gym_ros.node.safety import Safety
 

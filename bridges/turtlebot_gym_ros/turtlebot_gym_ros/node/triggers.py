@@ -38,31 +38,6 @@ class StampGrid:
             yield stamp
 
 
-class SimulatedGrid(StampGrid):
-    """A grid of simulated time, which begins at one second and runs faster or slower than the steady clock.
-
-    If the machine cannot keep up, simulated time slows down: two steps are never closer than the speed allows, so that other
-    nodes have time to answer in between.
-
-    Args:
-        trigger: The declaration.
-    """
-
-    def __init__(self, trigger: Every) -> None:
-        super().__init__(trigger)
-        self.present = SECOND - self._period_ns
-        """Stamp of the last step, ns."""
-        self._least_ns = round(0.9 * self._period_ns / (trigger.speed or 1.0))
-        self._last: int | None = None
-
-    def due_until(self, now: int) -> Iterator[int]:
-        """Yield the next stamp, if a step is due by the steady clock, ns."""
-        if self._last is None or now - self._last >= self._least_ns:
-            self._last = now
-            self.present += self._period_ns
-            yield self.present
-
-
 class Messages:
     """Steps on the messages of an input, decimated to a period.
 

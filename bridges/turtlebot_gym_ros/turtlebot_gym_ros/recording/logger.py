@@ -1,25 +1,26 @@
 """Record the graph: every message of all topics in a rosbag2 bag.
 
 It subscribes to every topic as it appears, without configuration. In a namespace it records the topics below it and those of
-the root, such as ``/tf``, which robots share; topics of other robots are left to their own recorders. A ``kill -9`` loses at
-most the last second, see `bag`. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``. If the disk is full, the bag
-ends, is complete, and ``/diagnostics`` (1 Hz) has an error.
+the root, such as ``/tf``, which robots share; topics of other robots are left to their own recorders. The bag is sqlite3, so a
+``kill -9`` loses at most the last second, and ``metadata.yaml``, which ``ros2 bag reindex`` makes; so does a full disk, of
+which ``/diagnostics`` (1 Hz) has an error. Read bags with `rosbags.highlevel.AnyReader` or ``ros2 bag``.
 
 Parameters: see `Parameters`.
 """
 
 from __future__ import annotations
 
+import sqlite3
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from ament_index_python import get_package_share_directory
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.context import Context
@@ -27,14 +28,16 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from rosbags.interfaces import Connection
+from rosbags.interfaces import Connection, Nodetype, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
-from turtlebot_gym_ros.base.executor import PolledGroup, waiting
+from cmd_vel_guard.declare import declare
+from cmd_vel_guard.executor import PolledGroup, waiting
+from cmd_vel_guard.process import run
+from cmd_vel_guard.reports import ERROR, OK, report
 from turtlebot_gym_ros.base.names import message_type
-from turtlebot_gym_ros.base.parameters import declare
-from turtlebot_gym_ros.base.process import run
-from turtlebot_gym_ros.base.reports import ERROR, OK, report
-from turtlebot_gym_ros.recording.bag import Bag
 
 COLLECT_PERIOD = 0.02
 """Time between two checks for new messages, s."""
@@ -44,6 +47,20 @@ DEPTH = 1000
 """Number of messages that a subscription keeps until it is asked."""
 REMEMBERED = 2 * DEPTH
 """Number of messages of a topic among which one that another subscription has heard is recognized."""
+FULL = (sqlite3.Error, OSError)
+"""What a full disk raises."""
+_FOREVER = QosTime(2147483647, 4294967295)
+_LATCHED = Qos(
+    QosHistory.KEEP_LAST,
+    1,
+    QosReliability.RELIABLE,
+    QosDurability.TRANSIENT_LOCAL,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    avoid_ros_namespace_conventions=False,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,25 +96,29 @@ class DataLogger(Node):
 
     def __init__(self, context: Context) -> None:
         super().__init__("data_logger", context=context, automatically_declare_parameters_from_overrides=True)
-        (p,) = declare(self, Parameters)
-        self._p = p
+        (self._p,) = declare(self, Parameters)
         space = self.get_namespace().strip("/")
         self._own = f"/{space}/" if space else "/"
-        folder = Path(p.output or Path("bags", space, time.strftime("%Y-%m-%dT%H-%M-%S"))).absolute()
-        if folder.exists():
-            raise ValueError(f"parameter 'output' must name a new folder, but {str(folder)!r} exists")
-        self._bag = Bag(folder)
+        self.folder = Path(self._p.output or Path("bags", space, time.strftime("%Y-%m-%dT%H-%M-%S"))).absolute()
+        if self.folder.exists():
+            raise ValueError(f"parameter 'output' must name a new folder, but {str(self.folder)!r} exists")
+        self._types, self._writer = get_typestore(Stores.ROS2_JAZZY), Writer(self.folder, version=9)
+        try:
+            self._writer.open()
+        except sqlite3.Error as error:
+            raise OSError(f"no bag can be written in {self.folder}: {error}") from None
+        self._unwanted = f"geometry_msgs/msg/{'Twist' if self._p.enable_stamped_cmd_vel else 'TwistStamped'}"
         self._recorded: dict[str, _LoggedTopic] = {}
         self._opened: dict[tuple[str, str], tuple[type, Connection]] = {}
         self._refused: set[tuple[str, str]] = set()
         self._ended: str | None = None
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._collected = PolledGroup(self)
+        self._collected = PolledGroup()
         for period, work in ((COLLECT_PERIOD, self._collect), (0.1, self._discover), (1.0, self._commit)):
             self.create_timer(period, partial(self._unless_full, work), clock=steady)
         self.create_timer(1.0, self._report, clock=steady)
-        self.get_logger().info(f"recording to {folder}")
+        self.get_logger().info(f"recording to {self.folder}")
 
     def _unless_full(self, work: Callable[[], None]) -> None:
         """Do some work of the recording, and end the recording if the disk refuses it."""
@@ -105,75 +126,49 @@ class DataLogger(Node):
             return
         try:
             work()
-        except Bag.FULL as error:
-            self._ended = f"the recording ended, and what was recorded is readable in {self._bag.folder}: {error}"
+        except FULL as error:
+            self._ended = f"the recording ended, and what was recorded is in {self.folder} (ros2 bag reindex): {error}"
             self.get_logger().error(self._ended)
             for topic in self._recorded.values():
                 for subscription in topic.subscriptions.values():
                     self.destroy_subscription(subscription)
-            try:
-                self._bag.end_early()
-            except Bag.FULL as left:
-                self._ended += f"; without metadata.yaml ({left}): ros2 bag reindex makes it"
 
     def _report(self) -> None:
         level, text = (ERROR, self._ended) if self._ended else (OK, f"records {len(self._recorded)} topics")
         space = self.get_namespace().strip("/") or "turtlebot_gym_ros"
-        self._diagnostics.publish(report(self, level, text, hardware=space, values={"folder": self._bag.folder}))
+        self._diagnostics.publish(report(self, level, text, hardware=space, values={"folder": self.folder}))
 
     def _discover(self) -> None:
         for topic, kinds in self.get_topic_names_and_types():
-            if not topic.startswith(self._own) and topic.count("/") > 1:
-                continue
-            recorded = self._recorded.get(topic)
-            kind = kinds[0] if len(kinds) == 1 else self._choose(topic, recorded.kind if recorded else "")
-            if recorded is None or recorded.kind != kind:
-                self._record(topic, kind)
-
-    def _choose(self, topic: str, known: str) -> str:
-        """Return which type of a topic with several to record, since a process can subscribe to only one."""
-        kinds = sorted({info.topic_type for info in self.get_publishers_info_by_topic(topic)})
-        wanted = f"geometry_msgs/msg/{(TwistStamped if self._p.enable_stamped_cmd_vel else Twist).__name__}"
-        kind = next((candidate for candidate in (wanted, known, *kinds) if candidate in kinds), known)
-        if len(kinds) > 1 and (topic, "") not in self._refused:
-            self._refused.add((topic, ""))
-            self.get_logger().error(f"{topic} is published as {' and '.join(kinds)}: only {kind} is recorded")
-        return kind
+            if topic.startswith(self._own) or topic.count("/") == 1:
+                published = {info.topic_type for info in self.get_publishers_info_by_topic(topic)}
+                wanted = [kind for kind in kinds if kind in published and kind != self._unwanted] or kinds
+                self._record(topic, wanted[0])  # a process can subscribe to only one type
 
     def _record(self, topic: str, kind: str) -> None:
         """Subscribe with each quality of service that the publishers of a topic have."""
+        offers = [info.qos_profile for info in self.get_publishers_info_by_topic(topic) if info.topic_type == kind]
         wanted = {
-            (
-                info.qos_profile.reliability == ReliabilityPolicy.RELIABLE,
-                info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
-            )
-            for info in self.get_publishers_info_by_topic(topic)
-            if info.topic_type == kind
+            (offer.reliability == ReliabilityPolicy.RELIABLE, offer.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+            for offer in offers
         }
-        if not wanted or (topic, kind) in self._refused:
-            return
         recorded = self._recorded.get(topic)
-        if recorded is not None and recorded.kind == kind and wanted <= recorded.subscriptions.keys():
-            return
-        try:
-            if (topic, kind) not in self._opened:
-                self._opened[topic, kind] = (
-                    message_type(kind),
-                    self._bag.add(topic, kind, latched=all(latched for _, latched in wanted)),
-                )
-        except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
-            self._refused.add((topic, kind))
-            self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
-            return
-        message, connection = self._opened[topic, kind]
         if recorded is not None and recorded.kind != kind:
             recorded.collect()
             for subscription in recorded.subscriptions.values():
                 self.destroy_subscription(subscription)
             recorded = None
+        if (topic, kind) in self._refused or not (new := wanted - (recorded.subscriptions.keys() if recorded else set())):
+            return
+        try:
+            message, connection = self._open(topic, kind, latched=all(latched for _, latched in wanted))
+        except (ValueError, LookupError, ImportError, AttributeError, OSError) as error:
+            self._refused.add((topic, kind))
+            self.get_logger().error(f"{topic} is not recorded: its type {kind} is not installed here ({error})")
+            return
         if recorded is None:
             recorded = self._recorded[topic] = _LoggedTopic(kind, self._writer_of(connection), {})
-        for reliable, latched in wanted - recorded.subscriptions.keys():
+        for reliable, latched in new:
             profile = QoSProfile(
                 depth=DEPTH,
                 reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
@@ -189,6 +184,19 @@ class DataLogger(Node):
                 event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),  # another one hears the others
             )
 
+    def _open(self, topic: str, kind: str, *, latched: bool) -> tuple[type, Connection]:
+        """Return a topic's type, and its place in the bag.
+
+        Raises:
+            ValueError, LookupError, ImportError, AttributeError, OSError: If the type is not installed.
+        """
+        if (topic, kind) not in self._opened:
+            message, offered = message_type(kind), [_LATCHED] if latched else []
+            _teach(self._types, kind)
+            connection = self._writer.add_connection(topic, kind, typestore=self._types, offered_qos_profiles=offered)
+            self._opened[topic, kind] = message, connection
+        return self._opened[topic, kind]
+
     def _writer_of(self, connection: Connection) -> Callable[..., None]:
         """Return a function that records a message of a topic, but not if another subscription has heard it."""
         heard: set[int] = set()
@@ -202,7 +210,7 @@ class DataLogger(Node):
             order.append(which)
             if len(order) > REMEMBERED:
                 heard.remove(order.popleft())
-            self._bag.write(connection, info["received_timestamp"] or time.time_ns(), data)
+            self._writer.write(connection, info["received_timestamp"] or time.time_ns(), data)
 
         return write
 
@@ -211,19 +219,29 @@ class DataLogger(Node):
             topic.collect()
 
     def _commit(self) -> None:
-        for topic, recorded in list(self._recorded.items()):
-            self._record(topic, recorded.kind)
-        self._bag.commit()
+        # rosbags commits only at the end; this attribute is private, hence its upper bound in pyproject.toml.
+        self._writer.storage.conn.commit()  # type: ignore[union-attr]
 
     def close(self) -> None:
         """Record messages in transit, and finish the bag."""
         time.sleep(IN_FLIGHT)
-        self._unless_full(self._finish)
-        self.get_logger().info(f"recorded {len(self._recorded)} topics in {self._bag.folder}")
+        self._unless_full(self._collect)
+        self._unless_full(self._writer.close)
+        self.get_logger().info(f"recorded {len(self._recorded)} topics in {self.folder}")
 
-    def _finish(self) -> None:
-        self._collect()
-        self._bag.close()
+
+def _teach(types: Typestore, kind: str) -> None:
+    """Load a message type unknown to rosbags, and the types it consists of, from the ROS installation."""
+    if kind in types.fielddefs:
+        return
+    package, _, name = kind.split("/")
+    text = Path(get_package_share_directory(package), "msg", f"{name}.msg").read_text(encoding="utf-8")
+    learned = get_types_from_msg(text, kind)
+    for _, field in learned[kind][1]:
+        element: Any = field[1][0] if field[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE) else field
+        if element[0] == Nodetype.NAME:
+            _teach(types, element[1])
+    types.register(learned)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,11 +11,10 @@ from typing import Any, TypeVar
 
 from rclpy.node import Node
 
-from turtlebot_gym.config import did_you_mean
-from turtlebot_gym_ros.base import options
-from turtlebot_gym_ros.base.names import absolute
-from turtlebot_gym_ros.base.process import Runner, be_interruptible, go_on, refuse
-from turtlebot_gym_ros.base.session import INTERRUPTED
+from cmd_vel_guard.process import Runner, refuse
+from cmd_vel_guard.session import INTERRUPTED
+from turtlebot_gym_ros.base.executor import FastExecutor
+from turtlebot_gym_ros.base.process import be_interruptible, go_on
 
 T = TypeVar("T")
 WAIT = 5.0
@@ -24,19 +23,17 @@ SETTLED = 1.5
 """Time without anything new after which a command takes the graph as known, s."""
 
 
-def parser_of(name: str, description: str, *, waits_for: str = "") -> argparse.ArgumentParser:
-    """Return the parser of a tool; with ``--wait``, the time for which it waits for something, if that is named."""
-    parser = options.parser_of(name, description)
-    if waits_for:
-        text = f"how long to wait for {waits_for}, s (default: {WAIT:g})"
-        parser.add_argument("--wait", type=float, default=WAIT, help=text)
+def parser_of(name: str, description: str) -> argparse.ArgumentParser:
+    """Return the parser of a tool, with the time for which it waits for the graph."""
+    parser = argparse.ArgumentParser(f"python -m turtlebot_gym_ros {name}", description=description)
+    parser.add_argument("--wait", type=float, default=WAIT, help=f"how long to wait for the graph, s (default: {WAIT:g})")
     return parser
 
 
 @contextmanager
 def asking() -> Iterator[Node]:
     """Run a node with a name of its own in a thread."""
-    runner = Runner()
+    runner = Runner(executor=FastExecutor)
     be_interruptible()
     node = Node("turtlebot_gym_tool", context=runner.context, enable_rosout=False, start_parameter_services=False)
     runner.add(node)
@@ -76,14 +73,6 @@ def until(found: Callable[[], T | None], seconds: float, missing: Callable[[], s
     return value
 
 
-def pause(seconds: float) -> None:
-    """Wait for a time, s, unless the command is interrupted."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        go_on()
-        time.sleep(0.05)
-
-
 def remark_if_alone(node: Node) -> str:
     """Return a sentence that says where other nodes were looked for, if a tool's node hears none; else an empty text."""
     if any(name != node.get_name() for name in node.get_node_names()):
@@ -114,31 +103,3 @@ def result_of(future: Any, name: str, seconds: float) -> Any:
     """
     until(lambda: future.done() or None, seconds, lambda: f"{name} has not answered for {seconds:g} s.")
     return future.result()
-
-
-def type_in(node: Node, name: str, what: str, seconds: float) -> tuple[str, str]:
-    """Return the absolute name and the type of a topic or service that the graph has.
-
-    Args:
-        node: A tool's node.
-        name: The name, with or without its slash.
-        what: "topic" or "service".
-        seconds: How long to wait for it, s.
-
-    Raises:
-        TimeoutError: If there is none of this name.
-    """
-    kinds = node.get_service_names_and_types if what == "service" else node.get_topic_names_and_types
-    full = absolute(name, what)
-    seen: dict[str, list[str]] = {}
-
-    def found() -> str | None:
-        seen.update(kinds())
-        return seen[full][0] if seen.get(full) else None
-
-    def missing() -> str:
-        near = remark_if_alone(node) or did_you_mean(full, sorted(seen))
-        option = " --services" if what == "service" else ""
-        return f"there is no {what} {full} after {seconds:g} s; `topics{option}` lists what there is.{near}"
-
-    return full, until(found, seconds, missing)

@@ -9,8 +9,9 @@ from typing import Any, cast
 from rclpy.node import Node
 
 from turtlebot_gym_ros.base.names import message_type
+from turtlebot_gym_ros.base.process import go_on
 from turtlebot_gym_ros.base.qos import SENSOR
-from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, parser_of, pause, remark_if_alone
+from turtlebot_gym_ros.tools.asking import WAIT, answered, asking, parser_of, remark_if_alone
 
 LOOK = 1.0
 """How often new topics are looked for, s."""
@@ -88,7 +89,10 @@ def foxglove(argv: Any = None) -> int:
                 for topic in [name for name, kind in relay.left_out.items() if kind]:
                     print(f"left out: {topic}, whose type {relay.left_out[topic]} is unknown here.", file=sys.stderr)
                     relay.left_out[topic] = ""
-                pause(LOOK)
+                end = time.monotonic() + LOOK
+                while time.monotonic() < end:
+                    go_on()
+                    time.sleep(0.05)
     finally:
         server.stop()
     return 0

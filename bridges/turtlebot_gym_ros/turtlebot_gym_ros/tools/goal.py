@@ -13,13 +13,13 @@ from rclpy.action.client import ActionClient
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from cmd_vel_guard.qos import STREAM
 from turtlebot_gym.values import Pose
 from turtlebot_gym_ros.base.names import absolute
 from turtlebot_gym_ros.base.process import go_on
-from turtlebot_gym_ros.base.qos import STREAM
 from turtlebot_gym_ros.node.geometry import write_pose
 from turtlebot_gym_ros.node.navigate import NAME
-from turtlebot_gym_ros.tools.asking import SETTLED, answered, asking, parser_of, remark_if_alone, result_of, until
+from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, result_of, settle
 
 
 @answered
@@ -28,7 +28,6 @@ def goal(argv: Any = None) -> int:
     parser = parser_of(
         "goal",
         "Send the robot to a place, and wait until it is there, if the action navigate_to_pose is served.",
-        waits_for="a listener",
     )
     parser.add_argument("x", type=float, help="m")
     parser.add_argument("y", type=float, help="m")
@@ -45,30 +44,18 @@ def goal(argv: Any = None) -> int:
         write_pose(pose.pose, Pose(options.x, options.y, options.heading))
         topic = f"{prefix}/goal_pose"
         publisher = node.create_publisher(PoseStamped, topic, STREAM)
-        action, matched = f"{prefix}/{NAME}", (0, time.monotonic())
-
-        def there() -> str | None:
-            nonlocal matched
-            services = dict(node.get_service_names_and_types())
-            if f"{action}/_action/send_goal" in services:
-                return "action"
-            number, now = publisher.get_subscription_count(), time.monotonic()
-            if number != matched[0]:  # others may be discovered a little later
-                matched = number, now
-            return "topic" if number and now > matched[1] + SETTLED else None
-
-        def nobody() -> str:
-            there = remark_if_alone(node) or " Is waypoint_generator there?"
-            return f"nobody takes goals on {topic} after {options.wait:g} s.{there}"
-
-        door = until(there, options.wait, nobody)
-        if door == "action":
+        action = f"{prefix}/{NAME}"
+        settle(node, options.wait)
+        if f"{action}/_action/send_goal" in dict(node.get_service_names_and_types()):
             try:
                 from nav2_msgs.action import NavigateToPose  # type: ignore[import-not-found]
             except ImportError:
                 print(f"{action} is served, but nav2_msgs is missing here: the goal goes to /goal_pose.", file=sys.stderr)
             else:
                 return _await(node, ActionClient(node, NavigateToPose, action), NavigateToPose.Goal(pose=pose), options.wait)
+        if not publisher.get_subscription_count():
+            remark = remark_if_alone(node) or " Is waypoint_generator there?"
+            raise TimeoutError(f"nobody takes goals on {topic} after {options.wait:g} s.{remark}")
         publisher.publish(pose)
         publisher.wait_for_all_acked()
     print(f"the goal was sent on {topic}, which has no answer: watch the robot; `status` says if the goal is refused.")

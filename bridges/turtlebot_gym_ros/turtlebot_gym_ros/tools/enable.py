@@ -1,4 +1,4 @@
-"""``enable``: services of the graph's nodes."""
+"""``enable``: enable nodes, or disable them."""
 
 from __future__ import annotations
 
@@ -8,23 +8,10 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from turtlebot_gym_ros.base.names import absolute
-from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, result_of, settle, type_in, until
+from turtlebot_gym_ros.tools.asking import answered, asking, parser_of, remark_if_alone, result_of, settle, until
 
 ENABLE, KIND, GUARD = "/enable", "std_srvs/srv/SetBool", "/cmd_vel_guard"
 """The service of nodes that can be enabled, its type, and the node that is enabled first."""
-
-
-def _answer(node: Node, kind: Any, name: str, request: Any, seconds: float) -> Any:
-    """Call a service, and return its response."""
-    client = node.create_client(kind, name)
-    until(
-        lambda: client.service_is_ready() or None,
-        seconds,
-        lambda: (
-            f"there is no service {name} after {seconds:g} s; `topics --services` lists what there is." + remark_if_alone(node)
-        ),
-    )
-    return result_of(client.call_async(request), name, seconds)
 
 
 @answered
@@ -34,7 +21,6 @@ def enable(argv: Any = None) -> int:
         "enable",
         "Enable nodes, one after the other: watch the robot. It may move from then on. Without a name, enable the guard, "
         "if there is one, and the node that drives.",
-        waits_for="each answer",
     )
     parser.add_argument("node", nargs="*", help="such as cmd_vel_guard velocity_controller")
     parser.add_argument("--off", action="store_true", help="disable instead")
@@ -42,15 +28,27 @@ def enable(argv: Any = None) -> int:
     with asking() as node:
         names = [absolute(name, "node") for name in options.node] or switches(node, options.wait)
         for name in names if options.node or not options.off else reversed(names):
-            type_in(node, f"{name}{ENABLE}", "service", options.wait)
-            if (count := _nodes(node).count(name)) > 1 and not options.off:
-                raise ValueError(f"{count} nodes are called {name}, and one of them would be enabled: end the others.")
-            request = SetBool.Request(data=not options.off)
-            response = _answer(node, SetBool, f"{name}{ENABLE}", request, options.wait)
-            print(f"{name}: {response.message or ('enabled' if request.data else 'disabled')}", flush=True)
-            if not response.success:
-                return 1
+            _switch(node, name, on=not options.off, seconds=options.wait)
     return 0
+
+
+def _switch(node: Node, name: str, *, on: bool, seconds: float) -> None:
+    """Enable or disable a node, and print what it says.
+
+    Raises:
+        TimeoutError: If it does not answer.
+        ValueError: If there are several of its name, or it refuses.
+    """
+    client = node.create_client(SetBool, f"{name}{ENABLE}")
+    missing = f"there is no service {name}{ENABLE} after {seconds:g} s."
+    until(lambda: client.service_is_ready() or None, seconds, lambda: missing + remark_if_alone(node))
+    nodes = [f"{space.rstrip('/')}/{other}" for other, space in node.get_node_names_and_namespaces()]
+    if nodes.count(name) > 1 and on:
+        raise ValueError(f"{nodes.count(name)} nodes are called {name}, and one of them would be enabled: end the others.")
+    response = result_of(client.call_async(SetBool.Request(data=on)), name, seconds)
+    if not response.success:
+        raise ValueError(f"{name}: {response.message}")
+    print(f"{name}: {response.message or ('enabled' if on else 'disabled')}", flush=True)
 
 
 def switches(node: Node, seconds: float) -> list[str]:
@@ -73,10 +71,3 @@ def switches(node: Node, seconds: float) -> list[str]:
     if len(guards) > 1 or len(drivers) > 1:
         raise ValueError(f"name the nodes to enable: {', '.join(names)} are more than one robot, or node that drives.")
     return guards + drivers
-
-
-def _nodes(node: Node) -> list[str]:
-    """Return the full names of all other nodes."""
-    return sorted(
-        f"{space.rstrip('/')}/{name}" for name, space in node.get_node_names_and_namespaces() if name != node.get_name()
-    )

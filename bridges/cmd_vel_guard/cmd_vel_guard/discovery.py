@@ -10,35 +10,25 @@ import os
 from pathlib import Path
 
 PROFILE = Path(__file__).with_name("fastdds.xml")
-"""Profile that announces a participant every 0.2 s at first, since the first packets of two that start at once are often
-lost."""
+"""Profile of Fast DDS that announces a participant every 0.2 s at first, since the first packets of two that start at once are
+often lost."""
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _ASKED = (_RANGE, "ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "ROS_DISCOVERY_SERVER")
-_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _PROFILES = ("FASTDDS_DEFAULT_PROFILES_FILE", "FASTRTPS_DEFAULT_PROFILES_FILE")
 
 
-def _profiles_variable() -> str:
-    """Return the variable from which this machine's Fast DDS reads its profile; version 3, since Kilted, renamed it."""
-    folders = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
-    return _PROFILES[0 if any(Path(folder, "libfastdds.so").exists() for folder in folders if folder) else 1]
-
-
-def prepare(*, local: bool = True) -> bool:
+def prepare(*, local: bool = True) -> None:
     """Set environment variables that are not set yet.
 
     Args:
         local: Whether discovery stays on this machine.
-
-    Returns:
-        Whether discovery stays on this machine by this default.
     """
     if not any(name in os.environ for name in _PROFILES):
-        os.environ[_profiles_variable()] = str(PROFILE)
+        folders = filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep))
+        is_new = any(Path(folder, "libfastdds.so").exists() for folder in folders)  # version 3, since Kilted, renamed it
+        os.environ[_PROFILES[0 if is_new else 1]] = str(PROFILE)
         # A killed process leaves its shared memory behind, and others may not hear those that start later (eProsima/Fast-DDS
         # #5469): a standby was deaf to 2 of 46 guards that followed a killed one. Sockets end with their process.
-        os.environ.setdefault(_TRANSPORTS, "UDPv4")
-    stays = local and not any(os.environ.get(name) for name in _ASKED)
-    if stays:
+        os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    if local and not any(os.environ.get(name) for name in _ASKED):
         os.environ[_RANGE] = "LOCALHOST"
-    return stays
