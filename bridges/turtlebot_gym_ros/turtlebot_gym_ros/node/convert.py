@@ -167,7 +167,7 @@ def _estimate_to_message(estimate: Estimate, header: Header) -> Odometry:
     pose, twist = message.pose.covariance, message.twist.covariance
     write_pose_covariance(pose, (P.xx, P.yy, P.tt), (P.xy, P.xt, P.yt))
     twist[0], twist[35] = P.vv, P.ww
-    twist[5] = twist[30] = P.vw
+    twist[5] = twist[30] = 0.0
     for covariance, unused in ((pose, _UNUSED_IN_POSE), (twist, _UNUSED_IN_TWIST)):
         for at in unused:
             covariance[at] = NOT_KNOWN
