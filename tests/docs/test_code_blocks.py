@@ -46,7 +46,6 @@ LONG = (
 """Pages whose blocks train, or compile systems that the other tests do not need; they run in `make test-all`."""
 QUICK = {
     "evaluate": {"episodes": "5"},
-    "estimate": {"runs": "20"},
     "replay": {"seeds": "2"},
     "train": {"steps": "2048", "evaluations": "1"},
     "tune": {"steps": "2048", "trials": "1"},

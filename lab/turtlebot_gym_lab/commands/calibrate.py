@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -60,8 +60,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
     """A bag of ROS 2 or ROS 1, laser arrays, or a table with named columns."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), OutputFile(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
-    imu_out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), OutputFile(SUFFIXES)] = None
-    """Write the noise of the gyro, if the log has one, here (FILE.yaml), for --imu; it needs stands, or the truth."""
     truth: str = "auto"
     """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag
     (TOPIC:PARENT.CHILD where it holds transforms, such as /tf:map.base_footprint), or a table with the columns t, x, y and
@@ -90,7 +88,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
         robot, refused = make_robot(self.robot), ""
         with progress(1):
             drive = self._read(self.log, robot)
-        self._fit_gyro(drive)
         try:
             with progress(100) as advance_to, watched((bar := _Bar(advance_to)).evaluate):
                 fitted = calibrate(
@@ -124,23 +121,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
         drive = read(path, **self.reading())
         check(drive, robot, str(path))
         return drive
-
-    def _fit_gyro(self, drive: Drive) -> None:
-        """Print and write the noise of the gyro, even if the log does not determine the rest."""
-        from turtlebot_gym import write_parameters
-        from turtlebot_gym_lab.calibration.gyro import fit_gyro
-        from turtlebot_gym_lab.commands.calibration_report import gyro_table
-
-        try:
-            fitted = fit_gyro(drive)
-        except ValueError as error:
-            if self.imu_out is not None:
-                raise ValueError(f"{self.log}: {self.imu_out} is not written: {error}") from error
-            return
-        print_tables(gyro_table(fitted, title=self.log.name))
-        if self.imu_out is not None:
-            noise: Any = fitted.noise  # a sensor's own parameters are written as those of noise are
-            write_parameters(noise, self.imu_out, comment=f"Gyro calibrated from {self.log.name}.")
 
 
 def _result_of(fitted: Calibration) -> dict[str, object]:

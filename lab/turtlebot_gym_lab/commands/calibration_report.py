@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from turtlebot_gym_lab.calibration.gyro import GyroFit
 
 BINS = 60
 """Bins of the histograms."""
@@ -68,16 +67,6 @@ def tables_beside(
         for remark in remarks:
             tables[-1].add_row(remark)
     return tables
-
-
-def gyro_table(fitted: GyroFit, *, title: str) -> Table:
-    """Return the estimates of a gyro's noise."""
-    against = "against the truth's turning rate" if fitted.by_truth else "while the robot stands"
-    table = Table("", "value", "95 % interval", "unit", title=f"{title}: gyro, {against}")
-    for name, estimate in fitted.estimates.items():
-        note = "" if estimate.is_determined else " (not determined)"
-        table.add_row(name, f"{estimate.value:.4g}{note}", interval_text(estimate), estimate.unit)
-    return table
 
 
 def interval_text(estimate: CalibrationEstimate) -> str:
