@@ -17,7 +17,6 @@ READ = {"entries", "config", "against", "check", "file", "files", "log", "model"
 NEEDED = {name: ["drive.csv"] for name in ("replay", "calibrate", "export", "study")}
 NEEDED["card"] = ["ppo-nav"]
 NEEDED["localize"] = ["drive.csv", "--map", "drive.csv"]
-NEEDED["map"] = ["drive.csv", "--out", "lab.yaml"]
 WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in _kinds_of(command)]
 FILES = [(name, option) for name, option in WRITTEN if not _kinds_of(COMMANDS[name])[option].folder]
 
