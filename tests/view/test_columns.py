@@ -13,7 +13,7 @@ from turtlebot_gym.plotting import ellipse
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_view import columns
-from turtlebot_gym_view.columns import RESOLUTION, apart, kept_of, rows_of, tables_of
+from turtlebot_gym_view.columns import RESOLUTION, kept_of, rows_of, tables_of
 
 
 def test_the_tables_hold_all_that_a_drive_has():
@@ -131,14 +131,3 @@ def test_where_there_is_no_track_nothing_is_drawn():
     table = tables_of(Drive(time=0.1 * np.arange(4), tracks=tracks))["tracks"]
     assert table["row"].tolist() == [2]
     assert np.isnan(table["x"]).all()  # nobody knows where the robot is
-
-
-def test_two_drives_are_apart_as_far_as_their_robots_at_the_same_time():
-    states = np.zeros((5, 5))
-    states[:, 0] = np.arange(5.0)
-    slow = Drive(time=10.0 + np.arange(5.0), true_state=states)
-    fast = Drive(time=0.5 * np.arange(5.0), true_state=np.add(states, [0.0, 3.0, 0.0, 0.0, 0.0]))
-    np.testing.assert_allclose(apart(slow, fast), [3.0, np.hypot(1.0, 3.0), np.hypot(2.0, 3.0), np.nan, np.nan], rtol=1e-6)
-    np.testing.assert_array_equal(apart(slow, slow), np.zeros(5))
-    unknown = replace(slow, true_state=np.full((5, 5), np.nan), estimate=states)
-    np.testing.assert_allclose(apart(slow, unknown), np.zeros(5))
