@@ -40,8 +40,7 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
         print(f"\n| {' | '.join(columns)} |\n{'|---' * len(columns)}|", file=page)
 
     print(
-        "# Presets\n\nWherever a preset's name is accepted, so are [parameters of your own](../howto/robot.md#in-python).\n\n"
-        "## Robots",
+        "# Presets\n\nWherever a preset's name is accepted, so are [parameters of your own](../howto/robot.md).\n\n## Robots",
         file=page,
     )
     table("", *ROBOTS)
@@ -56,16 +55,7 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
     table("name", "parameters")
     for name, fix in presets.FIXES.items():
         print(f"| `{name}` | {', '.join(differences(fix))} |", file=page)
-    print(f"\n## Filters\n\n`matched` follows from the noise in force: {said('presets.matched').partition('. ')[2]}", file=page)
-    print(f"\n`tutorial`: {said('presets.TUTORIAL_FILTER')}\n", file=page)
-    for name in ("gated", "gyro"):
+    print("\n## Filters\n\nFilters by name follow from the noise in force.\n", file=page)
+    for name in ("matched", "gated", "gyro"):
         print(f"`{name}`: {said(f'presets.{presets.FILTERS[name].__name__}').removeprefix('Return the ')}\n", file=page)
-    table("filter", "noise", "parameters")
-    for name, tuning in presets.FILTERS.items():
-        if name == "gyro":
-            continue  # as `matched`, with the gyro's own numbers
-        for noise in ("any",) if name == "tutorial" else presets.NOISES:
-            print(
-                f"| `{name}` | `{noise}` | {', '.join(differences(tuning(presets.NOISES.get(noise, presets.CLEAN))))} |",
-                file=page,
-            )
+    print(f"`tutorial`: {said('presets.TUTORIAL_FILTER')}", file=page)

@@ -83,20 +83,6 @@ def rows_of(drive: Drive, *, start: float = 0.0) -> Table:
     return {name: _numbers(values) for name, values in numbers.items()}
 
 
-def apart(drive: Drive, other: Drive) -> NDArray[np.float32]:
-    """Return the distance between the robots of two drives at each row of the first, shape (T,), m; NaN beyond the other's end.
-
-    It is that of the true positions, or of the estimates of a drive without truth.
-    """
-    positions = []
-    for run in (drive, other):
-        states = run.true_state if np.isfinite(run.true_state[:, 0]).any() else run.estimate
-        positions.append(states[:, :2])
-    time, other_time = drive.time - drive.time[0], other.time - other.time[0]
-    at = [np.interp(time, other_time, positions[1][:, axis], right=np.nan) for axis in (0, 1)]
-    return np.hypot(positions[0][:, 0] - at[0], positions[0][:, 1] - at[1]).astype(np.float32)
-
-
 def _people_of(drive: Drive) -> Table:
     """Return the circles: row, x, y, radius and the direction in which they walk, NaN for one that has not moved yet."""
     at, heading = np.empty((0, 2)), np.empty(0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,17 +12,6 @@ ASTRAY = 0.5
 KINDS = ("arrival", "contact", "guard", "lost", "fix")
 """Kinds of events, in the order in which those of the same row are listed."""
 _ENDINGS = {"success": "arrival", "collision": "contact"}
-
-
-class Score(NamedTuple):
-    """What a drive has achieved."""
-
-    goals: int
-    """Number of goals reached."""
-    contacts: int
-    """Number of contacts."""
-    seconds: float
-    """Time driven, s."""
 
 
 def events_of(drive: Drive) -> list[tuple[int, str]]:
@@ -61,18 +48,13 @@ def all_events_of(drive: Drive) -> list[tuple[int, str]]:
     return events if not ending[1] or ending in events else [*events, ending]
 
 
-def score_of(drive: Drive) -> Score:
-    """Return what a complete drive has achieved."""
-    kinds = [kind for _, kind in all_events_of(drive)]
-    return Score(kinds.count("arrival"), kinds.count("contact"), float(drive.time[-1] - drive.time[0]))
-
-
 def told_outcome(drive: Drive) -> str:
     """Return how a drive ended; of one that reached several goals and ended on the way to the next, with their number."""
-    goals, _, seconds = score_of(drive)
+    goals = sum(kind == "arrival" for _, kind in all_events_of(drive))
     ending = drive.outcome.partition(" after ")[0]
     if goals < 2 or ending in ("", "success"):
         return drive.outcome
+    seconds = float(drive.time[-1] - drive.time[0])
     return f"{goals} goals in {seconds:.1f} s{'' if ending == 'time is up' else f', then {ending}'}"
 
 

@@ -3,10 +3,9 @@
 const element = (name) => document.getElementById(name)
 const slider = element("time"), speed = element("speed"), choice = element("drive")
 const hidden = new Set()
-let time = 0, playing = 0, looping = false, selected = -1, followed = -1
+let time = 0, playing = 0, selected = -1
 
 const set = (model, values) => model.setv(values, {sync: false})
-const pressed = (name, on) => element(name)?.setAttribute("aria-pressed", String(on))
 const last = ({rows}) => rows.data.time.at(-1) ?? 0
 const end = () => Math.max(...runs.map(last))
 const from = () => Math.max(range.start, 0)

@@ -6,7 +6,6 @@ function show(t) {
   runs.forEach(tell_score)
   maps.forEach(tell_numbers)
   set(cursor, {location: time})
-  keep_up()
   slider.value = time
   element("clock").textContent = `${time.toFixed(1)} / ${end().toFixed(1)} s`
 }
@@ -22,8 +21,8 @@ function play(on) {
     if (playing !== turn) return
     const t = time + Math.max(at - before, 0) * 1e-3 * Number(speed.value)
     before = at
-    show(t < until() ? t : looping ? from() : until())
-    if (t >= until() && !looping) play(false)
+    show(Math.min(t, until()))
+    if (t >= until()) play(false)
     else requestAnimationFrame(frame)
   })
 }
@@ -36,38 +35,8 @@ function seek(t, gap = 0) {
   play(false)
   show(near.sort((a, b) => Math.abs(a - t) - Math.abs(b - t))[0] ?? t)
 }
-function seek_event(step) {
-  const times = all_events().filter(({kind}) => kind !== "fix").map((event) => event.time)
-  const next = step > 0 ? times.find((t) => t > time + 1e-3) : times.findLast((t) => t < time - 1e-3)
-  if (next !== undefined) seek(next)
-}
-
-// The maps: Bokeh fits them until somebody moves them, and then they hold.
-function hold([x, x_half], [y, y_half]) {
-  for (const {figure: {x_range, y_range}} of maps) {
-    x_range.have_updated_interactively = y_range.have_updated_interactively = true
-    set(x_range, {start: x - x_half, end: x + x_half})
-    set(y_range, {start: y - y_half, end: y + y_half})
-  }
-}
 const middle = ({start, end}) => [0.5 * (start + end), 0.5 * (end - start)]
-function zoom(factor) {
-  const [x, y] = [maps[0].figure.x_range, maps[0].figure.y_range].map(middle)
-  hold([x[0], x[1] * factor], [y[0], y[1] * factor])
-}
-function follow(run) {
-  followed = run
-  pressed("follow", run >= 0)
-  if (run >= 0 && !maps[0].figure.x_range.have_updated_interactively) zoom(0.5)
-  keep_up()
-}
-function keep_up() {
-  if (followed < 0) return
-  const {x: [x], y: [y]} = runs[followed].now, {figure: {x_range, y_range}} = maps[0]
-  if (Number.isFinite(x + y)) hold([x, middle(x_range)[1]], [y, middle(y_range)[1]])
-}
 function reset() {
-  follow(-1)
   for (const {figure} of maps) figure.reset.emit()
 }
 // Bokeh keeps the ends of a range that somebody has moved where the frame changes its shape: the scale along y is set anew.
@@ -98,20 +67,11 @@ function paint() {
   for (const [model, name, ...values] of theme) set(model, {[name]: values[shade]})
 }
 
-const loop = (on) => { looping = on; pressed("loop", on) }
 const step = (event) => event.shiftKey ? 1 : 0.1
-const actions = {
-  play: () => play(!playing), loop: () => loop(!looping), reset,
-  follow: () => follow(followed + 1 < runs.length ? followed + 1 : -1),
-  link: () => {
-    history.replaceState(null, "", `#t=${time.toFixed(1)}`)
-    navigator.clipboard?.writeText(location.href).catch(() => {})
-  },
-}
+const actions = {play: () => play(!playing), reset}
 const keys = {
   " ": actions.play, ArrowRight: (event) => seek(time + step(event)), ArrowLeft: (event) => seek(time - step(event)),
-  Home: () => seek(from()), End: () => seek(until()), l: actions.loop, n: () => seek_event(1), p: () => seek_event(-1), f: actions.follow,
-  d: () => choice && choose(selected + 1 < runs.length ? selected + 1 : -1), r: reset, "+": () => zoom(1 / 1.2), "-": () => zoom(1.2),
+  Home: () => seek(from()), End: () => seek(until()), r: reset,
 }
 document.addEventListener("keydown", (event) => {
   const act = keys[event.key] ?? keys[event.key.toLowerCase()]
@@ -137,9 +97,6 @@ range.change.connect(() => show(time))
 if (matchMedia("(pointer: coarse)").matches)  // a finger on a plot scrolls the page
   for (const {figure} of plots) for (const tool of figure.toolbar.tools) if (tool.dimensions) set(tool, {active: false})
 
-// A link to a moment, #t=12.3; without one, what is seen begins to move.
-const linked = () => /^#t=([0-9.]+)$/.exec(location.hash)
-addEventListener("hashchange", () => { if (linked()) seek(Number(linked()[1])) })
 window.watch = {
   seek, reset, whole, choose, play: () => play(true), pause: () => play(false), get time() { return time }, get end() { return end() },
   layers, trail: (run) => runs[run].moment.trail.data, get playing() { return playing > 0 }, get events() { return all_events() }, get range() { return [range.start, range.end] },
@@ -148,14 +105,12 @@ window.watch = {
 paint()
 arrange()
 begin()
-if (linked()) seek(Number(linked()[1]))
-else if (!matchMedia("(prefers-reduced-motion: reduce)").matches) {
+if (!matchMedia("(prefers-reduced-motion: reduce)").matches) {
   new IntersectionObserver((entries, observer) => {
     if (!entries.some(({isIntersecting}) => isIntersecting)) return
     observer.disconnect()
     if (time > 0 || playing) return
     speed.value = [...speed.options].map(({value}) => value).findLast((value) => Number(value) <= Math.max(1, end() / 30))
-    loop(true)
     play(true)
   }).observe(element("play"))
 }

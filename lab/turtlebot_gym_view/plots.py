@@ -90,27 +90,24 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     plots = Plots([], [], times, cursor)
     several = len(drives) > 1
 
-    def plot(
-        title: str, curves: Sequence[_Curve], *, floor: float | None = None, has_data: bool = True, of_both: bool = False
-    ) -> Figure | None:
+    def plot(title: str, curves: Sequence[_Curve], *, floor: float | None = None, has_data: bool = True) -> Figure | None:
         if not has_data:
             return None
         figure = _figure(title, plots, theme, floor)
-        for at, source in enumerate(rows[:1] if of_both else rows):
+        for at, source in enumerate(rows):
             ink, dash = style.RUNS[at]
-            by_run = several and not of_both
             shown = curves[-1:] if several else curves
             for curve in shown:
-                drawn = _draw(figure, source, curve._replace(ink=ink, dash=dash) if by_run else curve, theme)
-                layer = "" if by_run else curve.layer
+                drawn = _draw(figure, source, curve._replace(ink=ink, dash=dash) if several else curve, theme)
+                layer = "" if several else curve.layer
                 plots.curves[-1].append({"drawn": drawn, "layer": layer, "run": at, "column": curve.column})
             values = [(curve.layer, f"@{curve.column}{{0.000}}") for curve in shown]
             named = (
                 [(drives[at].around.label or "drive", "@time{0.0} s"), *values]
-                if by_run
+                if several
                 else [("time", "@time{0.0} s"), *values]
             )
-            mode = "mouse" if by_run else "vline"  # the values of six drives at one time would hide each other
+            mode = "mouse" if several else "vline"  # the values of six drives at one time would hide each other
             figure.add_tools(HoverTool(renderers=[_readable(figure, source, shown, plots)], tooltips=named, mode=mode))
         return figure
 
@@ -124,8 +121,6 @@ def make_plots(drives: Sequence[Drive], rows: Sequence[ColumnDataSource], theme:
     plot("position error (m)", [measured, believed], floor=0.0, has_data=has_truth)
     turns = [measured._replace(column="odometry_turn"), believed._replace(column="turn")]
     plot("heading error (rad)", turns, floor=0.0, has_data=has_truth)
-    if "apart" in rows[0].column_names:
-        plot("between the two robots (m)", [_Curve("apart", "distance", style.TEXT)], floor=0.0, of_both=True)
     degrees = drives[0].around.nis_degrees
     limit = float(chi2.ppf(CONFIDENCE, degrees))
     title = f"NIS, and the {limit:.2f} that 95 % stay below"

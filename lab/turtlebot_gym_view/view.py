@@ -20,7 +20,7 @@ from jinja2 import Template
 from turtlebot_gym.drive import Drive
 from turtlebot_gym.plotting import ESTIMATE_WITHIN
 from turtlebot_gym_view import style
-from turtlebot_gym_view.columns import apart, kept_of, tables_of
+from turtlebot_gym_view.columns import kept_of, tables_of
 from turtlebot_gym_view.events import told_outcome
 from turtlebot_gym_view.maps import Map, in_same_room, make_map
 from turtlebot_gym_view.moving import PERSON, Moment, draw_drive, make_moment
@@ -38,7 +38,6 @@ WORDS = (
     ("turning", "command_omega", 2, " rad/s"),
     ("NIS", "nis", 1, ""),
     ("clearance", "clearance", 2, " m"),
-    ("from the other", "apart", 2, " m"),
 )
 """Numbers below a map: name, column, digits and unit."""
 DETAILS = ("estimate", "odometry", "scan", "tracks", "hypotheses")
@@ -79,10 +78,6 @@ def fill(document: Document, drives: Sequence[Drive], *, title: str, side_by_sid
     theme = Theme()
     runs = [_make_run(drive) for drive in drives]
     rows = [run.sources["rows"] for run in runs]
-    if len(drives) == 2:
-        for at, source in enumerate(rows):
-            source.data["apart"] = apart(drives[at], drives[1 - at])
-            runs[at].moment.now.data["apart"] = np.empty(0, np.float32)
     groups = [[at] for at in range(len(drives))] if side_by_side else _groups(drives)
     maps, drawn = _make_maps(drives, runs, groups, theme)
     plots = make_plots(drives, rows, theme)

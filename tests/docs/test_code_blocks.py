@@ -12,7 +12,7 @@ import gymnasium as gym
 import pytest
 import tomllib
 import yaml
-from pages import PAGES, ROOT, blocks_of, environment, parsed
+from pages import PAGES, ROOT, blocks_of, environment
 
 import turtlebot_gym
 
@@ -22,8 +22,6 @@ with warnings.catch_warnings():
     pytest.importorskip("rosidl_generator_py", reason="needs the extra [ros]")
 pytest.importorskip("stable_baselines3", reason="needs the extra [agents]")
 
-KINDS = ("python", "bash", "yaml", "console", "text")
-"""Languages of code blocks. Python and bash are run, YAML is read, of a console the names are checked, text is only shown."""
 LONG = (
     "README",
     "belief",
@@ -46,7 +44,6 @@ LONG = (
 """Pages whose blocks train, or compile systems that the other tests do not need; they run in `make test-all`."""
 QUICK = {
     "evaluate": {"episodes": "5"},
-    "estimate": {"runs": "20"},
     "replay": {"seeds": "2"},
     "train": {"steps": "2048", "evaluations": "1"},
     "bringup": {"duration": "3"},
@@ -116,36 +113,7 @@ def test_code_blocks_work(path, tmp_path, monkeypatch):
                 yaml.safe_load(block.text)
 
 
-def test_no_code_block_is_left_out(page):
-    assert {block.kind for block in blocks_of(page)} <= {*KINDS}
-    assert not [token for token in parsed(page) if token.type == "code_block"]  # indented ones have no language
-    shown = [line for block in blocks_of(page) if block.kind == "text" for line in block.text.splitlines()]
-    assert not [line for line in shown if re.match(r"(\$ |turtlebot-gym |python |pip |ros2 |make )", line)]
-
-
 def test_python_blocks_of_every_page_are_valid(page):
     for block in blocks_of(page):
         if block.kind == "python":
             compile("\n" * block.line + block.text, page, "exec")
-
-
-def test_commands_are_made_short():
-    long = "turtlebot-gym evaluate --episodes 1000 --seed 3  # long"
-    assert shortened(long) == "turtlebot-gym evaluate --seed 3 --episodes 5"
-    assert shortened("python -m turtlebot_gym_ros bringup") == "python -m turtlebot_gym_ros bringup --duration 3"
-
-
-def test_nothing_is_installed_by_the_name_of_an_index():
-    """The name is not ours there: anybody could register it."""
-    texts = {path: path.read_text(encoding="utf-8") for path in (*PAGES, *(ROOT / "notebooks").glob("*.ipynb"))}
-    assert not [path.name for path, text in texts.items() if re.search(r"pip install[^`\n]*turtlebot[-_]gym", text)]
-
-
-def test_the_first_command_is_what_a_user_copies():
-    """It clones the repository and does all the set-up; the page then says how commands come onto the path."""
-    command = blocks_of(ROOT / "README.md")[1].text
-    clone, folder, target = (part.split() for part in command.strip().split(" && "))
-    assert clone[:2] == ["git", "clone"]
-    assert folder == ["cd", clone[-1]]
-    assert target == ["make", "demo"]
-    assert "`. .venv/bin/activate`" in (ROOT / "README.md").read_text(encoding="utf-8")

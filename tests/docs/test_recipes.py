@@ -1,7 +1,6 @@
 """The recipes of CONTRIBUTING, followed to the letter: their files stand beside the package's own, their code runs."""
 
 import os
-import re
 import subprocess
 import sys
 
@@ -60,7 +59,6 @@ def test_each_extension_has_a_recipe():
         "A sensor",
         "A filter",
         "A plant",
-        "A robot",
         "A node",
     }
     for heading in HEADINGS.values():
@@ -71,7 +69,7 @@ def test_each_extension_has_a_recipe():
 @pytest.mark.parametrize(
     ("headings", "plain"),
     [
-        *((headings, True) for headings in (["A sensor", "A filter"], ["A plant"], ["A robot"], ["A node"])),
+        *((headings, True) for headings in (["A sensor", "A filter"], ["A plant"], ["A node"])),
         pytest.param(["A sensor", "A filter"], False, marks=pytest.mark.nightly),
     ],
     ids=str,
@@ -79,14 +77,3 @@ def test_each_extension_has_a_recipe():
 def test_a_recipe_works_to_the_letter(headings, plain, tmp_path):
     done = follow(headings, tmp_path, plain=plain)
     assert done.returncode == 0, done.stderr
-
-
-def test_recipes_are_formatted_as_the_code(tmp_path):
-    for heading in HEADINGS.values():
-        for block in recipe(heading):
-            name = re.sub(r"\W", "_", block.title or f"{heading}_{block.line}")
-            (tmp_path / f"{name}.py").write_text(block.text, encoding="utf-8")
-    for command in (["check", "--ignore", "F821,I001"], ["format", "--check"]):
-        config = ["--config", str(ROOT / "pyproject.toml")]
-        done = subprocess.run([sys.executable, "-m", "ruff", *command, *config, str(tmp_path)], capture_output=True, text=True)
-        assert done.returncode == 0, done.stdout

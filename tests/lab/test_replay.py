@@ -19,7 +19,6 @@ from turtlebot_gym_lab.evaluation.replay import (
     dead_reckoning,
     drift,
     replay,
-    replay_figure,
     replay_seeds,
     replayable,
 )
@@ -212,19 +211,6 @@ def test_a_filter_that_trusts_the_wheels_does_not_pass_on_real_drives():
     assert result.filter.heading_mean.mean() > 0.03
 
 
-def test_the_figures_legend_hides_nothing_and_calls_a_measured_twist_measured():
-    drive = perfect_drive(200)
-    figure = replay_figure(replay(drive), dead_reckoning(drive))
-    figure.draw_without_rendering()
-    (legend,) = figure.legends
-    assert sum(line.get_label() == "wheels alone" for axes in figure.axes for line in axes.lines) == 2
-    names = [text.get_text() for text in legend.get_texts()]
-    assert {"wheels alone", "measured wheel twist"} <= set(names)
-    assert "command" not in names
-    assert not any(legend.get_window_extent().overlaps(axes.get_tightbbox()) for axes in figure.axes)
-    assert not any(axes.get_legend() for axes in figure.axes)
-
-
 DEVIATIONS = (0.03, 0.03, 0.05)
 SENSOR = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
@@ -272,15 +258,6 @@ def test_a_recorded_pose_sensor_corrects_the_filter_and_its_nees_is_that_of_its_
     assert ("in another frame" in printed.err) == any(frame)
     sure, _ = replayed(capsys, tmp_path, folder, "--noise", noise_file(tmp_path / "noise.yaml", 0.2))
     assert sure["nees"] > 3.0 * run["nees"]  # the number shows a filter that is too sure
-
-
-@pytest.mark.nightly
-def test_measurements_are_generated_where_none_are_recorded_or_where_that_is_asked_for(tmp_path, capsys):
-    folder = sensed(tmp_path / "bag")
-    run, _ = replayed(capsys, tmp_path, folder, "--measured", "generated", "--seeds", "2")
-    assert (run["measured"], len(run["seeds"]["nees"])) == ("generated", 2)
-    run, _ = replayed(capsys, tmp_path, sensed(tmp_path / "bare", topics=()), "--seeds", "2")
-    assert run["measured"] == "generated"
 
 
 def test_of_several_pose_sensors_one_must_be_named(tmp_path, capsys):

@@ -9,11 +9,10 @@ from drive_samples import random_drive
 from turtlebot_gym.drive import Drive, Seen
 from turtlebot_gym.models.angles import sincos
 from turtlebot_gym.models.odometry import increment
-from turtlebot_gym.plotting import ellipse
 from turtlebot_gym.rooms.scan import Scan
 from turtlebot_gym.values import ORIGIN, Pose
 from turtlebot_gym_view import columns
-from turtlebot_gym_view.columns import RESOLUTION, apart, kept_of, rows_of, tables_of
+from turtlebot_gym_view.columns import RESOLUTION, kept_of, rows_of, tables_of
 
 
 def test_the_tables_hold_all_that_a_drive_has():
@@ -41,19 +40,6 @@ def test_numbers_are_rounded_to_a_tenth_of_a_millimetre():
     np.testing.assert_array_equal(x / RESOLUTION, np.round(x / RESOLUTION))
     assert x.dtype == np.float32
     assert RESOLUTION < 2e-4
-
-
-def test_the_ellipse_is_that_of_the_plots():
-    drive = random_drive()
-    table = rows_of(drive)
-    angle = np.linspace(0.0, 2.0 * np.pi, 97)
-    for k in range(len(drive)):
-        outline = ellipse(drive.estimate[k], drive.covariance[k], points=97)
-        a, b, tilt = (float(table[name][k]) for name in ("width", "height", "tilt"))
-        turn = np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
-        drawn = np.stack([a / 2.0 * np.cos(angle), b / 2.0 * np.sin(angle)], axis=1) @ turn + drive.estimate[k, :2]
-        gaps = np.linalg.norm(drawn[:, None] - outline[None], axis=-1).min(axis=1)
-        assert gaps.max() < 0.05 * a
 
 
 def test_an_ellipse_by_hand():
@@ -131,14 +117,3 @@ def test_where_there_is_no_track_nothing_is_drawn():
     table = tables_of(Drive(time=0.1 * np.arange(4), tracks=tracks))["tracks"]
     assert table["row"].tolist() == [2]
     assert np.isnan(table["x"]).all()  # nobody knows where the robot is
-
-
-def test_two_drives_are_apart_as_far_as_their_robots_at_the_same_time():
-    states = np.zeros((5, 5))
-    states[:, 0] = np.arange(5.0)
-    slow = Drive(time=10.0 + np.arange(5.0), true_state=states)
-    fast = Drive(time=0.5 * np.arange(5.0), true_state=np.add(states, [0.0, 3.0, 0.0, 0.0, 0.0]))
-    np.testing.assert_allclose(apart(slow, fast), [3.0, np.hypot(1.0, 3.0), np.hypot(2.0, 3.0), np.nan, np.nan], rtol=1e-6)
-    np.testing.assert_array_equal(apart(slow, slow), np.zeros(5))
-    unknown = replace(slow, true_state=np.full((5, 5), np.nan), estimate=states)
-    np.testing.assert_allclose(apart(slow, unknown), np.zeros(5))

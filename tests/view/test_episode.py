@@ -3,7 +3,6 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from shapely import LinearRing, Point, Polygon, affinity, box
 
 import turtlebot_gym  # noqa: F401
 from turtlebot_gym.drive import position_error
@@ -55,37 +54,6 @@ def test_it_is_the_first_episode_of_an_evaluation():
     assert recorded.outcome == f"success after {evaluation.episodes.time[0]:.1f} s"
     assert record_episode(stand, seed=5, label="nobody").around.label == "nobody"
     assert record_episode(stand, seed=5).outcome.startswith("time is up")
-
-
-def surfaces(room, circles):
-    """Return all that a beam can end on, by shapely."""
-    x, y, a, b = room.walls
-    outlines = [LinearRing(box(x - a, y - b, x + a, y + b).exterior.coords)]
-    outlines += [Point(cx, cy).buffer(radius, 256).exterior for cx, cy, radius in circles]
-    for cx, cy, length, width, heading in room.boxes:
-        upright = Polygon(
-            [(-length / 2, -width / 2), (length / 2, -width / 2), (length / 2, width / 2), (-length / 2, width / 2)]
-        )
-        turned = affinity.rotate(upright, heading, origin=(0, 0), use_radians=True)
-        outlines.append(affinity.translate(turned, cx, cy).exterior)
-    return outlines
-
-
-@pytest.mark.parametrize("world", ["dense", "crowd"])
-def test_scans_end_on_the_obstacles_at_the_time_of_the_scan(world):
-    recorded = record_episode("vfh", env=ROOMS, seed=2, world=world, lidar="ideal")
-    room = recorded.around.room
-    walks = [circles for circles in recorded.circles if len(circles)]
-    assert (len(walks) == len(recorded)) == (world == "crowd")
-    assert len(recorded.scans) > 0.8 * len(recorded)
-    for seen in recorded.scans[:: len(recorded.scans) // 5]:
-        circles = recorded.circles[seen.row] if walks else room.circles
-        solid = surfaces(room, circles)
-        angles = seen.lidar.theta + seen.scan.first + seen.scan.increment * np.arange(len(seen.scan.ranges))
-        for length, angle in zip(seen.scan.ranges, angles, strict=True):
-            if np.isfinite(length):
-                end = Point(seen.lidar.x + length * np.cos(angle), seen.lidar.y + length * np.sin(angle))
-                assert min(end.distance(outline) for outline in solid) < 0.003
 
 
 def test_a_drive_records_when_fixes_arrived():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,14 +21,13 @@ from turtlebot_gym_lab.calibration.coordinates import (
     MEASURED,
     PARAMETERS,
     PLAIN,
-    VARIANCE,
     from_coordinates,
     natural_interval,
     to_coordinates,
     value_of,
     with_values,
 )
-from turtlebot_gym_lab.calibration.fit import LEVEL, Fit, climb, interval, maximize, valley
+from turtlebot_gym_lab.calibration.fit import LEVEL, Fit, climb, interval, maximize
 from turtlebot_gym_lab.calibration.likelihood import Rows, innovations
 
 Likelihood = Callable[[Noise], float]
@@ -40,8 +39,6 @@ SPIKY = float(stats.chi2.ppf(0.999, 2))
 """Twice the gain in log-likelihood above which spikes are accepted."""
 SPIKE_SIZES = (2.0, 4.0, 8.0)
 """Spike sizes at which the search starts, in standard deviations of the heading."""
-SPREAD = (0.3, 1.0, 3.0)
-"""Factors on the roots of variances at which a wide search starts."""
 
 CLEAR = 0.3
 """Relative deviation up to which a variance, a probability or a size counts as determined."""
@@ -104,22 +101,10 @@ class CalibrationEstimate:
         return not self.remedy
 
 
-def search(likelihood: Likelihood, start: Noise, names: Sequence[str], *, widely: bool = False) -> Fit:
-    """Return the maximum of a likelihood over some parameters of a noise model.
-
-    With ``widely`` it also starts elsewhere, and without gradients: the likelihood of few data has narrow valleys.
-    """
+def search(likelihood: Likelihood, start: Noise, names: Sequence[str]) -> Fit:
+    """Return the maximum of a likelihood over some parameters of a noise model."""
     scales = np.array([PARAMETERS[name].scale for name in names])
-    begin = to_coordinates(start, names)
-
-    def of(x: NDArray[np.float64]) -> float:
-        return likelihood(from_coordinates(start, names, x))
-
-    if widely:
-        spread = np.array([PARAMETERS[name].kind == VARIANCE for name in names])
-        begins = [np.where(spread, share * begin, begin) for share in SPREAD]
-        begin = max((valley(of, x, scales) for x in begins), key=lambda top: top[1])[0]
-    return maximize(of, begin, scales)
+    return maximize(lambda x: likelihood(from_coordinates(start, names, x)), to_coordinates(start, names), scales)
 
 
 def _search_with_spikes(likelihood: Likelihood, start: Noise, names: Sequence[str]) -> tuple[tuple[str, ...], Noise, Fit]:
@@ -143,32 +128,26 @@ def estimates_of(
 ) -> dict[str, CalibrationEstimate]:
     """Return values and intervals of parameters at the maximum of their likelihood."""
     likeliest = from_coordinates(start, names, fit.x)
-    values = {name: value_of(likeliest, name) for name in names}
-    return profiled(lambda x: likelihood(from_coordinates(start, names, x)), fit, values, has_truth=has_truth)
-
-
-def profiled(
-    likelihood: Callable[[NDArray[np.float64]], float], fit: Fit, values: Mapping[str, float], *, has_truth: bool
-) -> dict[str, CalibrationEstimate]:
-    """Return the estimates of parameters, which are the first coordinates of a maximum, with their intervals.
-
-    Args:
-        likelihood: Of all coordinates.
-        fit: Its maximum.
-        values: The parameters there.
-        has_truth: Whether the drive has a truth.
-    """
-    # Coordinates of variances have no sign: take the positive ones; those beyond the parameters are roots of variances.
-    kinds = [PARAMETERS[name].kind for name in values] + [VARIANCE] * (len(fit.x) - len(values))
-    signs = np.where((fit.x < 0.0) & (np.array(kinds) != PLAIN), -1.0, 1.0)
+    kinds = np.array([PARAMETERS[name].kind for name in names])
+    signs = np.where((fit.x < 0.0) & (kinds != PLAIN), -1.0, 1.0)  # coordinates of variances have no sign: take the positive
     products = np.outer(signs, signs)
     fit = fit._replace(x=signs * fit.x, information=fit.information * products, covariance=fit.covariance * products)
+
+    def of(x: NDArray[np.float64]) -> float:
+        return likelihood(from_coordinates(start, names, x))
+
     table = {}
-    for at, (name, value) in enumerate(values.items()):
-        low, high, is_profile = interval(likelihood, fit, at, least=-math.inf if kinds[at] == PLAIN else 0.0)
+    for at, name in enumerate(names):
+        low, high, is_profile = interval(of, fit, at, least=-math.inf if kinds[at] == PLAIN else 0.0)
         low, high = natural_interval(name, low, high)
-        remedy, unit = remedy_of(name, fit.x[at], fit.deviations[at], low, high, has_truth=has_truth), PARAMETERS[name].unit
-        table[name] = CalibrationEstimate(value=value, low=low, high=high, unit=unit, remedy=remedy, is_profile=is_profile)
+        table[name] = CalibrationEstimate(
+            value=value_of(likeliest, name),
+            low=low,
+            high=high,
+            unit=PARAMETERS[name].unit,
+            remedy=remedy_of(name, fit.x[at], fit.deviations[at], low, high, has_truth=has_truth),
+            is_profile=is_profile,
+        )
     return table
 
 

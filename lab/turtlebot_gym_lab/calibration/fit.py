@@ -12,15 +12,13 @@ References:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.optimize import minimize
+from scipy.optimize import minimize, root_scalar
 
 LEVEL = 0.95
 """Confidence level of the intervals."""
@@ -30,8 +28,8 @@ STEP = 1e-3
 """First step of finite differences, in units of a coordinate's scale."""
 QUADRATIC = 0.08
 """Tolerance on the root of the deviance, which should be `Z`, for a quadratic interval to hold."""
-ACCURATE = 0.04
-"""Tolerance on the root of the deviance at a profile's end, which should be `Z`."""
+ACCURATE = 0.02
+"""Tolerance on a profile's end, in standard deviations."""
 FAR = 8.0
 """Standard deviations beyond which the search for an interval's end stops: the drive sets no bound."""
 
@@ -43,8 +41,6 @@ LONGEST = 3.0
 """Longest step, in units of a coordinate's scale."""
 NEWTON, DESCENTS = 4, 8
 """Most evaluations of the second derivatives, and most steps with each."""
-
-_seen: ContextVar[Callable[[], None]] = ContextVar("seen", default=lambda: None)
 
 Vector = NDArray[np.float64]
 Likelihood = Callable[[Vector], float]
@@ -72,23 +68,10 @@ class Fit(NamedTuple):
         return math.sqrt(max(2.0 * (self.value + cost(x)), 0.0))
 
 
-@contextmanager
-def watched(evaluated: Callable[[], None]) -> Iterator[None]:
-    """Call a function at each evaluation of a likelihood that is maximized within, as for a progress bar."""
-    token = _seen.set(evaluated)
-    try:
-        yield
-    finally:
-        _seen.reset(token)
-
-
 def _finite(likelihood: Likelihood) -> Likelihood:
     """Return the negative log-likelihood, or a large number where it is undefined."""
 
-    seen = _seen.get()
-
     def cost(x: Vector) -> float:
-        seen()
         try:
             value = likelihood(x)
         except ValueError:
@@ -145,15 +128,6 @@ def climb(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector
     slope = _gradient(scaled, np.full(len(start), STEP))
     result = minimize(scaled, start / scales, jac=slope, method="BFGS", options={"gtol": 0.1, "maxiter": 200})
     return result.x * scales, -float(result.fun)
-
-
-def valley(likelihood: Likelihood, start: Vector, scales: Vector) -> tuple[Vector, float]:
-    """Return an approximate maximum and the value there, without gradients."""
-    cost = _finite(likelihood)
-    corners = start + np.concatenate([np.zeros((1, len(start))), np.diag(scales)])
-    options = {"maxfev": 2000, "xatol": 1e-5, "fatol": 1e-3, "initial_simplex": corners}
-    result = minimize(cost, start, method="Nelder-Mead", options=options)
-    return result.x, -float(result.fun)
 
 
 def maximize(likelihood: Likelihood, start: Vector, scales: Vector) -> Fit:
@@ -272,30 +246,16 @@ def _profile_end(cost: Likelihood, fit: Fit, at: int, side: float, least: float)
         best[distance] = x
         return fit.root(cost, x)
 
-    # Enclose the end by doubling, then interpolate.
-    low, high, low_root = 0.0, Z, 0.0
+    high = Z
     room = (fit.x[at] - least) / deviation if side < 0.0 else math.inf
     if room < 2.0 * Z:
         high = room
         if root_at(room) <= Z:
             return least
-    high_root = root_at(high)
-    while high_root < Z:
+    low = 0.0
+    while root_at(high) < Z:
         if high >= FAR * Z:
             return side * math.inf
-        low, low_root = high, high_root
-        high *= 2.0 if high_root < 0.5 * Z else 1.1 * Z / high_root
-        high_root = root_at(high)
-    distance = high
-    for _ in range(20):
-        if abs(high_root - Z) < ACCURATE or abs(low_root - Z) < ACCURATE:
-            break
-        share = (Z - low_root) / (high_root - low_root)
-        distance = low + min(max(share, 0.01), 0.99) * (high - low)
-        root = root_at(distance)
-        if root < Z:
-            low, low_root = distance, root
-        else:
-            high, high_root = distance, root
-    distance = high if abs(high_root - Z) < abs(low_root - Z) else low
+        low, high = high, 2.0 * high
+    distance = root_scalar(lambda far: root_at(far) - Z, bracket=(low, high), xtol=ACCURATE, rtol=ACCURATE).root
     return float(fit.x[at] + side * distance * deviation)

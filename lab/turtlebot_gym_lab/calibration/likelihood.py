@@ -16,24 +16,12 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.estimation.ekf import predict
+from turtlebot_gym.estimation.ekf import initialize, predict
+from turtlebot_gym.estimation.update import wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.parameters import FilterTuning, Noise
 from turtlebot_gym.values import Belief, Command, Odometry, Pose
-from turtlebot_gym_lab.calibration.spikes import (
-    Hypotheses,
-    Spikes,
-    Three,
-    begin,
-    least_exponent,
-    scaled,
-    track,
-    track_all,
-    weigh,
-)
-
-CERTAIN = 1.0 - 1e-13
-"""Probability of a hypothesis above which the others are dropped."""
+from turtlebot_gym_lab.calibration.spikes import Spikes, track
 
 
 class Rows(NamedTuple):
@@ -52,32 +40,20 @@ class Rows(NamedTuple):
 
 
 @kernel
-def _shifted(poses: Any, row: int, bias: Three) -> Pose:
+def _shifted(poses: Any, row: int, bias: Any) -> Pose:
     return Pose(poses[row, 0] - bias[0], poses[row, 1] - bias[1], poses[row, 2] - bias[2])
 
 
 @kernel
-def _depart(z: Pose, twist: Command, tuning: Any, dt: float, integrator: float) -> tuple[Hypotheses, Three]:
-    """Return a belief for each explanation of the first pose, and their probabilities."""
-    (true, high, low), weights = begin(z, tuning)
-    hypotheses = Hypotheses(
-        predict(true, twist, tuning, dt, integrator),  # at rest: nothing moves yet
-        predict(high, twist, tuning, dt, integrator),
-        predict(low, twist, tuning, dt, integrator),
-    )
-    return hypotheses, weights
-
-
-@kernel
-def _surest(hypotheses: Hypotheses, weights: Three) -> Belief:
-    return hypotheses.high if weights[1] > 0.5 else (hypotheses.low if weights[2] > 0.5 else hypotheses.true)
+def _begin(z: Pose, twist: Command, tuning: Any, dt: float, integrator: float) -> Belief:
+    """Return the belief after the first pose, which is taken for one without a spike; nothing moves yet."""
+    return predict(wrapped(initialize(z, tuning).belief), twist, tuning, dt, integrator)
 
 
 @in_machine_code("likelihood of drives")
 def _of_innovations(time, twist, poses, due, joined, tuning, bias, integrator):
-    rows, total, running, alone = len(time), 0.0, False, False
-    hypotheses, weights = begin(Pose(0.0, 0.0, 0.0), tuning)
-    belief = hypotheses.true
+    rows, total, running = len(time), 0.0, False
+    belief = wrapped(initialize(Pose(0.0, 0.0, 0.0), tuning).belief)
     for row in range(rows):
         is_last = row == rows - 1
         after = 0 if is_last else row + 1
@@ -85,26 +61,11 @@ def _of_innovations(time, twist, poses, due, joined, tuning, bias, integrator):
         running = running and joined[row]
         z = _shifted(poses, row, bias)
         if running:
-            dt = time[row] - time[row - 1]
-            odometry = Odometry(z, twist_then, due[row])
-            # One filter does once a hypothesis is certain.
-            if alone:
-                now = track(belief, odometry, tuning, dt, integrator)
-                total += math.log(now.factor) - now.exponent if due[row] else 0.0
-                belief = now.belief
-            else:
-                tracks = track_all(hypotheses, odometry, tuning, dt, integrator)
-                least = least_exponent(tracks)
-                likely = weigh(weights, tracks, least)
-                amount = likely[0] + likely[1] + likely[2]
-                total += math.log(amount) - least
-                weights = scaled(likely, 1.0 / amount)
-                hypotheses = Hypotheses(tracks.true.belief, tracks.high.belief, tracks.low.belief)
-                alone = max(weights[0], max(weights[1], weights[2])) > CERTAIN
-                belief = _surest(hypotheses, weights)
+            now = track(belief, Odometry(z, twist_then, due[row]), tuning, time[row] - time[row - 1], integrator)
+            total += math.log(now.factor) - now.exponent if due[row] else 0.0
+            belief = now.belief
         if due[row] and not running and not is_last:
-            hypotheses, weights = _depart(z, twist_then, tuning, time[after] - time[row], integrator)
-            belief, running, alone = hypotheses.true, True, tuning.kind.spike_probability == 0.0
+            belief, running = _begin(z, twist_then, tuning, time[after] - time[row], integrator), True
     return total
 
 

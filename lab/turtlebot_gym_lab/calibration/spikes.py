@@ -1,8 +1,6 @@
 """Beliefs about a pose whose measured headings may be off by a spike: true, or too large or too small by it.
 
 A measurement is a mixture of the three, and the posterior is approximated by a Gaussian with the mixture's mean and covariance.
-The first measurement has no prior to be weighed against, so three beliefs start, one for each explanation, and later
-measurements decide between them.
 
 References:
     Alspach, Sorenson, "Nonlinear Bayesian estimation using Gaussian sum approximations", *IEEE Transactions on Automatic
@@ -15,15 +13,11 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from turtlebot_gym.config import NON_NEGATIVE, PROBABILITY, check_fields
-from turtlebot_gym.estimation import ekf
 from turtlebot_gym.estimation.ekf import innovation, predict
 from turtlebot_gym.estimation.update import absorb, innovation_variance, inverse_of, of_heading, of_x, of_y, update, wrapped
 from turtlebot_gym.kernel import kernel, sqrt
-from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
-from turtlebot_gym.values import Belief, Odometry, Pose, State
-
-Three = tuple[float, float, float]
+from turtlebot_gym.values import Belief, Odometry
 
 _LEAST = 1e-100
 """Least density of a measurement, without its exponent, so that one that was certain beforehand does not count as
@@ -43,28 +37,12 @@ class Spikes:
         check_fields(self)
 
 
-class Hypotheses(NamedTuple):
-    """Beliefs for each explanation of the first heading: true, too large by a spike, too small by one."""
-
-    true: Belief
-    high: Belief
-    low: Belief
-
-
 class _Tracked(NamedTuple):
-    """A hypothesis, and the measurement's likelihood under it, ``factor e^-exponent``."""
+    """A belief, and the measurement's likelihood under the one before, ``factor e^-exponent``."""
 
     belief: Belief
     exponent: float
     factor: float
-
-
-class Tracks(NamedTuple):
-    """All hypotheses, in the order of `Hypotheses`."""
-
-    true: _Tracked
-    high: _Tracked
-    low: _Tracked
 
 
 @kernel
@@ -86,23 +64,8 @@ def exp_minus(q: float) -> float:
 
 
 @kernel
-def _turned(belief: Belief, turn: float) -> Belief:
-    x, y, theta, v, omega = belief.mean
-    return Belief(State(x, y, wrap(theta + turn), v, omega), belief.covariance)
-
-
-@kernel
-def begin(z: Pose, tuning: FilterTuning) -> tuple[Hypotheses, Three]:
-    """Return a belief for each explanation of the first heading, and their probabilities."""
-    belief, spikes = wrapped(ekf.initialize(z, tuning).belief), tuning.kind
-    half = 0.5 * spikes.spike_probability
-    hypotheses = Hypotheses(belief, _turned(belief, -spikes.spike), _turned(belief, spikes.spike))
-    return hypotheses, (1.0 - spikes.spike_probability, half, half)
-
-
-@kernel
 def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, integrator: float) -> _Tracked:
-    """Predict a hypothesis, and correct it by a measurement's three explanations."""
+    """Predict a belief, and correct it by a measurement's three explanations."""
     R, share, spike, measured = tuning.R, tuning.kind.spike_probability, tuning.kind.spike, odometry.measured
     prior, z = predict(belief, odometry.twist, tuning, dt, integrator), odometry.pose
     turn = innovation(prior.mean, z).theta
@@ -136,36 +99,3 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, i
         0.5 * (nis + least) if measured else 0.0,
         likely * max(sqrt(precision * inverse), _LEAST) if measured else 1.0,
     )
-
-
-@kernel
-def track_all(hypotheses: Hypotheses, odometry: Odometry, tuning: FilterTuning, dt: float, integrator: float) -> Tracks:
-    """Predict and correct all hypotheses."""
-    return Tracks(
-        track(hypotheses.true, odometry, tuning, dt, integrator),
-        track(hypotheses.high, odometry, tuning, dt, integrator),
-        track(hypotheses.low, odometry, tuning, dt, integrator),
-    )
-
-
-@kernel
-def least_exponent(tracks: Tracks) -> float:
-    """Return the likeliest hypothesis' exponent, to subtract before weighing."""
-    return min(tracks.true.exponent, min(tracks.high.exponent, tracks.low.exponent))
-
-
-@kernel
-def weigh(weights: Three, tracks: Tracks, least: float) -> Three:
-    """Return the weights of the hypotheses after a measurement, not normalized yet."""
-    true, high, low = tracks
-    return (
-        weights[0] * true.factor * exp_minus(true.exponent - least),
-        weights[1] * high.factor * exp_minus(high.exponent - least),
-        weights[2] * low.factor * exp_minus(low.exponent - least),
-    )
-
-
-@kernel
-def scaled(weights: Three, factor: float) -> Three:
-    """Return weights times a factor."""
-    return (weights[0] * factor, weights[1] * factor, weights[2] * factor)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+import itertools
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -16,35 +15,10 @@ from turtlebot_gym_agents.outputs import OutputFile
 from turtlebot_gym_lab.commands.recorded import RecordingOptions
 
 if TYPE_CHECKING:
-    from turtlebot_gym import Robot
-    from turtlebot_gym.drive import Drive
     from turtlebot_gym_lab.calibration import Calibration
 
-PARTS, USUAL = 3, 150
-"""Most steps of a calibration, for its progress bar: alignment, and fit of motion and measurements; and the usual number of
-evaluations of a likelihood in one."""
-
-
-class _Bar:
-    """How far a calibration is, in percent: each evaluation takes it nearer to the end of its step.
-
-    Args:
-        advance_to: Moves the bar.
-    """
-
-    def __init__(self, advance_to: Callable[[int], None]) -> None:
-        self._advance_to, self._done, self._evaluations = advance_to, 0, 0
-
-    def finish(self, part: str) -> None:
-        """Take the end of a step."""
-        self._done, self._evaluations = self._done + 1, 0
-        self._advance_to(round(100.0 * min(self._done / PARTS, 1.0)))
-
-    def evaluate(self) -> None:
-        """Take an evaluation."""
-        self._evaluations += 1
-        share = self._done + 1.0 - math.exp(-self._evaluations / USUAL)
-        self._advance_to(round(100.0 * min(share / PARTS, 1.0)))
+PARTS = 3
+"""Parts of a calibration: clocks and frames, the motion, the measured poses."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +34,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
     """A bag of ROS 2 or ROS 1, laser arrays, or a table with named columns."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), OutputFile(SUFFIXES)] = None
     """Write the noise file here (FILE.yaml)."""
-    imu_out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.yaml"), OutputFile(SUFFIXES)] = None
-    """Write the noise of the gyro, if the log has one, here (FILE.yaml), for --imu; it needs stands, or the truth."""
     truth: str = "auto"
     """auto uses the truth if the log has it, none fits to the innovations alone; otherwise a topic of the bag
     (TOPIC:PARENT.CHILD where it holds transforms, such as /tf:map.base_footprint), or a table with the columns t, x, y and
@@ -83,23 +55,24 @@ class Calibrate(ReportingOptions, RecordingOptions):
         from turtlebot_gym import make_robot, write_parameters
         from turtlebot_gym_agents.provenance import provenance
         from turtlebot_gym_lab.calibration import calibrate
-        from turtlebot_gym_lab.calibration.fit import watched
+        from turtlebot_gym_lab.calibration.plausibility import check
         from turtlebot_gym_lab.calibration.windows import PARAMETERS
         from turtlebot_gym_lab.commands.calibration_report import calibration_figure, calibration_tables, comment
+        from turtlebot_gym_lab.drives import read
 
         robot, refused = make_robot(self.robot), ""
-        with progress(1):
-            drive = self._read(self.log, robot)
-        self._fit_gyro(drive)
+        drive = read(self.log, **self.reading())
+        check(drive, robot, str(self.log))
+        parts = itertools.count(1)
         try:
-            with progress(100) as advance_to, watched((bar := _Bar(advance_to)).evaluate):
+            with progress(PARTS) as advance_to:
                 fitted = calibrate(
                     drive,
                     kind=self.odometry,
                     use_truth=self.truth != "none",
                     integrator=self.integrator,
                     delay=self.delay,
-                    progress=bar.finish,
+                    progress=lambda part: advance_to(next(parts)),
                 )
         except ValueError as error:
             raise ValueError(f"{self.log}: {error}") from error
@@ -116,31 +89,6 @@ class Calibrate(ReportingOptions, RecordingOptions):
             save_figure(calibration_figure(fitted, title=self.log.name), self.plot)
         if refused:
             raise ValueError(refused)
-
-    def _read(self, path: Path, robot: Robot) -> Drive:
-        from turtlebot_gym_lab.calibration.plausibility import check
-        from turtlebot_gym_lab.drives import read
-
-        drive = read(path, **self.reading())
-        check(drive, robot, str(path))
-        return drive
-
-    def _fit_gyro(self, drive: Drive) -> None:
-        """Print and write the noise of the gyro, even if the log does not determine the rest."""
-        from turtlebot_gym import write_parameters
-        from turtlebot_gym_lab.calibration.gyro import fit_gyro
-        from turtlebot_gym_lab.commands.calibration_report import gyro_table
-
-        try:
-            fitted = fit_gyro(drive)
-        except ValueError as error:
-            if self.imu_out is not None:
-                raise ValueError(f"{self.log}: {self.imu_out} is not written: {error}") from error
-            return
-        print_tables(gyro_table(fitted, title=self.log.name))
-        if self.imu_out is not None:
-            noise: Any = fitted.noise  # a sensor's own parameters are written as those of noise are
-            write_parameters(noise, self.imu_out, comment=f"Gyro calibrated from {self.log.name}.")
 
 
 def _result_of(fitted: Calibration) -> dict[str, object]:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from turtlebot_gym_lab.calibration.gyro import GyroFit
 
 BINS = 60
 """Bins of the histograms."""
@@ -70,16 +69,6 @@ def tables_beside(
     return tables
 
 
-def gyro_table(fitted: GyroFit, *, title: str) -> Table:
-    """Return the estimates of a gyro's noise."""
-    against = "against the truth's turning rate" if fitted.by_truth else "while the robot stands"
-    table = Table("", "value", "95 % interval", "unit", title=f"{title}: gyro, {against}")
-    for name, estimate in fitted.estimates.items():
-        note = "" if estimate.is_determined else " (not determined)"
-        table.add_row(name, f"{estimate.value:.4g}{note}", interval_text(estimate), estimate.unit)
-    return table
-
-
 def interval_text(estimate: CalibrationEstimate) -> str:
     """Return an interval with as many digits as tell its ends apart; one without a width says nothing of an error."""
     low, high = estimate.low, estimate.high
@@ -112,21 +101,23 @@ def comment(fitted: Calibration, name: str, version: str) -> str:
 
 
 def calibration_figure(fitted: Calibration, *, title: str) -> Figure:
-    """Return a figure of errors, measured and fitted: histograms, and drift by distance."""
+    """Return a figure of errors, measured and fitted: histograms, and drift by distance.
+
+    Raises:
+        ValueError: If the calibration has no truth.
+    """
     from matplotlib.figure import Figure
 
-    has_poses, has_drift = fitted.kind == "pose", fitted.has_truth
-    figure = Figure(figsize=(4.0 * (3 * has_poses + 2 * has_drift) * 0.8, 3.4), layout="constrained")
-    panels = iter(np.atleast_1d(figure.subplots(1, 3 * has_poses + 2 * has_drift)))
-    if has_poses:
-        shown = residuals(fitted)
-        quantity = "measured minus true" if fitted.has_truth else "innovation of"
-        for at, name in enumerate(("x (m)", "y (m)", "heading (rad)")):
-            _draw_histogram(next(panels), fitted, shown, at, f"{quantity} {name}")
-    if has_drift:
-        drifts = drift(fitted)
-        for at, name in enumerate(("position (m)", "heading (rad)")):
-            _draw_drift(next(panels), drifts, at, name)
+    if not fitted.has_truth:
+        raise ValueError("a figure shows errors, which need the truth: leave out --plot.")
+    number = 3 * (fitted.kind == "pose")
+    figure = Figure(figsize=(3.2 * (number + 2), 3.4), layout="constrained")
+    panels = iter(figure.subplots(1, number + 2))
+    shown, drifts = residuals(fitted), drift(fitted)
+    for at, name in enumerate(("x (m)", "y (m)", "heading (rad)")[:number]):
+        _draw_histogram(next(panels), fitted, shown, at, f"measured minus true {name}")
+    for at, name in enumerate(("position (m)", "heading (rad)")):
+        _draw_drift(next(panels), drifts, at, name)
     figure.suptitle(title)
     return legends_below(figure)
 

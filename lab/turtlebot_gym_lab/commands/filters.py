@@ -1,11 +1,11 @@
-"""The subcommands about filters: ``estimate`` and ``replay``."""
+"""The subcommand ``replay``."""
 
 from __future__ import annotations
 
 import itertools
 import math
 import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,51 +18,6 @@ from turtlebot_gym_lab.commands.recorded import RecordingOptions
 if TYPE_CHECKING:
     from turtlebot_gym.drive import Drive
     from turtlebot_gym_lab.commands.replayed import ReplayResult
-
-
-@dataclass(frozen=True, kw_only=True)
-class Estimate(ReportingOptions):
-    """Compare filters with the best that any filter could do, and with their own stated uncertainty.
-
-    All filters see the same short drives, whose commands do not depend on the estimate.
-    """
-
-    filter: tuple[str, ...] = ("matched", "gated")
-    """Filters: matched, calibrated, tutorial, gated, or of your own (MODULE:NAME)."""
-    noise: str = "tutorial"
-    """Noise: clean, tutorial, documented, wheel, rough, or a file of your own (FILE.yaml)."""
-    robot: str = "burger"
-    """Robot: a preset, or a file of your own (FILE.yaml). An unknown name lists the presets."""
-    dt: float = 0.1
-    """Control interval, s."""
-    integrator: str = "euler"
-    """Integrator of the motion: euler or midpoint."""
-    runs: int = 2000
-    """Number of drives; drive i has the seed SEED + i. The default determines an RMSE to 3 %, 20000 drives to 1 %."""
-    seconds: float = 3.0
-    """Length of a drive."""
-    seed: int = 0
-    """The first seed."""
-    bias: bool = True
-    """Whether odometry has the preset's bias, which no filter can detect."""
-    slip: bool = True
-    """Whether the wheels slip as in the preset."""
-    plot: FigureFile = None
-    """Draw here the errors, NEES and NIS over time, with their bounds."""
-
-    def run(self) -> None:
-        from turtlebot_gym_lab.commands import report
-        from turtlebot_gym_lab.evaluation.estimation import estimate
-
-        if not self.filter:
-            raise ValueError("filter must name at least one.")
-        options = {name: getattr(self, name) for name in ("noise", "runs", "seconds", "seed", "robot", "dt", "integrator")}
-        with progress(self.runs) as advance_to:
-            result = estimate(self.filter, bias=self.bias, slip=self.slip, progress=advance_to, **options)
-        print_tables(report.estimation_table(result))
-        self.report(asdict(result))
-        if self.plot is not None:
-            save_figure(report.estimation_figure(result), self.plot)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.table import Table
 
 from turtlebot_gym.drive import Drive
+from turtlebot_gym_agents.commands.report import ERRORS, error_cells
 from turtlebot_gym_agents.figures import plot_drive
 from turtlebot_gym_agents.front.results import Result, axes_or_new, with_legend
-from turtlebot_gym_lab.commands.report import replay_table
 from turtlebot_gym_lab.evaluation.replay import Replayed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from rich.table import Table
 
 GENERATED = "generated"
 """Where measured poses come from if they are not recorded."""
@@ -88,3 +88,30 @@ class ReplayResult(Result):
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the first recording with the filter's estimate, seen from above."""
         return with_legend(plot_drive(axes_or_new(axes), next(iter(self.results.values())).trajectory))
+
+
+def replay_table(results: Mapping[str, Replayed], *, title: str) -> Table:
+    """Return the errors of replayed drives, and their drift.
+
+    Args:
+        results: Name and result of each.
+        title: Title of the figure or table.
+    """
+    table = Table(
+        "",
+        "",
+        *ERRORS,
+        "drift, m per metre",
+        "drift, rad per metre",
+        "NEES",
+        title=title,
+        caption="NEES of the pose, mean: 3 if the filter's covariance is right, more if it is too sure of itself",
+    )
+    for name, replayed in results.items():
+        table.add_section()
+        table.add_row(name, "measured pose", *error_cells(replayed.raw))
+        table.add_row(
+            "", "wheels alone", *error_cells(replayed.wheels), f"{replayed.drift:.3f}", f"{replayed.drift_heading:.3f}"
+        )
+        table.add_row("", "filter", *error_cells(replayed.filter), "", "", f"{np.mean(replayed.nees):.2f}")
+    return table

@@ -34,7 +34,7 @@ _MORE = {
     "reference": tuple(f"reference_{name}" for name in _STATE[:3]),
     "command": ("cmd_vel_v", "cmd_vel_omega"),
 }
-"""Columns of the recorder's snapshots that are read as they are."""
+"""Columns of a drive of this package that are read as they are."""
 
 Columns = dict[str, NDArray[np.float64]]
 

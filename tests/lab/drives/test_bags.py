@@ -10,7 +10,6 @@ from drawing import draw
 from drive_samples import recorded
 from rosbag_messages import ODOMETRY, POINT, POSE, TF, TRANSFORM, TWIST, Plugin, header, make, odometry, point, pose, write_bag
 
-from turtlebot_gym.rooms.grid import grid_of
 from turtlebot_gym.tracking.messages import FIELDS, FLOAT32
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.reading import pose_sensors
@@ -182,13 +181,6 @@ def test_a_truth_by_another_clock_is_refused(tmp_path, ahead):
         read(write_bag(tmp_path / "bag", messages))
 
 
-def test_two_messages_are_a_drive_and_one_is_none(tmp_path):
-    odom = [message for message in messages_of(SHORT, truth="") if message[0] == "/odom"]
-    assert len(read(write_bag(tmp_path / "two", odom[:2]))) == 2
-    with pytest.raises(ValueError, match="a drive needs two messages on odom, got 1"):
-        read(write_bag(tmp_path / "one", odom[:1]))
-
-
 def test_without_rosbags_the_error_names_what_to_install(bag, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     with pytest.raises(ImportError, match="pip install 'rosbags"):
@@ -338,15 +330,6 @@ def test_a_value_holds_for_a_second(tmp_path):
     drive = read(write_bag(tmp_path / "bag", messages))
     np.testing.assert_array_equal(drive.estimate[:, 0], [3.0, 3.0, np.nan])
     np.testing.assert_array_equal(drive.reference[:, 0], [7.0, 7.0, 7.0])  # a waypoint holds indefinitely
-
-
-def test_a_map_by_hand():
-    origin = make("geometry_msgs/msg/Pose", point(-1.0, 2.5), ros.turn(math.radians(30.0)))
-    info = make("nav_msgs/msg/MapMetaData", ros.stamp(0.0), 0.05, 3, 2, origin)
-    grid = grid_of(make("nav_msgs/msg/OccupancyGrid", header(0.0, "map"), info, np.array([0, 100, -1, 50, 0, 0], np.int8)))
-    assert grid.cells.tolist() == [[0, 100, -1], [50, 0, 0]]
-    assert grid.resolution == 0.05
-    assert grid.origin == pytest.approx((-1.0, 2.5, math.radians(30.0)))
 
 
 def test_a_bag_of_odometry_alone_leaves_the_rest_unknown(tmp_path):

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from rosbag_messages import ODOMETRY, POSE, TF, header, make, odometry, pose, transform, write_bag
+from simulated import simulated_log
 
 from turtlebot_gym import make_noise
 from turtlebot_gym.drive import known
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym_lab.drives import read
 from turtlebot_gym_lab.drives.streams import between
-from turtlebot_gym_lab.evaluation.calibration import simulated_log
 
 START, CAPTURE = 1e9, 30.0
 """Time of the first row, s, and rate of the motion capture, Hz."""
