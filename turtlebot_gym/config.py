@@ -270,7 +270,7 @@ def vary(value: T, changes: Mapping[str, Any], name: str) -> T:
     if not changes:
         return value
     if not is_dataclass(value):
-        raise refusal(name, "parameters, of which fields can be changed", value)
+        raise ValueError(f"{name}: what it is based on has no fields, so {', '.join(map(str, changes))} must be left out.")
     made: Any = value
     _require_known(name, type(made), changes, [each.name for each in fields(made) if each.init])
     varied = {}

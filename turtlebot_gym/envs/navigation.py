@@ -107,7 +107,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
     ``command`` (2,), ``distance`` (true, m), ``is_success``, and ``reward_shares`` (k,), what each term adds to the reward, in
-    the order of ``env.unwrapped.reward_terms``. The arrays are new at every step.
+    the order of ``env.unwrapped.reward_terms``. The arrays are new at every step. The covariance is that of the pose, and the
+    variances of the twist; nothing correlates the two.
 
     In rooms also ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the start, m),
     ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.

@@ -139,7 +139,7 @@ class TurtlebotSimulator:
             """
             named = {name: getattr(self, name) for name in ("friction", "caster_friction")}
             changed = {name: value for name, value in named.items() if value != getattr(_BURGER, name)}
-            return make_plant(self.plant, **changed)
+            return make_plant({"base": self.plant, **changed} if changed else self.plant)
 
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
