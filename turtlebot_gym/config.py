@@ -132,7 +132,7 @@ class Names:
         return choose(name, value, {known: known for known in self.names})
 
     def __str__(self) -> str:
-        return f"one of {', '.join(self.names)}"
+        return f"one of {', '.join(map(repr, self.names))}"
 
 
 def variances(size: int) -> Numbers:

@@ -237,7 +237,7 @@ def made(command):
         ("evaluate filter=[matched,gated] imu=mpu9250", "imu is not read by filter 'matched', 'gated'"),
         ("evaluate lidar.range_max=5", "world and lidar are for turtlebot_gym/TurtleBotRooms-v0"),
         ("evaluate fix.period=0.2", "fix.period changes a fix, and there is none: add one, such as fix=beacons"),
-        ("evaluate plant.friction=0.5", "plant.friction is for the plant 'mujoco', not for 'unicycle'"),
+        ("evaluate plant.friction=0.5", "no fields, so friction must be left out"),
         ("evaluate plant=mujoco --friction 0.5 plant.friction=0.4", "plant.friction is given twice"),
         ("evaluate task=pose", "task is that of the environment: choose another one, such as env=pose"),
         ("evaluate task.margin=0.01", "task.margin would change nothing: it is for arrival='belief'"),

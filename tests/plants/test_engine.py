@@ -74,7 +74,7 @@ def test_plants_by_name():
     assert make_plant({"base": BASE, "friction": 1.0}) == MujocoBurger(caster_friction=0.2)
     with pytest.raises(ValueError, match="plant must be one of 'unicycle', 'mujoco', got 'gazebo'"):
         make_plant("gazebo")
-    with pytest.raises(ValueError, match="^plant: what it is based on has no fields, so friction must be left out"):
+    with pytest.raises(ValueError, match=r"^plant: what it is based on has no fields, so friction must be left out"):
         make_plant({"base": "unicycle", "friction": 0.5})
 
 
