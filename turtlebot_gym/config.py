@@ -294,5 +294,7 @@ def read_parameters(kind: type[T], path: str | Path, name: str = "") -> T:
     """Read parameters from a YAML file with some of their fields; a ``ValueError`` of one line names the file and the field."""
     try:
         return build(kind, load(path), name or kind.__name__)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise ValueError(f"There is no {name} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
+    except ValueError as error:
         raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
