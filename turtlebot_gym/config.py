@@ -132,7 +132,7 @@ class Names:
         return choose(name, value, {known: known for known in self.names})
 
     def __str__(self) -> str:
-        return f"one of {', '.join(self.names)}"
+        return f"one of {', '.join(map(repr, self.names))}"
 
 
 def variances(size: int) -> Numbers:
@@ -270,7 +270,7 @@ def vary(value: T, changes: Mapping[str, Any], name: str) -> T:
     if not changes:
         return value
     if not is_dataclass(value):
-        raise refusal(name, "parameters, of which fields can be changed", value)
+        raise ValueError(f"{name}: what it is based on has no fields, so {', '.join(map(str, changes))} must be left out.")
     made: Any = value
     _require_known(name, type(made), changes, [each.name for each in fields(made) if each.init])
     varied = {}
@@ -294,5 +294,7 @@ def read_parameters(kind: type[T], path: str | Path, name: str = "") -> T:
     """Read parameters from a YAML file with some of their fields; a ``ValueError`` of one line names the file and the field."""
     try:
         return build(kind, load(path), name or kind.__name__)
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise ValueError(f"There is no {name} file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
+    except ValueError as error:
         raise ValueError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error

@@ -1,8 +1,4 @@
-"""Commands that satellites and other packages bring, found by group and name.
-
-They are entry points of the group ``turtlebot_gym.commands``, declared in the ``pyproject.toml`` of the package that brings
-them: dataclasses with ``run()``, subcommands of ``turtlebot-gym``.
-"""
+"""Commands of the satellites: entry points of a group, dataclasses with ``run()``, which are found without an import."""
 
 from __future__ import annotations
 
@@ -10,9 +6,6 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from typing import Any
-
-OWN = "turtlebot_gym_"
-"""Prefix of the satellites' packages; what follows is the extra that brings what they need."""
 
 
 @cache  # a look at the metadata of all installed packages takes 40 ms
@@ -35,23 +28,8 @@ def loadable(group: str) -> dict[str, Any]:
 
 
 def load_entry_point(group: str, name: str, *, extra: str = "all") -> Any:
-    """Return what an installed package offers in a group under a name.
-
-    Args:
-        group: Group of entry points.
-        name: Name in the group.
-        extra: The extra to install if no package offers the name.
-
-    Raises:
-        ImportError: If no package offers the name, or its module cannot be imported; the message is one line with the remedy.
-    """
-    cause = "no installed package offers it"
-    for point in _installed(group).select(name=name):
-        try:
-            return point.load()
-        except (ImportError, AttributeError) as error:
-            cause, package = str(error), point.module.partition(".")[0]
-            if not package.startswith(OWN):
-                raise ImportError(f"{name}: {package} cannot be imported ({cause}): install it anew, or remove it.") from error
-            extra = package.removeprefix(OWN)
-    raise ImportError(f"{name} needs the extra [{extra}]: pip install 'turtlebot-gym[{extra}]' ({cause}).")
+    """Return what an installed package offers in a group; an ``ImportError`` of one line says which extra to install."""
+    try:
+        return _installed(group)[name].load()
+    except (KeyError, ImportError, AttributeError) as error:
+        raise ImportError(f"{name} needs the extra [{extra}]: pip install 'turtlebot-gym[{extra}]' ({error}).") from error

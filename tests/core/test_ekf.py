@@ -9,6 +9,7 @@ import pytest
 from turtlebot_gym import Noise, OdometryNoise, make_filter
 from turtlebot_gym.estimation import ekf, update
 from turtlebot_gym.estimation.filters import KalmanFilter, covariance_of, filter_of, jacobian, matrix
+from turtlebot_gym.estimation.gate import judge
 from turtlebot_gym.estimation.update import innovation_variance
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.models.unicycle import INTEGRATORS, advance
@@ -220,3 +221,9 @@ def test_a_gate_on_the_heading_keeps_the_position(factor, is_outlier):
     assert mean[:3] == pytest.approx((1.05, 2.025, 0.5 if is_outlier else 0.5 + 0.5 * factor * deviation))
     assert (P.xx, P.tt) == pytest.approx((0.5 * R[0], R[2] if is_outlier else 0.5 * R[2]))
     assert estimate.nis == pytest.approx(0.1**2 / (2 * R[0]) + 0.05**2 / (2 * R[1]) + factor**2)
+
+
+def test_the_lockout_counts_whole_steps_and_nothing_divides_by_zero():
+    tuning = FilterTuning(Q=(0.0,) * 5, R=(1.0,) * 3, kind=Kalman(max_rejections=1, lockout=0.3))
+    assert [judge(count, True, True, tuning, 0.1).lost for count in (0.0, 1.0, 2.0)] == [False, False, True]
+    assert (update.inverse_of(4.0), update.inverse_of(0.0)) == (0.25, 0.0)

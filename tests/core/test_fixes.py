@@ -13,9 +13,7 @@ from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.estimation.ekf import correct
 from turtlebot_gym.estimation.filters import covariance_of, filter_of, matrix
 from turtlebot_gym.estimation.fixes import no_fix, with_fixes
-from turtlebot_gym.estimation.sixth import Sixth, correct_both, correct_both_correlated
-from turtlebot_gym.estimation.update import correct_correlated
-from turtlebot_gym.models.angles import wrap
+from turtlebot_gym.estimation.sixth import NOTHING, Sixth, correct_both
 from turtlebot_gym.systems import system_of
 from turtlebot_gym.tasks import SQUARE
 from turtlebot_gym.values import STOP, Belief, Command, Fix, Odometry, Pose, Senses, State, senses_of
@@ -124,9 +122,15 @@ def test_without_correlations_a_fix_is_to_the_last_bit_the_update_by_x_y_and_hea
         root = rng.standard_normal((5, 5))
         belief = Belief(State(*rng.standard_normal(5).tolist()), covariance_of(root @ root.T))
         sixth, z = Sixth(1.0, 0.3, Pose(*(0.1 * root[0, :3]).tolist())), Pose(*rng.uniform(-3.0, 3.0, 3).tolist())
-        turn = wrap(z.theta - belief.mean.theta)
-        assert correct_correlated(belief, z, (*R, 0.0, 0.0, 0.0)) == correct(belief, z, R)
-        assert correct_both_correlated(belief, sixth, z, (*R, 0.0, 0.0, 0.0)) == correct_both(belief, sixth, z, R, turn)[:2]
+        posterior, further, nis = correct_both(belief, sixth, z, (*R, 0.0, 0.0, 0.0))
+        assert (posterior, nis) == correct(belief, z, R)
+        assert correct_both(belief, NOTHING, z, (*R, 0.0, 0.0, 0.0)) == (posterior, NOTHING, nis)
+        # The further state is the fourth of the textbook's.
+        P = np.zeros((4, 4))
+        P[:3, :3], P[3, :3], P[:3, 3], P[3, 3] = matrix(belief.covariance)[:3, :3], sixth.column, sixth.column, sixth.variance
+        if R[2] < math.inf:
+            gain = P[:, :3] @ np.linalg.inv(P[:3, :3] + np.diag(R))
+            np.testing.assert_allclose(further.variance, (P - gain @ P[:3])[3, 3], rtol=1e-9, atol=1e-12)
 
 
 ENDLESS, ORIGIN = replace(SQUARE, switch_period=1e9, max_steps=1e9), (Pose(0.0, 0.0, 0.0),)

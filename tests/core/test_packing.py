@@ -95,7 +95,7 @@ def test_parameters_and_worlds_have_a_place_each():
     assert layout.parameters.load(buffer.tolist(), 0) == p
     assert isinstance(p, Parameters)
     covariance = layout.world.slices["estimate.belief.covariance"]
-    assert covariance.stop - covariance.start == 15
+    assert covariance.stop - covariance.start == 8
     assert layout.world.names[covariance.start] == "estimate.belief.covariance.xx"
 
 

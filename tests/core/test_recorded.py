@@ -92,6 +92,17 @@ def test_dead_reckoning_does_not_follow_a_leap_that_its_twist_does_not_explain()
     assert min(error_after(LEAPING, DeadReckoning(), seed) for seed in range(3)) > 0.5
 
 
+@pytest.mark.parametrize(("way", "lost", "carried"), [(0.31, 0, True), (0.33, 0, False), (0.35, 2, True), (0.37, 2, False)])
+def test_a_leap_is_what_is_farther_than_the_twist_explains_in_the_time_since_the_last_pose(way, lost, carried):
+    """0.3 m beyond 0.2 m/s for 0.1 s, and for 0.3 s after two lost poses."""
+    kf = KalmanFilter(matched(WHEEL))
+    kf.start(Pose(0.0, 0.0, 0.0))
+    for _ in range(lost):
+        kf.step(Command(0.2, 0.0))
+    kf.step(Command(0.2, 0.0), Pose(way, 0.0, 0.0))
+    assert bool(kf.state[0] == pytest.approx(way)) is carried
+
+
 def test_dead_reckoning_goes_on_after_a_reset():
     kf = KalmanFilter(matched(WHEEL))
     kf.start(Pose(2.0, 1.0, 0.0))

@@ -7,8 +7,7 @@ import pytest
 from localization_rooms import corridor, hall, make_room, scan_of, sight
 
 from turtlebot_gym.estimation.filters import covariance_of, matrix
-from turtlebot_gym.estimation.sixth import Sixth
-from turtlebot_gym.estimation.update import correct_correlated
+from turtlebot_gym.estimation.sixth import NOTHING, Sixth, correct_both
 from turtlebot_gym.localization.descent import WIDTH, agreement
 from turtlebot_gym.localization.information import Guess, Information, blurred, condition, information
 from turtlebot_gym.localization.localizer import LOST, TRACKING, UNSURE, locate, move, scan, state_of
@@ -126,7 +125,7 @@ def test_a_fix_says_the_same_by_its_information_and_by_its_covariance():
     L = Information(M[0, 0], M[0, 1], M[0, 2], 0.0, M[1, 1], M[1, 2], 0.0, M[2, 2], 0.0, 0.0, *[0.0] * 4, 1.0, 40.0)
     by_information, _, nis, freedom = condition(belief, Sixth(0.0, 0.0, nothing), at(z), L)
     entries = (*np.diag(R).tolist(), R[0, 1], R[0, 2], R[1, 2])
-    by_covariance, expected = correct_correlated(belief, Pose(*z), entries)
+    by_covariance, _, expected = correct_both(belief, NOTHING, Pose(*z), entries)
     np.testing.assert_allclose(by_information.mean, by_covariance.mean, rtol=0, atol=1e-12)
     np.testing.assert_allclose(by_information.covariance, by_covariance.covariance, rtol=0, atol=1e-12)
     assert (nis, freedom) == (pytest.approx(expected, rel=1e-9), 3.0)

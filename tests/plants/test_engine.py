@@ -68,12 +68,14 @@ def test_a_control_interval_is_cut_into_whole_steps():
 def test_plants_by_name():
     assert make_plant() == make_plant("unicycle") == ()
     assert make_plant("mujoco") == MujocoBurger()
-    assert make_plant("mujoco", friction=0.5, caster_friction=0.3) == MujocoBurger(friction=0.5, caster_friction=0.3)
-    assert make_plant(BASE, friction=1.0) == MujocoBurger(caster_friction=0.2)
+    assert make_plant({"base": "mujoco", "friction": 0.5, "caster_friction": 0.3}) == MujocoBurger(
+        friction=0.5, caster_friction=0.3
+    )
+    assert make_plant({"base": BASE, "friction": 1.0}) == MujocoBurger(caster_friction=0.2)
     with pytest.raises(ValueError, match="plant must be one of 'unicycle', 'mujoco', got 'gazebo'"):
         make_plant("gazebo")
-    with pytest.raises(ValueError, match="friction and caster_friction are for the plant 'mujoco', not for 'unicycle'"):
-        make_plant("unicycle", friction=0.5)
+    with pytest.raises(ValueError, match=r"^plant: what it is based on has no fields, so friction must be left out"):
+        make_plant({"base": "unicycle", "friction": 0.5})
 
 
 mujoco = pytest.importorskip("mujoco")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int, short_repr
-from turtlebot_gym.estimation.filters import PLACES
+from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.observations import bounds_of
 from turtlebot_gym.rooms.geodesic import MARGIN
 from turtlebot_gym.rooms.worlds import require_a_way
@@ -76,12 +76,19 @@ FLAGS = ("measured", "slipping", "collision")
 """Single numbers that are booleans."""
 
 
-def indices_of(batch: Batch, path: str) -> NDArray[np.intp]:
-    """Return the indices of a part of a world, or of a number, shape (1,)."""
+IN_MATRIX = matrix(np.arange(8)).astype(np.intp)
+"""Index of the number at each place of a covariance matrix, shape (5, 5); at places without one it means nothing ..."""
+IS_NUMBER = matrix(np.ones(8))
+"""... and this is 0."""
+
+
+def indices_of(batch: Batch, key: str, path: str) -> NDArray[np.intp]:
+    """Return the indices of a part of a world, or of a number, shape (1,); those of a covariance are `IN_MATRIX`."""
     world = batch.layout.world
     if path in world.names:
         return np.array([world.names.index(path)])
-    return np.arange(len(world.names))[world.slices[path]]
+    part = np.arange(len(world.names))[world.slices[path]]
+    return part[IN_MATRIX] if key == "covariance" else part
 
 
 class InfoReader:
@@ -96,7 +103,7 @@ class InfoReader:
         self._slices: list[tuple[str, slice]] = []
         self._numbers: list[tuple[str, int, bool]] = []
         self._covariance: tuple[str, slice] | None = None
-        chosen, end = [indices_of(batch, path) for path in parts.values()], 0
+        chosen, end = [indices_of(batch, key, path) for key, path in parts.items()], 0
         for (key, path), indices in zip(parts.items(), chosen, strict=True):
             start, end = end, end + indices.size
             if path in batch.layout.world.names:
@@ -114,8 +121,7 @@ class InfoReader:
         info: dict[str, NDArray[Any]] = {key: numbers[part].T for key, part in self._slices}
         if self._covariance:
             key, part = self._covariance
-            (rows, columns), info[key] = PLACES, np.zeros((numbers.shape[1], 5, 5))
-            info[key][:, rows, columns] = info[key][:, columns, rows] = numbers[part].T
+            info[key] = numbers[part].reshape(5, 5, -1).transpose(2, 0, 1) * IS_NUMBER
         for key, at, is_flag in self._numbers:
             info[key] = numbers[at] != 0.0 if is_flag else numbers[at]
         return info

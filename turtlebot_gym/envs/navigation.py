@@ -15,6 +15,7 @@ from turtlebot_gym.config import as_int, choose
 from turtlebot_gym.envs.common import (
     FIRST_SHARE,
     FLAGS,
+    IS_NUMBER,
     PARTS,
     POSES,
     ROOM_PARTS,
@@ -29,7 +30,6 @@ from turtlebot_gym.envs.common import (
     with_limit,
 )
 from turtlebot_gym.envs.pictures import Pictures
-from turtlebot_gym.estimation.filters import matrix
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
@@ -107,7 +107,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     At every step ``true_state`` (5,), ``odometry`` (3,), ``estimate`` (5,), ``covariance`` (5, 5), ``reference`` (3,),
     ``command`` (2,), ``distance`` (true, m), ``is_success``, and ``reward_shares`` (k,), what each term adds to the reward, in
-    the order of ``env.unwrapped.reward_terms``. The arrays are new at every step.
+    the order of ``env.unwrapped.reward_terms``. The arrays are new at every step. The covariance is that of the pose, and the
+    variances of the twist; nothing correlates the two.
 
     In rooms also ``clearance`` (from the footprint to the nearest object, m), ``path_length`` (driven since the start, m),
     ``way_left`` (length of the shortest path to the goal on a grid, at most 8 % too long, m) and ``collision``.
@@ -142,8 +143,8 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / p.dt))}
         self.action_space, self.observation_space = spaces_of(self._batch.system)
         self._numbers = {key: bool if key in FLAGS else float for key in ROOM_PARTS} if p.room else {}
-        parts = [indices_of(self._batch, path) for path in PARTS.values()]
-        numbers = [indices_of(self._batch, ROOM_PARTS[key])[0] for key in self._numbers]
+        parts = [indices_of(self._batch, key, path) for key, path in PARTS.items()]
+        numbers = [indices_of(self._batch, key, ROOM_PARTS[key])[0] for key in self._numbers]
         self._batch.select(*parts, numbers)
         self.reward_terms = reward_terms(self._batch.system)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
@@ -261,7 +262,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             "true_state": numbers[true_state],
             "odometry": numbers[odometry],
             "estimate": numbers[estimate],
-            "covariance": matrix(numbers[covariance]),
+            "covariance": numbers[covariance] * IS_NUMBER,
             "reference": numbers[reference],
             "command": numbers[command],
         }

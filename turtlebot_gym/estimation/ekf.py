@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, choose, judge, restart
 from turtlebot_gym.estimation.interface import Filter
+from turtlebot_gym.estimation.sixth import NOTHING, correct_both
 from turtlebot_gym.estimation.update import (
     Variances,
-    correct_correlated,
     of_heading,
     of_x,
     of_y,
@@ -159,8 +159,8 @@ def step(estimate: Estimate, before: Senses, senses: Senses, tuning: FilterTunin
 @kernel
 def fix(estimate: Estimate, z: Pose, R: Variances, tuning: FilterTuning) -> Estimate:
     """Condition the belief on an external pose measurement; see `interface.Filter`."""
-    belief, _ = correct_correlated(estimate.belief, z, R)
-    return Estimate(belief, estimate.nis, estimate.rejections)
+    belief, _, _ = correct_both(estimate.belief, NOTHING, z, R)
+    return estimate._replace(belief=belief)
 
 
 @kernel

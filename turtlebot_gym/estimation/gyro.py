@@ -11,9 +11,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple
 
 from turtlebot_gym.config import NON_NEGATIVE
 from turtlebot_gym.estimation import ekf
-from turtlebot_gym.estimation.gate import ONE_MEASUREMENT
+from turtlebot_gym.estimation.gate import ONE_MEASUREMENT, choose, judge, restart
 from turtlebot_gym.estimation.interface import Filter
-from turtlebot_gym.estimation.sixth import Sixth, correct_both_correlated, settle_both, update_both
+from turtlebot_gym.estimation.sixth import Sixth, correct_both, update_both
 from turtlebot_gym.estimation.update import Projection, Variances, inverse_of, wrapped
 from turtlebot_gym.kernel import kernel
 from turtlebot_gym.models.unicycle import motion
@@ -87,6 +87,38 @@ def _predict(
 
 
 @kernel
+def _settle_both(
+    rejections: float,
+    prior: Belief,
+    sixth: Sixth,
+    z: Pose,
+    measured: bool,
+    tuning: FilterTuning,
+    dt: float,
+) -> tuple[Belief, Sixth, float, float]:
+    """Correct by a measured pose, unless there is none or the gate refuses it.
+
+    A filter that starts anew keeps its further state, which then has no covariance with the pose.
+
+    Returns:
+        Belief and further state, the NIS, and the number of refusals in a row.
+    """
+    R = tuning.R
+    posterior, corrected, nis = correct_both(prior, sixth, z, (R[0], R[1], R[2], 0.0, 0.0, 0.0))
+    verdict = judge(rejections, measured, nis > tuning.kind.gate, tuning, dt)
+    belief = choose(verdict, measured, prior, posterior, restart(prior, z, tuning))
+    lost, takes = verdict.lost, measured & (nis <= tuning.kind.gate)
+    old, new = sixth.column, corrected.column
+    column = Pose(
+        0.0 if lost else (new.x if takes else old.x),
+        0.0 if lost else (new.y if takes else old.y),
+        0.0 if lost else (new.theta if takes else old.theta),
+    )
+    mean, variance = (corrected.mean if takes else sixth.mean), (corrected.variance if takes else sixth.variance)
+    return belief, Sixth(mean, variance, column), nis, verdict.rejections
+
+
+@kernel
 def _turning(estimate: _GyroEstimate, belief: Belief, bias: Sixth) -> _GyroEstimate:
     """Return an estimate with another belief and bias, and the turning rate that follows from the bias."""
     share = estimate.share
@@ -109,14 +141,17 @@ def _step(
     belief, bias, _ = update_both(belief, bias, of_bias, bias.variance, off, noise)
     share = unsure * inverse_of(noise)
     corrects = odometry.measured & gyro.corrects
-    belief, bias, nis, rejections = settle_both(estimate.rejections, wrapped(belief), bias, odometry.pose, corrects, tuning, dt)
+    belief, bias, nis, rejections = _settle_both(
+        estimate.rejections, wrapped(belief), bias, odometry.pose, corrects, tuning, dt
+    )
     nis, offset = nis if corrects else estimate.nis, told + share * (measured - told)
     return _turning(_GyroEstimate(belief, nis, bias, rejections, offset, share, share * gyro.variance), belief, bias)
 
 
 @kernel
 def _fix(estimate: _GyroEstimate, z: Pose, R: Variances, tuning: FilterTuning) -> _GyroEstimate:
-    return _turning(estimate, *correct_both_correlated(estimate.belief, estimate.bias, z, R))
+    belief, bias, _ = correct_both(estimate.belief, estimate.bias, z, R)
+    return _turning(estimate, belief, bias)
 
 
 Gyro.filter = Filter(_start, _step, _fix, ("odometry", "imu"), Gyro(variance=3e-6, bias_deviation=0.01))

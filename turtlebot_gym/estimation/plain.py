@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from turtlebot_gym.estimation.filters import covariance_of, matrix
+from turtlebot_gym.estimation.filters import covariance_of
 from turtlebot_gym.estimation.interface import Filter
 from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.parameters import FilterTuning
@@ -52,8 +52,10 @@ class _PlainEstimate(NamedTuple):
     belief: Belief
     nis: float
     """Normalized innovation squared of the last measured pose, with the covariance before the update."""
-    more: tuple[float, ...]
-    """Further states, and their rows of the covariance."""
+    x: tuple[float, ...]
+    """The whole state ..."""
+    P: tuple[float, ...]
+    """... and its covariance, row by row."""
 
 
 @lru_cache(64)
@@ -78,16 +80,7 @@ def _packed(make: Any, x: Any, P: Any, nis: float) -> _PlainEstimate:
     x[2] = wrap(float(x[2]))
     # Rounding must not leave it asymmetric.
     P = 0.5 * (P + P.T)
-    more = (*x[5:].tolist(), *P[5:].ravel().tolist())
-    return _PlainEstimate(Belief(State(*x[:5].tolist()), covariance_of(P)), nis, more)
-
-
-def _unpacked(estimate: _PlainEstimate, size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    x, P = np.array([*estimate.belief.mean, *estimate.more[: size - 5]], np.float64), np.zeros((size, size))
-    P[:5, :5] = matrix(estimate.belief.covariance)
-    P[5:] = np.reshape(estimate.more[size - 5 :], (size - 5, size))
-    P[:5, 5:] = P[5:, :5].T
-    return x, P
+    return _PlainEstimate(Belief(State(*x[:5].tolist()), covariance_of(P)), nis, tuple(x.tolist()), tuple(P.ravel().tolist()))
 
 
 @cache
@@ -100,7 +93,7 @@ def _filter_of(make: Callable[[Any], Any]) -> Filter:
 
     def run(estimate: _PlainEstimate, tuning: Any, work: Callable[[Any], float]) -> _PlainEstimate:
         worker, first, _ = _worker(make, tuning)
-        worker.x, worker.P = _unpacked(estimate, len(first))
+        worker.x, worker.P = np.array(estimate.x), np.reshape(np.array(estimate.P), (len(first), len(first)))
         nis = work(worker)
         return _packed(make, worker.x, worker.P, nis)
 

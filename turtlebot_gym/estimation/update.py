@@ -144,23 +144,3 @@ def independent(R: Variances) -> tuple[float, float, float, tuple[float, float, 
     cross = yt - t_by_x * xy
     t_by_y = cross * inverse_of(rest)
     return -y_by_x, t_by_y * y_by_x - t_by_x, -t_by_y, (xx, rest, max(tt - t_by_x * xt - t_by_y * cross, 0.0))
-
-
-@kernel
-def correct_correlated(belief: Belief, z: Pose, R: Variances) -> tuple[Belief, float]:
-    """Condition the belief on a pose whose errors may be correlated, with R as in `independent`.
-
-    Returns:
-        The posterior, and the normalized innovation squared, without the heading if that was not measured. Without correlations
-        they are those of `ekf.correct`, to the last bit.
-    """
-    prior, turn = belief.mean, wrap(z.theta - belief.mean.theta)
-    a, b, c, (r_x, r_y, r_theta) = independent(R)
-    h = of_x(belief.covariance)
-    belief, nis_x = update(belief, h, z.x - prior.x, r_x)
-    h, now = of_row(belief.covariance, (a, 1.0, 0.0)), belief.mean
-    belief, nis_y = update(belief, h, a * (z.x - now.x) + (z.y - now.y), r_y)
-    h, now = of_row(belief.covariance, (b, c, 1.0)), belief.mean
-    off = b * (z.x - now.x) + c * (z.y - now.y) + (turn - (now.theta - prior.theta))
-    belief, nis_theta = update(belief, h, off, r_theta)
-    return wrapped(belief), nis_x + nis_y + nis_theta
