@@ -46,5 +46,5 @@ def test_what_a_file_cannot_say_is_refused(text, said, tmp_path):
 
 
 def test_a_missing_file_is_named():
-    with pytest.raises(ValueError, match=r"There is no policy file 'nosuch\.yaml'"):
+    with pytest.raises(ValueError, match=r"nosuch\.yaml is not a baseline"):
         make_policy("nosuch.yaml")

@@ -96,7 +96,7 @@ def test_the_delay_by_the_safety_layer_counts_rooms_crossed_with_and_without_it(
 @pytest.mark.nightly
 def test_the_study_of_rooms_drives_each_policy_and_every_training(tmp_path):
     config = rooms_study.Config(policy=("bearing",), seeds=2, steps=1024, only=("dense", "map"), episodes=12, processes=1)
-    runs = [train() for train in scenarios.trainings(tmp_path, config.steps, config.seeds, rooms_study.ROOMS)]
+    runs = [train() for train in scenarios.trainings(tmp_path, config.steps, config.seeds, env=rooms_study.ROOMS)]
     bundle = scenarios.best_of_trainings(runs) / "policy.onnx"
     rows = rooms_study.study(config, tmp_path, runs, str(bundle))
     assert len(list((tmp_path / "drives").iterdir())) == 2 * 5  # each once: bearing, vfh, two trainings, one within the layer

@@ -16,7 +16,8 @@ from turtlebot_gym import Robot, files
 from turtlebot_gym.config import build, choose, short_repr
 from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym_agents.policies.fit import require_fit, robot_of
+from turtlebot_gym.validation import build, choose
+from turtlebot_gym_agents.policies.fit import Mismatch, require_fit, robot_of
 from turtlebot_gym_agents.policies.geometric import (
     Baseline,
     BearingPolicy,
@@ -48,7 +49,7 @@ def default_numbers(name: str) -> dict[str, float]:
 
 
 def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: float | None = None) -> Policy:
-    """Load a baseline from a file: YAML of one's own, or JSON that `benchmarks/tune_baseline.py` wrote.
+    """Load a baseline from a file: of one's own, or one that `benchmarks/tune_baseline.py` wrote.
 
     Args:
         path: The file.
@@ -58,38 +59,22 @@ def load_baseline(path: str | Path, *, robot: str | Robot | None = None, dt: flo
     Raises:
         ValueError: If the file is no baseline, or was tuned for another robot or rate.
     """
-    if str(path).endswith(files.SUFFIXES):
-        return _read(path, "burger" if robot is None else robot, REFERENCE_PERIOD if dt is None else dt)
     try:
         content: Any = load(path)
-        form = content["format"]
-        made_for, made_dt, name, numbers = dict(content["robot"]), content["dt"], content["policy"], dict(content["numbers"])
-        kind = choose("policy", name, POLICIES)
-        unknown = sorted(set(numbers) - set(kind.ranges()))
-        if unknown:
-            raise ValueError(f"{name} has no numbers {', '.join(unknown)}")
-        policy = kind(robot_of(made_for), made_dt, **numbers)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:  # also if the file is not JSON or not text
-        raise ValueError(f"{path} is not a tuned baseline: {type(error).__name__}: {str(error).rstrip('.')}.") from error
-    if form != FORMAT:
-        raise ValueError(f"{path}: made as {short_repr(form)}, but this version reads {FORMAT!r}.")
-    require_fit(path, made_for, made_dt, robot, dt)
-    return policy
-
-
-def _read(path: str | Path, robot: str | Robot, dt: float) -> Policy:
-    """Return the baseline of a file of one's own."""
-    try:
-        content: Any = load(path)
-    except OSError as error:
-        raise ValueError(f"There is no policy file {str(path)!r}, or it cannot be read: {error.strerror}.") from error
-    try:
         if not isinstance(content, dict) or "policy" not in content:
             raise ValueError("it must have the policy's name, such as policy: proportional, and fields of it, such as kv: 0.8.")
-        numbers = dict(content)
-        kind = choose("policy", numbers.pop("policy"), POLICIES)
-        for field in {"robot", "dt"} & numbers.keys():
+        kind = choose("policy", content["policy"], POLICIES)
+        if content.get("format") == FORMAT:
+            given = {"robot": robot_of(dict(content["robot"])), "dt": content["dt"]}
+            policy = build(kind, {**given, **content["numbers"]}, "policy")
+            require_fit(path, content["robot"], content["dt"], robot, dt)
+            return policy
+        for field in {"robot", "dt"} & content.keys():
             raise ValueError(f"{field} must be left out: it is that of the environment or of the node.")
-        return build(kind, {"robot": robot, "dt": dt, **numbers}, "policy")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
+        numbers = {name: number for name, number in content.items() if name != "policy"}
+        given = {"robot": "burger" if robot is None else robot, "dt": REFERENCE_PERIOD if dt is None else dt}
+        return build(kind, {**given, **numbers}, "policy")
+    except Mismatch:
+        raise
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        raise ValueError(f"{path} is not a baseline: {' '.join(str(error).split())}") from error

@@ -7,6 +7,7 @@ seeds), ``policy.onnx`` (its bundle, once the run is done), ``result.json`` and 
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
@@ -106,5 +107,6 @@ def learn(model: BaseAlgorithm, config: TrainingConfig, callbacks: Sequence[Base
         callbacks: Callbacks of the training.
         progress: Whether to show a bar.
     """
-    with limited(config.threads):
+    with limited(config.threads), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "rich is experimental")  # tqdm says so of the bar
         model.learn(config.total, callback=list(callbacks), tb_log_name="run", progress_bar=progress)
