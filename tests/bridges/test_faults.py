@@ -127,6 +127,76 @@ def robot(module_peer, wait_for, tmp_path_factory):
     robot.close()
 
 
+class Late:
+    """Odometry that comes late, honestly stamped."""
+
+    def __init__(self, delay):
+        self.delay, self.waiting = delay, []
+
+    def __call__(self, message):
+        self.waiting.append((time.monotonic() + self.delay, message))
+        return self.waiting.pop(0)[1] if self.waiting[0][0] <= time.monotonic() else None
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [lambda message: None, Late(1.0), pytest.param(Late(5.0), marks=pytest.mark.nightly)],
+    ids=["stops", "late", "very late"],
+)
+def test_invalid_odometry_stops_the_robot(robot, spoil):
+    robot.drive()
+    robot.spoil = spoil
+    try:
+        robot.stops()
+        robot.check_alive()
+    finally:
+        robot.spoil = lambda message: message
+    robot.wait_for(lambda: robot.speeds[-1] > 0.09)  # it goes on by itself
+
+
+def moved_at(robot):
+    """Return the times at which motion was published from now on: a list that grows."""
+    times = []
+
+    def hear(message, info):
+        if message.twist.linear.x or message.twist.angular.z:
+            times.append(info["source_timestamp"] * 1e-9)
+
+    return times, robot.peer.node.create_subscription(TwistStamped, "cmd_vel", hear, 1000)
+
+
+@pytest.mark.parametrize(
+    ("name", "duration"),
+    [
+        ("velocity_controller", 1.2),
+        *(
+            pytest.param(name, duration, marks=pytest.mark.nightly)
+            for name in ("velocity_controller", "kalman_filter")
+            for duration in (0.6, 1.2, 1.8, 3.2)
+        ),
+    ],
+)
+def test_a_node_that_was_suspended_while_its_source_died_moves_nothing_when_it_goes_on(robot, name, duration):
+    robot.drive()
+    robot.processes[name].send_signal(signal.SIGSTOP)
+    try:
+        time.sleep(0.5 * duration)
+        robot.spoil = lambda message: None
+        time.sleep(0.1)
+        last = robot.measured
+        times, subscription = moved_at(robot)
+        time.sleep(0.5 * duration)
+        robot.processes[name].send_signal(signal.SIGCONT)
+        time.sleep(1.5)
+        assert max(times, default=0.0) <= last + 0.6
+        assert robot.speeds[-1] == 0.0
+        robot.peer.node.destroy_subscription(subscription)
+    finally:
+        robot.processes[name].send_signal(signal.SIGCONT)
+        robot.spoil = lambda message: message
+    robot.wait_for(lambda: robot.speeds[-1] > 0.09)
+
+
 @pytest.mark.parametrize("fault", ["block", *(pytest.param(fault, marks=pytest.mark.nightly) for fault in ("raise", "nan"))])
 def test_a_policy_that_fails_stops_the_robot(robot, fault):
     robot.drive()

@@ -9,10 +9,14 @@ from dataclasses import replace
 
 import pytest
 from burger import Parameters
-from driven import DT, KINDS, NOISES, Driver, Kind, alarm
+from drive_samples import recorded
+from driven import BURGER, DT, KINDS, NOISES, Driver, Kind, alarm
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
+from cmd_vel_guard import moved
 from cmd_vel_guard.arbiter import Arbiter
-from cmd_vel_guard.moved import BLOCKED, DEAD, EXTRA, REVERSED
+from cmd_vel_guard.moved import BLOCKED, DEAD, EXTRA, REVERSED, Moved
 from turtlebot_gym.values import STOP, Command, Pose
 
 AHEAD, SPIN, ARC = Command(0.21, 0.0), Command(0.0, 1.0), Command(0.15, 0.7)
@@ -116,8 +120,46 @@ def first_alarms(seconds, seed, noises=NOISES, kinds=KINDS):
     }
 
 
+def test_the_recorded_drive_of_a_real_turtlebot3_is_not_stopped():
+    judge, said, heard = Moved(BURGER.wheel_separation), set(), 0
+    with AnyReader([recorded("turtlebot3")], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        topics = [connection for connection in reader.connections if connection.topic in ("/cmd_vel", "/odom")]
+        for connection, at, data in reader.messages(connections=topics):
+            message = reader.deserialize(data, connection.msgtype)
+            twist = message.twist if connection.topic == "/cmd_vel" else message.twist.twist
+            speeds = Command(twist.linear.x, twist.angular.z)
+            if connection.topic == "/cmd_vel":
+                judge.tell(speeds, 1e-9 * at)
+                continue
+            position, q = message.pose.pose.position, message.pose.pose.orientation
+            said.add(judge.hear(Pose(position.x, position.y, 2.0 * math.atan2(q.z, q.w)), speeds, 1e-9 * at))
+            heard += 1
+    assert (heard, said) == (1254, {""})
+
+
 def test_no_healthy_robot_is_stopped():
     assert first_alarms(25.0, seed=7) == {}
+
+
+@pytest.mark.parametrize(
+    ("constants", "kind", "noise"),
+    [
+        ({"STILL": 0.4}, "start delay", "clean"),
+        ({"NET": 0.01}, "start delay", "clean"),
+        ({"TOLD": (0.002, 0.002)}, "at once", "clean"),
+        ({"CHANGE": (0.1, 0.1, 0.5, 0.1, 1.0)}, "slow", "clean"),
+        ({"SETTLED": 0.3, "CHANGES": 1.0, "LASTING": 0.1}, "late", "clean"),
+        ({"SHARE": 0.9, "LASTING": 0.1}, "slip", "clean"),
+        ({"SWERVE": 0.0, "CHANGES": 1.0, "LASTING": 0.1, "SETTLED": 0.3}, "slip", "wheel"),
+        ({"LATEST": 0.05, "SLOWEST": 10.0}, "slower", "clean"),
+        ({"SLACK": (0.0, 0.0)}, "pushed", "wheel"),
+        ({"UNTOLD": (0.03, 1.0)}, "pushed", "clean"),
+    ],
+)
+def test_a_threshold_that_is_too_tight_gives_false_alarms(monkeypatch, constants, kind, noise):
+    for constant, value in constants.items():
+        monkeypatch.setattr(moved, constant, value)
+    assert first_alarms(400.0, seed=7, noises=[noise], kinds=[kind])
 
 
 @pytest.mark.parametrize("far", [0.1, 0.5, 3.0])
@@ -130,6 +172,20 @@ def test_a_reset_of_the_pose_is_not_motion(far):
         return Pose(x + far, y, now.theta + turn), speed
 
     assert alarm(Kind(), 60.0, 3, spoil=after(20.0, reset)) is None
+
+
+def test_what_is_no_number_or_comes_again_is_no_sign_of_life():
+    judge = Moved(BURGER.wheel_separation)
+    judge.hear(Pose(0.0, 0.0, 0.0), STOP, 10.0)
+    for pose, twist, at in (
+        (Pose(math.nan, 0.0, 0.0), STOP, 11.0),
+        (Pose(0.0, 0.0, 0.0), Command(math.inf, 0.0), 11.0),
+        (Pose(0.0, 0.0, 0.0), STOP, 10.0),
+        (Pose(0.0, 0.0, 0.0), STOP, -math.inf),
+    ):
+        assert judge.hear(pose, twist, at) == ""
+        assert not judge.lacks(11.0)
+        assert judge.lacks(11.01)
 
 
 def test_the_sources_of_motion_are_all_covered():
@@ -191,3 +247,17 @@ def test_a_robot_stands_while_odometry_that_was_heard_is_lost_and_goes_on_with_i
     assert 2.9 < max(at for at, command in told if command != STOP) < 3.1
     assert not arbiter.emergency
     assert drive(arbiter, 5.0, 1.0, moves)[-1][1].v > 0.2
+
+
+def test_a_robot_whose_odometry_was_never_heard_drives():
+    arbiter = Arbiter(Parameters(), 100.0)
+    assert drive(arbiter, 0.0, 3.0, None)[-1][1].v > 0.2
+
+
+def test_a_disabled_robot_may_be_carried():
+    arbiter = Arbiter(Parameters(start_enabled=False), 100.0)
+    drive(arbiter, 0.0, 3.0, moves)
+    assert not arbiter.emergency
+    assert arbiter.enable(True, 103.0) == ""
+    drive(arbiter, 3.0, 3.0, lambda at: (Pose(0.6 + 0.21 * (at - 3.0), 0.0, 0.0), AHEAD))
+    assert not arbiter.emergency

@@ -223,6 +223,25 @@ def test_emergency_stop(start, probe):
     assert "~/enable" not in probe.until_standing("emergency").message  # the service is named as one types it
 
 
+@pytest.mark.nightly
+@pytest.mark.parametrize("topic", ["odom", "estimate"])
+def test_geofence(start, probe, peer, topic):
+    start("-p", "geofence:=1.0", "-p", f"geofence_topic:={topic}", "-p", "motion_check:=false")
+    probe.command = AHEAD
+    probe.until_standing("only a person drives")
+    pose, speaker = Odometry(), peer.speak(topic, Odometry)
+    probe.node.create_timer(0.05, lambda: speaker.publish(pose))
+    probe.until_standing("its frame is '', not 'odom'")
+    pose.header.frame_id = "odom"
+    probe.until_driving()
+    rival = peer.speak(topic, Odometry)
+    probe.until_standing(f"/{topic} must have one source")
+    peer.node.destroy_publisher(rival)
+    probe.until_driving()
+    pose.pose.pose.position.y = -1.1
+    probe.until_standing("only a person drives")
+
+
 SOURCES = {
     "cmd_vel_in": TwistStamped,
     "cmd_vel_teleop": TwistStamped,

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from turtlebot_gym import Robot, files
-from turtlebot_gym.config import build, choose, short_repr
+from turtlebot_gym.config import build, choose
 from turtlebot_gym.files import load
 from turtlebot_gym.parameters import REFERENCE_PERIOD
-from turtlebot_gym.validation import build, choose
 from turtlebot_gym_agents.policies.fit import Mismatch, require_fit, robot_of
 from turtlebot_gym_agents.policies.geometric import (
     Baseline,

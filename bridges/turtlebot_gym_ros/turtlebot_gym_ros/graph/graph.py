@@ -90,6 +90,11 @@ class Graph:
             parameters = {**LOCALIZED, **parameters}
         else:
             parameters.pop("localizer", None)
+        self.latest: Mapping[str, Any] = {}
+        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel"; in a world also "clearance",
+        "scan" and "obstacles", and on a map "map"."""
+        self.reports: Mapping[str, tuple[int, str]] = {}
+        """Level and message of each node's diagnostics."""
         self._processes: list[subprocess.Popen[bytes]] = []
         self._ending, self._failed = ExitStack(), Event()
         self._in_processes = processes
@@ -146,6 +151,7 @@ class Graph:
                 namespace=self._namespace,
             )
             self._runner.add(self._recorder)
+            self.latest, self.reports = self._recorder.latest, self._recorder.reports
             self._start()
             self._runner.start()
             self._come_up()
@@ -201,21 +207,9 @@ class Graph:
         self._recorder.node.destroy_client(client)
 
     @property
-    def latest(self) -> Mapping[str, Any]:
-        """The last value of each topic: "true_state", "odom", "estimate", "reference", "cmd_vel"; in a world also "clearance",
-        "scan" and "obstacles", and on a map "map".
-        """
-        return self._recorder.latest
-
-    @property
     def state(self) -> str:
         """The controller's state: "active", or "silent" or "stopping" with the reason."""
         return self._recorder.state
-
-    @property
-    def reports(self) -> Mapping[str, tuple[int, str]]:
-        """Level and message of each node's diagnostics."""
-        return self._recorder.reports
 
     def require_no_fault(self) -> None:
         """Check that no node reports that its step failed.
