@@ -16,7 +16,6 @@ READ = {"entries", "config", "against", "check", "file", "files", "log", "model"
 """Options that name files to be read."""
 NEEDED = {name: ["drive.csv"] for name in ("replay", "calibrate", "export", "study")}
 NEEDED["card"] = ["ppo-nav"]
-NEEDED["localize"] = ["drive.csv", "--map", "drive.csv"]
 WRITTEN = [(name, option) for name, command in COMMANDS.items() for option in _kinds_of(command)]
 FILES = [(name, option) for name, option in WRITTEN if not _kinds_of(COMMANDS[name])[option].folder]
 
