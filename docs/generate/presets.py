@@ -40,8 +40,7 @@ with mkdocs_gen_files.open("reference/presets.md", "w") as page:
         print(f"\n| {' | '.join(columns)} |\n{'|---' * len(columns)}|", file=page)
 
     print(
-        "# Presets\n\nWherever a preset's name is accepted, so are [parameters of your own](../howto/robot.md).\n\n"
-        "## Robots",
+        "# Presets\n\nWherever a preset's name is accepted, so are [parameters of your own](../howto/robot.md).\n\n## Robots",
         file=page,
     )
     table("", *ROBOTS)
