@@ -75,7 +75,7 @@ with mkdocs_gen_files.open("reference/environments.md", "w") as page:
 with mkdocs_gen_files.open("reference/commands.md", "w") as page:
     print("# Command line\n\nWhat the commands print when they are asked for help.\n", file=page)
     for name in commands():
-        print(f"## turtlebot-gym {name}\n\n{help_of(turtlebot_gym, name, '--help-all')}", file=page)
+        print(f"## turtlebot-gym {name}\n\n{help_of(turtlebot_gym, name, '--help')}", file=page)
     for words in ((), ("bringup",), ("status",)):
         title = " ".join(("python -m turtlebot_gym_ros", *words))
         print(f"## {title}\n\n{help_of(turtlebot_gym_ros, *words, '--help')}", file=page)

@@ -9,7 +9,7 @@ from turtlebot_gym_agents.commands.cli import commands, main
 from turtlebot_gym_agents.outputs import outputs_of
 from turtlebot_gym_lab.commands.filters import Replay
 
-NAMES = {"calibrate", "localize", "replay"}
+NAMES = {"calibrate", "replay"}
 
 
 def test_the_commands_are_installed_as_entry_points():

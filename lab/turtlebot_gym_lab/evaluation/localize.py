@@ -9,17 +9,13 @@ from numpy.typing import NDArray
 
 from turtlebot_gym.compiled.cache import in_machine_code
 from turtlebot_gym.compiled.packing import as_tuple
-from turtlebot_gym.drive import Drive, heading_error, known, position_error
-from turtlebot_gym.estimation.consistency import nees
 from turtlebot_gym.localization.bank import COLUMNS, ROWS
 from turtlebot_gym.localization.hypotheses import correct_by_scan, nowhere
-from turtlebot_gym.localization.localizer import LEAP, LOST, TRACKING, UNSURE, locate, move, state_of, stay
+from turtlebot_gym.localization.localizer import TRACKING, locate, move, state_of, stay
 from turtlebot_gym.localization.points import Timing, directions, remember, rest
 from turtlebot_gym.localization.tuning import LocalizerTuning
-from turtlebot_gym.models.angles import wrap, wrap_all
+from turtlebot_gym.models.angles import wrap
 from turtlebot_gym.values import Command, Pose
-from turtlebot_gym_agents.evaluation.episodes import ASTRAY
-from turtlebot_gym_lab.drives.topics import ELSEWHERE
 
 TRAIL = 64
 """Number of odometry poses that reach back to the first beam of a scan."""
@@ -142,10 +138,6 @@ def _follow(
     return located
 
 
-STATES = {"tracking": TRACKING, "unsure": UNSURE, "lost": LOST}
-"""States of a localizer by name."""
-
-
 def localize(recorded: RecordedScans, place: KnownPlace) -> RecordedCourse:
     """Return the beliefs of a localizer that sees a recording; those before the place's first row are NaN."""
     recorded = clocked(recorded)
@@ -174,25 +166,6 @@ def localize(recorded: RecordedScans, place: KnownPlace) -> RecordedCourse:
     return RecordedCourse(course[:, :3], covariances, course[:, 9], states, int(located.scans), float(located.scale.mean))
 
 
-def evidence_of(course: RecordedCourse, odometry: NDArray[np.float64], first: int) -> dict[str, float]:
-    """Return what a localizer shows of itself where there is no truth.
-
-    Args:
-        course: Its beliefs.
-        odometry: The odometry at each row, shape (T, 3).
-        first: The first row.
-
-    Returns:
-        Mean share of fitting beams; number of leaps: corrections by more than `LEAP`, m or rad, of a belief that was not lost.
-    """
-    poses, wheels = course.poses[first:], odometry[first:]
-    turn, (dx, dy, moved) = poses[:-1, 2] - wheels[:-1, 2], np.diff(wheels, axis=0).T
-    cosine, sine = np.cos(turn), np.sin(turn)
-    away = np.hypot(*(np.diff(poses[:, :2], axis=0) - np.column_stack((cosine * dx - sine * dy, sine * dx + cosine * dy))).T)
-    leaps = (away > LEAP) | (np.abs(wrap_all(np.diff(poses[:, 2]) - moved)) > LEAP)
-    return {"fits": float(np.mean(course.fits[first:])), "leaps": int(np.sum(leaps & (course.states[first:-1] != LOST)))}
-
-
 def beams_of(recorded: RecordedScans) -> NDArray[np.float64]:
     """Return the cosine and sine of the beams of each scan, shape (S, 2, B)."""
     turned = directions(recorded.angles)
@@ -207,56 +180,3 @@ def clocked(recorded: RecordedScans) -> RecordedScans:
     usual = np.median(np.diff(np.unique(recorded.time))) if len(np.unique(recorded.time)) > 1 else 1.0
     time = usual * np.arange(len(recorded.odometry))
     return recorded._replace(time=time, rows=rows, last=time[rows], interval=0.0)
-
-
-def recorded_of(drive: Drive) -> RecordedScans:
-    """Return a localizer's inputs from a drive, row by row.
-
-    Raises:
-        ValueError: If the drive has no odometry or no scans, or a LiDAR that moves on the robot.
-    """
-    if not drive.has_odometry or not drive.scans:
-        lacks = "scans" if drive.has_odometry else "odometry"
-        elsewhere = (each.partition(": ")[2] for each in drive.remarks if ELSEWHERE in each)
-        why = next(elsewhere, "a localizer needs odometry and scans")
-        raise ValueError(f"{drive.around.label or 'The recording'} holds no {lacks}; {why}.")
-    seen = sorted(drive.scans, key=lambda scanned: (scanned.row, scanned.time))
-    if len({scanned.mount for scanned in seen}) > 1:
-        raise ValueError(f"The LiDAR of {drive.around.label or 'the recording'} must stay where it is on the robot.")
-    scan, mount = seen[0].scan, seen[0].mount
-    number = max(len(scanned.scan.ranges) for scanned in seen)
-    ranges = np.full((len(seen), number), np.nan, np.float32)
-    for at, scanned in enumerate(seen):
-        ranges[at, : len(scanned.scan.ranges)] = scanned.scan.ranges
-    aim = np.array([(scanned.scan.first, scanned.scan.increment) for scanned in seen])
-    aim = aim[:1] if (aim == aim[0]).all() else aim
-    angles = mount.theta + aim[:, :1] + aim[:, 1:] * np.arange(number, dtype=np.float64)
-    interval = float(np.median([scanned.scan.beam_period for scanned in seen]))
-    measured = known(drive.odometry)
-    newest = np.maximum.accumulate(np.where(measured, np.arange(len(drive)), np.flatnonzero(measured)[0]))
-    rows, times = np.array([scanned.row for scanned in seen]), np.array([scanned.time for scanned in seen])
-    return RecordedScans(
-        drive.time,
-        drive.odometry[newest],
-        rows,
-        np.where(np.isfinite(times), times + interval * (number - 1), drive.time[rows]),
-        ranges,
-        angles[0] if len(angles) == 1 else angles,
-        interval,
-        (mount.x, mount.y),
-        min(scan.range_max, FAR),
-    )
-
-
-def errors_of(course: RecordedCourse, rows: NDArray[np.intp], reference: NDArray[np.float64]) -> dict[str, float]:
-    """Return the errors of beliefs against reference poses at some rows, shape (K, 3); m, rad, and the median NEES."""
-    poses = course.poses[rows]
-    far, turned = position_error(poses, reference), heading_error(poses, reference)
-    return {
-        "median": float(np.median(far)),
-        "quantile95": float(np.quantile(far, 0.95)),
-        "worst": float(far.max()),
-        "lost": float(np.mean(far > ASTRAY)),
-        "median_heading": float(np.median(turned)),
-        "nees": float(np.median(nees(poses, reference, course.covariances[rows], components=3))),
-    }
