@@ -420,7 +420,7 @@ def _covariance(covariance: Any) -> Covariance:
     rows = rows if rows.ndim == 2 else np.diag(rows)
     xx, yy, tt = _VARIANCES.check("covariance", rows.diagonal())
     xy, xt, yt = _POSE.check("covariance", rows[(0, 0, 1), (1, 2, 2)])
-    return Covariance(xx, xy, xt, 0.0, 0.0, yy, yt, 0.0, 0.0, tt, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Covariance(xx, xy, xt, yy, yt, tt)
 
 
 def _floats(name: str, value: Any, dtype: Any, rule: str) -> NDArray[Any]:

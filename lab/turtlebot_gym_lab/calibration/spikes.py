@@ -73,10 +73,10 @@ def track(belief: Belief, odometry: Odometry, tuning: FilterTuning, dt: float, i
     placed, nis_x = update(prior, h_x, z.x - prior.mean.x, R[0])
     h_y = of_y(placed.covariance)
     placed, nis_y = update(placed, h_y, z.y - placed.mean.y, R[1])
-    precision = inverse_of(innovation_variance(h_x, R[0])) * inverse_of(innovation_variance(h_y, R[1]))
+    precision = inverse_of(innovation_variance(h_x.variance, R[0])) * inverse_of(innovation_variance(h_y.variance, R[1]))
     nis, turn = nis_x + nis_y, turn - (placed.mean.theta - prior.mean.theta)
     h = of_heading(placed.covariance)
-    inverse = inverse_of(innovation_variance(h, R[2]))
+    inverse = inverse_of(innovation_variance(h.variance, R[2]))
     high, low = turn - spike, turn + spike
     q_true, q_high, q_low = turn * turn * inverse, high * high * inverse, low * low * inverse
     # Relative to the likeliest explanation; its own power is e^0 = 1.

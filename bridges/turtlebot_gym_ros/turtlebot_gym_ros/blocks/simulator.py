@@ -114,16 +114,6 @@ class TurtlebotSimulator:
             """Whether there is a room around the robot."""
             return self.world not in OPEN_GROUND
 
-        def physics(self) -> MujocoBurger | tuple[()]:
-            """Return the plant with its friction.
-
-            Raises:
-                ValueError: If the name is unknown, or a friction is given for the unicycle.
-            """
-            named = {name: getattr(self, name) for name in ("friction", "caster_friction")}
-            changed = {name: value for name, value in named.items() if value != getattr(_BURGER, name)}
-            return make_plant({"base": self.plant, **changed} if changed else self.plant)
-
     inputs = {"command": Input(topic="cmd_vel", type=Command, max_age=None, required=False, lock_step="same")}
     outputs = {
         "truth": Output(topic="true_state", type=State),
