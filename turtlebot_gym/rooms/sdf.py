@@ -233,7 +233,8 @@ def _pose_of(element: Element) -> tuple[str, NDArray[np.float64]]:
         return "", np.eye(4)
     numbers = numbers_of(pose.text, 6, (0.0,) * 6)
     in_degrees = pose.get("degrees", "false").strip().lower() in ("1", "true")
-    matrix = euler_matrix(*(np.radians(numbers[3:]) if in_degrees else numbers[3:]))
+    roll, pitch, yaw = np.radians(numbers[3:]) if in_degrees else numbers[3:]
+    matrix = euler_matrix(roll, pitch, yaw)
     matrix[:3, 3] = numbers[:3]
     return pose.get("relative_to", pose.get("frame", "")).strip(), matrix
 
