@@ -8,8 +8,7 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from turtlebot_gym.plants import MujocoBurger, make_plant
-from turtlebot_gym.plants.engine import Engine, _model_of, _product, engine_of
+from turtlebot_gym.plants import Engine, MujocoBurger, _model_of, engine_of, make_plant
 from turtlebot_gym.values import STOP, Command, Pose
 
 BASE = MujocoBurger(friction=0.4, caster_friction=0.2)
@@ -237,17 +236,6 @@ def test_a_command_reaches_the_motors_before_the_intervals_end():
     assert 0.001 < driven.truth.x < 0.04 * 0.2
     late = engine_of(MujocoBurger(lead=0.0))
     assert abs(late.drive(late.start(ORIGIN), ORIGIN, (STOP, Command(0.2, 0.0)), 0.1).truth.x) < 1e-6
-
-
-def test_turns_follow_each_other_as_hamilton_says():
-    """i j = k, j k = i, k i = j, and each squared is -1."""
-    one, i, j, k = np.eye(4).tolist()
-    for p, q, product in ((i, j, k), (j, k, i), (k, i, j)):
-        assert _product(p, q) == tuple(product)
-        assert _product(q, p) == tuple(-number for number in product)
-    for p in (i, j, k):
-        assert _product(p, p) == (-1.0, 0.0, 0.0, 0.0)
-        assert _product(one, p) == _product(p, one) == tuple(p)
 
 
 def test_without_mujoco_the_error_says_what_to_install(monkeypatch):

@@ -11,6 +11,7 @@ import pytest
 from turtlebot_gym.rooms.gazebo import read_gazebo
 from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.scan import obstacles_of
+from turtlebot_gym.rooms.sensing import clearance
 from turtlebot_gym.rooms.worlds import find_lidar, find_world
 from turtlebot_gym.values import Pose
 
@@ -25,14 +26,16 @@ WORLD = """<sdf version="1.6"><world name="default">
 <radius>9</radius><length>0.2</length></cylinder></geometry></collision></link></model></world></sdf>"""
 
 
-def test_a_gazebo_world_gives_its_static_cylinders_and_boxes(tmp_path):
+def test_a_gazebo_world_is_a_map_of_what_stands_in_it(tmp_path):
     path = tmp_path / "one.sdf"
     path.write_text(WORLD)
-    assert find_world(path) == find_world(str(path)) == read_gazebo(path)
     plan = read_gazebo(path, start=Pose(0.0, 1.0, 0.0))
-    assert plan.circles == ((1.0, 2.0, 0.25, 0.0, 0.0),)
+    np.testing.assert_array_equal(find_world(str(path)).map.cells, find_world(path).map.cells)
+    scene = plan.scene()
+    assert clearance(scene, 0.0, 2.0) == pytest.approx(0.75, abs=0.03)  # from the pillar
     # The shelf's model is turned left: its link lies 1 m above it, and the collision half a metre to the left of that.
-    np.testing.assert_allclose(plan.boxes, [(-1.5, 1.0, 0.4, 0.2, math.pi / 2.0 + 0.25)], atol=1e-12)
+    assert clearance(scene, -1.5, 1.0) <= 0.0
+    assert clearance(scene, -1.2, 1.0) == pytest.approx(0.3 - 0.1 / math.cos(0.25), abs=0.05)
     assert (plan.start, plan.goal) == (Pose(0.0, 1.0, 0.0), None)
     assert plan.walls.x + plan.walls.half_length == pytest.approx(1.25 + 1.0)  # a metre from the pillar
     assert plan.walls.y + plan.walls.half_width == pytest.approx(2.25 + 1.0)
@@ -47,7 +50,10 @@ def test_the_barn_challenges_files_are_its_numbers(tmp_path, number):
     worlds = np.load(BARN / "worlds.npz")
     first = int(worlds["count"][:number].sum())
     expected = worlds["circles"][first : first + worlds["count"][number]]
-    np.testing.assert_allclose(sorted(circle[:3] for circle in plan.circles), sorted(map(tuple, expected.tolist())), atol=1e-6)
+    row, column = np.indices(plan.map.cells.shape)
+    x, y = ((at + 0.5) * 0.05 + start for at, start in zip((column, row), plan.map.origin, strict=False))
+    away = np.min([np.hypot(x - a, y - b) - radius for a, b, radius in expected], axis=0)
+    np.testing.assert_array_equal((plan.map.cells == 100)[abs(away) > 1e-3], (away <= 0.0)[abs(away) > 1e-3])
     env = gym.make("turtlebot_gym/TurtleBotRooms-v0", world=plan, lidar="ideal")
     observation, info = env.reset(seed=1)
     np.testing.assert_allclose(info["true_state"][:3], [-2.0, 3.0, math.pi / 2.0])

@@ -89,10 +89,10 @@ def descend(
 @kernel
 def judged(end: Descent, sight: ScanPoints, q: Any) -> Descent:
     """Return a descent with the share of beams that agree with its end."""
-    belief, scale, at, nis, freedom, fits, used, agrees = end
-    if q.short < 1.0 and 1.0 - fits > q.suspicion:  # else nearly all beams fit, or the others count as much
-        agrees = max(agreeing(sight, at, q), fits)
-    return Descent(belief, scale, at, nis, freedom, fits, used, agrees)
+    agrees = end.agrees
+    if q.short < 1.0 and 1.0 - end.fits > q.suspicion:  # else nearly all beams fit, or the others count as much
+        agrees = max(agreeing(sight, end.at, q), end.fits)
+    return end._replace(agrees=agrees)
 
 
 @kernel

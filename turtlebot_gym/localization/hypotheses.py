@@ -202,7 +202,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     lead = other - max(own, float(values[1]) if count > 1 else top + UNLIKELY)
     is_complete = bank[LAST, 2] == 0.0
     is_clear = fits >= least and bank[MOST, 2] < max(UNEXPLAINED * bank[MOST, 1], LITTLE * (since % PATIENCE + 1.0))
-    belief, nis, scale, fit, _, taken, slack, scans, moves, _, way_drift, turn_drift, strays, agrees, silent = located
+    silent = located.silent
     needs = OUTSIDE if bank[LAST, OFF] > 0.0 else q.evidence
     needs = UNUSUAL_FIT if count > 0 and guesses[0, 7] < bank[TRIAL, 1] - WORSE else needs
     is_proven = count > 0 and guesses[0, 5] >= q.trust and guesses[0, 6] >= needs
@@ -214,23 +214,7 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
         is_sure = (decides and own_weight > SURE * total) or (since % PATIENCE == PATIENCE - 1 and own >= other)
         is_sure = is_sure and bank[MOST, AGREES] > max(ITSELF, q.trust)
         misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, own_weight / total, silent)
-        return Located(
-            belief,
-            nis,
-            scale,
-            fit,
-            misfits,
-            taken,
-            slack,
-            scans,
-            moves,
-            weight,
-            way_drift,
-            turn_drift,
-            strays,
-            agrees,
-            silent,
-        )
+        return located._replace(misfits=misfits, weight=weight, silent=silent)
     bank[MOST, LOG_WEIGHT] = NONE
     is_sure = outlasts or (decides_other and weight > SURE and fits >= least)
     if is_sure and q.trust > 0.0:
@@ -238,14 +222,25 @@ def _follow(located: Located, bank: Any, sight: ScanPoints, wheels: Pose, misfit
     share = 1.0 / total if total > 0.0 and not is_sure else 0.0
     around, turned = POSITION * POSITION, TURN * TURN + tt * share
     covariance = Covariance(around + xx * share, 0.0, 0.0, around + yy * share, 0.0, turned)
+    belief = located.belief
     if count > 0:
         belief = Belief(State(best.x, best.y, best.theta, mean.v, mean.omega), covariance)
     fresh = Sixth(0.0, q.scale * q.scale, Pose(0.0, 0.0, 0.0))
     # A place that is only the likeliest is nothing to drive by: the robot is lost until it is sure.
     misfits, weight, silent = (-CALM, 1.0, 0.0) if is_sure else (misfits + 1.0, weight, max(silent, 2.0 * SILENT))
     agrees = agreeing(sight, Guess(best.x, best.y, best.theta, 0.0), q) if count > 0 else 0.0
-    return Located(
-        belief, 0.0, fresh, fits, misfits, 0.0, 1.0, scans + 1.0, moves, weight, way_drift, turn_drift, strays, agrees, silent
+    return located._replace(
+        belief=belief,
+        nis=0.0,
+        scale=fresh,
+        fits=fits,
+        misfits=misfits,
+        taken=0.0,
+        slack=1.0,
+        scans=located.scans + 1.0,
+        weight=weight,
+        agrees=agrees,
+        silent=silent,
     )
 
 
@@ -255,9 +250,16 @@ def _kept(located: Located, after: Located, bank: Any, sight: ScanPoints, wheels
 
     It is lost if its place is on trial, and beams fit worse than they usually do.
     """
-    belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, silent = after
+    belief, scale, misfits, weight, agrees, silent = (
+        after.belief,
+        after.scale,
+        after.misfits,
+        after.weight,
+        after.agrees,
+        after.silent,
+    )
     was_right, usual = bank[LAST, RIGHT] > 0.0 and located.nis != 0.0, float(bank[TRIAL, 1])  # 0 for a new belief
-    is_right, fit, against, unknown = agrees >= q.trust, fits, 0.0, 0.0
+    is_right, fit, against, unknown = agrees >= q.trust, after.fits, 0.0, 0.0
     if not is_right or bank[TRIAL, 0] > 0.0:
         fit, against, unknown = verdict(sight, Guess(belief.mean.x, belief.mean.y, belief.mean.theta, scale.mean), q)
     bank[LAST, OFF] = 0.0 if is_right else bank[LAST, OFF]
@@ -273,10 +275,8 @@ def _kept(located: Located, after: Located, bank: Any, sight: ScanPoints, wheels
             misfits, weight, agrees, silent = 1.0 * q.patience, 0.0, 0.0, 2.0 * SILENT
             bank[TRIAL, 0], bank[LAST, RIGHT] = 0.0, 0.0
     elif misfits <= 0.0 and agrees >= q.trust:
-        bank[TRIAL, 1] = usual + (fit - usual) / min(scans, HABIT)
-    return Located(
-        belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, silent
-    )
+        bank[TRIAL, 1] = usual + (fit - usual) / min(after.scans, HABIT)
+    return after._replace(belief=belief, scale=scale, misfits=misfits, weight=weight, agrees=agrees, silent=silent)
 
 
 @kernel
@@ -341,5 +341,5 @@ def correct_by_scan(
 @kernel
 def nowhere(q: Any) -> Located:
     """Return a localizer that does not know where it starts: the whole map is searched at the first scan."""
-    belief, nis, scale, _, _, taken, slack, scans, moves, _, _, _, _, _, _ = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
-    return Located(belief, nis, scale, 0.0, 1.0 * q.patience, taken, slack, scans, moves, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    lost = locate(Pose(0.0, 0.0, 0.0), (FAR, FAR, FAR), q)
+    return lost._replace(fits=0.0, misfits=1.0 * q.patience, weight=0.0, agrees=0.0)

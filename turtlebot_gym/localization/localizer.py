@@ -148,45 +148,30 @@ def move(located: Located, before: Pose, now: Pose, twist: Command, drift: tuple
     scale = Sixth(located.scale.mean, located.scale.variance, Pose(c.x - dy * c.theta, c.y + dx * c.theta, c.theta))
     belief = Belief(State(pose.x, pose.y, pose.theta, twist.v, twist.omega), spread)
     taken = located.taken * max(1.0 - way / q.length - turn / q.angle, 0.0)
-    _, nis, _, fits, misfits, _, _, scans, moves, weight, _, _, strays, agrees, silent = located
-    return Located(
-        belief,
-        nis,
-        scale,
-        fits,
-        misfits,
-        taken,
-        slack,
-        scans,
-        moves + 1.0,
-        weight,
-        drift[0],
-        drift[1],
-        strays,
-        agrees,
-        silent + dt,
+    return located._replace(
+        belief=belief,
+        scale=scale,
+        taken=taken,
+        moves=located.moves + 1.0,
+        way_drift=drift[0],
+        turn_drift=drift[1],
+        silent=located.silent + dt,
     )
 
 
 @kernel
 def stay(located: Located) -> Located:
     """Return the localizer of a robot that stands where scans agreed, and leaves out one that would say the same again."""
-    belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, _ = located
-    return Located(
-        belief, nis, scale, fits, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, agrees, 0.0
-    )
+    return located._replace(silent=0.0)
 
 
 @kernel
 def _contradicted(located: Located, q: Any) -> Located:
     """Return the localizer after a scan whose beams end where nothing is known: the belief has left the map."""
-    belief, nis, scale, _, misfits, taken, slack, scans, moves, weight, way_drift, turn_drift, strays, _, silent = located
-    misfits = max(misfits, 0.0) + 1.0
-    misfits = max(misfits, 1.0 * q.patience) if silent > SILENT else misfits
-    weight = 0.0 if misfits >= q.patience else weight
-    return Located(
-        belief, nis, scale, 0.0, misfits, taken, slack, scans + 1.0, moves, weight, way_drift, turn_drift, strays, 0.0, silent
-    )
+    misfits = max(located.misfits, 0.0) + 1.0
+    misfits = max(misfits, 1.0 * q.patience) if located.silent > SILENT else misfits
+    weight = 0.0 if misfits >= q.patience else located.weight
+    return located._replace(fits=0.0, misfits=misfits, scans=located.scans + 1.0, weight=weight, agrees=0.0)
 
 
 @kernel
@@ -230,23 +215,19 @@ def scan(located: Located, sight: ScanPoints, q: Any, unseen: tuple[float, float
     dx, dy, turn = now.x - was.x, now.y - was.y, wrap(now.theta - was.theta)
     if dx * dx + dy * dy > LEAP * LEAP or abs(turn) > LEAP:  # it may have been carried farther
         misfits = max(misfits, 1.0 * q.patience)
-    taken, scans = min(located.taken + take, 1.0), located.scans + 1.0
-    return Located(
-        belief,
-        3.0 * surprise,
-        end.scale,
-        end.fits,
-        misfits,
-        taken,
-        slack,
-        scans,
-        located.moves,
-        weight,
-        located.way_drift,
-        located.turn_drift,
-        strays,
-        agrees,
-        silent,
+    return located._replace(
+        belief=belief,
+        nis=3.0 * surprise,
+        scale=end.scale,
+        fits=end.fits,
+        misfits=misfits,
+        taken=min(located.taken + take, 1.0),
+        slack=slack,
+        scans=located.scans + 1.0,
+        weight=weight,
+        strays=strays,
+        agrees=agrees,
+        silent=silent,
     )
 
 

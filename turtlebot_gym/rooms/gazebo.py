@@ -1,49 +1,61 @@
-"""Gazebo worlds: what stands on the ground in an SDF file as a floor plan."""
+"""Gazebo worlds: what stands on the ground in an SDF file, cut at a LiDAR's height, as a map of cells.
+
+The robot stands on the ground: z = 0, or a box below everything else. What it drives over (up to `STEP`) and what it passes
+below (from `HEADROOM` on) is left out. Everything else is an obstacle with its outline at `SCAN_HEIGHT`; what does not reach
+that height has the outline in the middle of its part between the two, and the LiDAR of a plane sees it, too.
+"""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 from xml.etree.ElementTree import Element
 
 import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, label
+from scipy.spatial import ConvexHull
+from trimesh.intersections import mesh_plane
 
-from turtlebot_gym.meshes import Body, load_mesh
-from turtlebot_gym.resources import find_resource, searched
-from turtlebot_gym.rooms.enclosure import maps_of
+from turtlebot_gym.rooms.charting import SIDE
+from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.scene import Walls
-from turtlebot_gym.rooms.sdf import Collision, read_sdf
-from turtlebot_gym.rooms.solids import Cut, cut, top_of_floor
-from turtlebot_gym.transforms import MalformedError, numbers_of
+from turtlebot_gym.rooms.sdf import SEARCHED, Collision, MalformedError, numbers_of, read_sdf
 from turtlebot_gym.values import Pose
 
+SCAN_HEIGHT = 0.18
+"""Height of a LiDAR's plane, m: TurtleBot3 Burger 0.182, by its URDF."""
+STEP = 0.02
+"""Height that a TurtleBot's wheels climb, m."""
+HEADROOM = 0.35
+"""Height of the highest TurtleBot, m: TurtleBot 4 Standard 0.341."""
+FLOOR = (2.0, 0.3)
+"""Least extents of a box that may be the floor, and greatest height of its top, m."""
 APRON = 1.0
-"""Free space between the contents of a world and the walls added around them, m."""
-_UNREAD = ("heightmap", "image")
+"""Free space between the contents of a world and the walls around them, m."""
+CELLS = 2_000_000
+"""Cells of a map; larger worlds have larger ones than `charting.SIDE`."""
+NARROW = 0.2
+"""Width of a gap through which no robot passes, m: a Burger is 0.18 m wide."""
+ENOUGH = 1.0
+"""Least enclosed ground in which starts and goals are drawn, m^2."""
+_SIDES = 48
+"""Corners of what is round."""
 _NAMED = 6
-"""Most names in a notice."""
-
-
-class _Contents(NamedTuple):
-    """The shapes of a world, and what is to be said about it."""
-
-    shapes: Cut
-    is_whole: bool
-    """Whether nothing is missing that may be an obstacle."""
-    notices: list[str]
+"""Most names in a warning."""
 
 
 def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | None = None) -> FloorPlan:
     """Read a Gazebo world: the collisions of all its models, those included by it as well, cut at a LiDAR's height.
 
-    Models are searched for along ``GZ_SIM_RESOURCE_PATH``, ``IGN_GAZEBO_RESOURCE_PATH`` and ``GAZEBO_MODEL_PATH``, and beside
-    the world. What lies flat on the ground or hangs is left out, see `solids`. Robots are left out as well; other models that
-    can be moved stand still. Starts and goals are drawn in what the contents enclose (where a mesh or a
-    model is missing, and nothing encloses, between the others); walls are added around everything.
+    Models are searched for along the variables `sdf.SEARCHED`, in ROS's packages, in Gazebo's own folder of downloaded models,
+    and beside the world. Robots are left out; other models that can be moved stand still. Starts and goals are drawn in what
+    the contents enclose (where a mesh or a model is missing, and nothing encloses, between the others); walls are added
+    around everything.
 
     Args:
         path: An SDF file, ``.world`` or ``.sdf``.
@@ -56,97 +68,206 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
     Warns:
         UserWarning: Of each thing that is left out but may be an obstacle, and of models that can be moved.
     """
-    contents = _read(Path(path))
-    for text in contents.notices:
-        warnings.warn(f"{Path(path).name}: {text}.", stacklevel=2)
-    return enclosed(contents.shapes, start=start, goal=goal, is_whole=contents.is_whole)
-
-
-def _read(path: Path) -> _Contents:
-    """Return the contents of a world."""
-    meshes: dict[str, str] = {}
-    shapes, unread = Cut([], [], []), set()
+    unread: dict[str, str] = {}
     try:
-        world = read_sdf(path)
-        ground, collisions = _on_the_ground(world.collisions)
-        for collision in collisions:
-            unread.update(shape.tag for shape in collision.geometry if shape.tag in _UNREAD)
-            shapes = shapes + _cut(collision, meshes)
+        world = read_sdf(Path(path))
+        shapes = [(each, list(_bodies(each, unread))) for each in world.collisions]
+        ground = _ground(shapes)
     except (ArithmeticError, MalformedError) as error:
-        message = f"{str(path)!r} holds a shape or a pose with missing or malformed numbers: {error}."
-        raise ValueError(message) from error
-    notices = [f"the mesh {uri!r} is left out: {reason}" for uri, reason in meshes.items()]
+        raise ValueError(f"{str(path)!r} holds a shape or a pose with missing or malformed numbers: {error}.") from error
+    notices = [f"{what} is left out: {reason}" for what, reason in unread.items()]
     if ground:
         notices.append(f"the ground is the top of a box, at {ground:g} m")
-    if world.missing:
-        notices.append(f"left out, since not found ({searched()}): {_listed(world.missing)}")
-    if unread:
-        notices.append(f"left out, since not read here: {_listed(sorted(unread))}")
-    if world.robots:
-        notices.append(f"left out as robots: {_listed(world.robots)}")
-    if world.actors:
-        notices.append(f"left out, since their ways are not read: {_listed(world.actors)}")
-    if world.movable:
-        notices.append(f"models that are not static stand still here: {_listed(world.movable)}")
-    if not any(shapes):
+    notices += [
+        f"{text}: {', '.join(list(dict.fromkeys(names))[:_NAMED])}{', ...' * (len(set(names)) > _NAMED)}"
+        for text, names in (
+            (f"left out, since not found ({_where()})", world.missing),
+            ("left out as robots", world.robots),
+            ("left out, since their ways are not read", world.actors),
+            ("models that are not static stand still here", world.movable),
+        )
+        if names
+    ]
+    outlines = [outline for _, bodies in shapes for body in bodies if (outline := _outline(body, ground)) is not None]
+    if not outlines:
         said = f" ({'; '.join(notices)})" if notices else ""
         raise ValueError(f"{str(path)!r} holds no obstacle at the height of a robot{said}.")
-    return _Contents(shapes, not (meshes or world.missing or unread), notices)
+    for text in notices:
+        warnings.warn(f"{Path(path).name}: {text}.", stacklevel=2)
+    grid = map_of(outlines, [pose for pose in (start, goal) if pose is not None], is_whole=not (unread or world.missing))
+    return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal)
 
 
-def _on_the_ground(collisions: list[Collision]) -> tuple[float, list[Collision]]:
-    """Return the height of the ground, m, and the collisions as seen from there, without the box that is the floor."""
-    solid = [collision for collision in collisions if collision.geometry.find("plane") is None]
-    for at, collision in enumerate(solid):
-        others = solid[:at] + solid[at + 1 :]
-        places = np.array([other.pose[:3, 3] for other in others]).reshape(-1, 3)
-        top = top_of_floor(collision.geometry, collision.pose, places)
-        if top is not None:
-            down = np.eye(4)
-            down[2, 3] = -top
-            return top, [other._replace(pose=down @ other.pose) for other in others]
-    return 0.0, collisions
+def _where() -> str:
+    return f"{', '.join(SEARCHED)}, beside the world, and in models there and above"
 
 
-def _cut(collision: Collision, meshes: dict[str, str]) -> Cut:
-    """Return the shapes of a collision; meshes that cannot be read are noted with the reason."""
+def _bodies(collision: Collision, unread: dict[str, str]) -> Iterable[trimesh.Trimesh]:
+    """Yield the connected bodies of a collision in the world; what cannot be read is noted with the reason."""
+    for shape in collision.geometry:
+        made: Any = None
+        if shape.tag == "box":
+            made = trimesh.creation.box(_sizes(shape, "size", 3))
+        elif shape.tag == "cylinder":
+            (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length", default=(1.0,))
+            made = trimesh.creation.cylinder(radius, length, sections=_SIDES)
+        elif shape.tag == "cone":
+            (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length")
+            made = trimesh.creation.cone(radius, length, sections=_SIDES).apply_translation((0.0, 0.0, -0.5 * length))
+        elif shape.tag in ("sphere", "ellipsoid"):
+            size = _sizes(shape, "radius") * 3 if shape.tag == "sphere" else _sizes(shape, "radii", 3)
+            made = trimesh.creation.uv_sphere(count=(_SIDES // 2, _SIDES)).apply_scale(size)
+        elif shape.tag == "capsule":
+            (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length")
+            made = trimesh.creation.capsule(length, radius, count=(_SIDES // 2, _SIDES))
+        elif shape.tag in ("heightmap", "image", "polyline"):
+            unread[f"a {shape.tag}"] = "it is not read here"
+        elif shape.tag == "mesh" and (uri := f"the mesh {shape.findtext('uri', '').strip()!r}") not in unread:
+            try:
+                for body in load_mesh(shape):
+                    yield body.apply_transform(collision.pose)
+            except MalformedError:
+                raise
+            except (OSError, ValueError, ImportError) as error:
+                unread[uri] = " ".join(str(error).split()).rstrip(".")
+        if made is not None:
+            yield made.apply_transform(collision.pose)
 
-    def load(shape: Element) -> list[Body]:
-        uri = shape.findtext("uri", "").strip()
-        path = find_resource(uri, collision.files)
-        if path is None:
-            meshes[uri] = f"there is no such file ({searched()})"
-        if uri in meshes or path is None:
-            return []
-        try:
-            scale = np.array(numbers_of(shape.findtext("scale"), 3, (1.0, 1.0, 1.0)))
-            return load_mesh(path, scale, shape.findtext("submesh/name", "").strip())
-        except (ValueError, ImportError) as error:
-            meshes[uri] = str(error).rstrip(".")
-            return []
 
-    return cut(collision.geometry, collision.pose, load)
+def _sizes(shape: Element, name: str, count: int = 1, default: Sequence[float] = ()) -> list[float]:
+    """Return positive numbers of an SDF element."""
+    values = numbers_of(shape.findtext(name), count, default)
+    if min(values) <= 0.0:
+        raise MalformedError(f"{name} must be positive, not {min(values):g}")
+    return values
 
 
-def _listed(names: Sequence[str]) -> str:
-    """Return names in a row, the last ones as their number."""
-    names = list(dict.fromkeys(names))
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return f"{', '.join(names[:_NAMED])}{more}"
+def load_mesh(shape: Element) -> list[trimesh.Trimesh]:
+    """Return the connected bodies of a ``<mesh>``, m.
+
+    A DAE file is scaled to metres by the unit that it states, and its up axis is ignored, as Gazebo does
+    (gz-common 5, ``ColladaLoader.cc``).
+
+    Raises:
+        ValueError: If there is no such file, it cannot be read, or it has no such submesh.
+    """
+    path, part = shape.get("path", ""), shape.findtext("submesh/name", "").strip()
+    scale = numbers_of(shape.findtext("scale"), 3, (1.0, 1.0, 1.0))
+    if not path:
+        raise ValueError(f"there is no such file ({_where()})")
+    try:
+        scene: Any = trimesh.load_scene(path)
+        names = [name for name in scene.graph.nodes_geometry if not part or part in (name, scene.graph[name][1])]
+        meshes = [scene.geometry[scene.graph[name][1]].copy().apply_transform(scene.graph[name][0]) for name in names]
+    except Exception as error:  # each format has errors of its own, and a missing reader yet another
+        raise ValueError(f"{error or type(error).__name__}") from error
+    meshes = [mesh for mesh in meshes if len(getattr(mesh, "faces", ()))]
+    if not meshes:
+        raise ValueError(f"it has no submesh {part!r}" if part else "it has no triangles")
+    bodies: list[trimesh.Trimesh] = []
+    for mesh in meshes:
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        unit = str(mesh.metadata.get("units") or "meters").split("*")[0].strip()  # "0.0254 * meters" of a DAE file
+        mesh.apply_scale(np.array(scale) * (float(unit) if unit.replace(".", "", 1).isdecimal() else 1.0))
+        bodies.extend(mesh.split(only_watertight=False))
+    return bodies
 
 
-def enclosed(shapes: Cut, *, start: Pose | None = None, goal: Pose | None = None, is_whole: bool = True) -> FloorPlan:
-    """Return a floor plan with walls `APRON` away from its contents; see `enclosure.maps_of` for the arguments."""
-    reach = [(x - r, y - r, x + r, y + r) for x, y, r in shapes.circles]
-    for x, y, length, width, heading in shapes.boxes:
-        a, b = abs(math.cos(heading)), abs(math.sin(heading))
-        along, up = 0.5 * (a * length + b * width), 0.5 * (b * length + a * width)
-        reach.append((x - along, y - up, x + along, y + up))
-    reach += [(*segments.min(axis=(0, 1)), *segments.max(axis=(0, 1))) for segments, _ in shapes.outlines]
-    reach += [(pose.x, pose.y, pose.x, pose.y) for pose in (start, goal) if pose is not None]
-    (left, bottom), (right, top) = np.min(reach, axis=0)[:2] - APRON, np.max(reach, axis=0)[2:] + APRON
-    walls = Walls(*map(float, ((left + right) / 2.0, (bottom + top) / 2.0, (right - left) / 2.0, (top - bottom) / 2.0)))
-    seen, known = maps_of(walls, shapes, start, goal, is_whole=is_whole)
-    return FloorPlan(
-        walls=walls, circles=tuple(shapes.circles), boxes=tuple(shapes.boxes), start=start, goal=goal, map=seen, chart=known
-    )
+def _ground(shapes: list[tuple[Collision, list[trimesh.Trimesh]]]) -> float:
+    """Return the height of the ground, m: 0, or the top of a level box on which everything else stands, which is removed."""
+    solid = [pair for pair in shapes if pair[1]]
+    for collision, bodies in solid:
+        others = np.array([other.pose[:3, 3] for other, _ in solid if other is not collision])
+        if collision.geometry.find("box") is None or abs(collision.pose[2, 2]) < 1.0 - 1e-8 or not len(others):
+            continue
+        size, top = np.array(numbers_of(collision.geometry.findtext("box/size"), 3)), float(bodies[0].bounds[1, 2])
+        apart = np.abs((others - collision.pose[:3, 3]) @ collision.pose[:3, :2])
+        carries = (apart <= 0.5 * size[:2]).all() and (others[:, 2] >= top - 1e-6).all()
+        if carries and size[:2].min() >= FLOOR[0] and STEP < top <= FLOOR[1]:
+            bodies.clear()
+            return top
+    return 0.0
+
+
+def _outline(body: trimesh.Trimesh, ground: float) -> tuple[NDArray[np.float64], bool] | None:
+    """Return the segments in which a body is cut, shape (n, 2, 2), m, and whether it encloses what is solid.
+
+    None for a body that is no obstacle.
+    """
+    low, high = (float(z) - ground for z in body.bounds[:, 2])
+    if high <= STEP or low >= HEADROOM:
+        return None
+    height = SCAN_HEIGHT if low < SCAN_HEIGHT < high else 0.5 * (max(low, STEP) + min(high, HEADROOM))
+    segments = np.asarray(mesh_plane(body, (0.0, 0.0, 1.0), (0.0, 0.0, height + ground + 1e-7)))[:, :, :2]
+    return (segments, bool(body.is_watertight and body.volume > 0.0)) if len(segments) else None
+
+
+def map_of(outlines: list[tuple[NDArray[np.float64], bool]], given: list[Pose], *, is_whole: bool = True) -> GridMap:
+    """Return the map of outlines, `APRON` wider than they are.
+
+    Cells are occupied whose centre is in a solid outline, or which a thin or an open one touches; unknown is the ground on
+    which no robot starts.
+
+    Args:
+        outlines: See `_outline`.
+        given: Start and goal if they are given: all ground counts if one of the two is not in what is enclosed.
+        is_whole: Whether no shape is missing, which might enclose the others; if one is, the ground between these counts.
+    """
+    points = np.concatenate([segments.reshape(-1, 2) for segments, _ in outlines] + [np.array([pose[:2]]) for pose in given])
+    low, high = points.min(axis=0) - APRON, points.max(axis=0) + APRON
+    side = max(SIDE, math.sqrt(float(np.prod(high - low)) / CELLS))
+    corner = np.floor(low / side + 1e-6) * side
+    columns, rows = np.ceil((high - corner) / side - 1e-6).astype(int).tolist()
+    occupied = np.zeros((rows, columns), np.bool_)
+    for segments, is_solid in outlines:
+        placed = (segments - corner) / side
+        inside = _filled(placed, occupied.shape)
+        length = np.linalg.norm(placed[:, 1] - placed[:, 0], axis=1).sum()
+        if is_solid:
+            occupied |= inside
+        if not is_solid or 2.0 * inside.sum() < length:  # such a strip is narrower than a cell
+            _draw(occupied, placed)
+    ground = _enclosed(occupied, side)
+    if ground is None and not is_whole:
+        row, column = np.nonzero(occupied)
+        hull = ConvexHull(np.concatenate([np.column_stack((column + dx, row + dy)) for dx in (0, 1) for dy in (0, 1)]))
+        ground = _filled(hull.points[hull.simplices], occupied.shape) & ~occupied
+        ground = ground if ground.sum() * side * side >= ENOUGH else None
+    cell = [tuple(np.floor((np.array(pose[:2]) - corner) / side).astype(int)[::-1]) for pose in given]
+    ground = ~occupied if ground is None or not all(ground[at] for at in cell) else ground
+    cells = np.where(occupied, OCCUPIED, np.where(ground, FREE, UNKNOWN))
+    return GridMap(cells=cells, resolution=side, origin=Pose(float(corner[0]), float(corner[1]), 0.0))
+
+
+def _draw(cells: NDArray[np.bool_], segments: NDArray[np.float64]) -> None:
+    """Mark the cells that segments, shape (n, 2, 2), touch; in cells."""
+    for start, end in segments:
+        steps = math.ceil(2.0 * float(np.abs(end - start).max())) + 1
+        column, row = np.floor(start + np.linspace(0.0, 1.0, steps + 1)[:, None] * (end - start)).astype(int).T
+        cells[row, column] = True
+
+
+def _filled(segments: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return the cells from whose centre an odd number of segments lies to the left; in cells."""
+    rows, columns = shape
+    turns = np.zeros((rows, columns + 1), np.int32)
+    for (x0, y0), (x1, y1) in segments:
+        row = np.arange(math.ceil(min(y0, y1) - 0.5), math.ceil(max(y0, y1) - 0.5))
+        x = x0 + (row + 0.5 - y0) * (x1 - x0) / ((y1 - y0) or 1.0)
+        turns[row, np.ceil(x - 0.5).astype(int)] += 1
+    return np.cumsum(turns, axis=1)[:, :-1] % 2 == 1
+
+
+def _enclosed(occupied: NDArray[np.bool_], side: float) -> NDArray[np.bool_] | None:
+    """Return the largest ground that cells enclose, but for gaps of less than `NARROW`; None if it is less than `ENOUGH`."""
+    wide: Any = distance_transform_edt(~occupied)
+    labels: Any = label(wide * side > 0.5 * NARROW)[0]  # pyright: ignore[reportIndexIssue]
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
+        sizes[edge] = 0
+    largest = int(sizes.argmax())
+    if sizes[largest] * side * side < ENOUGH:
+        return None
+    near: Any = distance_transform_edt(labels != largest)
+    return (near * side <= 0.5 * NARROW) & ~occupied

@@ -1,4 +1,8 @@
-"""Maps for ROS's ``map_server``: a YAML file and its image, read as Nav2's server reads them."""
+"""Maps for ROS's ``map_server``: a YAML file and its image, read as Nav2's server reads them.
+
+References:
+    Nav2, ``nav2_map_server/src/map_io.cpp``, ``loadMapFromFile``, ROS 2 Jazzy.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +25,6 @@ UNEXPLORED = 205
 """Grey by which map savers of ROS 1 and ROS 2 mark unexplored cells in the mode "trinary"."""
 _UNEXPLORED_SHARE = 0.196
 """Occupancy of that grey, 50 / 255, as map savers of ROS 1 write it: from a greater ``free_thresh`` on it is free."""
-_ROWS = 256
-"""Rows of an image that are read at once."""
-_FORMATS = ("BMP", "GIF", "JPEG", "PNG", "PPM", "TGA", "TIFF", "WEBP")
 _MODES = {mode: mode for mode in ("trinary", "scale", "raw")}
 _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
@@ -43,20 +44,8 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
         UserWarning: If thresholds make unexplored cells free. Here they are unknown: as free ones they stop neither the robot
             nor beams, but no start, goal or path is there, and a lost robot is not searched for there.
     """
-    grid, notice = _read_grid(path)
-    for text in notice:
-        warnings.warn(text, stacklevel=2)
-    return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal, max_distance=FAR_ENOUGH)
-
-
-def _read_grid(path: str | Path) -> tuple[GridMap, list[str]]:
-    """Read a map's cells, and return what is to be said about them; see `read_map`."""
-    path = Path(path)
+    path, of_map = Path(path), f"of the map {str(path)!r}"
     content = _read_yaml(path)
-    missing = [name for name in _NEEDED if name not in content]
-    if missing:
-        raise ValueError(f"The map {str(path)!r} must state {', '.join(missing)}.")
-    of_map = f"of the map {str(path)!r}"
     free, occupied = (PROBABILITY.check(f"{name} {of_map}", content[name]) for name in ("free_thresh", "occupied_thresh"))
     if not free <= occupied:
         raise ValueError(f"free_thresh {of_map} must be at most occupied_thresh, got {free:g} and {occupied:g}.")
@@ -65,17 +54,19 @@ def _read_grid(path: str | Path) -> tuple[GridMap, list[str]]:
     mode = choose(f"mode {of_map}", content.get("mode", "trinary"), _MODES)
     resolution = POSITIVE.check(f"resolution {of_map}", content["resolution"])
     pose = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
-    image, negate = path.parent / str(content["image"]), bool(content["negate"])
-    cells, unexplored = _read_image(image, mode, negate=negate, occupied=occupied, free=free)
-    remedy = "free_thresh: 0.196" if free > _UNEXPLORED_SHARE else "an image without transparency"
-    notice = (
-        f"{path.name}: free_thresh {free:g} makes unexplored cells (grey, {UNEXPLORED}) free ({unexplored:,}): no start, "
-        f"goal or path is there, nor a lost robot; {remedy} makes them unknown for Nav2, too."
-    )
+    limits = {"negate": bool(content["negate"]), "occupied": occupied, "free": free}
+    cells, unexplored = _read_image(path.parent / str(content["image"]), mode, **limits)
     try:
-        return GridMap(cells=cells[::-1], resolution=resolution, origin=pose), [notice] if unexplored else []
+        grid = GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
     except ValueError as error:
         raise ValueError(f"The map {str(path)!r} cannot be used: {error}") from error
+    if unexplored:
+        remedy = "free_thresh: 0.196" if free > _UNEXPLORED_SHARE else "an image without transparency"
+        text = f"free_thresh {free:g} makes unexplored cells (grey, {UNEXPLORED}) free ({unexplored:,}): no start, goal or path"
+        warnings.warn(
+            f"{path.name}: {text} is there, nor a lost robot; {remedy} makes them unknown for Nav2, too.", stacklevel=2
+        )
+    return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal, max_distance=FAR_ENOUGH)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -87,6 +78,8 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{str(path)!r} is not a map: {error}") from error
     if not isinstance(content, dict):
         raise ValueError(f"{str(path)!r} is not a map: it must state {', '.join(_NEEDED)}.")
+    if missing := [name for name in _NEEDED if name not in content]:
+        raise ValueError(f"The map {str(path)!r} must state {', '.join(missing)}.")
     return content
 
 
@@ -94,14 +87,6 @@ def _read_image(path: Path, mode: str, **limits: Any) -> tuple[NDArray[np.int8],
     """Return the values of cells, the first row being the highest, and how many unexplored ones the thresholds make free.
 
     In the mode "trinary", transparency is averaged with the colours, as ``map_server`` does. Unexplored cells are unknown.
-
-    Args:
-        path: The image.
-        mode: See `_occupancy`.
-        **limits: See `_occupancy`.
-
-    Raises:
-        ValueError: If the image cannot be read.
     """
     try:
         from PIL import Image  # a dependency of matplotlib; a robot reads no maps
@@ -110,58 +95,42 @@ def _read_image(path: Path, mode: str, **limits: Any) -> tuple[NDArray[np.int8],
     try:
         with warnings.catch_warnings():  # of large images, which are refused here
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            image = Image.open(path, formats=_FORMATS)
+            image = Image.open(path)
         with image:
             if image.width * image.height > MAX_CELLS:  # before it is unpacked
                 raise ValueError(f"it has {image.width} x {image.height} pixels, more than {MAX_CELLS:,}: {CUT}")
-            cells, unexplored = np.empty((image.height, image.width), np.int8), 0
-            for top in range(0, image.height, _ROWS):  # unpacked it takes less than colours of all rows
-                part = image.crop((0, top, image.width, min(top + _ROWS, image.height)))
-                cells[top : top + _ROWS], count = _cells_of(part, mode, image, **limits)
-                unexplored += count
+            return _cells_of(image, mode, **limits)
     except FileNotFoundError as error:
         raise ValueError(f"There is no image {str(path)!r} for the map.") from error
-    except MemoryError:
-        raise
     except Exception as error:  # a decoder raises errors of many kinds
         raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
-    return cells, unexplored
 
 
-def _cells_of(image: Any, mode: str, whole: Any, **limits: Any) -> tuple[NDArray[np.int8], int]:
-    """Return the values of cells of a part of an image of Pillow's; see `_read_image`."""
-    off = 3.0 if whole.format in ("JPEG", "WEBP") else 0.6  # these formats change greys
-    if image.mode.startswith("I"):  # 16 bits
-        pixels = np.clip(np.asarray(image), 0, 65535)
-        shades = np.arange(65536) / 65535
-        return _without_unexplored(
-            _occupancy(shades, mode, **limits)[pixels], _is_unexplored(shades, off, **limits)[pixels], mode
-        )
-    alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in whole.info
-    plain = image.mode == "L" and not alpha  # a third of the memory
-    pixels = np.asarray(image)[:, :, None] if plain else np.asarray(image.convert("RGBA" if alpha else "RGB"))
-    colours = pixels[:, :, :3]
-    channels = pixels if mode == "trinary" else colours
-    # There are fewer sums of channels than pixels.
-    most, most_colours = 255 * channels.shape[2], 255 * colours.shape[2]
-    cells = _occupancy(np.arange(most + 1) / most, mode, **limits)[channels.sum(axis=2, dtype=np.uint16)]
+def _cells_of(image: Any, mode: str, **limits: Any) -> tuple[NDArray[np.int8], int]:
+    """Return the values of cells of an image of Pillow's; see `_read_image`."""
+    is_deep = image.mode.startswith("I")  # 16 bits
+    alpha = not is_deep and (image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info)
+    pixels = np.asarray(image)
+    if is_deep:
+        sums, most = np.clip(pixels, 0, 65535).astype(np.uint16), 65535
+        greys, most_grey = sums, most
+    elif image.mode == "L" and not alpha:
+        sums, most = pixels, 255
+        greys, most_grey = sums, most
+    else:
+        pixels = np.asarray(image.convert("RGBA" if alpha else "RGB"))
+        greys, most_grey = pixels[:, :, :3].sum(axis=2, dtype=np.uint16), 765
+        averages = alpha and mode == "trinary"
+        sums, most = (greys + pixels[:, :, 3], 1020) if averages else (greys, most_grey)
+    cells = _occupancy(np.arange(most + 1) / most, mode, **limits)[sums]  # there are fewer sums of channels than pixels
     if alpha and mode == "scale":
         cells[pixels[:, :, 3] < 255] = UNKNOWN
-    unexplored = _is_unexplored(np.arange(most_colours + 1) / most_colours, off, **limits)
-    return _without_unexplored(cells, unexplored[colours.sum(axis=2, dtype=np.uint16)], mode)
-
-
-def _is_unexplored(shade: NDArray[np.float64], off: float, *, negate: bool, **limits: Any) -> NDArray[np.bool_]:
-    """Return whether pixels have the grey of unexplored cells, up to ``off``; see `_occupancy`."""
-    return np.abs((1.0 - shade if negate else shade) * 255.0 - UNEXPLORED) <= off
-
-
-def _without_unexplored(cells: NDArray[np.int8], unexplored: NDArray[np.bool_], mode: str) -> tuple[NDArray[np.int8], int]:
-    """Return cells of which the unexplored ones are not free, and how many were; only "trinary" has a grey for them."""
-    wrong = unexplored & (cells == FREE) if mode == "trinary" else np.zeros((1, 1), np.bool_)
-    if count := int(wrong.sum()):
-        cells[wrong] = UNKNOWN
-    return cells, count
+    off = 3.0 if image.format in ("JPEG", "WEBP") else 0.6  # these formats change greys
+    shade = np.arange(most_grey + 1) / most_grey
+    is_unexplored = np.abs((1.0 - shade if limits["negate"] else shade) * 255.0 - UNEXPLORED) <= off
+    wrong = is_unexplored[greys] & (cells == FREE) & (mode == "trinary")  # only this mode has a grey for them
+    cells[wrong] = UNKNOWN
+    return cells, int(wrong.sum())
 
 
 def _occupancy(shade: NDArray[np.float64], mode: str, *, negate: bool, occupied: float, free: float) -> NDArray[np.int8]:
@@ -173,9 +142,6 @@ def _occupancy(shade: NDArray[np.float64], mode: str, *, negate: bool, occupied:
         negate: Whether bright pixels are occupied instead of dark ones.
         occupied: Threshold above which cells are occupied.
         free: Threshold below which cells are free.
-
-    References:
-        Nav2, ``nav2_map_server/src/map_io.cpp``, ``loadMapFromFile``, ROS 2 Jazzy.
     """
     if mode == "raw":
         value = np.rint(shade * 255.0)

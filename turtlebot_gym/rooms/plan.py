@@ -31,9 +31,7 @@ class FloorPlan:
     goal: Pose | None = None
     """Goal pose of the robot; None to draw it."""
     map: GridMap | None = None
-    """Map within the walls; everything outside of the map is occupied."""
-    chart: GridMap | None = None
-    """Map that a localizer knows, if it is another one than `map`: with the circles and boxes, too."""
+    """Map within the walls, which a localizer knows, too; everything outside of the map is occupied."""
     max_distance: float = math.inf
     """Greatest distance between start and a drawn goal along each axis, m."""
 
@@ -41,9 +39,8 @@ class FloorPlan:
         walls = Walls(*Numbers(FINITE, 4).check("FloorPlan.walls", self.walls))
         if not min(walls.half_length, walls.half_width) > 0.0:
             raise refusal("FloorPlan.walls", "around a room", self.walls)
-        for name in ("map", "chart"):
-            if not isinstance(getattr(self, name), GridMap | None):
-                raise refusal(f"FloorPlan.{name}", "a GridMap or None", getattr(self, name))
+        if not isinstance(self.map, GridMap | None):
+            raise refusal("FloorPlan.map", "a GridMap or None", self.map)
         object.__setattr__(self, "walls", walls)
         object.__setattr__(self, "circles", tuple((*row, 0.0, 0.0)[:5] for row in self._rows("circles", (3, 5), extents=1)))
         object.__setattr__(self, "boxes", tuple((*row, 0.0)[:5] for row in self._rows("boxes", (4, 5), extents=2)))
@@ -53,11 +50,6 @@ class FloorPlan:
                 object.__setattr__(self, name, pose)
                 if clearance(self.scene(), pose.x, pose.y) < 0.0:
                     raise refusal(f"FloorPlan.{name}", "in the room and in no obstacle", pose)
-
-    @property
-    def known_map(self) -> GridMap | None:
-        """The map that a localizer knows; None to draw it from the circles and boxes."""
-        return self.chart or self.map
 
     def _rows(self, name: str, sizes: tuple[int, int], *, extents: int) -> list[tuple[float, ...]]:
         """Return the numbers of all obstacles of a kind, completed."""
@@ -108,11 +100,11 @@ class FloorPlan:
         scenes = self.map.share(scenes) if self.map else scenes
         if scenes.memory.field.size == 0:
             return scenes
-        if known := self.known_map:
-            field, frame = known.field()[None], known.frame[None]
+        if self.map:
+            field, frame = self.map.field()[None], self.map.frame[None]
         else:
             field, frame = scenes.memory.field[:1].copy(), np.zeros((1, 5))
         shared = scenes._replace(memory=scenes.memory._replace(field=field, field_frame=frame))
-        if not known:
+        if not self.map:
             chart(self.put(scene_at(shared, 0)), self.rules(), 0)
         return shared

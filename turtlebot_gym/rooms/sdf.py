@@ -1,4 +1,4 @@
-"""SDF files: models, those that they include, and the poses of their collisions in the world.
+"""SDF files: models, those that they hold or include, and the poses of their collisions in the world.
 
 References:
     SDFormat 1.12, *Pose frame semantics*; libsdformat 14, ``src/parser.cc``: the file that a ``model.config`` names, and what
@@ -7,39 +7,45 @@ References:
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+import os
+import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote, urlsplit
 from xml.etree.ElementTree import Element, ParseError, parse
 
 import numpy as np
 from numpy.typing import NDArray
+from trimesh.transformations import euler_matrix
 
-from turtlebot_gym.mounts import from_quaternion
-from turtlebot_gym.resources import find_resource
-from turtlebot_gym.transforms import MalformedError, from_rpy, numbers_of
+from turtlebot_gym.config import LARGEST
 
+SEARCHED = ("GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "GAZEBO_MODEL_PATH")
+"""Environment variables with folders of models, of new and of classic Gazebo."""
+_LEVELS = 3
+"""Folders above a file in which models are searched for."""
 _DEEPEST = 20
-"""Most models that are in one another, or include one another."""
+"""Most models that are in one another, or include one another, and most frames that are relative to one another."""
 _NEWEST = (1, 12)
 """Newest version of SDF that is chosen in a ``model.config``."""
 _NO_OBSTACLES = ("ground plane", "sun")
 _DRIVES = ("diff_drive", "diffdrive", "diff-drive", "skid", "ackermann", "mecanum", "omni", "planar_move", "planarmove")
-_FILE, _MERGED = "_file", "_merged"
+_FRAMES = ("link", "frame", "joint", "model")
 _ORIGIN = ("", "__model__", "__root__", "world")
+
+
+class MalformedError(ValueError):
+    """A number, a shape or a frame in a file is missing or malformed."""
 
 
 class Collision(NamedTuple):
     """A collision of a model."""
 
-    name: str
-    """Names of model, link and collision."""
     pose: NDArray[np.float64]
     """In the world, shape (4, 4)."""
     geometry: Element
-    files: tuple[Path, ...]
-    """The file that states it, and those that include that one."""
+    """Each ``<mesh>`` in it has the attribute ``path``: its file, empty if there is none."""
 
 
 class SdfWorld(NamedTuple):
@@ -62,105 +68,124 @@ def read_sdf(path: Path) -> SdfWorld:
     Raises:
         ValueError: If a file cannot be read, or a pose is malformed or relative to an unknown frame.
     """
-    root, missing = _parse(path), []
-    _expand(root, (path,), missing)
+    missing: list[str] = []
+    root = _parse((path,), missing)
     world = root.find("world")
     world = root if world is None else world
-    _apply_state(world)
+    saved = {model.get("name"): model.find("pose") for model in world.findall("state/model")}  # of classic Gazebo
     result = SdfWorld([], [], [], missing, [actor.get("name", "") for actor in world.findall("actor")])
-    scope = _Scope(world)
     for model in world.findall("model"):
         name = model.get("name", "")
         if not _is_static(model) and _drives(model):
             result.robots.append(name)
             continue
-        found = list(_collisions(model, scope.pose(name, model), scope.nested[id(model)], (path,), name))
+        _override(model, saved.get(name))
+        found = list(_collisions(model, _pose_in(world, model)))
         if found and not _is_static(model):
             result.movable.append(name)
         result.collisions.extend(found)
     return result
 
 
-def _parse(path: Path) -> Element:
+def _parse(files: tuple[Path, ...], missing: list[str]) -> Element:
+    """Return an SDF file with the models that it includes in it; ``files`` are that file and those that include it."""
+    path = files[0]
+    if len(files) > _DEEPEST:
+        raise ValueError(f"{str(files[-1])!r} holds models that are nested, or include themselves, more than {_DEEPEST} deep.")
     try:
-        return parse(path).getroot()
+        root = parse(path).getroot()
     except OSError as error:
         raise ValueError(f"There is no Gazebo world {str(path)!r}: {error.strerror}.") from error
     except (ParseError, LookupError, ValueError) as error:  # the last two: an encoding that is unknown
         raise ValueError(f"{str(path)!r} is not a Gazebo world: {error}.") from error
+    for mesh in root.iter("mesh"):
+        mesh.set("path", str(_find(mesh.findtext("uri", ""), files) or ""))
+    for parent in [element for element in root.iter() if element.find("include") is not None]:
+        for at, child in enumerate(list(parent)):
+            if child.tag == "include":
+                parent[at] = _included(child, files, missing)
+    return root
 
 
-def _expand(parent: Element, files: tuple[Path, ...], missing: list[str], depth: int = 0) -> None:
-    """Put the models that are included in the place of their ``<include>``, with what it overrides."""
-    if depth > _DEEPEST:
-        raise ValueError(f"{str(files[-1])!r} holds models that are nested, or include themselves, more than {_DEEPEST} deep.")
-    for at, child in enumerate(list(parent)):
-        if child.tag == "include":
-            model = _included(child, files, missing, depth)
-            parent[at] = model
-        elif child.tag in ("world", "model", "population"):
-            _expand(child, files, missing, depth + 1)
-
-
-def _included(include: Element, files: tuple[Path, ...], missing: list[str], depth: int) -> Element:
+def _included(include: Element, files: tuple[Path, ...], missing: list[str]) -> Element:
+    """Return the model that is included, with what ``<include>`` overrides."""
     uri = include.findtext("uri", "").strip()
-    found = find_resource(uri, files)
-    path = _sdf_in(found) if found is not None and found.is_dir() else found
-    name = uri.rstrip("/").rpartition("/")[2].replace("_", " ").lower()
+    path = _find(uri, files)
+    path = _sdf_in(path) if path is not None and path.is_dir() else path
     if path is None or not path.is_file():
-        if name not in _NO_OBSTACLES:
+        if uri.rstrip("/").rpartition("/")[2].replace("_", " ").lower() not in _NO_OBSTACLES:
             missing.append(uri)
         return Element("include")
-    model = _parse(path).find("model")
+    model = _parse((path, *files), missing).find("model")
     if model is None:
         return Element("include")  # a light, or an actor
-    model.set(_FILE, str(path))
-    if include.get("merge", "false").lower() in ("1", "true"):
-        model.set(_MERGED, "")
-    _expand(model, (path, *files), missing, depth + 1)
-    for tag in ("pose", "static", "placement_frame"):
-        given = include.find(tag)
-        if given is None:
-            continue
-        if tag == "placement_frame":
-            model.set(tag, (given.text or "").strip())
-            continue
-        for old in model.findall(tag):
-            model.remove(old)
-        model.append(given)
+    if include.find("placement_frame") is not None:
+        raise MalformedError(f"the placement_frame of {uri!r} is not read here: state the pose of the model itself")
+    for tag in ("pose", "static"):
+        _override(model, include.find(tag))
     model.set("name", include.findtext("name", model.get("name", "")).strip())
     return model
 
 
+def _override(model: Element, element: Element | None) -> None:
+    """Put an element into a model in place of those with its tag."""
+    if element is not None:
+        for old in model.findall(element.tag):
+            model.remove(old)
+        model.append(element)
+
+
+def _find(uri: str, files: Sequence[Path]) -> Path | None:
+    """Return the file or folder that a URI names; None if there is none.
+
+    Args:
+        uri: ``model://``, ``package://``, ``file://``, a relative path, or an address in Gazebo's library of models.
+        files: The file that states it, and those that include that one: models are searched for beside them, in ``models``
+            there, and in both of the folders above.
+    """
+    parts = urlsplit(uri.strip())
+    if parts.scheme in ("http", "https"):
+        return _downloaded(parts.netloc, unquote(parts.path))
+    if not parts.scheme:
+        return next((file.parent / uri.strip() for file in files if (file.parent / uri.strip()).exists()), None)
+    name = unquote(f"{parts.netloc}{parts.path}")
+    name = name if parts.scheme == "file" else name.lstrip("/")
+    folders = [Path(folder) for variable in SEARCHED for folder in os.environ.get(variable, "").split(os.pathsep) if folder]
+    for file in files:
+        folders += [part for above in file.resolve().parents[: _LEVELS + 1] for part in (above, above / "models")]
+    folders += [Path(prefix, "share") for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    return next((folder / name for folder in folders if (folder / name).exists()), None)
+
+
+def _downloaded(host: str, path: str) -> Path | None:
+    """Return where Gazebo keeps a model from its library, the newest version."""
+    found = re.fullmatch(r"/(?:[\d.]+/)?([^/]+)/models/([^/]+)(?:/[^/]+)?/?", path)
+    caches = [os.environ.get("GZ_FUEL_CACHE_PATH", ""), Path.home() / ".gz" / "fuel", Path.home() / ".ignition" / "fuel"]
+    for cache in filter(None, caches if found else ()):
+        folder = Path(cache, host, found[1].lower(), "models", found[2].lower()) if found else Path()
+        versions = [part for part in folder.glob("*") if part.name.isdecimal()]
+        if versions:
+            return max(versions, key=lambda part: int(part.name))
+    return None
+
+
 def _sdf_in(folder: Path) -> Path:
     """Return the SDF file of a model's folder: of those in its ``model.config`` that of the newest version."""
-    config = next((folder / name for name in ("model.config", "manifest.xml") if (folder / name).is_file()), None)
-    files = _parse(config).findall("sdf") if config else []
-    versions = [(_version(file.get("version", "1.0")), (file.text or "").strip()) for file in files]
+    config = folder / "model.config"
+    files = parse(config).getroot().findall("sdf") if config.is_file() else []
+    versions = [
+        (tuple(int(part) for part in file.get("version", "1.0").split(".") if part.isdecimal()), (file.text or "").strip())
+        for file in files
+    ]
     known = sorted(pair for pair in versions if pair[0] <= _NEWEST)
     return folder / (known[-1][1] if known else "model.sdf")
 
 
-def _version(text: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in text.strip().split(".") if part.isdecimal())
-
-
-def _apply_state(world: Element) -> None:
-    """Move models to where classic Gazebo left them when the world was saved."""
-    for state in world.findall("state"):
-        poses = {model.get("name"): model.find("pose") for model in state.findall("model")}
-        for model in world.findall("model"):
-            pose = poses.get(model.get("name"))
-            if pose is not None:
-                for old in model.findall("pose"):
-                    model.remove(old)
-                model.append(pose)
-
-
 def _is_static(model: Element) -> bool:
-    return model.findtext("static", "0").strip().lower() in ("1", "true") or (
-        bool(nested := model.findall("model")) and not model.findall("link") and all(map(_is_static, nested))
-    )
+    if model.findtext("static", "0").strip().lower() in ("1", "true"):
+        return True
+    nested = model.findall("model")
+    return bool(nested) and not model.findall("link") and all(map(_is_static, nested))
 
 
 def _drives(model: Element) -> bool:
@@ -172,91 +197,64 @@ def _drives(model: Element) -> bool:
     return any("wheel" in joint.get("name", "").lower() for joint in turning)
 
 
-def _collisions(
-    model: Element, pose: NDArray[np.float64], scope: _Scope, files: tuple[Path, ...], name: str
-) -> Iterator[Collision]:
+def _collisions(model: Element, pose: NDArray[np.float64]) -> Iterator[Collision]:
     """Yield the collisions of a model, whose pose in the world is given, and of the models in it."""
-    files = (Path(model.get(_FILE, "")), *files) if _FILE in model.attrib else files
     for link in model.findall("link"):
-        at = scope.pose(link.get("name", ""), link)
         for collision in link.findall("collision"):
             geometry = collision.find("geometry")
             if geometry is not None:
-                base, own = _pose(collision)
-                base_pose = at if base is None else scope.find(base)
-                full = f"{name}::{link.get('name', '')}::{collision.get('name', '')}"
-                yield Collision(full, pose @ base_pose @ own, geometry, files)
+                base, own = _pose_of(collision)
+                yield Collision(pose @ (_frame(model, base) if base else _pose_in(model, link)) @ own, geometry)
     for nested in model.findall("model"):
-        inner = f"{name}::{nested.get('name', '')}"
-        yield from _collisions(
-            nested, pose @ scope.pose(nested.get("name", ""), nested), scope.nested[id(nested)], files, inner
-        )
+        yield from _collisions(nested, pose @ _pose_in(model, nested))
 
 
-def _pose(element: Element) -> tuple[str | None, NDArray[np.float64]]:
-    """Return the frame to which an element's pose is relative, None for the default, and the pose."""
+def numbers_of(text: str | None, count: int, default: Sequence[float] = ()) -> list[float]:
+    """Return the finite numbers of a text; the default if there is no text.
+
+    Raises:
+        MalformedError: If there is another count of numbers, or one is malformed or not finite.
+    """
+    if not (text or "").strip() and default:
+        return list(default)
+    try:
+        values = [float(word) for word in (text or "").split()]
+    except ValueError as error:
+        raise MalformedError(str(error)) from error
+    if len(values) != count or not all(abs(value) <= LARGEST for value in values):
+        raise MalformedError(f"{' '.join((text or '').split())!r} must be {count} finite numbers of at most {LARGEST:g}")
+    return values
+
+
+def _pose_of(element: Element) -> tuple[str, NDArray[np.float64]]:
+    """Return the frame to which an element's pose is relative, empty for the default, and the pose, shape (4, 4)."""
     pose = element.find("pose")
     if pose is None:
-        return None, np.eye(4)
-    base = pose.get("relative_to", pose.get("frame", "")) or None
-    if pose.get("rotation_format") == "quat_xyzw":
-        numbers = numbers_of(pose.text, 7, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
-        return base, from_quaternion(numbers[:3], numbers[3:])
+        return "", np.eye(4)
     numbers = numbers_of(pose.text, 6, (0.0,) * 6)
     in_degrees = pose.get("degrees", "false").strip().lower() in ("1", "true")
-    angles = [math.radians(angle) if in_degrees else angle for angle in numbers[3:]]
-    return base, from_rpy(numbers[:3], angles)
+    roll, pitch, yaw = np.radians(numbers[3:]) if in_degrees else numbers[3:]
+    matrix = euler_matrix(roll, pitch, yaw)
+    matrix[:3, 3] = numbers[:3]
+    return pose.get("relative_to", pose.get("frame", "")).strip(), matrix
 
 
-class _Scope:
-    """The frames of a model or a world by their names."""
+def _pose_in(parent: Element, child: Element, depth: int = 0) -> NDArray[np.float64]:
+    """Return the pose of a link, frame, joint or model in the model or world that holds it, shape (4, 4)."""
+    if depth > _DEEPEST:
+        raise MalformedError(f"the frame {child.get('name', '')!r} is relative to itself")
+    base, own = _pose_of(child)
+    default = child.get("attached_to", "") if child.tag == "frame" else ""
+    default = child.findtext("child", "").strip() if child.tag == "joint" else default
+    return _frame(parent, base or default, depth + 1) @ own
 
-    def __init__(self, element: Element) -> None:
-        self._elements: dict[str, Element] = {}
-        self._known: dict[int, NDArray[np.float64]] = {}
-        self._sought: set[int] = set()
-        self.model = element
-        self._merged: list[_Scope] = []
-        self.nested: dict[int, _Scope] = {}
-        for child in element:
-            if child.tag in ("link", "frame", "joint", "model"):
-                self._elements.setdefault(child.get("name", ""), child)
-            if child.tag == "model":
-                self.nested[id(child)] = _Scope(child)
-                if _MERGED in child.attrib:
-                    self._merged.append(self.nested[id(child)])
 
-    def find(self, name: str) -> NDArray[np.float64]:
-        """Return the pose of a frame, shape (4, 4), in this model or world.
-
-        Raises:
-            MalformedError: If there is no such frame, or it is relative to itself.
-        """
-        if name in _ORIGIN:
-            return np.eye(4)
-        if name in self._elements:
-            return self.pose(name, self._elements[name])
-        first, _, rest = name.partition("::")
-        if rest and first in self._elements and id(self._elements[first]) in self.nested:
-            return self.find(first) @ self.nested[id(self._elements[first])].find(rest)
-        for merged in self._merged:
-            if name in merged._elements:
-                return self.pose("", merged.model) @ merged.find(name)
-        raise MalformedError(f"there is no frame {name!r}")
-
-    def pose(self, name: str, element: Element) -> NDArray[np.float64]:
-        """Return the pose of a link, frame, joint or model in this model or world."""
-        if id(element) in self._known:
-            return self._known[id(element)]
-        if id(element) in self._sought:
-            raise MalformedError(f"the frame {name!r} is relative to itself")
-        self._sought.add(id(element))
-        base, own = _pose(element)
-        default = element.get("attached_to", "") if element.tag == "frame" else ""
-        default = element.findtext("child", "").strip() if element.tag == "joint" else default
-        matrix = self.find(default if base is None else base) @ own
-        placed = element.get("placement_frame") if element.tag == "model" else None
-        if placed:
-            matrix = matrix @ np.linalg.inv(self.nested[id(element)].find(placed))
-        self._known[id(element)] = matrix
-        return matrix
+def _frame(parent: Element, name: str, depth: int = 0) -> NDArray[np.float64]:
+    """Return the pose of a frame in a model or world, shape (4, 4), by its name."""
+    if name in _ORIGIN:
+        return np.eye(4)
+    first, _, rest = name.partition("::")
+    for child in parent:
+        if child.tag in _FRAMES and child.get("name") == first:
+            return _pose_in(parent, child, depth) @ _frame(child, rest, depth)
+    raise MalformedError(f"there is no frame {name!r}")

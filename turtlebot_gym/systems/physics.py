@@ -11,8 +11,7 @@ from functools import cache
 from typing import NamedTuple
 
 from turtlebot_gym.models import odometry
-from turtlebot_gym.plants.burger import MujocoBurger
-from turtlebot_gym.plants.engine import engine_of
+from turtlebot_gym.plants import MujocoBurger, engine_of
 from turtlebot_gym.systems.open_ground import obey
 from turtlebot_gym.systems.sensors import Sensor
 from turtlebot_gym.systems.system import System
@@ -32,7 +31,7 @@ class _PhysicalBody(NamedTuple):
     twist: Command
     """Twist from the wheel angles."""
     physics: tuple[float, ...]
-    """See `plants.engine._Driven`."""
+    """See `plants._Driven`."""
 
 
 def _sense(body, before, key, at, p):

@@ -149,8 +149,8 @@ class TurtlebotSimulator:
                 "scan": replace(ROOM_OUTPUTS["scan"], mount=mount),
             }
         self._episode = Episode(p, (Pose(0.0, 0.0, 0.0),), seed=params.seed, plan=plan)  # other nodes handle the waypoints
-        self._draws_map = bool(p.localizer) and not (plan and plan.known_map)
-        self._map = charted(self._episode.scene) if self._draws_map else (plan.known_map if plan else None)
+        self._draws_map = bool(p.localizer) and not (plan and plan.map)
+        self._map = charted(self._episode.scene) if self._draws_map else (plan.map if plan else None)
         if self._map:
             self.outputs = {**MAP_OUTPUTS, **self.outputs}  # first, since a localizer waits for it
         if plan:
