@@ -6,6 +6,7 @@ import json
 import os
 import re
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -140,6 +141,20 @@ def load_object(name: str) -> Any:
         return getattr(import_module(module), attribute)
     except (ModuleNotFoundError, AttributeError) as error:
         raise ValueError(f"{name!r} cannot be loaded from {os.getcwd()}: {error}.") from error
+    except (Exception, SystemExit) as error:
+        raise failure(name, error) from error
+
+
+def failure(name: str, error: BaseException) -> ValueError:
+    """Return an error in a user's code, "module:name", as one line with its place."""
+    if isinstance(error, SyntaxError):
+        return ValueError(f"{name}: SyntaxError: {error.msg} ({error.filename}, line {error.lineno}).")
+    frames = traceback.extract_tb(error.__traceback__)
+    theirs = [frame for frame in frames[1:] if "importlib" not in frame.filename and "site-packages" not in frame.filename]
+    place = (theirs or frames)[-1]
+    return ValueError(
+        f"{name}: {type(error).__name__}: {' '.join(str(error).split())} ({place.filename}, line {place.lineno})."
+    )
 
 
 def source_of(value: Any, *modules: str) -> str:

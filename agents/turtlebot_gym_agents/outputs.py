@@ -18,17 +18,23 @@ JSON = OutputFile((".json",))
 FIGURE = OutputFile((".png", ".pdf", ".svg"))
 
 
-def require_outputs(outputs: Iterable[tuple[str, Path | str | None, OutputFile]], *, force: bool = False) -> None:
+def require_outputs(
+    outputs: Iterable[tuple[str, Path | str | None, OutputFile]], *, inputs: Iterable[object] = (), force: bool = False
+) -> None:
     """Refuse files that cannot or should not be written; missing folders are created.
 
     Args:
         outputs: Option, path and kind of each; None is no output.
+        inputs: Values of the other options: files among them, and in their folders, are not overwritten even with force.
         force: Whether files that exist are overwritten.
 
     Raises:
         ValueError: With one line that names the option, the path and the rule.
         OSError: If a folder cannot be created.
     """
+    read = [
+        Path(value).resolve() for value in inputs if isinstance(value, (str, Path)) and value != "" and Path(value).exists()
+    ]
     for option, given, kind in outputs:
         if given is None:
             continue
@@ -40,6 +46,8 @@ def require_outputs(outputs: Iterable[tuple[str, Path | str | None, OutputFile]]
             continue  # a device or a pipe
         if kind.endings and path.suffix.lower() not in kind.endings:
             raise ValueError(f"{option} {path}: its name must end with {' or '.join(kind.endings)}.")
+        if path.exists() and any(path.resolve() == one or one in path.resolve().parents for one in read):
+            raise ValueError(f"{option} {path}: it is an input of the same command; choose another name.")
         if not force and path.exists() and path.stat().st_size > 0:
             raise ValueError(f"{option} {path}: it exists; choose another name, or overwrite it with --force (force=True).")
 

@@ -74,7 +74,7 @@ def test_a_tuned_baseline_is_refused_for_another_robot_or_rate(tuned):
         ({"numbers": {"gain": float("nan")}}, "gain must be a positive number"),
         ({"numbers": 3}, "is not a baseline"),
         ({"robot": {"name": "x"}}, "is not a baseline"),
-        ({"robot": {"name": "x", "max_linear": -1.0, "max_angular": 1.0}}, "must be a positive number"),
+        ({"robot": {"name": "x", "max_linear": -1.0, "max_angular": 1.0}}, "max_linear must be a number from 1e-15 to 100"),
         ({"robot": None}, "is not a baseline"),
         ({"dt": float("nan")}, "dt must be a positive number"),
         ({"dt": "0.1"}, "is not a baseline"),

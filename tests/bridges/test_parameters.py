@@ -41,8 +41,6 @@ REFUSED = [
     ("turtlebot_simulator", {"integrator": "rk4"}, "integrator must be one of"),
     ("turtlebot_simulator", {"plant": "gazebo"}, "plant must be one of 'unicycle', 'mujoco'"),
     ("turtlebot_simulator", {"plant": "mujoco", "robot": "waffle"}, "robot must be 'burger'"),
-    ("turtlebot_simulator", {"friction": 0.5}, "no fields, so friction must be left out"),
-    ("turtlebot_simulator", {"plant": "mujoco", "world": "dense"}, "plant must be 'unicycle' in a world"),
     ("turtlebot_simulator", {"goals": 2}, "goals must be 0 without a world"),
     ("turtlebot_simulator", {"world": "jungle"}, "world must be one of"),
     ("turtlebot_simulator", {"world": "no_such.world"}, "no_such.world"),

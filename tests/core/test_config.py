@@ -131,8 +131,8 @@ def test_fields_get_the_types_that_they_are_declared_with():
         ({"pair": (1.0,)}, "Whole.pair must be 2 numbers, got (1.0,)."),
         ({"any": [True]}, "Whole.any[0] must be a number, got True."),
         ({"part": 1}, "Whole.part must be a Part or a mapping of its fields (size), got 1."),
-        ({"part": {"siez": 1}}, "Whole.part: Part has no siez; it has size. Did you mean 'size'?"),
-        ({"widht\n": 1.0}, "it: Whole has no widht; it has length, count, flag, limit, pair, any, part."),
+        ({"part": {"sizze": 1}}, "Whole.part: Part has no sizze; it has size. Did you mean 'size'?"),
+        ({"breadth\n": 1.0}, "it: Whole has no breadth; it has length, count, flag, limit, pair, any, part."),
         ({"length": "x" * 999}, "Whole.length must be a positive number from 1e-15 to 1e+09, got '" + "x" * 199 + "."),
     ],
 )

@@ -260,7 +260,7 @@ def test_an_unknown_device_is_refused(name):
 @pytest.mark.parametrize("library", ["warp", "torch"])
 def test_a_missing_library_is_named_with_its_remedy(library, monkeypatch):
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(ImportError, match=rf"device='cuda' needs NVIDIA Warp and torch: pip install .*\[gpu\].*{library}"):
+    with pytest.raises(ImportError, match=rf"device='cuda' needs Warp and torch: pip install .*\[gpu\].*{library}"):
         make_vector(2, device="cuda")
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import Noise, OdometryNoise, ProcessNoise
-from turtlebot_gym.estimation.consistency import cramer_rao_bound, heading_information, true_tuning
 from turtlebot_gym.parameters import DeadReckoning
 from turtlebot_gym_lab.evaluation import estimation
+from turtlebot_gym_lab.evaluation.bound import cramer_rao_bound, heading_information, true_tuning
 from turtlebot_gym_lab.evaluation.estimation import estimate
 
 pytestmark = pytest.mark.touched("lab", "tests/lab")

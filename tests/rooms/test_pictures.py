@@ -18,7 +18,7 @@ PLAN = FloorPlan(
     goal=Pose(0.0, 0.0, 0.0),
 )
 SOLID, WHITE, BEAM = (0x55, 0x55, 0x55), (255, 255, 255), (0xCC, 0x79, 0xA7)
-HAIR, SHOULDERS, ESTIMATE = (0x3B, 0x2F, 0x2F), (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
+WALKER, ESTIMATE = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)
 
 
 def picture(steps=0, plan=PLAN):
@@ -44,12 +44,11 @@ def test_obstacles_are_drawn_where_they_stand():
     assert at(drawn, -2.0, 0.55) == SOLID  # the wall
 
 
-def test_walkers_are_people_with_shoulders_across_their_way_and_an_arrow_along_it():
+def test_walkers_are_discs_where_they_are():
     for steps, x in ((0, -1.0), (20, -0.8)):  # 0.02 m a step to the right
         drawn = picture(steps=steps)
-        assert at(drawn, x, 1.0) == HAIR
-        assert at(drawn, x, 1.25) == at(drawn, x, 0.75) == at(drawn, x + 0.48, 1.0) == SHOULDERS
-        assert at(drawn, x - 0.45, 1.1) == WHITE
+        assert at(drawn, x, 1.0) == at(drawn, x, 1.25) == at(drawn, x, 0.75) == at(drawn, x + 0.2, 1.0) == WALKER
+        assert at(drawn, x - 0.45, 1.0) == at(drawn, x + 0.45, 1.0) == WHITE
 
 
 def test_a_track_is_a_ring_where_the_robot_believes_somebody_and_a_line_along_the_way():

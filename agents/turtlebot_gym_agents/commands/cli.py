@@ -56,7 +56,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         try:
             made = tyro.extras.subcommand_cli_from_dict(commands(), prog="turtlebot-gym", args=argv)
             if hasattr(made, "run"):
-                require_outputs(outputs_of(made), force=getattr(made, "force", False))
+                outputs = list(outputs_of(made))
+                options = {option for option, *_ in outputs}
+                inputs = [value for name, value in vars(made).items() if f"--{name.replace('_', '-')}" not in options]
+                require_outputs(outputs, inputs=inputs, force=getattr(made, "force", False))
                 made = made.run()
             if made is not None:
                 print(made)

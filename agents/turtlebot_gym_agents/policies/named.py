@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from turtlebot_gym.config import did_you_mean
-from turtlebot_gym.files import is_file, load_object
+from turtlebot_gym.files import failure, is_file, load_object
 from turtlebot_gym.parameters import REFERENCE_PERIOD, Noise
 from turtlebot_gym.presets import make_robot
 from turtlebot_gym.robots import Robot
@@ -116,7 +116,7 @@ def _load_own(name: str, robot: Robot, dt: float) -> Policy:
     try:
         return _Own(name, policy(robot=robot, dt=dt) if isinstance(policy, type) else policy)
     except Exception as error:
-        raise ValueError(f"{name}: {type(error).__name__}: {error}") from error
+        raise failure(name, error) from error
 
 
 class _Own(Wrapped):
@@ -141,7 +141,7 @@ class _Own(Wrapped):
         try:
             answer = self._policy(observations)
         except Exception as error:
-            raise ValueError(f"{self._name}: {type(error).__name__}: {error}") from error
+            raise failure(self._name, error) from error
         shape = (*np.shape(observations)[:-1], 2)
         try:
             actions = np.asarray(answer, np.float32)

@@ -113,7 +113,7 @@ def _loop_of(filter: Filter) -> Callable[..., None]:
             mean, covariance = estimate.belief
             for at in range(5):
                 beliefs[row, at] = mean[at]
-            for at in range(15):
+            for at in range(8):
                 beliefs[row, 5 + at] = covariance[at]
 
     return compiled(follow, "filter of recordings") if filter.compiled else follow
@@ -135,10 +135,10 @@ def filtered(rows: Rows, tuning: FilterTuning, noise: OdometryNoise, *, seed: in
     estimate = _moving(filter.start(Senses(now), tuning), now.twist)
     numbers: Any = (as_tuple(tuning), as_tuple(noise)) if filter.compiled else (tuning, noise)
     length, measured = len(rows.due), rows.due.copy()
-    poses, beliefs = np.empty((length, 3)), np.empty((length, 20))
+    poses, beliefs = np.empty((length, 3)), np.empty((length, 13))
     poses[0], beliefs[0] = now.pose, (*estimate.belief.mean, *estimate.belief.covariance)
     _loop_of(filter)(rows, now, estimate, *numbers, key, integrator, measured, poses, beliefs)
-    covariance = np.empty((length, 5, 5))
+    covariance = np.zeros((length, 5, 5))
     covariance[:, _ROWS, _COLUMNS] = covariance[:, _COLUMNS, _ROWS] = beliefs[:, 5:]
     return Filtered(measured, poses, beliefs[:, :5], covariance)
 
