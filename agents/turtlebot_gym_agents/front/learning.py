@@ -201,6 +201,8 @@ def train(
         require_no_run(path)
     with needs("agents"):
         from turtlebot_gym_agents.training.train import train as train_one
+    if wandb and (cluster or workers):
+        raise ValueError("wandb follows trainings in this process: leave out cluster and workers, or wandb.")
     if cluster or workers:
         from turtlebot_gym_agents.cluster.workers import run
 
