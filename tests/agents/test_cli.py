@@ -242,6 +242,15 @@ def test_an_output_that_should_not_be_written_is_refused_before_the_work(path, t
     assert (tmp_path / "there.json").read_text() == "{}"
 
 
+@pytest.mark.parametrize("words", ["evaluate --policy mine.json --json mine.json", "export mine.onnx --out mine.onnx"])
+def test_no_input_is_overwritten_even_with_force(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("mine.json", "mine.onnx"):
+        (tmp_path / name).write_text("{}")
+    assert main([*words.split(), "--force"]) == 2
+    assert "it is an input of the same command" in capsys.readouterr().err
+
+
 def test_force_overwrites_and_folders_are_made(tmp_path):
     path = tmp_path / "a" / "result.json"
     for _ in range(2):

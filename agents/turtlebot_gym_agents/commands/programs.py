@@ -40,7 +40,7 @@ def study(
         json: Write the results here.
         force: Overwrite a file that exists.
     """
-    require_outputs([("--json", json, JSON)], force=force)
+    require_outputs([("--json", json, JSON)], inputs=[file], force=force)
     from turtlebot_gym_agents.cluster import study as program
     from turtlebot_gym_agents.cluster.grid import read_grid
 
@@ -102,7 +102,7 @@ def compile_loops(*system: str, all: bool = False, processes: int = os.cpu_count
 
     Args:
         system: What to compile: nav (the default, with kalman and rooms-kalman), the task square with a filter (kalman, wheels,
-            gated, mixture, slip, scale), FILTER+fixes with fixes in time, and rooms-FILTER.
+            gated), FILTER+fixes with fixes in time, rooms-FILTER, and rooms-localized.
         all: Compile all of them.
         processes: Number of processes that compile at the same time.
     """

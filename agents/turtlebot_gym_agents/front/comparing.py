@@ -145,7 +145,7 @@ def compare(
     Raises:
         ValueError: If an argument is unknown or out of its range, or a list is empty.
     """
-    require_outputs([("--json", json, JSON), ("--plot", plot, FIGURE)], force=force)
+    require_outputs([("--json", json, JSON), ("--plot", plot, FIGURE)], inputs=policy, force=force)
     axes = {name: value for name, value in options.items() if isinstance(value, list) and name not in _VALUES}
     axes = {"policy": list(policy or ("proportional", "bearing")), **axes}
     for name, values in axes.items():

@@ -134,7 +134,7 @@ def export(
         RuntimeError: If the actions differ by more than `network.TOLERANCE`.
         ImportError: If a library is missing.
     """
-    require_outputs([("--out", out, OutputFile((".onnx",)))], force=force)
+    require_outputs([("--out", out, OutputFile((".onnx",)))], inputs=[model], force=force)
     with needs("agents"):
         from turtlebot_gym_agents.training import network
     source = _read(Path(model), allow_pickle) if isinstance(model, (str, Path)) else _trained_in(model)
