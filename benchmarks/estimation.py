@@ -1,4 +1,4 @@
-"""Compare each filter with the posterior Cramer-Rao bound, under noise presets; `turtlebot-gym estimate` does one of them."""
+"""Compare each filter with the posterior Cramer-Rao bound, under noise presets."""
 
 from __future__ import annotations
 
