@@ -49,7 +49,6 @@ class SquareDrive(NamedTuple):
     seed: int = 0
     filter: str = "matched"
     fix: str = "none"
-    plant: str = "unicycle"
 
     @property
     def laps(self) -> int:
@@ -66,7 +65,6 @@ def episode(drive: SquareDrive, steps: int, *, number: int = 0) -> Drive:
         noise=drive.noise,
         filter=drive.filter,
         fix=None if drive.fix == "none" else drive.fix,
-        plant=drive.plant,
         robot=drive.robot,
         switch=drive.switch,
         laps=drive.laps,

@@ -3,7 +3,7 @@
     act -> move -> sense -> believe -> look -> judge -> reward -> observe
 
 `step` runs from the move to the reward; the policy acts before, and observes after it. Each part is a function of the system,
-a *kernel*: open ground, rooms, filters and plants differ in their kernels only. Plain Python runs them here, in ROS nodes too;
+a *kernel*: open ground, rooms and filters differ in their kernels only. Plain Python runs them here, in ROS nodes too;
 `turtlebot_gym.compiled` runs the same kernels for many environments, to the same bit.
 """
 

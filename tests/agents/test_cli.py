@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from turtlebot_gym import Options
-from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym_agents.commands.cli import commands, main
 from turtlebot_gym_agents.evaluation.evaluate import evaluate
 from turtlebot_gym_agents.flags import texts_of
@@ -89,11 +88,6 @@ REFUSED = [
     (["evaluate", "--laps", "2"], "draws its goal"),
     (["evaluate", "--world", "dense"], f"world and lidar are for {ROOMS}"),
     (["train", "--lidar", "a1"], f"world and lidar are for {ROOMS}"),
-    (["evaluate", "--plant", "{base: mujoco, friction: -1}"], "MujocoBurger.friction must be a number from 0 "),
-    (
-        ["evaluate", "--plant", "mujoco", "--robot", "waffle"],
-        "plant is a robot with a track of 0.16 m, so robot must be 'burger'",
-    ),
     (["evaluate", "--policy", "nowhere.json"], "nowhere.json"),
     (["evaluate", "--workers", "2"], "workers is the number of processes on this machine: choose --cluster local."),
     (["evaluate", "--cluster", "auto", "--workers", "2"], "choose --cluster local."),
@@ -139,28 +133,6 @@ def test_a_users_policy_is_found_in_the_working_folder(tmp_path):
     done = subprocess.run([script, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "mine:drive" in done.stdout
-
-
-def test_evaluate_drives_in_mujoco_with_the_given_friction(tmp_path, capsys):
-    pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
-    path = tmp_path / "slippery.json"
-    floor = ["--plant", "{base: mujoco, friction: 0.5, caster_friction: 0.3}"]
-    assert main(["evaluate", "--policy", "bearing", "--episodes", "3", *floor, "--json", str(path)]) == 0
-    content = json.loads(path.read_text())
-    (run,) = content["runs"]
-    burger = MujocoBurger(friction=0.5, caster_friction=0.3)
-    expected = evaluate("bearing", episodes=3, noise="tutorial", plant=burger).episodes
-    np.testing.assert_allclose(run["episodes"]["path"], expected.path, rtol=1e-6)
-    assert run["config"]["plant"] == {"base": "mujoco", "friction": 0.5, "caster_friction": 0.3}
-    assert (expected.path != evaluate("bearing", episodes=3, noise="tutorial").episodes.path).all()
-
-
-def test_without_mujoco_the_command_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    floor = ["--plant", "{base: mujoco, friction: 0.77}"]  # another engine than those that other tests have made
-    assert main(["evaluate", "--policy", "bearing", "--episodes", "2", *floor]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line == "turtlebot-gym: The plant 'mujoco' needs MuJoCo: pip install 'turtlebot-gym[mujoco]'."
 
 
 @pytest.mark.parametrize("seed", ["-1", str(2**63), str(2**80)])

@@ -16,7 +16,6 @@ HEAVY = [
     "yaml",
     "onnx",
     "onnxruntime",
-    "mujoco",
 ]
 
 

@@ -1,7 +1,6 @@
 """Lock-step on live nodes: the graph is the environment, whatever the machine does meanwhile, and says whom it waits for."""
 
 import signal
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,18 +58,6 @@ def test_the_graph_is_the_environment(compare, tmp_path, parameters, processes, 
     if otherwise:
         other = compare.episode(drive._replace(**otherwise), STEPS)
         assert max(compare.differences(expected, other).values()) > 0.01
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(("noise", "policy"), [("tutorial", "bearing"), ("wheel", "ppo-square")])
-def test_the_graph_is_the_environment_in_mujoco(compare, noise, policy):
-    pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
-    drive = compare.SquareDrive(policy, noise, "arrival", "burger", 3, plant="mujoco")
-    expected, live = compare.episode(drive, 150), compare.live(drive, 150)
-    np.testing.assert_array_equal(live.command, live.estimate[:, 3:])  # as the wheels have told it, which is not what was asked
-    assert_same(compare, expected, replace(live, command=expected.command))
-    unicycle = compare.episode(compare.SquareDrive(policy, noise, "arrival", "burger", 3), 150)
-    assert max(compare.differences(expected, unicycle).values()) > 0.01
 
 
 @pytest.mark.nightly

@@ -39,8 +39,6 @@ REFUSED = [
     ("turtlebot_simulator", {"robot": "turtle"}, "robot must be one of"),
     ("turtlebot_simulator", {"noise": "none"}, "noise must be one of"),
     ("turtlebot_simulator", {"integrator": "rk4"}, "integrator must be one of"),
-    ("turtlebot_simulator", {"plant": "gazebo"}, "plant must be one of 'unicycle', 'mujoco'"),
-    ("turtlebot_simulator", {"plant": "mujoco", "robot": "waffle"}, "robot must be 'burger'"),
     ("turtlebot_simulator", {"goals": 2}, "goals must be 0 without a world"),
     ("turtlebot_simulator", {"world": "jungle"}, "world must be one of"),
     ("turtlebot_simulator", {"world": "no_such.world"}, "no_such.world"),

@@ -22,7 +22,6 @@ ABSENT = (
     "stable_baselines3",
     "onnx",
     "tensorboard",
-    "mujoco",
 )
 ROS = ("rclpy", "geometry_msgs", "nav_msgs", "sensor_msgs", "diagnostic_msgs", "std_msgs", "std_srvs")
 PROGRAM = Path(__file__).with_name("thin.py")

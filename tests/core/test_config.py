@@ -30,7 +30,6 @@ from turtlebot_gym.config import (
 from turtlebot_gym.files import load, load_object, replacing, write_parameters, write_text
 from turtlebot_gym.localization.tuning import LOCALIZERS, make_localizer
 from turtlebot_gym.parameters import FilterTuning, FixNoise
-from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.presets import FIXES
 from turtlebot_gym.rooms.lidar import LIDARS, Lidar
 from turtlebot_gym.rooms.rules import ROOMS, RoomRules
@@ -161,9 +160,8 @@ KINDS = {
     ),
     "world": (find_world, ROOMS, "dense"),
     "task": (lambda task: make_parameters(task).task, TASKS, "nav"),
-    "plant": (lambda plant: make_parameters(plant=plant).plant, {"mujoco": PLANTS["mujoco"]}, "mujoco"),
 }
-FILES = [name for name in KINDS if name not in ("world", "task", "plant")]
+FILES = [name for name in KINDS if name not in ("world", "task")]
 
 
 def paths_of(value, before=()):
@@ -184,7 +182,6 @@ def nested(path, value):
 @pytest.mark.parametrize("name", KINDS)
 def test_each_field_can_be_given_and_another_value_type_or_name_is_refused_in_one_line_that_names_it(name, tmp_path):
     make, presets, preset = KINDS[name]
-    pytest.importorskip("mujoco") if name == "plant" else None
     for path, value in paths_of(presets[preset]):
         if isinstance(value, str):
             continue
@@ -206,7 +203,6 @@ def test_each_field_can_be_given_and_another_value_type_or_name_is_refused_in_on
 @pytest.mark.parametrize("name", KINDS)
 def test_parameters_are_given_by_name_as_such_by_mapping_and_as_a_variant(name):
     make, presets, preset = KINDS[name]
-    pytest.importorskip("mujoco") if name == "plant" else None
     made = presets[preset]
     assert make(preset) == make(made) == make({"base": preset}) == make({"base": {"base": preset}}) == made
     assert name == "filter" or make(asdict(made)) == made
@@ -320,7 +316,7 @@ def test_an_unknown_option_is_answered_with_the_nearest_one():
 
 
 def test_the_import_registers_the_environments_and_brings_little_else(run):
-    heavy = ("llvmlite", "scipy", "matplotlib", "filterpy", "pygame", "torch", "mujoco", "trimesh", "PIL")
+    heavy = ("llvmlite", "scipy", "matplotlib", "filterpy", "pygame", "torch", "trimesh", "PIL")
     loaded, ids = run(f"""
 import json, sys, turtlebot_gym, gymnasium
 ids = sorted(id.partition("/TurtleBot")[2] for id in gymnasium.registry if id.startswith("turtlebot_gym/"))

@@ -221,7 +221,7 @@ def test_masks_are_checked():
 
 REFUSED = {
     "rooms": {"task": "room"},
-    "a plant or a filter in plain Python": {"filter": "own_parts:Extended"},
+    "a filter in plain Python": {"filter": "own_parts:Extended"},
     "an observation of past values": {"observation": "ekf,twist*2"},
     "info='full'": {"info": "full"},
     "render_mode='rgb_array'": {"render_mode": "rgb_array"},

@@ -242,7 +242,7 @@ def test_each_field_changes_a_rollout(owner, name):
 )
 def test_each_number_of_the_parameters_changes_a_rollout(name, value):
     assert rollout(BASE) != rollout(BASE._replace(**{name: value}))
-    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "localizer", "plant"} | {*SENSORS}  # by their own fields
+    elsewhere = {"robot", "noise", "tuning", "task", "reward", "room", "localizer"} | {*SENSORS}  # by their own fields
     assert set(Parameters._fields) == elsewhere | {"dt", "integrator", "observed", "delay"}
 
 
@@ -279,7 +279,6 @@ ARGUMENTS = {
     "localizer": ({"task": "room", "noise": "wheel"}, LOCALIZED),
     "start": (LOCALIZED, LOCALIZED | {"start": "unknown"}),
     "goals": ({"task": NEAR, "world": "clutter"}, {"task": NEAR, "world": "clutter", "goals": 1}),
-    "plant": ({}, {"plant": "mujoco"}),
     "system": ({}, {"system": lambda p: system_of(p)._replace(move=slide)}),
     "world": ({"task": "room"}, {"task": "room", "world": "office"}),
     "lidar": ({"task": "room"}, {"task": "room", "lidar": "a1"}),
@@ -316,8 +315,6 @@ def vector(**options):
 @pytest.mark.parametrize("name", ARGUMENTS)
 @pytest.mark.parametrize("make", [scalar, vector])
 def test_each_option_changes_a_rollout_of_either_environment(make, name):
-    if name == "plant":
-        pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
     before, after = ARGUMENTS[name]
     assert environment_rollout(make, **before) != environment_rollout(make, **after)
 

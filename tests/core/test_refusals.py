@@ -10,7 +10,6 @@ from gymnasium.error import Error, InvalidAction, ResetNeeded
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.models.unicycle import INTEGRATORS
-from turtlebot_gym.plants import PLANTS
 
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
 STRAIGHT = np.array([1.0, 0.0], np.float32)
@@ -38,7 +37,6 @@ NAMES = {
     "integrator": INTEGRATORS,
     "arrival": ("truth", "belief"),
     "switch": ("arrival", "time"),
-    "plant": PLANTS,
 }
 
 
@@ -75,12 +73,6 @@ POSES = r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e
         ),
         ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints, .* are for tasks with given waypoints: this one draws"),
         ({"world": "dense"}, "world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task"),
-        ({"task": "room", "plant": "mujoco"}, "plant must be 'unicycle' in a room"),
-        (
-            {"plant": "mujoco", "robot": "waffle"},
-            "plant is a robot with a track .*, got 0.287 m",
-        ),
-        ({"plant": "mujoco", "dt": 0.0333}, "dt, MujocoBurger.lead and .* must be multiples of MujocoBurger.step"),
         ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu': choose one with imu="),
         ({"filter": GYRO}, "The filter reads the sensor 'imu': choose one with imu="),
     ],

@@ -4,7 +4,6 @@ import copy
 import math
 import pickle
 from dataclasses import replace
-from importlib.util import find_spec
 
 import gymnasium as gym
 import numpy as np
@@ -114,8 +113,6 @@ KINDS = {
     "Square": {"switch": "time", "laps": 2, "fix": "late", "noise": "wheel"},
     "Rooms": {"world": "clutter", "lidar": "ideal"},
 }
-if find_spec("mujoco"):
-    KINDS["MuJoCo"] = {"plant": "mujoco", "noise": "rough", "fix": "late"}
 
 
 def vector_of_copies(id, num_envs=3, **options):
@@ -123,7 +120,7 @@ def vector_of_copies(id, num_envs=3, **options):
 
 
 def driven(maker, kind="Nav", steps=7, **options):
-    id = f"turtlebot_gym/TurtleBot{'Nav' if kind == 'MuJoCo' else kind}-v0"
+    id = f"turtlebot_gym/TurtleBot{kind}-v0"
     env = maker(id, max_episode_steps=20, **KINDS[kind], **options)
     if steps:
         env.reset(seed=3)

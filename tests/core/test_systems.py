@@ -104,7 +104,7 @@ def test_ranges_make_the_filter_better():
 
 
 def test_an_episode_takes_another_plant_that_is_no_kernel():
-    """A physics engine, say: it keeps its state to itself."""
+    """It may keep its state to itself."""
     where = [0.0]
 
     def engine(body, command, key, at, p):

@@ -26,7 +26,6 @@ LONG = (
     "README",
     "belief",
     "rooms",
-    "transfer",
     "calibrate",
     "study",
     "filter",

@@ -51,8 +51,6 @@ def combinations() -> Iterator[dict[str, Any]]:
         yield {"id": id, "filter": filter, "noise": noise, "fix": fix}
     for fix in FIXES:
         yield {"id": "Nav", "filter": "matched", "noise": "wheel", "fix": fix}
-    for id, noise in itertools.product(OPEN, ("documented", "wheel")):
-        yield {"id": id, "filter": "matched", "noise": noise, "plant": "mujoco"}
     for at, (world, lidar) in enumerate(itertools.product(WORLDS, LIDARS)):
         yield {"id": "Rooms", "world": world, "lidar": lidar, "noise": NOISES[at % 3], "filter": "matched"}
         if at % 6 < len(FILTERS):
@@ -89,7 +87,7 @@ def name_of(chosen: dict[str, Any]) -> str:
 def modes_of(chosen: dict[str, Any]) -> tuple[str, ...]:
     """Return the modes in which a combination runs: all, but for the systems that would be compiled for it alone."""
     common = chosen["filter"] in COMPILED if "fix" in chosen or chosen["id"] == "Rooms" else True
-    return MODES if common or chosen.get("plant") == "mujoco" else ("plain",)
+    return MODES if common else ("plain",)
 
 
 def actions() -> np.ndarray:

@@ -126,7 +126,7 @@ class Batch:
         rows = [parameters] if same else list(parameters)
         if self._by_parameters and any(find_system(self._own, row) != self.system for row in rows):
             raise ValueError(
-                "parameters must be for one system: the kind of filter must be the same in all, and so must the plant; "
+                "parameters must be for one system: the kind of filter must be the same in all; "
                 "rooms and fixes must be in all or none; rewards must have the same terms."
             )
         if not same and len(rows) != self.num_envs:

@@ -123,7 +123,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Raises:
         ValueError: If an argument is out of its range, or a given world has no path from start to goal.
         TypeError: If an argument is unknown.
-        ImportError: If the plant needs an engine that is not installed.
 
     ## Version History
 

@@ -64,7 +64,7 @@ def _refuse(device: str, system: System, info: str, render_mode: str | None, mod
     """Refuse what a device cannot do."""
     asked = {
         "rooms": system.surroundings is not None,
-        "a plant or a filter in plain Python": not system.compiled,
+        "a filter in plain Python": not system.compiled,
         "an observation of past values": any(term.length > 1 for term in system.terms),
         f"info={short_repr(info)}": info != "default",
         f"render_mode={short_repr(render_mode)}": render_mode is not None,
@@ -93,7 +93,7 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
         autoreset_mode: NEXT_STEP or SAME_STEP of `gymnasium.vector.AutoresetMode`, or its name.
         info: "default"; others need the engine, like `render_mode`.
         render_mode: None.
-        **options: See `NavigationEnv`; rooms and the plant "mujoco" need the engine.
+        **options: See `NavigationEnv`; rooms need the engine.
 
     Raises:
         ValueError: If an argument is out of its range, if the device is not there or cannot do what is asked.

@@ -69,12 +69,11 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         info: "default"; "rewards", with what each term adds to the reward; or "full".
         render_mode: None or "rgb_array".
         render_rows: Number of environments to draw, from the first.
-        **options: See `NavigationEnv`. With ``plant="mujoco"`` the rows advance one after the other, in plain Python.
+        **options: See `NavigationEnv`.
 
     Raises:
         ValueError: If an argument is out of its range, or a given world has no path from start to goal.
         TypeError: If an argument is unknown.
-        ImportError: If the plant needs an engine that is not installed.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}

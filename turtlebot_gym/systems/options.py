@@ -14,7 +14,6 @@ from turtlebot_gym.localization.tuning import LocalizerTuning, make_localizer
 from turtlebot_gym.models.unicycle import INTEGRATORS
 from turtlebot_gym.observations import OBSERVED, ObservationTerm, read_items
 from turtlebot_gym.parameters import REFERENCE_PERIOD, FilterTuning, FixNoise, Noise
-from turtlebot_gym.plants import MujocoBurger, make_plant
 from turtlebot_gym.presets import make_filter, make_fix, make_noise, make_robot
 from turtlebot_gym.rewards import IN_ROOMS, ON_GROUND, ON_MISSIONS, RewardTerm, default_weights
 from turtlebot_gym.robots import Robot
@@ -111,10 +110,6 @@ class Options:
     """Control interval, s."""
     integrator: str = "euler"
     """Integrator of the motion: euler or midpoint."""
-    plant: str | Mapping[str, Any] | MujocoBurger = "unicycle"
-    """Model that moves the robot: unicycle, or on open ground mujoco, a Burger with wheels that creep and slip, which needs the
-    extra [mujoco]; in Python also a `turtlebot_gym.plants.MujocoBurger`. In MuJoCo contact physics replaces the noise of
-    execution, odometry comes from the angles of the wheels, and a step takes a hundred times as long."""
 
     system: str | System | Callable[[Parameters], System] | None = None
     """Kernels of a step of your own (MODULE:NAME): a `turtlebot_gym.System`, or a function of the parameters that returns one.
@@ -160,7 +155,6 @@ class Options:
 
         Raises:
             ValueError: If an option is unknown or out of its range, or two do not suit each other.
-            ImportError: If the plant needs an engine that is not installed.
         """
         task, waypoints = self.course()
         late, dt = as_int("delay", self.delay, 0, MAX_DELAY), DT.check("dt", self.dt)
@@ -188,7 +182,6 @@ class Options:
             fix=fix,
             imu=imu,
             localizer=self._localizer(noise, room),
-            plant=self._plant(robot, dt),
         )
         return self._with_terms(Setup(parameters, waypoints, plan, self.system), () if items == (pose,) else items)
 
@@ -251,20 +244,6 @@ class Options:
         world = find_world("dense" if self.world is None else self.world)
         lidar = find_lidar("lds01" if self.lidar is None else self.lidar)
         return make_room(world, lidar, dt), world if isinstance(world, FloorPlan) else None
-
-    def _plant(self, robot: Robot, dt: float) -> MujocoBurger | tuple[()]:
-        """Return the plant, which must be the robot's."""
-        plant = make_plant(self.plant)
-        if plant:
-            if self.in_room:
-                raise ValueError("plant must be 'unicycle' in a room: MuJoCo supports open ground only.")
-            plant.steps(dt)
-            if robot.wheel_separation != plant.wheel_separation:
-                raise ValueError(
-                    f"plant is a robot with a track of {plant.wheel_separation:g} m, so robot must be 'burger', 'tutorial' or "
-                    f"another one with that track, got {robot.wheel_separation:g} m."
-                )
-        return plant
 
 
 def make_parameters(task: str | Task | None = None, **options: Any) -> Parameters:

@@ -47,8 +47,6 @@ class Parameters(NamedTuple):
     """Gyro, a `systems.imu.ImuNoise`; an empty tuple if there is none."""
     localizer: Any = ()
     """Localizer in the room, a `localization.tuning.LocalizerTuning`; an empty tuple if there is none."""
-    plant: Any = ()
-    """Plant: an empty tuple for the unicycle, a `turtlebot_gym.plants.MujocoBurger` for MuJoCo."""
 
 
 class RoomParameters(NamedTuple):

@@ -138,19 +138,14 @@ _SENSORS: dict[str, Callable[[Parameters], Sensor]] = {
 
 
 def system_of(parameters: Parameters) -> System:
-    """Return the system for some parameters: rooms or open ground, with their sensors, filter and plant.
+    """Return the system for some parameters: rooms or open ground, with their sensors and filter.
 
     Raises:
         ValueError: If the filter reads a sensor that the system does not have.
-        ImportError: If the plant needs an engine that is not installed.
     """
     filter, fix = filter_of(parameters.tuning), parameters.fix
     filter = with_fixes(filter, depth_of(parameters.dt, fix.delay)) if fix else filter
     system = rooms(filter) if parameters.room else open_ground(filter)
-    if parameters.plant:
-        from turtlebot_gym.systems.physics import physical  # slow to import, and rarely needed, as below
-
-        system = physical(system, parameters.plant)
     system = localizing(system) if parameters.localizer else system
     system = system._replace(terms=LOCATED_ROOM) if parameters.localizer and parameters.observed == Observed.LOCATED else system
     system = on_missions(system) if parameters.room and parameters.task.laps > 1.0 else system

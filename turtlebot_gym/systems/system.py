@@ -77,7 +77,7 @@ class System(NamedTuple):
     reads_scan: bool = False
     """Whether the filter reads the scan, and estimates after the robot has looked."""
     compiled: bool = True
-    """Whether all parts are kernels; if one is not, such as a physics engine, the loop runs as plain Python too."""
+    """Whether all parts are kernels; if one is not, such as a filter in plain Python, the loop runs as plain Python too."""
 
     def with_sensor(self, sensor: Sensor) -> System:
         """Return the system with a further sensor, or another of its name.

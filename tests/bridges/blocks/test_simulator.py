@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from turtlebot_gym.heart import Episode
-from turtlebot_gym.plants import MujocoBurger
 from turtlebot_gym.presets import NOISES
 from turtlebot_gym.systems import make_parameters
 from turtlebot_gym.tasks import NAV
@@ -40,23 +39,6 @@ def test_its_steps_are_the_environments_to_the_bit(noise, robot):
         assert out["odometry"] == Odometry(world.senses.odometry.pose, world.body.command, measured)
         lost += not measured
     assert (lost > 0) == (NOISES[noise].odometry.dropout_probability > 0.01)  # rarer ones do not happen in this drive
-
-
-@pytest.mark.parametrize("noise", ["rough", "wheel"])
-def test_in_mujoco_too_its_steps_are_the_environments_to_the_bit(noise):
-    pytest.importorskip("mujoco", reason="needs the extra [mujoco]")
-    plant = simulator(noise=noise, seed=7, plant="mujoco")
-    plant.reset()  # the second episode
-    burger = MujocoBurger()
-    p = make_parameters(replace(NAV, random=False), noise=noise, plant=burger)
-    episode = Episode(p, [Pose(0.0, 0.0, 0.0)], seed=7)
-    episode.reset()
-    plant.step(0.1, None)
-    for command in COMMANDS[:50]:
-        episode.step(command)
-        world, out = episode.world, plant.step(0.1, command)
-        assert out == {"truth": world.body.true_state, "odometry": world.senses.odometry}
-    assert world.senses.odometry.twist != world.body.command  # it is what the wheels tell
 
 
 def test_a_drawn_room_has_the_map_of_the_environments_localizer_anew_in_each_episode():

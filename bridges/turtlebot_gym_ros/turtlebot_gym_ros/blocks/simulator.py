@@ -49,9 +49,8 @@ SHOWN_EVERY = 5
 class TurtlebotSimulator:
     """Simulate a TurtleBot: each step is the environment's, with the same noise for the same seed and episode.
 
-    With ``plant`` "mujoco" a physics engine moves it instead of the unicycle, and its odometry comes from its wheels. In a
-    ``world`` it is in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a LiDAR. Contact is judged as
-    there, but nothing is solid: an episode's first contact is reported, and the robot drives on. With ``goals`` it gives
+    In a ``world`` it is in the room that `TurtleBotRooms-v0` draws for that seed and episode, with a LiDAR. Contact is judged
+    as there, but nothing is solid: an episode's first contact is reported, and the robot drives on. With ``goals`` it gives
     several goals in turn, as `TurtleBotMissions-v0` does.
 
     Inputs: ``command`` (`Command`, on ``cmd_vel``; held indefinitely, as on a TurtleBot3; at rest before the first). Outputs:
@@ -99,8 +98,6 @@ class TurtlebotSimulator:
         `turtlebot_gym.localization.tuning.LOCALIZERS`, or a file; for it the map of a drawn room is published."""
         odom_frame: str = ""
         """Frame of the odometry, if it is not the world's: the map's then, with a localizer."""
-        plant: str = "unicycle"
-        """Model of the motion: "unicycle", or "mujoco", whose wheels creep and slip; needs MuJoCo. It is a Burger."""
 
         def __post_init__(self) -> None:
             check_fields(self, "")
@@ -131,7 +128,6 @@ class TurtlebotSimulator:
             integrator=params.integrator,
             dt=params.period,
             fix=None if params.fix in NO_FIX else params.fix,
-            plant=params.plant,
             world=params.world if params.in_room else None,
             lidar=params.lidar if params.in_room else None,
             localizer=params.localizer or None,

@@ -18,7 +18,6 @@ from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int
 from turtlebot_gym.drive import Drive, heading_error, position_error
 from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.plants import PLANTS
 from turtlebot_gym.plotting import tutorial_figure
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
@@ -48,7 +47,6 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--world": {"help": "a room: dense, office, ... or the file of a Gazebo world or a map; its goal is the waypoint"},
     "--goals": {"type": int, "help": "with a world, number of goals in turn, as in missions (default: one)"},
     "--lidar": {"help": f"the LiDAR in a world: {', '.join(LIDARS)}, or FILE.yaml (default: lds01)"},
-    "--plant": {"choices": list(PLANTS), "help": "model of the motion (default: unicycle); mujoco needs MuJoCo"},
     "--switch": {"choices": ["arrival", "time"], "help": "when to switch to the next waypoint (default: arrival)"},
     "--seed": {"type": int, "help": "seed of the noise and of the room"},
     "--namespace": {"help": "namespace of all nodes and topics, such as robot1; by default none"},
