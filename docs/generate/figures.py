@@ -13,8 +13,8 @@ import mkdocs_gen_files
 import numpy as np
 from matplotlib.figure import Figure
 
-import turtlebot_gym  # noqa: F401  # registers the ids
-from turtlebot_gym.drive import Drive
+from turtlebot_gym import SQUARE
+from turtlebot_gym.drive import Drive, RoomData
 from turtlebot_gym.plotting import (
     BLACK,
     BLUE,
@@ -23,7 +23,7 @@ from turtlebot_gym.plotting import (
     PURPLE,
     SKY_BLUE,
     VERMILLION,
-    draw_position_error,
+    draw_over_time,
     draw_trajectory,
 )
 from turtlebot_gym_agents.policies import BearingPolicy
@@ -100,11 +100,12 @@ def loop():
         infos.append(info)
         over = terminated or truncated
     env.close()
-    drive = Drive.stack(infos, time=0.1 * np.arange(len(infos)))
+    around = RoomData(goal_radius=SQUARE.radius)
+    drive = Drive.stack(infos, time=0.1 * np.arange(len(infos)), around=around)
     figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
     above, errors = figure.subplots(1, 2)
     draw_trajectory(above, drive)
-    draw_position_error(errors, drive)
+    draw_over_time(errors, drive, "error")
     figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False)
     return figure
 

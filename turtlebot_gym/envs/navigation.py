@@ -151,8 +151,6 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._everything = np.ones(1, np.bool_)
         self._started = False
         self._seeded = False
-        self.dark = False
-        """Whether pictures are drawn on dark paper; set it before the first one, ``env.unwrapped.dark = True``."""
         windows = render_mode == "human"
         self._pictures = Pictures(self._batch, rows=1, fps=self.metadata["render_fps"], windows=windows)
 
@@ -204,7 +202,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             raise ValueError(no_way(self.parameters))
         self._pictures.begin(self._everything)
         if self.render_mode == "human":
-            self._pictures.draw(dark=self.dark)
+            self._pictures.draw()
         return observations[0], info
 
     def _warn_of_a_limit(self) -> None:
@@ -250,7 +248,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         observations, outcomes = self._batch.step(self._action)
         reward, distance, success, terminated, truncated, *_ = outcomes.ravel().tolist()
         if self.render_mode == "human":
-            self._pictures.draw(dark=self.dark)
+            self._pictures.draw()
         info = self._info(distance, success != 0.0, outcomes[FIRST_SHARE:, 0])  # a view: what is held is not used again
         return observations[0], reward, terminated != 0.0, truncated != 0.0, info
 
@@ -283,7 +281,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         if not self._started:
             raise ResetNeeded("Call reset() before render().")
-        return self._pictures.draw(dark=self.dark)[0] if self.render_mode == "rgb_array" else None
+        return self._pictures.draw()[0] if self.render_mode == "rgb_array" else None
 
     def snapshot(self) -> Snapshot:
         """Return the whole state, which holds more than ``info``: also what the sensors say."""

@@ -104,8 +104,6 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
         fps = max(1, round(1.0 / setup.parameters.dt))
         self.metadata = {**self.metadata, "autoreset_mode": self._mode, "render_fps": fps}
-        self.dark = False
-        """Whether pictures are drawn on dark paper; set it before the first one."""
         self._pictures = Pictures(self._batch, rows=min(render_rows, num_envs), fps=fps)
         self.single_action_space, self.single_observation_space = spaces_of(self._batch.system)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -272,7 +270,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             return None
         if not self._begun:
             raise ResetNeeded("Call reset() before render().")
-        return self._pictures.draw(dark=self.dark)
+        return self._pictures.draw()
 
     def close_extras(self, **kwargs: Any) -> None:
         if hasattr(self, "_pictures"):  # older Gymnasiums close an environment whose options were refused

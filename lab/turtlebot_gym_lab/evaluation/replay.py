@@ -252,7 +252,7 @@ def replay_figure(trajectory: Drive, wheels: NDArray[np.float64], *, title: str 
         wheels: The poses by dead reckoning, shape (T, 3).
         title: Title of the figure or table.
     """
-    figure = tutorial_figure(trajectory, title=title, command="measured wheel twist")
+    figure = tutorial_figure(trajectory, title=title)
     panels = {axes.get_label(): axes for axes in figure.axes}
     style: dict[str, Any] = {"color": PURPLE, "linestyle": ":", "linewidth": 1.5, "label": "wheels alone"}
     panels["trajectory"].plot(wheels[:, 0], wheels[:, 1], **style)

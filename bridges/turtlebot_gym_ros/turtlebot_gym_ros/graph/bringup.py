@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,16 @@ import numpy as np
 from cmd_vel_guard.process import refuse
 from cmd_vel_guard.session import INTERRUPTED
 from turtlebot_gym.config import POSITIVE_OR_INFINITE, as_int
-from turtlebot_gym.drive import Drive, heading_error, position_error
+from turtlebot_gym.drive import Drive, RoomData, heading_error, position_error
 from turtlebot_gym.files import replacing, write_text
 from turtlebot_gym.models.random import MAX_SEED
-from turtlebot_gym.plotting import tutorial_figure
+from turtlebot_gym.plotting import draw_map, draw_room, draw_scan, legend_below, tutorial_figure
 from turtlebot_gym.presets import FIXES, NOISES
 from turtlebot_gym.robots import ROBOTS
 from turtlebot_gym.rooms.lidar import LIDARS
 from turtlebot_gym.rooms.scan import mounted
 from turtlebot_gym.rooms.worlds import find_lidar
-from turtlebot_gym.tasks import ROOM, arrived
+from turtlebot_gym.tasks import ROOM, SQUARE, arrived
 from turtlebot_gym.values import Pose, State
 from turtlebot_gym_agents.outputs import FIGURE, JSON, require_outputs
 from turtlebot_gym_ros.base.process import be_interruptible, go_on
@@ -202,9 +203,17 @@ def _tell(
         write_text(report, json.dumps({"options": chosen, "metrics": known}, indent=2) + "\n")
     if figure:
         lidar = find_lidar(chosen.get("lidar", TurtlebotSimulator.Params().lidar))
-        scan = (latest["scan"], mounted(latest["true_state"], lidar)) if "scan" in latest else None
         title = f"policy {chosen.get('policy', 'bearing')} in the ROS graph"
-        drawn = tutorial_figure(trajectory, title=title, room=latest.get("obstacles"), grid=latest.get("map"), scan=scan)
+        around = RoomData(goal_radius=(ROOM if "obstacles" in latest else SQUARE).radius)
+        drawn = tutorial_figure(replace(trajectory, around=around), title=title)
+        seen_from_above = drawn.axes[0]
+        if "obstacles" in latest:
+            draw_room(seen_from_above, latest["obstacles"])
+        if "map" in latest:
+            draw_map(seen_from_above, latest["map"])
+        if "scan" in latest:
+            draw_scan(seen_from_above, latest["scan"], mounted(latest["true_state"], lidar))
+        legend_below(drawn, columns=8)
         with replacing(figure) as beside:
             drawn.savefig(beside, dpi=120)
         print(f"figure written to {figure}")
