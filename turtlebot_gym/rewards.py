@@ -37,21 +37,17 @@ class RewardTerm(NamedTuple):
 
 
 @kernel
-def _share_of_speed(way: float, p: Any) -> float:
-    """Return a way as a share of what full speed allows in a step."""
-    return way / (p.robot.max_linear * p.dt)
-
-
-@kernel
 def _progress(before, after, judgement, p):
+    """Progress along the path through the waypoints, as a share of what full speed allows in a step."""
     course, truth = before.course, after.body.true_state
     ahead = remaining(truth, course.reference, course.following, judgement.reached and not by_time(p.task))
-    return _share_of_speed(distance_to(before.body.true_state, course.reference) - ahead, p)
+    return (distance_to(before.body.true_state, course.reference) - ahead) / (p.robot.max_linear * p.dt)
 
 
 @kernel
 def _progress_in_room(before, after, judgement, p):
-    return _share_of_speed(before.room.way - after.room.way, p)
+    """The same along the shortest path through a room."""
+    return (before.room.way - after.room.way) / (p.robot.max_linear * p.dt)
 
 
 @kernel
@@ -61,6 +57,7 @@ def _time(before, after, judgement, p):
 
 @kernel
 def _effort(before, after, judgement, p):
+    """Minus the sum of the squared speed and turning rate of the command, as shares of their limits."""
     command = after.body.command
     v, omega = command.v / p.robot.max_linear, command.omega / p.robot.max_angular
     return -(v * v + omega * omega)
@@ -78,38 +75,22 @@ def _collision(before, after, judgement, p):
 
 @kernel
 def _nearness(before, after, judgement, p):
+    """Minus the share of `NEAR` that the clearance lacks."""
     return -max(1.0 - after.room.clearance / NEAR, 0.0) if not after.room.collided else 0.0
 
 
 @kernel
 def _goal(before, after, judgement, p):
+    """1 when the robot is at a goal that is not the last one."""
     there = judgement.reached and not judgement.is_success and not after.room.collided
     return 1.0 if there and arrived(after.body.true_state, before.course.reference, p.task) else 0.0
 
 
-PROGRESS = RewardTerm("progress", _progress, 1.0)
-"""Progress along the path through the waypoints, as a share of what full speed allows in a step."""
-PROGRESS_IN_ROOM = RewardTerm("progress", _progress_in_room, 1.0)
-"""The same along the shortest path through a room."""
-TIME = RewardTerm("time", _time, 0.1)
-"""-1 at every step."""
-EFFORT = RewardTerm("effort", _effort, 0.01)
-"""Minus the sum of the squared speed and turning rate of the command, as shares of their limits."""
-SUCCESS = RewardTerm("success", _success, 10.0)
-"""1 when the episode ends in success."""
-COLLISION = RewardTerm("collision", _collision, 50.0)
-"""-1 when the episode ends in a collision."""
 NEARNESS = RewardTerm("nearness", _nearness, 0.5)
-"""Minus the share of `NEAR` that the clearance lacks."""
-GOAL = RewardTerm("goal", _goal, 10.0)
-"""1 when the robot is at a goal that is not the last one."""
-
-ON_GROUND = PROGRESS, TIME, EFFORT, SUCCESS
-"""The reward on open ground."""
-IN_ROOMS = PROGRESS_IN_ROOM, TIME, EFFORT, SUCCESS, COLLISION, NEARNESS
-"""The reward in rooms."""
-ON_MISSIONS = *IN_ROOMS, GOAL
-"""The reward of missions."""
+_ALWAYS = RewardTerm("time", _time, 0.1), RewardTerm("effort", _effort, 0.01), RewardTerm("success", _success, 10.0)
+ON_GROUND = RewardTerm("progress", _progress, 1.0), *_ALWAYS
+IN_ROOMS = RewardTerm("progress", _progress_in_room, 1.0), *_ALWAYS, RewardTerm("collision", _collision, 50.0), NEARNESS
+ON_MISSIONS = *IN_ROOMS, RewardTerm("goal", _goal, 10.0)
 
 
 @cache
@@ -132,7 +113,7 @@ def default_weights(terms: Sequence[RewardTerm]) -> Any:
 @cache
 def rewarding(terms: tuple[RewardTerm, ...]) -> tuple[Callable[..., Any], Any]:
     """Return the kernel of a step's reward and of each term's share in it, and the shares where nothing happens."""
-    parts, Shares = tuple((term.name, term.of) for term in terms), shares_of(tuple(term.name for term in terms))
+    parts, Shares = tuple((term.name, term.of) for term in terms), type(default_weights(terms))
 
     @kernel
     def reward_of(before, after, judgement, p):
@@ -142,4 +123,4 @@ def rewarding(terms: tuple[RewardTerm, ...]) -> tuple[Callable[..., Any], Any]:
             reward = reward + share
         return reward, Shares(*shares)
 
-    return reward_of, Shares(*(0.0,) * len(terms))
+    return reward_of, Shares(*(0.0 for _ in terms))

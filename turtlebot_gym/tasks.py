@@ -6,16 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from turtlebot_gym.config import (
-    FINITE,
-    NON_NEGATIVE,
-    ONE_OR_MORE,
-    POSITIVE,
-    POSITIVE_OR_INFINITE,
-    Numbers,
-    check_fields,
-    short_repr,
-)
+from turtlebot_gym.config import FINITE, NON_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Numbers, Range, check_fields, refusal
 from turtlebot_gym.kernel import algebra, first_accepted, kernel, sqrt
 from turtlebot_gym.models.angles import PI, wrap
 from turtlebot_gym.models.random import GOAL, START, uniforms
@@ -47,7 +38,7 @@ class Task:
     """Whether a localizer knows where the robot starts."""
     switch_period: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """Time after which the next waypoint becomes current, reached or not, s; infinite to switch on arrival."""
-    laps: Annotated[int, ONE_OR_MORE] = 1
+    laps: Annotated[int, Range(1, 10**9, whole=True)] = 1
     """Number of rounds through the waypoints; in a room, number of goals that are drawn in turn ..."""
     patience: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
     """... and the time after which one of several that the robot does not reach is given up for the next, s."""
@@ -56,8 +47,8 @@ class Task:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not self.min_distance <= self.arena:
-            raise ValueError(f"Task.min_distance must be at most arena, got {self.min_distance!r} > {self.arena!r}.")
+        if self.min_distance > self.arena:
+            raise refusal("Task.min_distance", f"at most Task.arena, {self.arena:g} m", self.min_distance)
 
 
 NAV = Task(max_steps=300.0)
@@ -72,12 +63,7 @@ ROOM = Task(radius=0.2, max_steps=600.0)
 MISSION = Task(radius=0.2, on_belief=True, laps=1000, patience=60.0, max_steps=6000.0)
 """Goals in a room, one after another until the time is over."""
 
-SQUARE_WAYPOINTS = (
-    Pose(2.0, 0.0, 0.0),
-    Pose(2.0, 2.0, PI / 2.0),
-    Pose(0.0, 2.0, wrap(PI)),
-    Pose(0.0, 0.0, -PI / 2.0),
-)
+SQUARE_WAYPOINTS = (Pose(2.0, 0.0, 0.0), Pose(2.0, 2.0, PI / 2.0), Pose(0.0, 2.0, wrap(PI)), Pose(0.0, 0.0, -PI / 2.0))
 """The tutorial's square of 2 m."""
 SQUARE_PERIOD = 15.0
 """The tutorial's time for each of its waypoints, s."""
@@ -94,18 +80,12 @@ class StartAndGoal(NamedTuple):
 
 
 def given_pose(name: str, value: Any) -> Pose:
-    """Return a start or a goal that is given as x and y, m, and perhaps a heading, rad, which is otherwise 0.
-
-    Raises:
-        ValueError: If it is something else.
-    """
-    for size in (2, 3):
-        try:
-            x, y, *theta = Numbers(FINITE, size).check(name, value)
-        except ValueError:
-            continue
-        return Pose(x, y, wrap(theta[0]) if theta else 0.0)
-    raise ValueError(f"{name} must hold x, y and perhaps a heading, finite numbers, got {short_repr(value)}.")
+    """Return a start or a goal that is given as x and y, m, and perhaps a heading, rad, which is otherwise 0."""
+    numbers = Numbers(FINITE).check(name, value)
+    if len(numbers) not in (2, 3):
+        raise refusal(name, "x, y and perhaps a heading", value)
+    x, y, theta = (*numbers, 0.0)[:3]
+    return Pose(x, y, wrap(theta))
 
 
 @kernel
@@ -170,14 +150,7 @@ def by_time(task: Task) -> bool:
 
 @kernel
 def due(steps: float, visited: float, task: Task, dt: float) -> bool:
-    """Return whether it is time for the next waypoint, even if this one is not reached.
-
-    Args:
-        steps: Steps since the start.
-        visited: Number of waypoints done.
-        task: The task with its switch period.
-        dt: Control interval, s.
-    """
+    """Return whether after so many steps of ``dt`` s it is time for the waypoint after the ``visited`` ones, reached or not."""
     # Half a step off the exact time, so that the result does not depend on rounding.
     return steps * dt > (visited + 1.0) * task.switch_period - 0.5 * dt
 

@@ -61,32 +61,21 @@ def test_a_goal_that_is_not_given_is_as_far_away_as_any():
         assert info["distance"] >= env.unwrapped.parameters.task.min_distance
 
 
-GIVEN = (
-    "cannot be given at a reset: this task starts at the origin and drives through given waypoints; "
-    r"make the environment with waypoints=\[\(x, y, heading\), ...\]"
-)
-
-
 @pytest.mark.parametrize(
-    ("name", "options", "message"),
+    ("name", "options", "named"),
     [
-        ("Square", {"goal": (1, 1)}, f"goal {GIVEN}"),
-        ("Square", {"start": START, "goal": (1, 1)}, f"start and goal {GIVEN}"),
-        ("Nav", {"goal": (1.0, math.nan)}, r"goal must hold x, y and perhaps a heading, finite numbers, got \(1.0, nan\)"),
-        ("Nav", {"start": (1e10, 0.0, 0.0)}, "start must hold x, y and perhaps a heading, finite numbers"),
-        ("Nav", {"goal": "door"}, r"goal must (hold|be) x, y and perhaps a heading, .*, got 'door'"),
-        ("Nav", {"goal": (1.0,)}, "goal must (hold|be) x, y and perhaps a heading"),
-        ("Nav", {"goals": (1, 1)}, "options must be among .*'start', 'goal', got 'goals'"),
+        ("Square", {"start": START, "goal": (1, 1)}, "start and goal"),
+        ("Nav", {"goal": (1.0, math.nan)}, "goal"),
+        ("Nav", {"start": (1e10, 0.0, 0.0)}, "start"),
+        ("Nav", {"goal": "door"}, "goal"),
+        ("Nav", {"goal": (1.0,)}, "goal"),
+        ("Nav", {"goals": (1, 1)}, "options .*'goals'"),
+        ("Nav", {"world": "office"}, "options .*'world'"),
     ],
 )
-def test_other_options_of_a_reset_are_refused_and_begin_nothing(name, options, message):
+def test_other_options_of_a_reset_are_refused_and_begin_nothing(name, options, named):
     env = make(name)
-    with pytest.raises(ValueError, match=f"{message}[^\n]*$"):
+    with pytest.raises(ValueError, match=f"^{named}[^\n]*$"):
         env.reset(seed=0, options=options)
     with pytest.raises(ResetNeeded):
         env.unwrapped.step(np.zeros(env.action_space.shape, np.float32))
-
-
-def test_world_is_for_rooms():
-    with pytest.raises(ValueError, match="options must be among 'start', 'goal', got 'world'"):
-        make("Nav").reset(seed=0, options={"world": "office"})
