@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -19,12 +19,11 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, label
 from scipy.spatial import ConvexHull
-from trimesh.intersections import mesh_plane
 
 from turtlebot_gym.rooms.charting import SIDE
 from turtlebot_gym.rooms.grid import FREE, OCCUPIED, UNKNOWN, GridMap
 from turtlebot_gym.rooms.plan import FloorPlan
-from turtlebot_gym.rooms.sdf import SEARCHED, Collision, MalformedError, numbers_of, read_sdf
+from turtlebot_gym.rooms.sdf import MISSING, Collision, MalformedError, numbers_of, read_sdf
 from turtlebot_gym.values import Pose
 
 SCAN_HEIGHT = 0.18
@@ -49,6 +48,19 @@ _NAMED = 6
 """Most names in a warning."""
 
 
+class _Body(NamedTuple):
+    triangles: NDArray[np.float64]
+    """Its surface in the world, shape (n, 3, 3), m."""
+    is_solid: bool
+    """Whether the surface encloses what is solid."""
+
+
+class _Outline(NamedTuple):
+    segments: NDArray[np.float64]
+    """Shape (n, 2, 2), m."""
+    is_solid: bool
+
+
 def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | None = None) -> FloorPlan:
     """Read a Gazebo world: the collisions of all its models, those included by it as well, cut at a LiDAR's height.
 
@@ -71,116 +83,111 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
     unread: dict[str, str] = {}
     try:
         world = read_sdf(Path(path))
-        shapes = [(each, list(_bodies(each, unread))) for each in world.collisions]
-        ground = _ground(shapes)
+        contents = [(each, _bodies(each, unread)) for each in world.collisions]
+        ground = _ground(contents)
     except (ArithmeticError, MalformedError) as error:
         raise ValueError(f"{str(path)!r} holds a shape or a pose with missing or malformed numbers: {error}.") from error
     notices = [f"{what} is left out: {reason}" for what, reason in unread.items()]
     if ground:
         notices.append(f"the ground is the top of a box, at {ground:g} m")
-    notices += [
-        f"{text}: {', '.join(list(dict.fromkeys(names))[:_NAMED])}{', ...' * (len(set(names)) > _NAMED)}"
-        for text, names in (
-            (f"left out, since not found ({_where()})", world.missing),
-            ("left out as robots", world.robots),
-            ("left out, since their ways are not read", world.actors),
-            ("models that are not static stand still here", world.movable),
-        )
-        if names
-    ]
-    outlines = [outline for _, bodies in shapes for body in bodies if (outline := _outline(body, ground)) is not None]
+    for text, names in world.notices.items():
+        listed = list(dict.fromkeys(names))
+        if listed:
+            notices.append(f"{text}: {', '.join(listed[:_NAMED])}{', ...' * (len(listed) > _NAMED)}")
+    outlines = [outline for _, bodies in contents for body in bodies if (outline := _outline(body, ground)) is not None]
     if not outlines:
         said = f" ({'; '.join(notices)})" if notices else ""
         raise ValueError(f"{str(path)!r} holds no obstacle at the height of a robot{said}.")
     for text in notices:
         warnings.warn(f"{Path(path).name}: {text}.", stacklevel=2)
-    grid = map_of(outlines, [pose for pose in (start, goal) if pose is not None], is_whole=not (unread or world.missing))
+    is_whole = not (unread or world.notices[MISSING])
+    grid = _map_of(outlines, [pose for pose in (start, goal) if pose is not None], is_whole=is_whole)
     return FloorPlan(walls=grid.walls(), map=grid, start=start, goal=goal)
 
 
-def _where() -> str:
-    return f"{', '.join(SEARCHED)}, beside the world, and in models there and above"
+@cache
+def _unit(tag: str) -> NDArray[np.float64]:
+    """Return the triangles of a shape whose extents are 2, but for a box's sides and the length of what is round, which are 1."""
+    if tag == "box":
+        return np.asarray(trimesh.creation.box((1.0, 1.0, 1.0)).triangles)
+    if tag == "cylinder":
+        return np.asarray(trimesh.creation.cylinder(1.0, 1.0, sections=_SIDES).triangles)
+    if tag == "cone":
+        return np.asarray(trimesh.creation.cone(1.0, 1.0, sections=_SIDES).triangles) - (0.0, 0.0, 0.5)
+    return np.asarray(trimesh.creation.uv_sphere(count=(_SIDES // 2, _SIDES)).triangles)
 
 
-def _bodies(collision: Collision, unread: dict[str, str]) -> Iterable[trimesh.Trimesh]:
-    """Yield the connected bodies of a collision in the world; what cannot be read is noted with the reason."""
+def _bodies(collision: Collision, unread: dict[str, str]) -> list[_Body]:
+    """Return the connected bodies of a collision; what cannot be read is noted with the reason."""
+    made: list[_Body] = []
     for shape in collision.geometry:
-        made: Any = None
         if shape.tag == "box":
-            made = trimesh.creation.box(_sizes(shape, "size", 3))
-        elif shape.tag == "cylinder":
-            (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length", default=(1.0,))
-            made = trimesh.creation.cylinder(radius, length, sections=_SIDES)
-        elif shape.tag == "cone":
+            made.append(_Body(_unit("box") * _sizes(shape, "size", 3), True))
+        elif shape.tag in ("cylinder", "cone"):
             (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length")
-            made = trimesh.creation.cone(radius, length, sections=_SIDES).apply_translation((0.0, 0.0, -0.5 * length))
+            made.append(_Body(_unit(shape.tag) * (radius, radius, length), True))
         elif shape.tag in ("sphere", "ellipsoid"):
-            size = _sizes(shape, "radius") * 3 if shape.tag == "sphere" else _sizes(shape, "radii", 3)
-            made = trimesh.creation.uv_sphere(count=(_SIDES // 2, _SIDES)).apply_scale(size)
+            radii = _sizes(shape, "radius") * 3 if shape.tag == "sphere" else _sizes(shape, "radii", 3)
+            made.append(_Body(_unit("sphere") * radii, True))
         elif shape.tag == "capsule":
             (radius,), (length,) = _sizes(shape, "radius"), _sizes(shape, "length")
-            made = trimesh.creation.capsule(length, radius, count=(_SIDES // 2, _SIDES))
+            capsule = trimesh.creation.capsule(length, radius, count=(_SIDES // 2, _SIDES))
+            made.append(_Body(np.asarray(capsule.triangles), True))
         elif shape.tag in ("heightmap", "image", "polyline"):
             unread[f"a {shape.tag}"] = "it is not read here"
         elif shape.tag == "mesh" and (uri := f"the mesh {shape.findtext('uri', '').strip()!r}") not in unread:
             try:
-                for body in load_mesh(shape):
-                    yield body.apply_transform(collision.pose)
+                made.extend(_read_mesh(shape))
             except MalformedError:
                 raise
-            except (OSError, ValueError, ImportError) as error:
-                unread[uri] = " ".join(str(error).split()).rstrip(".")
-        if made is not None:
-            yield made.apply_transform(collision.pose)
+            except Exception as error:  # each format has errors of its own, and a missing reader yet another
+                unread[uri] = " ".join(f"{error or type(error).__name__}".split()).rstrip(".")
+    turned, moved = collision.pose[:3, :3].T, collision.pose[:3, 3]
+    return [body._replace(triangles=body.triangles @ turned + moved) for body in made]
 
 
-def _sizes(shape: Element, name: str, count: int = 1, default: Sequence[float] = ()) -> list[float]:
+def _sizes(shape: Element, name: str, count: int = 1) -> list[float]:
     """Return positive numbers of an SDF element."""
-    values = numbers_of(shape.findtext(name), count, default)
+    values = numbers_of(shape.findtext(name), count)
     if min(values) <= 0.0:
         raise MalformedError(f"{name} must be positive, not {min(values):g}")
     return values
 
 
-def load_mesh(shape: Element) -> list[trimesh.Trimesh]:
-    """Return the connected bodies of a ``<mesh>``, m.
+def _read_mesh(shape: Element) -> list[_Body]:
+    """Return the connected bodies of a ``<mesh>``.
 
     A DAE file is scaled to metres by the unit that it states, and its up axis is ignored, as Gazebo does
     (gz-common 5, ``ColladaLoader.cc``).
-
-    Raises:
-        ValueError: If there is no such file, it cannot be read, or it has no such submesh.
     """
     path, part = shape.get("path", ""), shape.findtext("submesh/name", "").strip()
     scale = numbers_of(shape.findtext("scale"), 3, (1.0, 1.0, 1.0))
     if not path:
-        raise ValueError(f"there is no such file ({_where()})")
-    try:
-        scene: Any = trimesh.load_scene(path)
-        names = [name for name in scene.graph.nodes_geometry if not part or part in (name, scene.graph[name][1])]
-        meshes = [scene.geometry[scene.graph[name][1]].copy().apply_transform(scene.graph[name][0]) for name in names]
-    except Exception as error:  # each format has errors of its own, and a missing reader yet another
-        raise ValueError(f"{error or type(error).__name__}") from error
+        raise ValueError(MISSING.removeprefix("left out, since "))
+    scene: Any = trimesh.load_scene(path)
+    names = [name for name in scene.graph.nodes_geometry if not part or part in (name, scene.graph[name][1])]
+    meshes = [scene.geometry[scene.graph[name][1]].copy().apply_transform(scene.graph[name][0]) for name in names]
     meshes = [mesh for mesh in meshes if len(getattr(mesh, "faces", ()))]
     if not meshes:
         raise ValueError(f"it has no submesh {part!r}" if part else "it has no triangles")
-    bodies: list[trimesh.Trimesh] = []
+    bodies: list[_Body] = []
     for mesh in meshes:
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         unit = str(mesh.metadata.get("units") or "meters").split("*")[0].strip()  # "0.0254 * meters" of a DAE file
         mesh.apply_scale(np.array(scale) * (float(unit) if unit.replace(".", "", 1).isdecimal() else 1.0))
-        bodies.extend(mesh.split(only_watertight=False))
+        for body in mesh.split(only_watertight=False):
+            bodies.append(_Body(np.asarray(body.triangles), bool(body.is_watertight and body.volume > 0.0)))
     return bodies
 
 
-def _ground(shapes: list[tuple[Collision, list[trimesh.Trimesh]]]) -> float:
+def _ground(contents: list[tuple[Collision, list[_Body]]]) -> float:
     """Return the height of the ground, m: 0, or the top of a level box on which everything else stands, which is removed."""
-    solid = [pair for pair in shapes if pair[1]]
+    solid = [pair for pair in contents if pair[1]]
     for collision, bodies in solid:
         others = np.array([other.pose[:3, 3] for other, _ in solid if other is not collision])
         if collision.geometry.find("box") is None or abs(collision.pose[2, 2]) < 1.0 - 1e-8 or not len(others):
             continue
-        size, top = np.array(numbers_of(collision.geometry.findtext("box/size"), 3)), float(bodies[0].bounds[1, 2])
+        size, top = np.array(numbers_of(collision.geometry.findtext("box/size"), 3)), float(bodies[0].triangles[..., 2].max())
         apart = np.abs((others - collision.pose[:3, 3]) @ collision.pose[:3, :2])
         carries = (apart <= 0.5 * size[:2]).all() and (others[:, 2] >= top - 1e-6).all()
         if carries and size[:2].min() >= FLOOR[0] and STEP < top <= FLOOR[1]:
@@ -189,31 +196,32 @@ def _ground(shapes: list[tuple[Collision, list[trimesh.Trimesh]]]) -> float:
     return 0.0
 
 
-def _outline(body: trimesh.Trimesh, ground: float) -> tuple[NDArray[np.float64], bool] | None:
-    """Return the segments in which a body is cut, shape (n, 2, 2), m, and whether it encloses what is solid.
-
-    None for a body that is no obstacle.
-    """
-    low, high = (float(z) - ground for z in body.bounds[:, 2])
+def _outline(body: _Body, ground: float) -> _Outline | None:
+    """Return the outline of a body at the height at which a LiDAR sees it; None for one that is no obstacle."""
+    heights = body.triangles[..., 2] - ground
+    low, high = float(heights.min()), float(heights.max())
     if high <= STEP or low >= HEADROOM:
         return None
     height = SCAN_HEIGHT if low < SCAN_HEIGHT < high else 0.5 * (max(low, STEP) + min(high, HEADROOM))
-    segments = np.asarray(mesh_plane(body, (0.0, 0.0, 1.0), (0.0, 0.0, height + ground + 1e-7)))[:, :, :2]
-    return (segments, bool(body.is_watertight and body.volume > 0.0)) if len(segments) else None
+    height += ground + 1e-7  # beside the corners of most bodies
+    ends = np.roll(body.triangles, -1, axis=1)
+    crossed = (body.triangles[..., 2] > height) != (ends[..., 2] > height)  # no side of a triangle, or two
+    start, end = body.triangles[crossed], ends[crossed]
+    share = (height - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
+    segments = (start + share * (end - start))[:, :2].reshape(-1, 2, 2)
+    return _Outline(segments, body.is_solid) if len(segments) else None
 
 
-def map_of(outlines: list[tuple[NDArray[np.float64], bool]], given: list[Pose], *, is_whole: bool = True) -> GridMap:
+def _map_of(outlines: list[_Outline], given: list[Pose], *, is_whole: bool) -> GridMap:
     """Return the map of outlines, `APRON` wider than they are.
 
     Cells are occupied whose centre is in a solid outline, or which a thin or an open one touches; unknown is the ground on
-    which no robot starts.
-
-    Args:
-        outlines: See `_outline`.
-        given: Start and goal if they are given: all ground counts if one of the two is not in what is enclosed.
-        is_whole: Whether no shape is missing, which might enclose the others; if one is, the ground between these counts.
+    which no robot starts. All ground counts if a start or goal is given that is not in what is enclosed; if a shape is missing,
+    which might enclose the others, the ground between these counts.
     """
-    points = np.concatenate([segments.reshape(-1, 2) for segments, _ in outlines] + [np.array([pose[:2]]) for pose in given])
+    points = np.concatenate(
+        [outline.segments.reshape(-1, 2) for outline in outlines] + [np.array([pose[:2]]) for pose in given]
+    )
     low, high = points.min(axis=0) - APRON, points.max(axis=0) + APRON
     side = max(SIDE, math.sqrt(float(np.prod(high - low)) / CELLS))
     corner = np.floor(low / side + 1e-6) * side
@@ -249,12 +257,14 @@ def _draw(cells: NDArray[np.bool_], segments: NDArray[np.float64]) -> None:
 
 def _filled(segments: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Return the cells from whose centre an odd number of segments lies to the left; in cells."""
-    rows, columns = shape
-    turns = np.zeros((rows, columns + 1), np.int32)
-    for (x0, y0), (x1, y1) in segments:
-        row = np.arange(math.ceil(min(y0, y1) - 0.5), math.ceil(max(y0, y1) - 0.5))
-        x = x0 + (row + 0.5 - y0) * (x1 - x0) / ((y1 - y0) or 1.0)
-        turns[row, np.ceil(x - 0.5).astype(int)] += 1
+    (x0, y0), (x1, y1) = segments.transpose(1, 2, 0)
+    first, after = np.ceil(np.minimum(y0, y1) - 0.5).astype(int), np.ceil(np.maximum(y0, y1) - 0.5).astype(int)
+    counts = after - first  # of rows whose middle each segment crosses
+    of = np.repeat(np.arange(len(segments)), counts)
+    row = np.arange(len(of)) - (np.cumsum(counts) - after)[of]
+    x = x0[of] + (row + 0.5 - y0[of]) * (x1 - x0)[of] / (y1 - y0)[of]
+    turns = np.zeros((shape[0], shape[1] + 1), np.int32)
+    np.add.at(turns, (row, np.ceil(x - 0.5).astype(int)), 1)
     return np.cumsum(turns, axis=1)[:, :-1] % 2 == 1
 
 
