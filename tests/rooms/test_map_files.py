@@ -33,11 +33,10 @@ CHANNELS = [[[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 0], [128, 128
         # Averages of four channels: 255, 1020, 765 and 639 of 1020, so occupancies 0.75, 0, 0.25 and 0.37.
         (CHANNELS, {"image": "map.png"}, [[100, 0, -1, -1]]),
         (CHANNELS, {"image": "map.png", "mode": "scale"}, [[100, 0, -1, round((127 / 255 - 0.196) / 0.454 * 100)]]),
-        ([[0, 1, 99, 100, 101, 255]], {"mode": "raw", "negate": "true"}, [[0, 1, 99, 100, -1, -1]]),
         # Of 255: 128 is an occupancy of 0.498, a little less than the 0.5 of the threshold; 127 is 0.502, 64 is 0.749.
         ([[0, 127, 128, 64, 63, 255]], {"occupied_thresh": 0.5, "free_thresh": 0.5}, [[100, 100, 0, 100, 100, 0]]),
     ],
-    ids=["mapper", "letters", "16 bits", "colours", "transparent", "scale", "raw", "thresholds"],
+    ids=["mapper", "letters", "16 bits", "colours", "transparent", "scale", "thresholds"],
 )
 def test_a_map_is_read_cell_by_cell(tmp_path, write_map, pixels, given, cells):
     pixels = pixels if isinstance(pixels, str) else np.array(pixels, np.uint8)
@@ -61,7 +60,7 @@ EXACT = {"pixels": np.array([[255, 0, 200]], np.uint8), "occupied_thresh": 1.0, 
         ),
         ({"occupied_thresh": 65}, "occupied_thresh of the map .* must be a probability"),
         ({"negate": 2}, "negate of the map .* must be 0 or 1, got 2"),
-        ({"mode": "colour"}, "mode of the map .* must be one of 'trinary', 'scale', 'raw', got 'colour'"),
+        ({"mode": "colour"}, "mode of the map .* must be one of 'trinary', 'scale', got 'colour'"),
         ({"origin": [0.0, 1.0]}, "origin of the map .* must be 3 numbers"),
         ({"origin": [1e16, 0.0, 0.0]}, r"origin of the map .*\[0\] must be a number from .*, got 10000000000000000"),
         ({"free_thresh": None, "negate": None}, "must state negate, free_thresh"),

@@ -107,7 +107,7 @@ def read_gazebo(path: str | Path, *, start: Pose | None = None, goal: Pose | Non
 
 @cache
 def _unit(tag: str) -> NDArray[np.float64]:
-    """Return the triangles of a shape whose extents are 2, but for a box's sides and the length of what is round, which are 1."""
+    """Return the triangles of a box with sides of 1, of a cylinder or cone of radius and length 1, or of a unit sphere."""
     if tag == "box":
         return np.asarray(trimesh.creation.box((1.0, 1.0, 1.0)).triangles)
     if tag == "cylinder":

@@ -25,7 +25,7 @@ UNEXPLORED = 205
 """Grey by which map savers of ROS 1 and ROS 2 mark unexplored cells in the mode "trinary"."""
 _UNEXPLORED_SHARE = 0.196
 """Occupancy of that grey, 50 / 255, as map savers of ROS 1 write it: from a greater ``free_thresh`` on it is free."""
-_MODES = {mode: mode for mode in ("trinary", "scale", "raw")}
+_MODES = {mode: mode for mode in ("trinary", "scale")}
 _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 
@@ -54,8 +54,8 @@ def read_map(path: str | Path, *, start: Pose | None = None, goal: Pose | None =
     mode = choose(f"mode {of_map}", content.get("mode", "trinary"), _MODES)
     resolution = POSITIVE.check(f"resolution {of_map}", content["resolution"])
     pose = Pose(*Numbers(FINITE, 3).check(f"origin {of_map}", content["origin"]))
-    limits = {"negate": bool(content["negate"]), "occupied": occupied, "free": free}
-    cells, unexplored = _read_image(path.parent / str(content["image"]), mode, **limits)
+    negate = bool(content["negate"])
+    cells, unexplored = _read_image(path.parent / str(content["image"]), mode, negate=negate, occupied=occupied, free=free)
     try:
         grid = GridMap(cells=cells[::-1], resolution=resolution, origin=pose)
     except ValueError as error:
@@ -84,10 +84,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 
 
 def _read_image(path: Path, mode: str, **limits: Any) -> tuple[NDArray[np.int8], int]:
-    """Return the values of cells, the first row being the highest, and how many unexplored ones the thresholds make free.
-
-    In the mode "trinary", transparency is averaged with the colours, as ``map_server`` does. Unexplored cells are unknown.
-    """
+    """Return the values of an image's cells, see `_cells_of`."""
     try:
         from PIL import Image  # a dependency of matplotlib; a robot reads no maps
     except ImportError as error:
@@ -106,48 +103,30 @@ def _read_image(path: Path, mode: str, **limits: Any) -> tuple[NDArray[np.int8],
         raise ValueError(f"The map's image {str(path)!r} cannot be read: {' '.join(str(error).split())}.") from error
 
 
-def _cells_of(image: Any, mode: str, **limits: Any) -> tuple[NDArray[np.int8], int]:
-    """Return the values of cells of an image of Pillow's; see `_read_image`."""
+def _cells_of(image: Any, mode: str, *, negate: bool, occupied: float, free: float) -> tuple[NDArray[np.int8], int]:
+    """Return the values of cells, the first row being the highest, and how many unexplored ones the thresholds make free.
+
+    Those are unknown. In the mode "trinary" transparency is averaged with the colours, as ``map_server`` does.
+    """
     is_deep = image.mode.startswith("I")  # 16 bits
     alpha = not is_deep and (image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info)
-    pixels = np.asarray(image)
     if is_deep:
-        sums, most = np.clip(pixels, 0, 65535).astype(np.uint16), 65535
-        greys, most_grey = sums, most
-    elif image.mode == "L" and not alpha:
-        sums, most = pixels, 255
-        greys, most_grey = sums, most
+        pixels = greys = np.clip(np.asarray(image), 0, 65535).astype(np.uint16)
+        most_grey = 65535
     else:
         pixels = np.asarray(image.convert("RGBA" if alpha else "RGB"))
         greys, most_grey = pixels[:, :, :3].sum(axis=2, dtype=np.uint16), 765
-        averages = alpha and mode == "trinary"
-        sums, most = (greys + pixels[:, :, 3], 1020) if averages else (greys, most_grey)
-    cells = _occupancy(np.arange(most + 1) / most, mode, **limits)[sums]  # there are fewer sums of channels than pixels
-    if alpha and mode == "scale":
-        cells[pixels[:, :, 3] < 255] = UNKNOWN
+    sums, most = (greys + pixels[:, :, 3], 1020) if alpha and mode == "trinary" else (greys, most_grey)
+    shade = np.arange(most + 1) / most  # there are fewer sums of channels than pixels
+    occupancy = shade if negate else 1.0 - shade
+    between = np.rint((occupancy - free) / max(occupied - free, 1e-9) * 100.0) if mode == "scale" else float(UNKNOWN)
+    cells = np.where(occupancy > occupied, OCCUPIED, np.where(occupancy < free, FREE, between)).astype(np.int8)[sums]
+    if mode == "scale":  # there a grey is a probability
+        if alpha:
+            cells[pixels[:, :, 3] < 255] = UNKNOWN
+        return cells, 0
     off = 3.0 if image.format in ("JPEG", "WEBP") else 0.6  # these formats change greys
     shade = np.arange(most_grey + 1) / most_grey
-    is_unexplored = np.abs((1.0 - shade if limits["negate"] else shade) * 255.0 - UNEXPLORED) <= off
-    wrong = is_unexplored[greys] & (cells == FREE) & (mode == "trinary")  # only this mode has a grey for them
+    wrong = (np.abs((1.0 - shade if negate else shade) * 255.0 - UNEXPLORED) <= off)[greys] & (cells == FREE)
     cells[wrong] = UNKNOWN
     return cells, int(wrong.sum())
-
-
-def _occupancy(shade: NDArray[np.float64], mode: str, *, negate: bool, occupied: float, free: float) -> NDArray[np.int8]:
-    """Return the values of cells.
-
-    Args:
-        shade: Brightness of each pixel, from 0 to 1.
-        mode: "trinary", "scale" or "raw".
-        negate: Whether bright pixels are occupied instead of dark ones.
-        occupied: Threshold above which cells are occupied.
-        free: Threshold below which cells are free.
-    """
-    if mode == "raw":
-        value = np.rint(shade * 255.0)
-        return np.where(value <= OCCUPIED, value, UNKNOWN).astype(np.int8)
-    occupancy = shade if negate else 1.0 - shade
-    between = np.full(shade.shape, float(UNKNOWN))
-    if mode == "scale":
-        between = np.rint((occupancy - free) / max(occupied - free, 1e-9) * 100.0)
-    return np.where(occupancy > occupied, OCCUPIED, np.where(occupancy < free, FREE, between)).astype(np.int8)
