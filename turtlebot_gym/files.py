@@ -18,8 +18,6 @@ from typing import Any, TypeGuard
 SUFFIXES = (".yaml", ".yml")
 """File name endings of parameters."""
 
-_WITH_EXPONENT = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
-
 
 def is_file(name: object) -> TypeGuard[str | Path]:
     """Return whether a name is that of a file of parameters."""
@@ -52,17 +50,11 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def load(path: str | Path) -> Any:
-    """Return the contents of a file: JSON if it ends in .json, otherwise YAML.
-
-    Raises:
-        OSError: If the file cannot be read.
-        ValueError: If it is something else; the message is one line and names the file.
-    """
+    """Return the contents of a file: JSON if it ends in .json, otherwise YAML; a ``ValueError`` of one line names the file."""
+    kind, parse = ("JSON", json.loads) if Path(path).suffix == ".json" else ("YAML", parse_yaml)
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-        return json.loads(text) if Path(path).suffix == ".json" else parse_yaml(text)
+        return parse(Path(path).read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        kind = "JSON" if Path(path).suffix == ".json" else "YAML"
         raise ValueError(f"{path}: it is not {kind}: {' '.join(str(error).split())}") from error
 
 
@@ -80,25 +72,19 @@ def parse_yaml(text: str) -> Any:
 def _yaml_loader() -> Any:
     import yaml
 
-    class Loader(yaml.SafeLoader):
-        """PyYAML's safe loader that knows numbers with an exponent."""
-
     def number(loader: Any, node: Any) -> float:
         value = loader.construct_yaml_float(node)
         return int(value) if "e" in node.value.lower() and value.is_integer() else value
 
-    Loader.add_implicit_resolver("tag:yaml.org,2002:float", _WITH_EXPONENT, list("-+.0123456789"))
-    Loader.add_constructor("tag:yaml.org,2002:float", number)
-    return Loader
+    loader = type("Loader", (yaml.SafeLoader,), {})
+    with_exponent = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+")
+    loader.add_implicit_resolver("tag:yaml.org,2002:float", with_exponent, list("-+.0123456789"))
+    loader.add_constructor("tag:yaml.org,2002:float", number)
+    return loader
 
 
 def read_arrays(path: str | Path) -> dict[str, Any]:
-    """Return the arrays of an ``.npz`` file by their names; nothing in it is run.
-
-    Raises:
-        OSError: If it cannot be read.
-        ValueError: If it is damaged; the message names the file.
-    """
+    """Return the arrays of an ``.npz`` file by their names; a ``ValueError`` of one line names a damaged file."""
     import numpy as np
 
     try:
@@ -120,14 +106,7 @@ def write_parameters(value: Any, path: Path, *, comment: str = "") -> None:
         content["kind"] = {"name": type(value.kind).__name__, **content["kind"]}
         if not value.from_origin:
             del content["P0"]
-    write_text(path, "".join(lines) + yaml.safe_dump(_plain(content), sort_keys=False, default_flow_style=None))
-
-
-def _plain(value: Any) -> Any:
-    """Return a value with tuples replaced by lists, for YAML."""
-    if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
-    return list(value) if isinstance(value, tuple) else value
+    write_text(path, "".join(lines) + yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
 
 
 def load_object(name: str) -> Any:
@@ -147,14 +126,12 @@ def load_object(name: str) -> Any:
 
 def failure(name: str, error: BaseException) -> ValueError:
     """Return an error in a user's code, "module:name", as one line with its place."""
-    if isinstance(error, SyntaxError):
-        return ValueError(f"{name}: SyntaxError: {error.msg} ({error.filename}, line {error.lineno}).")
     frames = traceback.extract_tb(error.__traceback__)
     theirs = [frame for frame in frames[1:] if "importlib" not in frame.filename and "site-packages" not in frame.filename]
-    place = (theirs or frames)[-1]
-    return ValueError(
-        f"{name}: {type(error).__name__}: {' '.join(str(error).split())} ({place.filename}, line {place.lineno})."
-    )
+    place, text = (theirs or frames)[-1], str(error)
+    if isinstance(error, SyntaxError):
+        place, text = error, error.msg
+    return ValueError(f"{name}: {type(error).__name__}: {' '.join(text.split())} ({place.filename}, line {place.lineno}).")
 
 
 def source_of(value: Any, *modules: str) -> str:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from turtlebot_gym.config import build, choose, given, read_parameters, refusal, split, vary
+from turtlebot_gym.config import given, refusal, split, vary
 from turtlebot_gym.estimation.gyro import Gyro
 from turtlebot_gym.estimation.objects import kinds_of, maker_of, variances_of
 from turtlebot_gym.estimation.plain import Plain
-from turtlebot_gym.files import is_file, load_object
+from turtlebot_gym.files import load_object
 from turtlebot_gym.parameters import (
     DeadReckoning,
     FilterTuning,
@@ -66,29 +67,11 @@ ROUGH = Noise(
 """Harsh use of a good sensor, chosen to separate filters: 2 cm and 0.02 rad, so that a heading spike is 15 standard deviations;
 5 % of the measurements are lost; bursts of slip of half a second cost half of the motion."""
 
+_TWIST = ProcessNoise(alpha1=0.017, alpha2=0.0068, alpha3=0.0021, alpha4=0.0065, scale=0.979, turn_scale=1.009)
+_POSE = OdometryNoise(wheel=True, dropout_probability=0.00013, gap_end=0.065, reset_probability=1.2e-5)
 RECORDED = Noise(
-    process=ProcessNoise(
-        alpha1=0.017,
-        alpha2=0.0068,
-        alpha3=0.0021,
-        alpha4=0.0065,
-        scale=0.979,
-        turn_scale=1.009,
-        veer=0.0359,
-        slip=0.5,
-        slip_start=0.0005,
-        slip_end=0.2,
-    ),
-    odometry=OdometryNoise(
-        wheel=True,
-        dropout_probability=0.00013,
-        gap_end=0.065,
-        leap_probability=2.4e-5,
-        leap=0.34,
-        leap_turn=1.06,
-        reset_probability=1.2e-5,
-        reverse_probability=0.0026,
-    ),
+    process=replace(_TWIST, veer=0.0359, slip=0.5, slip_start=0.0005, slip_end=0.2),
+    odometry=replace(_POSE, leap_probability=2.4e-5, leap=0.34, leap_turn=1.06, reverse_probability=0.0026),
 )
 """Wheel odometry as recordings of three robots and the messages of a fourth have it, fitted with intervals by
 `benchmarks/recorded.py`: wheels, track and radii that are not as assumed, gaps as of late messages, leaps that stay.
@@ -108,23 +91,13 @@ FIXES = {
 """External pose sensors by name: a position by radio, in time, or late and lossy; localization in a map; markers on walls, seen
 half of the time; motion capture. Illustrative values that differ clearly: put the numbers of a real device into a file."""
 
-TUTORIAL_FILTER = FilterTuning(
-    Q=(0.01, 0.01, 0.02, 0.1, 0.1),
-    R=(0.05, 0.05, 0.1),
-    from_origin=True,
-    P0=(0.1, 0.1, 0.1, 1.0, 1.0),
-    kind=Tutorial(),
-)
+TUTORIAL_FILTER = FilterTuning(Q=(0.01, 0.01, 0.02, 0.1, 0.1), R=(0.05, 0.05, 0.1), from_origin=True, kind=Tutorial())
 """The reference system's filter as written, for any noise: process noise that the plant does not have, a Jacobian that keeps
 the velocities of the previous step, and a heading innovation that jumps by 2 pi."""
 
 
-def _systematic(process: ProcessNoise) -> dict[str, float]:
-    """Return the systematic errors of a twist, which a filter can correct."""
-    return {name: getattr(process, name) for name in ("scale", "turn_scale", "veer")}
-
-
-_EXACT = _systematic(ProcessNoise())
+_EXACT = {"scale": 1.0, "turn_scale": 1.0, "veer": 0.0}
+"""A twist without the systematic errors that a filter can correct."""
 
 
 def matched(noise: Noise) -> FilterTuning:
@@ -152,8 +125,8 @@ def matched(noise: Noise) -> FilterTuning:
 
 def _calibrated(noise: Noise) -> FilterTuning:
     """Return the matched tuning that also knows, and corrects, the systematic errors of the twist."""
-    tuning = matched(noise)
-    return replace(tuning, process=replace(tuning.process, **_systematic(noise.process)))
+    tuning, errors = matched(noise), {name: getattr(noise.process, name) for name in _EXACT}
+    return replace(tuning, process=replace(tuning.process, **errors))
 
 
 def _gated(noise: Noise) -> FilterTuning:
@@ -208,31 +181,26 @@ def make_filter(tuning: Any, noise: Noise, *, imu: Any = ()) -> FilterTuning:
             "module:name" of any of these.
         noise: The noise in use.
         imu: Noise of the gyro, if there is one.
-
-    Raises:
-        ValueError: If the name is unknown, there is no such object, or the file does not contain a tuning.
     """
     base, changes = split(tuning)
     if base is not tuning:
         return vary(make_filter(base, noise, imu=imu), changes, "filter")
-    if is_file(tuning):
-        return read_parameters(FilterTuning, tuning, "filter")
-    loaded: Any = load_object(tuning) if isinstance(tuning, str) and ":" in tuning else tuning
-    if callable(loaded) and not (kinds_of(loaded) or _is_filter(loaded)):
-        loaded = loaded(noise)
-    if kinds_of(loaded):
-        R, kind = variances_of(loaded), Plain(make=maker_of(loaded), corrects=not noise.odometry.wheel, reads_Q=False)
-        return replace(matched(noise), R=R, kind=kind)
-    if _is_filter(loaded):
-        if not isinstance(loaded, type):
-            raise refusal("filter", "the class of a filter of one's own, not an object, unless of filterpy", loaded)
-        return replace(matched(noise), kind=Plain(make=loaded, corrects=not noise.odometry.wheel))
-    if isinstance(loaded, (FilterTuning, Mapping)):
-        return build(FilterTuning, loaded, "filter")
-    if loaded is not tuning:
-        raise refusal("filter", "a tuning, or what makes one", loaded)
-    preset = choose("filter", tuning, FILTERS)
-    return _gyro(noise, imu) if preset is _gyro else preset(noise)
+    names: Any = FILTERS | {"gyro": partial(_gyro, imu=imu)}
+    is_text = isinstance(tuning, str)
+    made: Any = load_object(tuning) if is_text and ":" in tuning else names.get(tuning, tuning) if is_text else tuning
+    if callable(made) and not (kinds_of(made) or _is_filter(made)):
+        made = made(noise)
+    corrects = not noise.odometry.wheel
+    if kinds_of(made):
+        kind = Plain(make=maker_of(made), corrects=corrects, reads_Q=False)
+        return replace(matched(noise), R=variances_of(made), kind=kind)
+    if _is_filter(made):
+        if not isinstance(made, type):
+            raise refusal("filter", "the class of a filter of one's own, not an object, unless of filterpy", made)
+        return replace(matched(noise), kind=Plain(make=made, corrects=corrects))
+    if made is not tuning and not isinstance(made, (FilterTuning, Mapping)):
+        raise refusal("filter", "a tuning, or what makes one", made)
+    return given(FilterTuning, made, names, "filter")
 
 
 def _is_filter(given: object) -> bool:

@@ -250,7 +250,7 @@ NEEDED = {Robot: asdict(ROBOTS["burger"]), FixNoise: {"R": (0.1, 0.1)}, FilterTu
         (FixNoise, {"cross": (0.0, 0.0, 0.01)}, "cross must be covariances of errors with the variances"),
         (FixNoise, {"R": (0.1,) * 3, "cross": (0.2, 0.0, 0.0)}, "cross must be covariances of errors"),
         (FixNoise, {"R": (0.1,) * 3, "cross": (0.09, 0.09, -0.09)}, "cross must be covariances of errors"),
-        (Task, {"arena": 1.0, "min_distance": 1.5}, "min_distance must be at most arena, got 1.5 > 1.0."),
+        (Task, {"arena": 1.0, "min_distance": 1.5}, "min_distance must be at most Task.arena, 1 m, got 1.5."),
         (Lidar, {"range_min": 2.0, "range_max": 1.0}, "range_min must be below range_max, got 2.0 >= 1.0."),
         (Lidar, {"dead": ((0.0,),)}, "dead[0] must be 2 numbers, got (0.0,)."),
         (Lidar, {"dead": ((0.0, 7.0),)}, "dead[0][1] must be a number from 0 to 6.28319 rad, got 7.0."),

@@ -67,10 +67,6 @@ POSES = r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e
         ({"reward": {"math:pi": 1.0}}, r"reward\['math:pi'\] must be a RewardTerm, got 3.14"),
         ({"reward": {"nosuch:SPIN": 1.0}}, "'nosuch:SPIN' cannot be loaded from .*: No module named 'nosuch'"),
         ({"reward": 3.0}, "reward must be weights by name, such as {'effort': 0.2}, got 3.0"),
-        (
-            {"reward": {"turtlebot_gym.rewards:PROGRESS": 1.0}},
-            "the reward has a term 'progress' already: give yours another name",
-        ),
         ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints, .* are for tasks with given waypoints: this one draws"),
         ({"world": "dense"}, "world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task"),
         ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu': choose one with imu="),

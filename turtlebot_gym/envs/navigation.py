@@ -11,24 +11,8 @@ from gymnasium.envs.registration import registry
 from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
-from turtlebot_gym.config import as_int, choose
-from turtlebot_gym.envs.common import (
-    FIRST_SHARE,
-    FLAGS,
-    IS_NUMBER,
-    PARTS,
-    POSES,
-    ROOM_PARTS,
-    given_poses,
-    indices_of,
-    make_batch,
-    no_way,
-    read_actions,
-    read_options,
-    reward_terms,
-    spaces_of,
-    with_limit,
-)
+from turtlebot_gym.config import as_int, choose, refusal
+from turtlebot_gym.envs import common
 from turtlebot_gym.envs.pictures import Pictures
 from turtlebot_gym.models.random import MAX_SEED
 from turtlebot_gym.observations import ObservationTerm
@@ -37,6 +21,10 @@ from turtlebot_gym.rooms.plan import FloorPlan
 from turtlebot_gym.rooms.rules import RoomRules
 from turtlebot_gym.rooms.worlds import with_options
 from turtlebot_gym.systems import Options, Parameters, Snapshot, make_room
+from turtlebot_gym.tasks import StartAndGoal, given_pose
+
+_POSES = ("start", "goal")
+"""Options of a reset that are poses."""
 
 
 class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -134,25 +122,22 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def __init__(self, *, render_mode: str | None = None, **options: Any) -> None:
         chosen = Options.of(options)
         # A limit of steps is TimeLimit's work alone, but for that of a task of the caller's own.
-        setup = with_limit(chosen, None if chosen.limits_steps else math.inf)
-        self._batch = make_batch(setup, 1, shares=True)
+        setup = common.with_limit(chosen, None if chosen.limits_steps else math.inf)
+        self._batch = common.make_batch(setup, 1, shares=True)
         p = self.parameters
         self._own = self._world = (setup.plan or p.room.rules) if p.room else None
         self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "human", "rgb_array")})
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / p.dt))}
-        self.action_space, self.observation_space = spaces_of(self._batch.system)
-        self._numbers = {key: bool if key in FLAGS else float for key in ROOM_PARTS} if p.room else {}
-        parts = [indices_of(self._batch, key, path) for key, path in PARTS.items()]
-        numbers = [indices_of(self._batch, key, ROOM_PARTS[key])[0] for key in self._numbers]
-        self._batch.select(*parts, numbers)
-        self.reward_terms = reward_terms(self._batch.system)
+        self.action_space, self.observation_space = common.spaces_of(self._batch.system)
+        self._numbers = {key: bool if key in common.FLAGS else float for key in common.ROOM_PARTS} if p.room else {}
+        parts = [common.indices_of(self._batch, key, path) for key, path in common.PARTS.items()]
+        self._batch.select(*parts, [common.indices_of(self._batch, key, common.ROOM_PARTS[key])[0] for key in self._numbers])
+        self.reward_terms = tuple(term.name for term in self._batch.system.rewards)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._action = np.zeros((1, 2), np.float32)
         self._everything = np.ones(1, np.bool_)
-        self._started = False
-        self._seeded = False
-        windows = render_mode == "human"
-        self._pictures = Pictures(self._batch, rows=1, fps=self.metadata["render_fps"], windows=windows)
+        self._started = self._seeded = False
+        self._pictures = Pictures(self._batch, rows=1, fps=self.metadata["render_fps"], windows=render_mode == "human")
 
     @property
     def observation_terms(self) -> tuple[ObservationTerm, ...]:
@@ -179,11 +164,15 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             ValueError: If the seed or an option is invalid, the task's waypoints are given, or no path leads from start to
                 goal.
         """
-        for_episode = read_options(options, ("world", *POSES) if self._own else POSES)
+        for_episode = common.read_options(options, ("world", *_POSES) if self._own else _POSES)
         seed = None if seed is None else as_int("seed", seed)
-        given = {0: given_poses(for_episode, self.parameters.task)} if for_episode and not self._own else {}
+        given = {}
         if self._own:
             self._enter(with_options(self._own, for_episode))
+        elif for_episode:
+            if not self.parameters.task.random:
+                raise refusal(" and ".join(for_episode), "left out, or the waypoints of an environment of its own", for_episode)
+            given = {0: StartAndGoal(**{name: given_pose(name, pose) for name, pose in for_episode.items()})}
         super().reset(seed=seed)
         batch = self._batch
         if self._started:
@@ -196,10 +185,10 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._seeded = True
         observations, outcomes = batch.empty()
         batch.reset(self._everything, observations, outcomes, given=given)
-        info = self._info(float(outcomes[1, 0]), False, outcomes[FIRST_SHARE:, 0].copy())
+        info = self._info(float(outcomes[1, 0]), False, outcomes[common.FIRST_SHARE :, 0].copy())
         self._started = info.get("way_left") != UNKNOWN
         if not self._started:
-            raise ValueError(no_way(self.parameters))
+            raise ValueError(common.no_way(self.parameters))
         self._pictures.begin(self._everything)
         if self.render_mode == "human":
             self._pictures.draw()
@@ -238,9 +227,7 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         """
         if not self._started:
             raise ResetNeeded("Call reset() before step().")
-        values = read_actions(action)
-        if values.shape != (2,):
-            raise InvalidAction(f"Environment 0: an action has shape (2,), got {values.shape}.")
+        values = common.read_actions(action, (2,))
         self._action[0] = values
         forward, turn = values.tolist()
         if not math.isfinite(forward + turn):
@@ -249,17 +236,17 @@ class NavigationEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         reward, distance, success, terminated, truncated, *_ = outcomes.ravel().tolist()
         if self.render_mode == "human":
             self._pictures.draw()
-        info = self._info(distance, success != 0.0, outcomes[FIRST_SHARE:, 0])  # a view: what is held is not used again
+        info = self._info(distance, success != 0.0, outcomes[common.FIRST_SHARE :, 0])  # a view: what is held is not used again
         return observations[0], reward, terminated != 0.0, truncated != 0.0, info
 
     def _info(self, distance: float, success: bool, shares: NDArray[np.float64]) -> dict[str, Any]:
         """Return what ``info`` holds, in new arrays."""
         numbers, (true_state, odometry, estimate, covariance, reference, command, more) = self._batch.first_selected()
-        info: dict[str, Any] = {  # the keys of `PARTS`, written out: a comprehension takes half as long again
+        info: dict[str, Any] = {  # the keys of `common.PARTS`, written out: a comprehension takes half as long again
             "true_state": numbers[true_state],
             "odometry": numbers[odometry],
             "estimate": numbers[estimate],
-            "covariance": numbers[covariance] * IS_NUMBER,
+            "covariance": numbers[covariance] * common.IS_NUMBER,
             "reference": numbers[reference],
             "command": numbers[command],
         }

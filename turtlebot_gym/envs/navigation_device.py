@@ -8,22 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.error import InvalidAction, ResetNeeded
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector import AutoresetMode
 
 from turtlebot_gym.compiled.device import FLAGS, NUMBERS
 from turtlebot_gym.compiled.device_batch import DeviceBatch, Results
 from turtlebot_gym.compiled.graph import Untraceable
-from turtlebot_gym.config import as_int, choose, short_repr
-from turtlebot_gym.envs.common import read_options, read_seeds, spaces_of, with_limit
-from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.config import choose, refusal, short_repr
+from turtlebot_gym.envs.common import read_options, with_limit
+from turtlebot_gym.envs.vector import SeededVectorEnv
 from turtlebot_gym.systems import Options, Parameters, System, find_system
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-MOST = 2**24
-"""Most environments in one."""
 WARP_ON_CPU = "warp-cpu"
 """Name of the device on which Warp runs the kernels of a GPU on this processor."""
 CHECKED = 100
@@ -75,7 +72,7 @@ def _refuse(device: str, system: System, info: str, render_mode: str | None, mod
             raise ValueError(f"device={device!r} cannot do {what}: leave device out, and the engine does.")
 
 
-class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
+class NavigationDeviceEnv(SeededVectorEnv):
     """A `NavigationVectorEnv` on open ground whose numbers are tensors on a GPU; row *i* has the same trajectory, to the bit.
 
     Actions are a tensor of shape (N, 2) on the device. `reset` and `step` return new tensors each time: observations (N, K) in
@@ -101,8 +98,6 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
         ImportError: If Warp or torch is not installed.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
-
     def __init__(
         self,
         num_envs: int = 1,
@@ -114,14 +109,12 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        self.num_envs = as_int("num_envs", num_envs, 1, MOST)
-        modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
-        self._mode = choose("autoreset_mode", autoreset_mode, modes)
+        super().__init__(num_envs, autoreset_mode)
         info = choose("info", info, {kind: kind for kind in ("default", "rewards", "full")})
         render_mode = choose("render_mode", render_mode, {kind: kind for kind in (None, "rgb_array")})
         setup = with_limit(Options.of(options), max_episode_steps)
         system = find_system(setup.system, setup.parameters)
-        _refuse(device, system, info, render_mode, self._mode)
+        _refuse(device, system, info, render_mode, self.autoreset_mode)
         name = find_device(device)
         try:
             self._batch = DeviceBatch(self.num_envs, setup.parameters, setup.waypoints, system=system, device=name)
@@ -133,13 +126,10 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
         """Everything that the environments' transitions depend on."""
         self.observation_terms = system.terms
         """The terms of an observation, in turn."""
-        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
-        self.single_action_space, self.single_observation_space = spaces_of(system)
-        self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._set_spaces(system)
         self._everywhere = self._tensor(np.ones(self.num_envs, np.bool_))
         self._done = ~self._everywhere
-        self._begun, self._steps = False, 0
+        self._steps = 0
 
     def set_parameters(self, parameters: Parameters | Sequence[Parameters]) -> None:
         """Refuse other parameters.
@@ -166,16 +156,12 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
             ResetNeeded: If the mask leaves out an environment that was never reset.
             InvalidAction: If an action was not finite since the last check.
         """
-        mask, batch, seeds = self._mask(options), self._batch, read_seeds(seed, self.num_envs)
+        mask, batch = self._mask(options), self._batch
         self._check_actions()
-        super().reset(seed=next((given for given in seeds if given is not None), None))
-        if not self._begun:
-            first = int(self.np_random_seed or 0)
-            seeds = [first + row if given is None else given for row, given in enumerate(seeds)]
-        seeded = self._tensor(np.array([given is not None for given in seeds])) & mask
-        numbers = self._tensor(np.array([(given or 0) & MAX_SEED for given in seeds], np.int64))
-        batch.seeds.copy_(numbers.where(seeded, batch.seeds))
-        batch.episodes.copy_((batch.episodes + mask) * ~seeded)
+        is_seeded, seeds = (self._tensor(array) for array in self._seed(seed))
+        is_seeded = is_seeded & mask
+        batch.seeds.copy_(seeds.where(is_seeded, batch.seeds))
+        batch.episodes.copy_((batch.episodes + mask) * ~is_seeded)
         results = batch.empty()
         batch.reset(self._everywhere, results, begins=False)
         batch.reset(mask, results)
@@ -203,7 +189,7 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
         self._steps += 1
         if self._steps % CHECKED == 0:
             self._check_actions()
-        at_once = self._mode is AutoresetMode.SAME_STEP
+        at_once = self.autoreset_mode is AutoresetMode.SAME_STEP
         results = self._batch.step(values, None if at_once else self._done)
         numbers, flags = results.numbers[-1], results.flags[-1]
         self._done = flags[_ENDED]
@@ -242,13 +228,8 @@ class NavigationDeviceEnv(VectorEnv[Any, Any, Any]):
         import torch
 
         mask = read_options(options, ["reset_mask"]).get("reset_mask", self._everywhere)
-        if not (isinstance(mask, torch.Tensor) and mask.dtype is torch.bool and mask.shape == (self.num_envs,)):
-            raise ValueError(f"reset_mask must be a boolean tensor of shape ({self.num_envs},), got {short_repr(mask)}.")
-        mask = mask.to(self.device).contiguous()
-        if not mask.any():
-            raise ValueError("reset_mask must be true somewhere.")
-        if not self._begun and not mask.all():
-            raise ResetNeeded(
-                f"Environment {int(mask.int().argmin())}: call reset() for all before a reset_mask leaves it out."
-            )
-        return mask
+        is_mask = isinstance(mask, torch.Tensor) and mask.dtype is torch.bool and mask.shape == (self.num_envs,)
+        if not is_mask or not mask.any():
+            raise refusal("reset_mask", f"a boolean tensor of shape ({self.num_envs},) that is true somewhere", mask)
+        self._require_begun(mask)
+        return mask.to(self.device).contiguous()

@@ -2,49 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import Error, InvalidAction, ResetNeeded
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from turtlebot_gym.compiled.batch import Batch
 from turtlebot_gym.compiled.loop import FLAGS
-from turtlebot_gym.config import as_int, choose
-from turtlebot_gym.envs.common import (
-    FIRST_SHARE,
-    NUMBERS,
-    PARTS,
-    ROOM_PARTS,
-    InfoReader,
-    is_finite,
-    make_batch,
-    no_way,
-    of_rows,
-    read_actions,
-    read_seeds,
-    reset_mask,
-    reward_terms,
-    spaces_of,
-    with_limit,
-)
+from turtlebot_gym.config import as_int, choose, refusal
+from turtlebot_gym.envs import common
 from turtlebot_gym.envs.pictures import Pictures
-from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.envs.vector import MOST, SeededVectorEnv
 from turtlebot_gym.observations import ObservationTerm
 from turtlebot_gym.rooms.geodesic import UNKNOWN
 from turtlebot_gym.rooms.scene import Scene
 from turtlebot_gym.systems import Options, Outcome, Parameters, Snapshot
 
-MOST = 2**24
-"""Most environments in one."""
-
 _REWARD, _DISTANCE, _SUCCESS = map(Outcome._fields.index, ("reward", "distance", "is_success"))
+_NUMBERS = {"nis": "estimate.nis", "measured": "senses.odometry.measured", "slipping": "body.slipping"}
+"""Single numbers of ``info="full"``: the normalized innovation squared of the last measurement, which the policy sees clipped;
+whether a measurement arrived; and whether the wheels slip."""
+_FEW = 8192  # a BLAS shares the work on longer arrays among threads, which a step must not wake
 
 
-class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]):
+class _InfoReader:
+    """What ``info`` holds of the worlds of a batch: parts of an array in which each row is a number of all environments."""
+
+    def __init__(self, batch: Batch, parts: Mapping[str, str]) -> None:
+        self._batch, self._parts = batch, []
+        chosen, end = [common.indices_of(batch, key, path) for key, path in parts.items()], 0
+        for (key, path), indices in zip(parts.items(), chosen, strict=True):
+            start, end = end, end + indices.size
+            self._parts.append((key, slice(start, end), () if path in batch.layout.world.names else indices.shape))
+        batch.select(*chosen)
+
+    def now(self) -> dict[str, NDArray[Any]]:
+        """Return the parts, with environments first, as views where possible."""
+        numbers = self._batch.selected() if self._parts else np.empty((0, 0))
+        info: dict[str, NDArray[Any]] = {}
+        for key, part, shape in self._parts:
+            info[key] = numbers[part].T.reshape(-1, *shape)
+            if key in common.FLAGS:
+                info[key] = info[key] != 0.0
+            elif key == "covariance":
+                info[key] = info[key] * common.IS_NUMBER
+        return info
+
+
+class NavigationVectorEnv(SeededVectorEnv):
     """Many `NavigationEnv`s at once; row *i* has the trajectory of the scalar environment with seed ``seed + i``.
 
     Observations, actions, rewards and episode ends are those of `NavigationEnv`, stacked. `reset` and `step` return new
@@ -89,35 +99,25 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         render_rows: int = 9,
         **options: Any,
     ) -> None:
-        num_envs, render_rows = as_int("num_envs", num_envs, 1, MOST), as_int("render_rows", render_rows, 1, MOST)
-        modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
-        self._mode = choose("autoreset_mode", autoreset_mode, modes)
-        full, shares = choose("info", info, {"default": (False, False), "rewards": (False, True), "full": (True, True)})
-        setup = with_limit(Options.of(options), max_episode_steps)
-        self._batch = make_batch(setup, num_envs, shares=shares)
-        self._tells_shares = shares
-        self.reward_terms = reward_terms(self._batch.system)
+        super().__init__(num_envs, autoreset_mode)
+        render_rows = as_int("render_rows", render_rows, 1, MOST)
+        self._tells_shares = choose("info", info, {"default": False, "rewards": True, "full": True})
+        self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
+        setup = common.with_limit(Options.of(options), max_episode_steps)
+        self._batch = common.make_batch(setup, self.num_envs, shares=self._tells_shares)
+        self._set_spaces(self._batch.system)
+        self.reward_terms = tuple(term.name for term in self._batch.system.rewards)
         """Names of the terms of the reward, in the order of ``info["reward_shares"]``."""
         self._in_room = bool(self._batch.system.surroundings)
-        self._told = InfoReader(self._batch, (ROOM_PARTS if self._in_room else {}) | (PARTS | NUMBERS if full else {}))
-        self.num_envs = num_envs
-        self.render_mode = choose("render_mode", render_mode, {mode: mode for mode in (None, "rgb_array")})
-        fps = max(1, round(1.0 / setup.parameters.dt))
-        self.metadata = {**self.metadata, "autoreset_mode": self._mode, "render_fps": fps}
-        self._pictures = Pictures(self._batch, rows=min(render_rows, num_envs), fps=fps)
-        self.single_action_space, self.single_observation_space = spaces_of(self._batch.system)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._done = np.zeros(num_envs, np.bool_)
+        parts = (common.ROOM_PARTS if self._in_room else {}) | (common.PARTS | _NUMBERS if info == "full" else {})
+        self._told = _InfoReader(self._batch, parts)
+        self._tells_little = not parts and not self._tells_shares
+        self.metadata["render_fps"] = max(1, round(1.0 / setup.parameters.dt))
+        self._pictures = Pictures(self._batch, rows=min(render_rows, self.num_envs), fps=self.metadata["render_fps"])
+        self._done = np.zeros(self.num_envs, np.bool_)
         self._is_any_over = False
-        self._everywhere = np.ones(num_envs, np.bool_)  # the mask of each key in each step, so nobody may write to it
+        self._everywhere = np.ones(self.num_envs, np.bool_)  # the mask of each key in each step, so nobody may write to it
         self._everywhere.flags.writeable = False
-        self._begun = False
-
-    @property
-    def autoreset_mode(self) -> AutoresetMode:
-        """What happens after an episode's end, as in ``metadata["autoreset_mode"]``; `SyncVectorEnv` has this attribute too."""
-        return self._mode
 
     @property
     def observation_terms(self) -> tuple[ObservationTerm, ...]:
@@ -135,10 +135,7 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._pictures.close()  # they show the old robots and rooms
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Start episodes.
 
@@ -154,16 +151,12 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             ValueError: If a seed or an option is invalid, or no path leads from start to goal.
             ResetNeeded: If the mask leaves out an environment that was never reset and so has no observation.
         """
-        mask, batch, seeds = self._reset_mask(options), self._batch, read_seeds(seed, self.num_envs)
-        super().reset(seed=next((row_seed for row_seed in seeds if row_seed is not None), None))
-        if not self._begun:
-            seeds = [self._entropy() + i if row_seed is None else row_seed for i, row_seed in enumerate(seeds)]
-        seeded = np.array([row_seed is not None for row_seed in seeds]) & mask
-        batch.seeds[seeded] = [
-            row_seed & MAX_SEED for row_seed, use in zip(seeds, seeded, strict=True) if use and row_seed is not None
-        ]
+        mask, batch = self._reset_mask(options), self._batch
+        is_seeded, seeds = self._seed(seed)
+        is_seeded &= mask
         batch.episodes[mask] += 1
-        batch.episodes[seeded] = 0
+        batch.episodes[is_seeded] = 0
+        batch.seeds[is_seeded] = seeds[is_seeded]
         observations, outcomes = batch.last()
         self._begin(mask, observations, outcomes)
         self._begun = True
@@ -171,13 +164,11 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         self._is_any_over = np.count_nonzero(self._done) > 0
         return observations, self._info(outcomes, outcomes[_SUCCESS] != 0.0, mask)
 
-    def _entropy(self) -> int:
-        return int(self.np_random_seed or 0)
-
     def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-        mask = reset_mask(options, self.num_envs)
-        if not self._begun and not mask.all():
-            raise ResetNeeded(f"Environment {np.argmin(mask)}: call reset() for all before a reset_mask leaves it out.")
+        mask: Any = common.read_options(options, ["reset_mask"]).get("reset_mask", np.ones(self.num_envs, np.bool_))
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
+            raise refusal("reset_mask", f"a boolean array of shape ({self.num_envs},) that is true somewhere", mask)
+        self._require_begun(mask)
         return mask
 
     def step(  # pyright: ignore[reportIncompatibleMethodOverride]  # Gymnasium has one type for rewards and episode ends
@@ -193,24 +184,22 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             ResetNeeded: If the environments were never reset.
             Error: In the mode DISABLED, if an environment's episode has ended and it was not reset.
         """
-        batch = self._batch
-        values = read_actions(actions)
-        if values.shape != (self.num_envs, 2):
-            raise InvalidAction(f"Actions have shape ({self.num_envs}, 2), got {values.shape}.")
-        if not is_finite(values):
+        batch, mode = self._batch, self.autoreset_mode
+        values = common.read_actions(actions, (self.num_envs, 2))
+        if not _is_finite(values):
             bad = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
             raise InvalidAction(f"Environment {bad}: an action must be finite, got {values[bad]}.")
         if not self._begun:
             raise ResetNeeded("Call reset() before step().")
-        ended, is_any_over = self._done, self._is_any_over
-        if self._mode is AutoresetMode.DISABLED and is_any_over:
+        is_any_over = self._is_any_over
+        if mode is AutoresetMode.DISABLED and is_any_over:
             raise Error(
-                f"Environment {int(np.argmax(ended))}: its episode has ended, and autoreset is disabled: "
+                f"Environment {int(np.argmax(self._done))}: its episode has ended, and autoreset is disabled: "
                 "reset it with options={'reset_mask': mask}."
             )
         observations, outcomes = batch.step(values)
-        if self._mode is AutoresetMode.NEXT_STEP and is_any_over:
-            self._begin_next(ended, observations, outcomes)
+        if mode is AutoresetMode.NEXT_STEP and is_any_over:
+            self._begin_next(self._done, observations, outcomes)
         # Rows without flags, which are most steps of a few thousand environments, need no look at their numbers. One comparison
         # of all three rows takes half the time of three.
         is_flagged = is_any_over or batch.is_flagged()
@@ -220,9 +209,12 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
             self._done = terminated | truncated
             self._is_any_over = np.count_nonzero(self._done) > 0  # in a tenth of the time of `any`
         done = self._done
-        if self._mode is not AutoresetMode.SAME_STEP or not self._is_any_over:
+        if mode is not AutoresetMode.SAME_STEP or not self._is_any_over:
             return observations, rewards, terminated, truncated, self._info(outcomes, is_success)
-        final = {"final_obs": of_rows(done, observations), "_final_obs": done.copy()}
+        last = np.empty(self.num_envs, object)
+        for row in np.flatnonzero(done).tolist():
+            last[row] = observations[row].copy()
+        final = {"final_obs": last, "_final_obs": done.copy()}
         final |= {"final_info": self._info(outcomes, is_success, done), "_final_info": done.copy()}
         rewards = rewards.copy()
         self._begin_next(done, observations, outcomes)
@@ -236,10 +228,10 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     def _begin(self, mask: NDArray[np.bool_], observations: NDArray[np.float32], outcomes: NDArray[np.float64]) -> None:
         """Begin the episodes of some environments, whose numbers are already set."""
         self._batch.reset(mask, observations, outcomes)
-        if self._in_room and (lost := mask & (self._batch.numbers(ROOM_PARTS["way_left"]) == UNKNOWN)).any():
+        if self._in_room and (lost := mask & (self._batch.numbers(common.ROOM_PARTS["way_left"]) == UNKNOWN)).any():
             # No step may follow an episode that did not begin.
             self._begun, row = False, int(np.argmax(lost))
-            raise ValueError(f"Environment {row}: {no_way(self._batch.parameters_of(row))}")
+            raise ValueError(f"Environment {row}: {common.no_way(self._batch.parameters_of(row))}")
         self._pictures.begin(mask)
 
     def _info(
@@ -247,21 +239,18 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
     ) -> dict[str, Any]:
         """Return infos of all environments; those outside a mask are zeros."""
         infos: dict[str, Any] = {"distance": outcomes[_DISTANCE], "is_success": is_success}
-        if mask is None and self._told.is_empty and not self._tells_shares:  # the usual case, in half the time
+        if mask is None and self._tells_little:  # the usual case, in half the time
             return infos | {"_distance": self._everywhere, "_is_success": self._everywhere}
-        if not self._told.is_empty:
-            infos |= self._told.now()
+        infos |= self._told.now()
         if self._tells_shares:
-            infos["reward_shares"] = outcomes[FIRST_SHARE:].T
+            infos["reward_shares"] = outcomes[common.FIRST_SHARE :].T
         if mask is not None:
             for key in infos.keys() & {"distance", "reward_shares"}:
                 infos[key] = infos[key].copy()
             for value in infos.values():
                 value[~mask] = 0
         has_info = self._everywhere if mask is None else mask.copy()
-        for key in list(infos):
-            infos[f"_{key}"] = has_info
-        return infos
+        return infos | {f"_{key}": has_info for key in infos}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return a picture, (height, width, 3), of each of the first ``render_rows`` environments, after a reset."""
@@ -288,4 +277,12 @@ class NavigationVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], ND
         """
         if not self._in_room:
             raise ValueError("truth is of rooms: there is none on open ground.")
-        return self._batch.scenes, self._batch.numbers(PARTS["true_state"]), self._batch.numbers(PARTS["reference"])
+        return self._batch.scenes, self._batch.numbers("body.true_state"), self._batch.numbers("course.reference")
+
+
+def _is_finite(values: NDArray[np.float32]) -> bool:
+    """Return whether all actions of an array are finite."""
+    few = values.size <= _FEW and values.flags.c_contiguous
+    flat = values.reshape(-1)
+    # The sum of squares is finite only if all are, and takes a fifth of the time.
+    return (few and math.isfinite(flat.dot(flat))) or bool(np.isfinite(values).all())

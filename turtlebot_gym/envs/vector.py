@@ -1,8 +1,23 @@
 """The vector environment of a device: what `gymnasium.make_vec` calls."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from typing import Any
 
-from gymnasium.vector import VectorEnv
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from turtlebot_gym.config import as_int, choose
+from turtlebot_gym.envs.common import read_seeds, spaces_of
+from turtlebot_gym.models.random import MAX_SEED
+from turtlebot_gym.systems import System
+
+MOST = 2**24
+"""Most environments in one."""
 
 
 def make_vector(num_envs: int = 1, *, device: str = "cpu", **options: Any) -> VectorEnv[Any, Any, Any]:
@@ -21,3 +36,37 @@ def make_vector(num_envs: int = 1, *, device: str = "cpu", **options: Any) -> Ve
     from turtlebot_gym.envs.navigation_device import NavigationDeviceEnv
 
     return NavigationDeviceEnv(num_envs, device=device, **options)
+
+
+class SeededVectorEnv(VectorEnv[Any, Any, Any]):
+    """What the vector environments of all devices share: their arguments, spaces and seeds."""
+
+    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(self, num_envs: int, autoreset_mode: AutoresetMode | str) -> None:
+        self.num_envs = as_int("num_envs", num_envs, 1, MOST)
+        modes = {name: mode for mode in AutoresetMode for name in (mode, mode.name, mode.value)}
+        self.autoreset_mode = choose("autoreset_mode", autoreset_mode, modes)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self._begun = False
+
+    def _set_spaces(self, system: System) -> None:
+        self.single_action_space, self.single_observation_space = spaces_of(system)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    def _seed(self, seed: int | Sequence[int | None] | None) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+        """Return which environments a reset gives a new seed, and their seeds; at the first reset all get one."""
+        seeds = read_seeds(seed, self.num_envs)
+        super().reset(seed=next((given for given in seeds if given is not None), None))
+        if not self._begun:
+            first = int(self.np_random_seed or 0)
+            seeds = [first + row if given is None else given for row, given in enumerate(seeds)]
+        is_given = np.array([given is not None for given in seeds])
+        return is_given, np.array([(given or 0) & MAX_SEED for given in seeds], np.int64)
+
+    def _require_begun(self, mask: Any) -> None:
+        """Refuse a mask, an array or a tensor, that leaves out environments before the first reset of all."""
+        if not self._begun and not mask.all():
+            row = next(row for row, is_chosen in enumerate(mask.tolist()) if not is_chosen)
+            raise ResetNeeded(f"Environment {row}: call reset() for all before a reset_mask leaves it out.")
