@@ -10,21 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, is_dataclass
 from typing import Annotated, Any
 
-from turtlebot_gym.config import (
-    FINITE,
-    NON_NEGATIVE,
-    ONE_OR_MORE,
-    POSITIVE,
-    POSITIVE_OR_INFINITE,
-    PROBABILITY,
-    Numbers,
-    Range,
-    build,
-    check_fields,
-    choose,
-    refusal,
-    variances,
-)
+from turtlebot_gym import config
 
 REFERENCE_PERIOD = 0.1
 """Control period to which noise and tunings refer, s; ``dt`` scales them (see `models.unicycle` and `estimation.ekf`)."""
@@ -46,32 +32,31 @@ class ProcessNoise:
         Thrun, Burgard, Fox, *Probabilistic Robotics* (2005), section 5.3: the velocity motion model.
     """
 
-    alpha1: Annotated[float, NON_NEGATIVE] = 0.0
+    alpha1: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Variance of the speed per squared speed, 1."""
-    alpha2: Annotated[float, NON_NEGATIVE] = 0.0
+    alpha2: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Variance of the speed per squared turning rate, m^2."""
-    alpha3: Annotated[float, NON_NEGATIVE] = 0.0
+    alpha3: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Variance of the turning rate per squared speed, rad^2/m^2."""
-    alpha4: Annotated[float, NON_NEGATIVE] = 0.0
+    alpha4: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Variance of the turning rate per squared turning rate, 1."""
-    scale: Annotated[float, POSITIVE] = 1.0
+    scale: Annotated[float, config.POSITIVE] = 1.0
     """Executed share of a commanded twist: 1.02 or 0.98 for wheels whose radius is off by 2 %. Wheel odometry does not see it,
     nor do filters, except `calibrated`; the same holds for the next two."""
-    turn_scale: Annotated[float, POSITIVE] = 1.0
+    turn_scale: Annotated[float, config.POSITIVE] = 1.0
     """Executed share of a commanded turn, beyond `scale`: the assumed track over the true one."""
-    veer: Annotated[float, FINITE] = 0.0
+    veer: Annotated[float, config.FINITE] = 0.0
     """Turn per metre driven, rad/m: the difference of the wheels' radii, right minus left, over their mean and the track. It
     also changes the speed in a turn, by a quarter of veer times the squared track: 0.3 mm/rad for 0.04 rad/m and 0.16 m,
     which is left out."""
-    slip: Annotated[float, PROBABILITY] = 0.0
+    slip: Annotated[float, config.PROBABILITY] = 0.0
     """Share of the motion that is lost during a burst of slip, 0 to 1."""
-    slip_start: Annotated[float, PROBABILITY] = 0.0
+    slip_start: Annotated[float, config.PROBABILITY] = 0.0
     """Probability per 0.1 s that a burst begins."""
-    slip_end: Annotated[float, PROBABILITY] = 1.0
+    slip_end: Annotated[float, config.PROBABILITY] = 1.0
     """Probability per 0.1 s that a burst ends."""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
+    __post_init__ = config.check_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,43 +68,40 @@ class OdometryNoise:
     wheels carried out but not the noise of their execution, so its error is smooth and grows.
     """
 
-    R: Annotated[tuple[float, ...], variances(3)] = (0.0, 0.0, 0.0)
+    R: Annotated[tuple[float, ...], config.variances(3)] = (0.0, 0.0, 0.0)
     """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. A diagonal 3 x 3 matrix is accepted."""
-    bias: Annotated[tuple[float, ...], Numbers(FINITE, 3)] = (0.0, 0.0, 0.0)
+    bias: Annotated[tuple[float, ...], config.Numbers(config.FINITE, 3)] = (0.0, 0.0, 0.0)
     """Constant offset of x, y and heading; m, m, rad."""
-    spike_probability: Annotated[float, PROBABILITY] = 0.0
+    spike_probability: Annotated[float, config.PROBABILITY] = 0.0
     """Probability per measurement that the heading jumps by plus or minus `spike`, with equal probability."""
-    spike: Annotated[float, NON_NEGATIVE] = 0.0
+    spike: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Size of a heading spike, rad."""
-    dropout_probability: Annotated[float, PROBABILITY] = 0.0
+    dropout_probability: Annotated[float, config.PROBABILITY] = 0.0
     """Probability per measurement that it is lost."""
-    gap_end: Annotated[float, PROBABILITY] = 1.0
+    gap_end: Annotated[float, config.PROBABILITY] = 1.0
     """Probability per measurement that a loss is the last one: 1 for losses that have nothing to do with each other, less for
     gaps, as of messages that come late, all at once, of which the newest counts."""
-    quantization: Annotated[tuple[float, ...], Numbers(NON_NEGATIVE, 2)] = (0.0, 0.0)
+    quantization: Annotated[tuple[float, ...], config.Numbers(config.NON_NEGATIVE, 2)] = (0.0, 0.0)
     """Resolution of position and heading; m, rad. Zero for none."""
     wheel: bool = False
     """Whether the odometry integrates the wheels instead of measuring the pose; the next five are for such odometry alone."""
-    leap_probability: Annotated[float, PROBABILITY] = 0.0
+    leap_probability: Annotated[float, config.PROBABILITY] = 0.0
     """Probability per 0.1 s that the integrated pose leaps, by `leap` in any direction and by `leap_turn` to either side. It
     stays there."""
-    leap: Annotated[float, NON_NEGATIVE] = 0.0
+    leap: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Length of a leap, m."""
-    leap_turn: Annotated[float, NON_NEGATIVE] = 0.0
+    leap_turn: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Turn of a leap, rad."""
-    reset_probability: Annotated[float, PROBABILITY] = 0.0
+    reset_probability: Annotated[float, config.PROBABILITY] = 0.0
     """Probability per 0.1 s that the integrated pose begins again at the origin, as when a driver is started anew."""
-    reverse_probability: Annotated[float, PROBABILITY] = 0.0
+    reverse_probability: Annotated[float, config.PROBABILITY] = 0.0
     """Probability per 0.1 s of reverse motion that it is counted as forward motion, in the pose and in the twist."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
-        events = ("leap_probability", "reset_probability", "reverse_probability")
-        lone = [] if self.wheel else [name for name in events if getattr(self, name) > 0.0]
-        if lone:
-            raise refusal(
-                f"OdometryNoise.{lone[0]}", "0 without wheel: a measured pose does not integrate", getattr(self, lone[0])
-            )
+        config.check_fields(self)
+        for name in ("leap_probability", "reset_probability", "reverse_probability"):
+            if getattr(self, name) > 0.0 and not self.wheel:
+                raise config.refusal(f"OdometryNoise.{name}", "0 without wheel: a pose is not integrated", getattr(self, name))
 
 
 def is_covariance(R: Sequence[float], cross: Sequence[float]) -> bool:
@@ -136,26 +118,26 @@ def is_covariance(R: Sequence[float], cross: Sequence[float]) -> bool:
 class FixNoise:
     """An external sensor that measures the pose now and then: localization in a map, markers on the walls, motion capture."""
 
-    R: Annotated[tuple[float, ...], Numbers(POSITIVE_OR_INFINITE)]
+    R: Annotated[tuple[float, ...], config.Numbers(config.POSITIVE_OR_INFINITE)]
     """Variances of the white noise on x, y and heading; m^2, m^2, rad^2. Two values, or an infinite third one, mean that the
     heading is not measured."""
-    cross: Annotated[tuple[float, ...], Numbers(FINITE, 3)] = (0.0, 0.0, 0.0)
+    cross: Annotated[tuple[float, ...], config.Numbers(config.FINITE, 3)] = (0.0, 0.0, 0.0)
     """Covariances of x and y, of x and heading, and of y and heading; m^2, m rad, m rad: in a corridor that is not along an
     axis the errors of x and y are correlated."""
-    period: Annotated[float, POSITIVE] = 0.5
+    period: Annotated[float, config.POSITIVE] = 0.5
     """Time from one measurement to the next, s."""
-    delay: Annotated[float, Range(0.0, MAX_FIX_AGE, unit="s")] = 0.0
+    delay: Annotated[float, config.Range(0.0, MAX_FIX_AGE, unit="s")] = 0.0
     """Latency of a measurement, s; its stamp says when it was measured."""
-    dropout_probability: Annotated[float, PROBABILITY] = 0.0
+    dropout_probability: Annotated[float, config.PROBABILITY] = 0.0
     """Probability per measurement that it is lost."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        config.check_fields(self)
         if len(self.R) not in (2, 3) or math.inf in self.R[:2]:
-            raise refusal("FixNoise.R", "two or three variances, those of x and y finite", self.R)
+            raise config.refusal("FixNoise.R", "two or three variances, those of x and y finite", self.R)
         object.__setattr__(self, "R", (*self.R, math.inf)[:3])
         if not is_covariance(self.R, self.cross):
-            raise refusal("FixNoise.cross", f"covariances of errors with the variances {self.R}", self.cross)
+            raise config.refusal("FixNoise.cross", f"covariances of errors with the variances {self.R}", self.cross)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,23 +149,21 @@ class Noise:
     odometry: OdometryNoise = field(default_factory=OdometryNoise)
     """Noise of the measured pose."""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
+    __post_init__ = config.check_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gate:
     """The gate of a filter that corrects, `estimation.gate`; the next classes have these numbers, too."""
 
-    gate: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    gate: Annotated[float, config.POSITIVE_OR_INFINITE] = math.inf
     """Measurements whose normalized innovation squared exceeds this are refused (chi-square, 3 degrees of freedom)."""
-    max_rejections: Annotated[int, ONE_OR_MORE] = 10
+    max_rejections: Annotated[int, config.ONE_OR_MORE] = 10
     """Number of refusals in a row after which the filter counts as lost and restarts from the measurement."""
-    lockout: Annotated[float, NON_NEGATIVE] = 0.0
+    lockout: Annotated[float, config.NON_NEGATIVE] = 0.0
     """Least time for which measurements of each step must be refused before the filter counts as lost, s."""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
+    __post_init__ = config.check_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,20 +180,19 @@ class Tutorial:
 class DeadReckoning:
     """Odometry increments drive the prediction and nothing corrects it, as for `OdometryNoise.wheel`."""
 
-    leap: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    leap: Annotated[float, config.POSITIVE_OR_INFINITE] = math.inf
     """Way beyond that of the twist from which an increment is a leap of the odometry, m: the twist then moves the belief."""
-    leap_turn: Annotated[float, POSITIVE_OR_INFINITE] = math.inf
+    leap_turn: Annotated[float, config.POSITIVE_OR_INFINITE] = math.inf
     """The same for a turn, rad."""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
+    __post_init__ = config.check_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gated(Gate):
     """The extended Kalman filter with a further gate on the heading alone, `estimation.ekf`."""
 
-    heading_gate: Annotated[float, POSITIVE_OR_INFINITE]
+    heading_gate: Annotated[float, config.POSITIVE_OR_INFINITE]
     """Headings whose normalized innovation squared exceeds this are refused (chi-square, 1 degree of freedom)."""
 
 
@@ -225,15 +204,15 @@ KINDS: dict[str, type] = {kind.__name__: kind for kind in (Kalman, DeadReckoning
 class FilterTuning:
     """A filter, and its assumptions about the robot and its odometry."""
 
-    Q: Annotated[tuple[float, ...], variances(5)]
+    Q: Annotated[tuple[float, ...], config.variances(5)]
     """Variances that a step of 0.1 s adds to x, y, theta, v and omega; a step of dt adds dt / 0.1 times as much.
     A diagonal 5 x 5 matrix is accepted."""
-    R: Annotated[tuple[float, ...], variances(3)]
+    R: Annotated[tuple[float, ...], config.variances(3)]
     """Variances of the measured x, y and heading; m^2, m^2, rad^2. A diagonal 3 x 3 matrix is accepted."""
     from_origin: bool = False
     """Whether the filter starts at the origin with the variances `P0`, instead of at the first measurement with diag(R, 0,
     0)."""
-    P0: Annotated[tuple[float, ...], variances(5)] = (0.1, 0.1, 0.1, 1.0, 1.0)
+    P0: Annotated[tuple[float, ...], config.variances(5)] = (0.1, 0.1, 0.1, 1.0, 1.0)
     """Variances of the initial belief, used with `from_origin`. A diagonal 5 x 5 matrix is accepted."""
     process: ProcessNoise = field(default_factory=ProcessNoise)
     """Assumed noise of the commanded twist; for v and omega, the larger of this variance and that in `Q` is used."""
@@ -242,10 +221,10 @@ class FilterTuning:
     mapping of its name and its fields: ``{name: Gated, heading_gate: 6.6}``."""
 
     def __post_init__(self) -> None:
-        check_fields(self)
+        config.check_fields(self)
         if isinstance(self.kind, (str, Mapping)):
             given = {"name": self.kind} if isinstance(self.kind, str) else dict(self.kind)
-            known = choose("FilterTuning.kind", given.pop("name", None), KINDS)
-            object.__setattr__(self, "kind", build(known, given, "FilterTuning.kind"))
+            kind = config.choose("FilterTuning.kind", given.pop("name", None), KINDS)
+            object.__setattr__(self, "kind", config.build(kind, given, "FilterTuning.kind"))
         if not is_dataclass(self.kind) or isinstance(self.kind, type):
-            raise refusal("FilterTuning.kind", "a filter's own tuning, such as Kalman(gate=9.0)", self.kind)
+            raise config.refusal("FilterTuning.kind", "a filter's own tuning, such as Kalman(gate=9.0)", self.kind)

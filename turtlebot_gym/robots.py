@@ -27,8 +27,7 @@ class LidarMount:
     yaw: Annotated[float, Range(-2.0 * math.pi, 2.0 * math.pi, unit="rad")] = 0.0
     """Direction of the scan's angle 0, rad."""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
+    __post_init__ = check_fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,8 +55,7 @@ class Robot:
     lidar: LidarMount = field(default=LidarMount(), metadata={"number": False})
     """Mount of the LiDAR, for the collision monitor, where ``/tf_static`` does not state it."""
 
-    def __post_init__(self) -> None:
-        check_fields(self)
+    __post_init__ = check_fields
 
 
 # URDF of each robot. Burger: a body of 0.14 x 0.14 m around x = -0.032 m, and wheels that reach to x = 0.033 m; a radius of
