@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 CURVES = [(color, style) for color, style in PATHS if color in (BLUE, PURPLE, ORANGE)]
 """Colours and line styles of policies, filters and trainings; the other colours stand for truth, estimate and odometry."""
 _BAND = "#777777"
+DEGREES = 3
+"""Degrees of freedom of the NEES of a pose, and of the NIS of a measured one."""
 FALSE_ALARM = 0.05
 """Share of consistent filters whose mean is outside of the bounds at a time."""
 _MARGIN, _MARGIN_IN_ROOM = 0.4, 0.8
@@ -54,48 +56,27 @@ LEARNING = {"success": "goals reached (%)", "return": "return", "steps_to_end": 
 """Numbers of an evaluation during training, with the labels of their axes."""
 
 
-def plot_drive(axes: Axes, drive: Drive, *, ellipses: int = 12) -> Axes:
-    """Draw a drive from above: walls, obstacles and walkers, true path, estimate, odometry, start, waypoints and end.
-
-    Args:
-        axes: Axes to draw into; the view is that of the paths.
-        drive: The drive.
-        ellipses: Approximate number of the estimate's ellipses.
-    """
-    draw_trajectory(axes, drive, ellipses=ellipses)
+def plot_drive(axes: Axes, drive: Drive) -> Axes:
+    """Draw a drive from above: walls, obstacles and walkers, true path, estimate, odometry, start, waypoints and end."""
+    draw_trajectory(axes, drive, ellipses=12)
     _plot_ground(axes, drive)
-    path = _path(drive)
-    axes.plot(path[-1:, 0], path[-1:, 1], "X", color="black", markersize=9.0, markeredgecolor="white", zorder=4.1, label="end")
+    _plot_end(axes, drive, "black", "end")
     return _zoom(axes, [drive])
 
 
 def plot_drives(axes: Axes, drives: Mapping[str, Drive]) -> Axes:
-    """Draw the paths of several drives over each other, with the walls and obstacles of the first one's room.
-
-    Args:
-        axes: Axes to draw into; the view is that of the paths.
-        drives: Label and drive of each.
-    """
-    first = next(iter(drives.values()))
+    """Draw the paths of several drives by their labels over each other, in the room of the first one."""
     for (label, drive), (color, style) in zip(drives.items(), cycle(CURVES), strict=False):
         path = _path(drive)
         axes.plot(path[:, 0], path[:, 1], color=color, linestyle=style, linewidth=1.8, label=label)
-        axes.plot(path[-1:, 0], path[-1:, 1], "X", color=color, markersize=9.0, markeredgecolor="white", zorder=4.0)
+        _plot_end(axes, drive, color)
     draw_places(axes, list(drives.values()))
-    _plot_ground(axes, first, walkers=False)
+    _plot_ground(axes, next(iter(drives.values())), walkers=False)
     return _zoom(axes, list(drives.values()))
 
 
 def plot_consistency(
-    axes: Axes,
-    time: ArrayLike,
-    values: ArrayLike,
-    *,
-    runs: int | None = None,
-    name: str = "NEES",
-    degrees: int = 3,
-    label: str = "",
-    at: int = 0,
+    axes: Axes, time: ArrayLike, values: ArrayLike, *, name: str = "NEES", label: str = "", at: int = 0
 ) -> Axes:
     """Draw the mean NEES or NIS of several runs over time, and the chi-square bounds that hold it if the filter is consistent.
 
@@ -106,45 +87,38 @@ def plot_consistency(
         axes: Axes to draw into.
         time: Shape (T,), s.
         values: NEES or NIS of each run, shape (runs, T), or of one, shape (T,); NaN where there is none.
-        runs: Number of runs if ``values`` are already the mean of several.
         name: "NEES" or "NIS".
-        degrees: Degrees of freedom of a value.
         label: Name of the filter in the legend.
         at: Number of the curve, which chooses colour and line style.
     """
     from scipy.stats import chi2  # slow to import
 
-    time, rows = np.asarray(time, np.float64), np.atleast_2d(np.asarray(values, np.float64))
+    rows = np.atleast_2d(np.asarray(values, np.float64))
     count = np.isfinite(rows).sum(axis=0)
     shown = count >= max(1.0, _FEW * len(rows))
-    mean, time = np.nansum(rows[:, shown], axis=0) / count[shown], time[shown]
-    count, total = (count[shown], len(rows)) if runs is None else (np.full(len(time), runs), runs)
-    low, high = (chi2.ppf(share, degrees * count) / count for share in (0.5 * FALSE_ALARM, 1.0 - 0.5 * FALSE_ALARM))
+    mean, time, count = np.nansum(rows[:, shown], axis=0) / count[shown], np.asarray(time)[shown], count[shown]
+    low, high = (chi2.ppf(share, DEGREES * count) / count for share in (0.5 * FALSE_ALARM, 1.0 - 0.5 * FALSE_ALARM))
     color, style = CURVES[at % len(CURVES)]
     within = f"{100.0 * (1.0 - FALSE_ALARM):g} % of consistent filters"
-    of = f"mean {name} of {total} runs" if total > 1 else name
+    of = f"mean {name} of {len(rows)} runs" if len(rows) > 1 else name
     axes.fill_between(time, low, high, facecolor=(_BAND, 0.25), edgecolor=_BAND, linewidth=0.6, label=within)
     axes.plot(time, mean, color=color, linestyle=style, linewidth=1.5, label=label or of)
-    if len(mean) and mean.max() > 10.0 * degrees:
+    if len(mean) and mean.max() > 10.0 * DEGREES:
         axes.set_yscale("log")
-    axes.axhline(degrees, color=_BAND, linestyle=":", linewidth=1.0, label=f"expected: {degrees}")
+    axes.axhline(DEGREES, color=_BAND, linestyle=":", linewidth=1.0, label=f"expected: {DEGREES}")
     axes.set(xlabel="time (s)", ylabel=f"{of} (1)")
     axes.margins(x=0.02)
     axes.grid(alpha=0.3)
     return axes
 
 
-def plot_learning(
-    axes: Axes, runs: Sequence[Sequence[Mapping[str, float]]], *, measure: str = "success", label: str = "", at: int = 0
-) -> Axes:
+def plot_learning(axes: Axes, runs: Sequence[Sequence[Mapping[str, float]]], *, measure: str = "success") -> Axes:
     """Draw a number of the evaluations during training; for several seeds each, their mean and its 95 % interval.
 
     Args:
         axes: Axes to draw into.
         runs: Evaluations of each seed, as in ``history`` of a run's result.json.
         measure: A name in `LEARNING`.
-        label: Name of the curve in the legend.
-        at: Number of the curve, which chooses colour and line style.
 
     Raises:
         ValueError: If a run has no evaluations.
@@ -155,17 +129,18 @@ def plot_learning(
         raise ValueError("runs must hold the evaluations of at least one run each, got none.")
     factor = 100.0 if measure == "success" else 1.0
     curves = [np.array([[row["steps"], factor * row[measure]] for row in run]).T for run in runs]
-    color, style = CURVES[at % len(CURVES)]
-    marker = "o" if len(curves) == 1 else None
-    for steps, values in curves if len(curves) > 1 else ():
-        axes.plot(steps, values, color=color, linewidth=0.8, alpha=0.4)
-    grid, (mean, low, high) = _mean_curve(curves)
-    seeds = f"mean of {len(curves)} seeds" if len(curves) > 1 else "one seed"
-    axes.plot(
-        grid, mean, color=color, linestyle=style, marker=marker, linewidth=1.8, label=f"{label}, {seeds}" if label else seeds
-    )
-    if len(curves) > 1:
-        axes.fill_between(grid, low, high, color=color, alpha=0.2, linewidth=0.0, label="95 % interval of the mean")
+    if len(curves) == 1:
+        axes.plot(*curves[0], color=BLUE, marker="o", linewidth=1.8, label="one seed")
+    else:
+        for steps, values in curves:
+            axes.plot(steps, values, color=BLUE, linewidth=0.8, alpha=0.4)
+        grid = np.unique(np.concatenate([steps for steps, _ in curves]))
+        first, last = max(steps[0] for steps, _ in curves), min(steps[-1] for steps, _ in curves)
+        grid = grid[(grid >= first) & (grid <= last)] if first <= last else grid  # where all seeds have values
+        values = np.array([np.interp(grid, *curve) for curve in curves])
+        mean, low, high = np.array([metrics.mean(column) for column in values.T]).T
+        axes.plot(grid, mean, color=BLUE, linewidth=1.8, label=f"mean of {len(curves)} seeds")
+        axes.fill_between(grid, low, high, color=BLUE, alpha=0.2, linewidth=0.0, label="95 % interval of the mean")
     axes.xaxis.set_major_formatter(EngFormatter())
     axes.set(xlabel="training steps", ylabel=LEARNING[measure])
     if measure == "success":
@@ -176,7 +151,7 @@ def plot_learning(
 
 def learning_figure(runs: Sequence[Sequence[Mapping[str, float]]], *, title: str) -> Figure:
     """Return a figure of success and return over the steps of trainings."""
-    figure = new_figure(2.3 * _SIDE, 3.8)
+    figure = _new_figure(2.3 * _SIDE, 3.8)
     figure.suptitle(title)
     for axes, measure in zip(figure.subplots(1, 2), ("success", "return"), strict=True):
         plot_learning(axes, runs, measure=measure)
@@ -197,10 +172,8 @@ def drives_figure(drives: Mapping[str, Drive], *, title: str, below: Sequence[st
     labels = [*drives, *([ALL] if 1 < len(drives) <= len(CURVES) else [])]
     columns = min(len(labels), 2 if len(labels) == 4 else 3 if len(labels) <= 6 else 4)
     rows = math.ceil(len(labels) / columns)
-    height, width = rows * (_SIDE + 0.4) + 1.0, _SIDE * columns
-    if len(drives) == 1:
-        height, width = 7.0, 14.0
-    figure = new_figure(width, height + (_BELOW if below else 0.0))
+    width, height = (14.0, 7.0) if len(drives) == 1 else (_SIDE * columns, rows * (_SIDE + 0.4) + 1.0)
+    figure = _new_figure(width, height + (_BELOW if below else 0.0))
     parts: Any = figure.subfigures(2, 1, height_ratios=[height, _BELOW]) if below else (figure, None)
     upper, lower = parts
     upper.suptitle(title)
@@ -208,11 +181,10 @@ def drives_figure(drives: Mapping[str, Drive], *, title: str, below: Sequence[st
         panels = np.array([draw_panels(upper, next(iter(drives.values())))])
     else:
         panels = upper.subplots(rows, columns, squeeze=False).ravel()
-    for axes, label in zip(panels, labels, strict=False):
-        drive = drives.get(label)
-        (plot_drives(axes, drives) if drive is None else plot_drive(axes, drive)).set_title(
-            f"{label}\n{drive.outcome}" if drive and drive.outcome else label, fontsize=10
-        )
+    for axes, (label, drive) in zip(panels, drives.items(), strict=False):
+        plot_drive(axes, drive).set_title(f"{label}\n{drive.outcome}" if drive.outcome else label, fontsize=10)
+    if len(labels) > len(drives):
+        plot_drives(panels[len(drives)], drives).set_title(ALL, fontsize=10)
     for axes in panels[len(labels) :]:
         axes.set_axis_off()
     further = lower.subplots(1, len(below), squeeze=False).ravel() if lower is not None else ()
@@ -228,8 +200,8 @@ def legends_below(figure: Figure) -> Figure:
     return figure
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure, which needs no display; inches."""
+def _new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure of so many inches, which needs no display."""
     from matplotlib.figure import Figure  # heavy
 
     return Figure(figsize=(width, height), layout="constrained")
@@ -240,30 +212,28 @@ def _path(drive: Drive) -> NDArray[np.float64]:
     return (drive.true_state if drive.has_truth else drive.estimate)[:, :2]
 
 
+def _plot_end(axes: Axes, drive: Drive, color: str, label: str | None = None) -> None:
+    x, y = _path(drive)[-1]
+    axes.plot(x, y, "X", color=color, markersize=9.0, markeredgecolor="white", zorder=4.1, label=label)
+
+
 def _plot_ground(axes: Axes, drive: Drive, *, walkers: bool = True) -> None:
     """Draw what stands around a drive, and unless told otherwise those who walk, with their ways."""
     from matplotlib.patches import Circle  # heavy
 
-    room, ways = drive.around.room, _ways(drive)
+    room = drive.around.room
+    rows = [row for row in drive.circles if len(row)]
+    ways = np.stack(rows, axis=1) if rows else np.empty((0, 0, 3))  # x, y and radius of each circle at each time
+    walks = {at: way for at, way in enumerate(ways) if np.ptp(way[:, :2], axis=0).any()}
     if room is not None:
-        standing = tuple(circle for at, circle in enumerate(room.circles) if at not in ways)
-        draw_room(axes, room._replace(circles=standing))
+        draw_room(axes, room._replace(circles=tuple(circle for at, circle in enumerate(room.circles) if at not in walks)))
     if drive.around.grid is not None:
         draw_map(axes, drive.around.grid)
-    for number, way in enumerate(ways.values() if walkers else ()):
+    for number, way in enumerate(walks.values() if walkers else ()):
         x, y, radius = way[-1]
         axes.plot(way[:, 0], way[:, 1], color=BLUE, linewidth=0.8, alpha=0.5, zorder=1.0)
         name = "walker, at the end" if number == 0 else None
         axes.add_patch(Circle((x, y), radius, facecolor=(BLUE, 0.35), edgecolor=BLUE, zorder=1.1, label=name))
-
-
-def _ways(drive: Drive) -> dict[int, NDArray[np.float64]]:
-    """Return x, y and radius of each circle that walks, shape (T, 3), m, by its number."""
-    rows = [row for row in drive.circles if len(row)]
-    if not rows:
-        return {}
-    ways = np.stack(rows, axis=1)
-    return {at: way for at, way in enumerate(ways) if np.ptp(way[:, :2], axis=0).any()}
 
 
 def _zoom(axes: Axes, drives: Sequence[Drive]) -> Axes:
@@ -282,12 +252,3 @@ def _zoom(axes: Axes, drives: Sequence[Drive]) -> Axes:
     axes.set_aspect("equal", adjustable="box")
     axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
     return axes
-
-
-def _mean_curve(curves: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return steps, shape (k,), and mean and 95 % interval, shape (3, k), of curves of steps and values, shape (2, n) each."""
-    first, last = max(curve[0, 0] for curve in curves), min(curve[0, -1] for curve in curves)
-    grid = np.unique(np.concatenate([curve[0] for curve in curves]))
-    grid = grid[(grid >= first) & (grid <= last)] if first <= last else grid
-    values = np.array([np.interp(grid, *curve) for curve in curves])
-    return grid, np.array([metrics.mean(column) for column in values.T]).T

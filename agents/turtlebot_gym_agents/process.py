@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import select
 import signal
+import sys
 from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec
@@ -29,15 +29,12 @@ def ending_quietly(main: Callable[P, int]) -> Callable[P, int]:
     @wraps(main)
     def run(*args: P.args, **kwargs: P.kwargs) -> int:
         try:
-            status = main(*args, **kwargs)
-            print(end="", flush=True)
-        except (BrokenPipeError, SystemExit):
-            poll = select.poll()
-            poll.register(1, 0)
-            if not any(event & select.POLLERR for _, event in poll.poll(0)):
-                raise
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # where Python flushes what is left at exit
+            try:
+                return main(*args, **kwargs)
+            finally:
+                sys.stdout.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # where Python flushes what is left at exit
             return 128 + signal.SIGPIPE
-        return status
 
     return run

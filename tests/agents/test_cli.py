@@ -194,7 +194,7 @@ def test_a_value_is_yaml_and_several_are_compared(tmp_path):
 
 
 def test_a_training_takes_every_hyper_parameter(tmp_path):
-    varied = ["--overrides", "{learning_rate: 3e-4, policy_kwargs.net_arch: [8, 8]}", "--reward", "{effort: 0.2}"]
+    varied = ["--overrides", "{learning_rate: 3e-4, policy_kwargs: {net_arch: [8, 8]}}", "--reward", "{effort: 0.2}"]
     assert (
         main(["train", "--out", str(tmp_path / "run"), "--steps", "64", "--episodes", "4", "--evaluations", "1", *varied]) == 0
     )

@@ -120,9 +120,9 @@ def test_a_learning_curve_is_the_mean_of_seeds_with_its_interval(axes):
     assert np.ptp(heights[heights[:, 0] == 1000.0, 1]) == pytest.approx(2.0 * margin)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("training steps", "goals reached (%)")
     alone = Figure().subplots()
-    plot_learning(alone, runs[:1], measure="return", label="ppo")
+    plot_learning(alone, runs[:1], measure="return")
     assert not alone.collections
-    assert line(alone, "ppo, one seed").get_ydata().tolist() == [0.2, 0.6]
+    assert line(alone, "one seed").get_ydata().tolist() == [0.2, 0.6]
     with pytest.raises(ValueError, match="at least one run each"):
         plot_learning(axes, [[], runs[0]])
     assert len(learning_figure(runs, title="Nav").axes) == 2

@@ -139,9 +139,9 @@ class Module(nn.Module):
 
 MODULES = {
     "several": (lambda o: (o[:, :2], o[:, :2]), "but fails"),
-    "chance": (lambda o: o[:, :2] + torch.rand_like(o[:, :2]), "must act reproducibly"),
+    "chance": (lambda o: o[:, :2] + torch.rand_like(o[:, :2]), "depend on the others of a batch"),
     "mixed": (lambda o: o[:, :2] - o[:, :2].mean(0), "depend on the others of a batch"),
-    "wide": (lambda o: o[:, :4], r"must give actions \(n, 2\), got \(3, 4\)"),
+    "wide": (lambda o: o[:, :4], "must be from float observations"),
     "fails": (lambda o: o @ torch.zeros(7, 2), "but fails: RuntimeError"),
     "rows": (lambda o: torch.zeros(1, 2).repeat([len(o), 1]), "must be from float observations"),
 }

@@ -16,7 +16,7 @@ from typing import Any
 import tyro
 
 from turtlebot_gym.entry_points import loadable
-from turtlebot_gym_agents.commands.programs import card, compile_loops, study
+from turtlebot_gym_agents.commands.programs import compile_loops, study
 from turtlebot_gym_agents.front.comparing import compare
 from turtlebot_gym_agents.front.learning import train
 from turtlebot_gym_agents.outputs import outputs_of, require_outputs
@@ -28,7 +28,6 @@ COMMANDS: dict[str, Callable[..., Any]] = {
     "evaluate": compare,
     "train": train,
     "export": export,
-    "card": card,
     "study": study,
     "compile": compile_loops,
 }

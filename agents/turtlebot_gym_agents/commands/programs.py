@@ -1,4 +1,4 @@
-"""Commands that are no part of the Python front door: ``study``, ``card`` and ``compile``."""
+"""Commands that are no part of the Python front door: ``study`` and ``compile``."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import tyro
 
-from turtlebot_gym.files import write_text
 from turtlebot_gym_agents.commands.console import progress
 from turtlebot_gym_agents.front.results import Shown
-from turtlebot_gym_agents.outputs import JSON, OutputFile, require_outputs
+from turtlebot_gym_agents.outputs import JSON, require_outputs
 from turtlebot_gym_agents.provenance import write_json
 
 if TYPE_CHECKING:
@@ -72,26 +71,6 @@ def _study_table(rows: Sequence[dict[str, Any]], *, title: str) -> Table:
                 f"{result['p_holm']:.2g}" if "p_holm" in result else "",
             )
     return drawn
-
-
-def card(policy: tyro.conf.Positional[str], *, out: Path | None = None, force: bool = False) -> str | None:
-    """Write a policy's card as a page in Markdown, in the form of model hubs: purpose, training and results.
-
-    Args:
-        policy: A bundle (FILE.onnx), or a policy shipped with the package, such as ppo-nav.
-        out: Write the page here; by default it is printed.
-        force: Overwrite a file that exists.
-    """
-    from turtlebot_gym_agents.policies.model_card import model_card
-    from turtlebot_gym_agents.policies.named import bundle_of
-
-    require_outputs([("--out", out, OutputFile((".md",)))], force=force)
-    if (path := bundle_of(policy)) is None:
-        raise ValueError(f"policy must be a bundle, FILE.onnx, or a trained policy of the package, got {policy!r}.")
-    if out is None:
-        return model_card(path).rstrip()
-    write_text(out, model_card(path))
-    return None
 
 
 def compile_loops(*system: str, all: bool = False, processes: int = os.cpu_count() or 1) -> Shown:

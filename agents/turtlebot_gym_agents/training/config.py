@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,10 +13,9 @@ import gymnasium as gym
 from gymnasium.envs.registration import registry
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from turtlebot_gym import Options, Parameters
+from turtlebot_gym import Options
 from turtlebot_gym.config import NON_NEGATIVE, Range, check_fields, choose, did_you_mean, refusal
-from turtlebot_gym_agents.ids import arguments_of, brought_by, environment_id
-from turtlebot_gym_agents.policies.bundle import Card
+from turtlebot_gym_agents.ids import arguments_of, environment_id
 from turtlebot_gym_agents.provenance import plain, provenance
 from turtlebot_gym_agents.training import hyperparameters
 from turtlebot_gym_agents.training.randomization import randomized
@@ -25,6 +24,8 @@ STEPS = Range(1, 10**12, whole=True)
 """Steps of a training, and evaluations of one."""
 NAMES = ("a2c", "ddpg", "ppo", "sac", "td3")
 """Algorithms of Stable-Baselines3 that train here, in lower case."""
+OURS = "turtlebot_gym/"
+"""Beginning of the ids of this package."""
 ROWS = 128
 """Most environments of an evaluation."""
 _RANDOMIZED = ("speed_error", "turn_error", "veer")
@@ -36,7 +37,7 @@ class TrainingConfig(Options):
     """Configuration of a training run, which says everything that its result depends on.
 
     The options of the environments are fields of it. With ``randomize`` those of noise, filter, delay, world and LiDAR are for
-    the evaluation. `commands.flags` has the flags of commands.
+    the evaluation.
     """
 
     env: str = "nav"
@@ -65,8 +66,8 @@ class TrainingConfig(Options):
     """Hyper-parameters, YAML in the form of rl-baselines3-zoo; by default those shipped with the package; in Python also a
     mapping."""
     overrides: Mapping[str, Any] = field(default_factory=dict)
-    """Hyper-parameters that replace those of ``config``, by name, with a dot if nested: ``{"learning_rate": 3e-4,
-    "policy_kwargs.net_arch": [32, 32]}``."""
+    """Hyper-parameters that replace those of ``config``, by name: ``{"learning_rate": 3e-4, "policy_kwargs": {"net_arch": [32,
+    32]}}``."""
     evaluations: Annotated[int, STEPS] = 5
     """Number of evaluations during training."""
     episodes: Annotated[int, Range(1, 1_000_000, whole=True)] = 500
@@ -92,7 +93,7 @@ class TrainingConfig(Options):
 
     def _hyperparameters(self) -> dict[str, Any]:
         """Return the hyper-parameters that ``config``, ``steps`` and ``overrides`` stand for."""
-        if not isinstance(self.overrides, Mapping):
+        if not (isinstance(self.overrides, Mapping) and all(isinstance(name, str) for name in self.overrides)):
             raise refusal("overrides", "hyper-parameters by name, such as {'learning_rate': 3e-4}", self.overrides)
         if "n_timesteps" in self.overrides:
             raise ValueError("n_timesteps is the option steps: use that.")
@@ -144,15 +145,11 @@ class TrainingConfig(Options):
 
     def make_judging(self) -> VectorEnv:
         """Return environments that drive the episodes of an evaluation in turn; those of other packages, a row for each."""
-        return self.make(min(self.episodes, ROWS) if self._is_ours else self.episodes)
-
-    @property
-    def _is_ours(self) -> bool:
-        return self.env.startswith("turtlebot_gym/")
+        return self.make(min(self.episodes, ROWS) if self.env.startswith(OURS) else self.episodes)
 
     def make_training(self) -> VectorEnv:
         """Return environments to train in, randomized if configured."""
-        envs = self.make(self.hyper["n_envs"], **({"info": "rewards"} if self._is_ours else {}))
+        envs = self.make(self.hyper["n_envs"], **({"info": "rewards"} if self.env.startswith(OURS) else {}))
         if self.randomize:
             bare: Any = envs.unwrapped
             errors = {name: getattr(self, name) for name in _RANDOMIZED}
@@ -168,16 +165,6 @@ class TrainingConfig(Options):
     def record(self) -> dict[str, Any]:
         """Return the content of a run's config.json: settings, hyper-parameters and provenance."""
         return {"config": self.settings(), "hyperparameters": dict(self.hyper), **provenance()}
-
-    def card(self, parameters: Parameters, training: Mapping[str, Any]) -> Card:
-        """Return the card of the policy.
-
-        Args:
-            parameters: Parameters of the environments that evaluate it.
-            training: Entries about the training.
-        """
-        card = Card.of(self.env, brought_by(self.env) | self.options, parameters, training)
-        return replace(card, noise="randomized") if self.randomize else card
 
 
 def require_env(env: str) -> str:

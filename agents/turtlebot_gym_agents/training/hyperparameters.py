@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping
 from contextlib import suppress
-from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,6 @@ ROLLOUTS = 40
 """Fewest rollouts from which a training with the package's own hyper-parameters learns."""
 FEWEST_ENVS = 8
 """Fewest environments of such a training."""
-_CLASSES = ("activation_fn", "optimizer_class")
-"""Arguments of a network that are classes."""
 _OF_TRAINING = ("n_envs", "n_timesteps", "policy", "reward_scale")
 """Hyper-parameters that are no arguments of an algorithm."""
 
@@ -36,14 +33,14 @@ def load(algo: str, env: str, source: Path | Mapping[str, Any] | None = None) ->
     """
     chosen: Any = source
     if not isinstance(source, Mapping):
-        path = configs_folder() / f"{algo}.yaml" if source is None else source
-        if not Path(path).is_file():
+        path = Path(source or configs_folder() / f"{algo}.yaml")
+        if not path.is_file():
             raise ValueError(f"There is no {path}: give a file of hyper-parameters for {algo!r} with --config FILE.")
-        content = files.load(Path(path))
+        content = files.load(path)
         chosen = content.get(env, content.get("default")) if isinstance(content, dict) else None
         if not isinstance(chosen, dict):
             raise ValueError(f"{path} must be a mapping with an entry {env!r} or 'default', which is a mapping.")
-    hyper = {"policy": "MlpPolicy", **_as_numbers(chosen)}
+    hyper = {"policy": "MlpPolicy", **chosen}
     for name in ("n_envs", "n_timesteps"):
         Range(1, 10**12, whole=True).check(name, hyper.get(name))
     return hyper | {"policy_kwargs": _network(hyper.get("policy_kwargs") or {})}
@@ -64,29 +61,9 @@ def for_steps(hyper: Mapping[str, Any], steps: int) -> dict[str, Any]:
 
 
 def override(hyper: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return hyper-parameters of which some are replaced.
-
-    Args:
-        hyper: Hyper-parameters by `load`.
-        changes: New values by name, with a dot if nested, such as ``{"policy_kwargs.net_arch": [32, 32]}``.
-
-    Raises:
-        ValueError: If a name is not text, or one with a dot begins with something that holds no others.
-    """
-    merged: dict[str, Any] = deepcopy(dict(hyper))
-    for name, value in changes.items():
-        if not isinstance(name, str):
-            raise refusal("overrides", "hyper-parameters by name, such as {'learning_rate': 3e-4}", dict(changes))
-        *path, key = name.split(".")
-        place = merged
-        for part in path:
-            if place.get(part) is None:
-                place[part] = {}
-            place = place[part]
-            if not isinstance(place, dict):
-                raise ValueError(f"{name} is no hyper-parameter: {part} holds no others.")
-        place[key] = _as_numbers(value)
-    return merged | {"policy_kwargs": _network(merged["policy_kwargs"])}
+    """Return hyper-parameters of which some are replaced, and of ``policy_kwargs`` those that are given."""
+    merged = {**hyper, **changes}
+    return merged | {"policy_kwargs": {**hyper["policy_kwargs"], **_network(merged["policy_kwargs"])}}
 
 
 def configs_folder() -> Path:
@@ -117,22 +94,14 @@ def arguments(hyper: Mapping[str, Any]) -> dict[str, Any]:
     if made.get("noise_type") == "normal":
         del made["noise_type"]
         made["action_noise"] = NormalActionNoise(np.zeros(2), np.full(2, made.pop("noise_std", 0.0)))
-    network, homes = dict(made["policy_kwargs"]), {"activation_fn": torch.nn, "optimizer_class": torch.optim}
-    for name in network.keys() & homes.keys():
-        if not hasattr(homes[name], str(network[name])):
-            raise refusal(f"policy_kwargs.{name}", f"a class of {homes[name].__name__}", network[name])
-        network[name] = getattr(homes[name], network[name])
+    network = dict(made["policy_kwargs"])
+    for key, home in {"activation_fn": torch.nn, "optimizer_class": torch.optim}.items():
+        if key in network:
+            name = str(network[key]).rpartition(".")[2]
+            if not hasattr(home, name):
+                raise refusal(f"policy_kwargs.{key}", f"a class of {home.__name__}", name)
+            network[key] = getattr(home, name)
     return {**made, "policy_kwargs": network}
-
-
-def _as_numbers(value: Any) -> Any:
-    """Return a value with numeric texts as numbers, since YAML reads 1e-3 as text; whole ones such as 2e6 become integers."""
-    if isinstance(value, Mapping):
-        return {key: _as_numbers(item) for key, item in value.items()}
-    if isinstance(value, str):
-        with suppress(ValueError):
-            value = float(value)
-    return int(value) if isinstance(value, float) and abs(value) < 2**53 and value.is_integer() else value
 
 
 def _network(given: Any) -> dict[str, Any]:
@@ -140,6 +109,6 @@ def _network(given: Any) -> dict[str, Any]:
     with suppress(AttributeError, SyntaxError, TypeError, ValueError, RecursionError):
         if isinstance(given, str):
             keywords = ast.parse(given.strip(), mode="eval").body.keywords  # type: ignore[attr-defined]
-            given = {item.arg: getattr(item.value, "attr", None) or ast.literal_eval(item.value) for item in keywords}
-        return {key: value.rpartition(".")[2] if key in _CLASSES else value for key, value in given.items()}
+            return {item.arg: getattr(item.value, "attr", None) or ast.literal_eval(item.value) for item in keywords}
+        return dict(given)
     raise refusal("policy_kwargs", "a mapping, or text like 'dict(net_arch=[64, 64], activation_fn=nn.ReLU)'", given)

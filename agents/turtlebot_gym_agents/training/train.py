@@ -18,7 +18,6 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from turtlebot_gym.compiled.threads import limited
-from turtlebot_gym_agents.policies.fit import parameters_of
 from turtlebot_gym_agents.provenance import replace_json
 from turtlebot_gym_agents.training.callbacks import EvaluationCallback, RewardCallback
 from turtlebot_gym_agents.training.config import TrainingConfig, require_no_run
@@ -83,8 +82,8 @@ def train(
         seconds = time.perf_counter() - start
         about = {**record, "steps": model.num_timesteps, "seconds": round(seconds, 1), "evaluation": judge.best}
         with judge.best_model():
-            options = {"vec_normalize": "none", "card": config.card(parameters_of(judges), about), "steps": CHECKED}
-            export(model, folder / "policy.onnx", env=config.env, **options, **config.options)
+            own = {"vec_normalize": "none", "training": about, "steps": CHECKED}  # its network normalizes
+            export(model, folder / "policy.onnx", env=config.env, **own, **config.options)
     seconds = time.perf_counter() - start
     result = TrainingResult(
         steps=model.num_timesteps,
