@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from turtlebot_gym.config import LEAST, POSITIVE, POSITIVE_OR_INFINITE, Range, check_fields
+from turtlebot_gym.config import LEAST, POSITIVE, POSITIVE_OR_INFINITE, Range, check_fields, refusal
 
 PLACE = Range(-1.0, 1.0, unit="m")
 """Places on a robot."""
@@ -27,7 +27,10 @@ class LidarMount:
     yaw: Annotated[float, Range(-2.0 * math.pi, 2.0 * math.pi, unit="rad")] = 0.0
     """Direction of the scan's angle 0, rad."""
 
-    __post_init__ = check_fields
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not isinstance(self.frame, str):
+            raise refusal("LidarMount.frame", "a name", self.frame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,16 +9,15 @@ from gymnasium.error import Error, InvalidAction, ResetNeeded
 
 from turtlebot_gym.envs.navigation import NavigationEnv
 from turtlebot_gym.estimation.gyro import Gyro
-from turtlebot_gym.models.unicycle import INTEGRATORS
 
 NAV, SQUARE, ROOMS = (f"turtlebot_gym/TurtleBot{name}-v0" for name in ("Nav", "Square", "Rooms"))
 STRAIGHT = np.array([1.0, 0.0], np.float32)
 NAN, INF = math.nan, math.inf
 
 
-def refused(call, rule, error=ValueError):
-    """Require an error of one line that begins with a rule, a regular expression."""
-    with pytest.raises(error, match=f"^{rule}") as caught:
+def refused(call, named, error=ValueError):
+    """Require an error of one line that begins with a name, a regular expression."""
+    with pytest.raises(error, match=f"^{named}") as caught:
         call()
     assert "\n" not in str(caught.value)
 
@@ -33,91 +32,75 @@ def maker(request):
     return request.param
 
 
-NAMES = {
-    "integrator": INTEGRATORS,
-    "arrival": ("truth", "belief"),
-    "switch": ("arrival", "time"),
+GYRO = {"Q": (0.0,) * 5, "R": (1.0,) * 3, "kind": Gyro(variance=1e-4, bias_deviation=0.05)}
+WRONG = {
+    **dict.fromkeys(
+        ("integrator", "arrival", "switch", "observation", "reward"), ("", [], 0, 0.5, ["x"], {"nonsense": 1.0}, Ellipsis)
+    ),
+    "dt": ("0.1", True, 10.1, 0.9e-4, NAN),
+    "delay": (1.0, 4, True),
+    "laps": (0, True),
+    "waypoints": ([], 3, "abc", [(1e300, 0.0, 0.0)], [(0.0, NAN, 0.0)]),
+    "world": ("dense",),
 }
 
 
-@pytest.mark.parametrize("name", [*NAMES, "observation", "reward"])
-def test_an_option_of_another_name_or_type_is_refused_by_its_name(maker, name):
-    if name in NAMES:
-        known = ", ".join(map(repr, NAMES[name]))
-        refused(lambda: maker(SQUARE, **{name: "nonsense"}), f"{name} must be one of {known}, got 'nonsense'")
-    for bad in ("", [], 0, 0.5, True, ["x"], {"nonsense": 1.0}, Ellipsis):
-        refused(lambda bad=bad: maker(NAV, **{name: bad}), rf"{name}\b")
-
-
-GYRO = {"Q": (0.0,) * 5, "R": (1.0,) * 3, "kind": Gyro(variance=1e-4, bias_deviation=0.05)}
-POSES = r"waypoints must be one or more finite poses \(x, y, theta\), at most 1e\+09 m away, got "
+@pytest.mark.parametrize("name", WRONG)
+def test_options_are_refused_by_name(maker, name):
+    for wrong in WRONG[name]:
+        refused(lambda wrong=wrong: maker(SQUARE, **{name: wrong}), rf"{name}\b")
 
 
 @pytest.mark.parametrize(
-    ("options", "rule"),
+    ("options", "named"),
     [
-        *(({"dt": dt}, "dt must be a number from 0.0001 to 10 s, got ") for dt in ("0.1", True, 10.1, 0.9e-4, NAN)),
-        *(({"delay": delay}, "delay must be a whole number from 0 to 3, got ") for delay in (1.0, 4, True)),
-        *(({"laps": laps}, "laps must be a whole number of at least 1, got ") for laps in (0, True)),
-        *(({"waypoints": given}, POSES) for given in ([], 3, "abc", [(1e300, 0.0, 0.0)], [(0.0, NAN, 0.0)])),
-        ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late, got 0.3 s with dt 0.0001 s"),
-        ({"reward": {"time": "much"}}, r"reward\['time'\] must be a number from .*, got 'much'"),
-        ({"reward": {"speed": 1.0}}, "reward has no term 'speed': its terms on open ground are progress, time, effort, succ"),
-        ({"reward": {"tim": 1.0}}, ".* Did you mean 'time'"),
-        ({"reward": {"math:pi": 1.0}}, r"reward\['math:pi'\] must be a RewardTerm, got 3.14"),
-        ({"reward": {"nosuch:SPIN": 1.0}}, "'nosuch:SPIN' cannot be loaded from .*: No module named 'nosuch'"),
-        ({"reward": 3.0}, "reward must be weights by name, such as {'effort': 0.2}, got 3.0"),
-        ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints, .* are for tasks with given waypoints: this one draws"),
-        ({"world": "dense"}, "world and lidar are for turtlebot_gym/TurtleBotRooms-v0 and its task 'room', got the task"),
-        ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu': choose one with imu="),
-        ({"filter": GYRO}, "The filter reads the sensor 'imu': choose one with imu="),
+        ({"dt": 1e-4, "fix": "late"}, "fix must come at most 25 steps late"),
+        ({"reward": {"time": "much"}}, r"reward\['time'\] must be a number"),
+        ({"reward": {"tim": 1.0}}, "reward .*'tim'.* Did you mean 'time'"),
+        ({"reward": {"math:pi": 1.0}}, r"reward\['math:pi'\] must be a RewardTerm"),
+        ({"reward": {"nosuch:SPIN": 1.0}}, "'nosuch:SPIN' cannot be loaded"),
+        ({"task": "nav", "waypoints": [(1.0, 0.0, 0.0)]}, "waypoints"),
+        ({"filter": "gyro"}, "filter 'gyro' reads the sensor 'imu'"),
+        ({"filter": GYRO}, "The filter reads the sensor 'imu'"),
     ],
     ids=str,
 )
-def test_invalid_options_are_refused_by_name(maker, options, rule):
-    refused(lambda: maker(SQUARE, **options), rule)
+def test_options_that_do_not_go_together_are_refused(maker, options, named):
+    refused(lambda: maker(SQUARE, **options), named)
 
 
 @pytest.mark.parametrize(
-    ("options", "rule"),
+    ("name", "wrong"),
     [
-        ({"num_envs": 0}, "num_envs must be a whole number from 1 to 16777216, got 0"),
-        ({"info": "some"}, "info must be one of 'default', 'rewards', 'full', got 'some'"),
-        ({"autoreset_mode": "later"}, "autoreset_mode must be one of"),
-        ({"render_mode": "human"}, "render_mode must be one of"),
-        *(({"max_episode_steps": steps}, "Task.max_steps must be a positive number") for steps in (0, -5)),
-        *(({"render_rows": rows}, f"render_rows must be a whole number from 1 to 16777216, got {rows}") for rows in (0, 2.5)),
+        ("num_envs", 0),
+        ("info", "some"),
+        ("autoreset_mode", "later"),
+        ("render_mode", "human"),
+        *(("max_episode_steps", steps) for steps in (0, -5)),
+        *(("render_rows", rows) for rows in (0, 2.5)),
     ],
-    ids=str,
 )
-def test_arguments_of_a_vector_environment_are_refused_by_name(options, rule):
-    refused(lambda: vector(**options), rule)
+def test_arguments_of_a_vector_environment_are_refused_by_name(name, wrong):
+    refused(lambda: vector(**{name: wrong}), f"{name}|Task.max_steps")
 
 
 @pytest.mark.parametrize("seed", [1.5, True, "1", -1, NAN, np.float32(1.0), b"1", {}], ids=str)
 def test_a_seed_is_a_whole_number(maker, seed):
-    refused(lambda: maker(NAV).reset(seed=seed), "seed must be a whole number of at least 0, got ")
+    refused(lambda: maker(NAV).reset(seed=seed), "seed must be a whole number")
 
 
 @pytest.mark.parametrize(
-    ("seed", "rule"),
-    [
-        *((seed, f"seed must hold 3 seeds, got {len(seed)}") for seed in ((), [1, 2], [1, 2, 3, 4])),
-        ([1, 2.5, 3], r"seed\[1\] must be a whole number of at least 0, got 2.5"),
-        *(([1, 2, seed], r"seed\[2\] must be a whole number") for seed in (True, -3)),
-        (np.array([0.5, 1.0, 2.0]), r"seed\[0\] must be a whole number"),
-    ],
-    ids=str,
+    "seed", [(), [1, 2], [1, 2, 3, 4], [1, 2.5, 3], [1, 2, True], [1, 2, -3], np.array([0.5, 1.0, 2.0])], ids=str
 )
-def test_a_list_of_seeds_has_one_for_each_environment(seed, rule):
-    refused(lambda: vector().reset(seed=seed), rule)
+def test_a_list_of_seeds_has_one_for_each_environment(seed):
+    refused(lambda: vector().reset(seed=seed), r"seed must hold 3 seeds|seed\[\d\] must be a whole number")
 
 
 @pytest.mark.parametrize("id", [NAV, ROOMS])
 @pytest.mark.parametrize("options", [{"begin": 1}, {3: 4}, {1: 2, "b": 3}, "world", 3, ["reset_mask"]], ids=str)
 def test_unknown_options_of_a_reset_are_refused(maker, id, options):
     env = maker(id)
-    refused(lambda: env.reset(seed=0, options=options), r"options must be \w")
+    refused(lambda: env.reset(seed=0, options=options), "options must be")
     refused(lambda: env.unwrapped.step(np.zeros(env.action_space.shape)), r"Call reset\(\) before step", ResetNeeded)
 
 
@@ -133,9 +116,8 @@ def test_a_mask_of_another_form_is_refused(mask):
 
 def test_a_mask_cannot_leave_out_what_was_never_reset():
     envs, options = vector(), {"reset_mask": np.array([True, False, True])}
-    rule = r"Environment 1: call reset\(\) for all before a reset_mask leaves it out.$"
     for _ in range(2):  # a refused reset begins nothing
-        refused(lambda: envs.reset(seed=0, options=options), rule, ResetNeeded)
+        refused(lambda: envs.reset(seed=0, options=options), "Environment 1: call reset", ResetNeeded)
         refused(lambda: envs.step(np.zeros((3, 2))), "Call reset", ResetNeeded)
 
 
@@ -152,16 +134,15 @@ def test_an_action_that_is_not_finite_is_refused_with_the_environments_index_and
     np.testing.assert_array_equal(env.step(actions)[0], other.step(actions)[0])
 
 
-REAL = "An action must hold real numbers, got "
 NO_ACTIONS = ({"v": 1.0}, {0.1, 0.2}, None, "ab", [0.1, None], [[0.1], [0.1, 0.2]], 1j * STRAIGHT, STRAIGHT.astype("M8[s]"))
 OTHER_SHAPES = [np.zeros(shape, np.float32) for shape in ((), (1,), (3,), (2, 1), (1, 2), (0,))]
 
 
-@pytest.mark.parametrize(("bad", "rule"), [*((bad, REAL) for bad in NO_ACTIONS), *((bad, ".*shape") for bad in OTHER_SHAPES)])
-def test_actions_of_another_kind_or_shape_are_refused(maker, bad, rule):
+@pytest.mark.parametrize("bad", [*NO_ACTIONS, *OTHER_SHAPES])
+def test_actions_of_another_kind_or_shape_are_refused(maker, bad):
     env = maker(NAV)
     env.reset(seed=0)
-    refused(lambda: env.step(bad), rule, InvalidAction)
+    refused(lambda: env.step(bad), "An action must hold real numbers|Actions have shape", InvalidAction)
 
 
 def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled():
@@ -175,12 +156,9 @@ def test_stepping_an_ended_environment_is_an_error_where_autoreset_is_disabled()
     refused(lambda: env.step(np.zeros((3, 2), np.float32)), "Environment 1", Error)
 
 
-def test_what_cannot_be_drawn_is_refused(maker):
+def test_what_cannot_be_drawn_or_told_is_refused(maker):
     refused(lambda: NavigationEnv(render_mode="ansi"), "render_mode must be one of")
     refused(lambda: maker(NAV, render_mode="rgb_array").unwrapped.render(), ".*before render", ResetNeeded)
     with pytest.warns(UserWarning, match="needs a render_mode"):
         assert maker(NAV).unwrapped.render() is None
-
-
-def test_there_is_no_truth_of_rooms_on_open_ground():
     refused(vector().unwrapped.truth, "truth is of rooms")
